@@ -1,0 +1,138 @@
+"""``recording.toml`` as typed, validated models: format ``trackfg-recording/1``.
+
+Field names, units and defaults are the contract's. Unknown keys are refused, so that a misspelt one is not ignored.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from trackfg import frames
+
+Vector3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+TimeUnit = Literal["s", "ms", "us", "ns"]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class _Table(_Model):
+    file: str
+    time: str = "t"
+    time_unit: TimeUnit = "s"
+    time_offset_s: float = 0.0
+
+
+class Track(_Model):
+    """The line: gauge, the base that cross-level refers to, the sense of running, the latitude (for Earth rotation)."""
+
+    gauge_m: Positive = 1.435
+    cross_level_base_m: Positive = 1.5
+    direction: Literal[1, -1] = 1
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+
+
+class ImuNoise(_Model):
+    """Continuous-time densities and initial sigmas, SI (see the recording format for each unit)."""
+
+    gyro_white: Positive = 1e-4
+    accel_white: Positive = 2e-3
+    gyro_bias_walk: Positive = 2e-6
+    accel_bias_walk: Positive = 1e-5
+    gyro_bias_sd: Positive = 1e-3
+    accel_bias_sd: Positive = 0.03
+
+
+class Imu(_Table):
+    """The inertial sensor: columns, units, axes, mounting and noise."""
+
+    stamp: Literal["start", "centre", "end"] = "centre"
+    gyro: tuple[str, str, str]
+    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    accel: tuple[str, str, str]
+    accel_unit: Literal["m/s^2", "g"] = "m/s^2"
+    axes: str = "FLU"
+    mount_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+    noise: ImuNoise = ImuNoise()
+
+    @field_validator("axes")
+    @classmethod
+    def _axes_are_a_triad(cls, value: str) -> str:
+        frames.axes_matrix(value)
+        return value
+
+
+class Tach(_Table):
+    """The wheel tachometer. ``kind`` says what ``column`` holds; ``pulses`` needs the wheel and the pulse count."""
+
+    column: str
+    kind: Literal["pulses", "distance", "speed"]
+    unit: Literal["1", "m", "mm", "m/s", "km/h"] = "1"
+    pulses_per_rev: Positive | None = None
+    wheel_diameter_m: Positive | None = None
+    scale_sd: Positive = 0.01
+    signed: bool = False
+
+    @model_validator(mode="after")
+    def _kind_and_unit_agree(self) -> Tach:
+        allowed = {"pulses": ("1",), "distance": ("m", "mm"), "speed": ("m/s", "km/h")}[self.kind]
+        if self.unit not in allowed:
+            raise ValueError(f"unit {self.unit!r} does not fit kind {self.kind!r}: expected {' or '.join(allowed)}")
+        if self.kind == "pulses" and (self.pulses_per_rev is None or self.wheel_diameter_m is None):
+            raise ValueError("kind 'pulses' needs pulses_per_rev and wheel_diameter_m")
+        return self
+
+
+class Fixes(_Table):
+    """Absolute chainages: balise, RFID, mile post."""
+
+    chainage: str = "chainage_m"
+    sd: str = "sd_m"
+
+
+class Gnss(_Table):
+    """Satellite positions: latitude, longitude, height (``frame = "geodetic"``) or east, north, up (``"local"``)."""
+
+    position: tuple[str, str, str]
+    sd: tuple[str, str, str]
+    frame: Literal["geodetic", "local"] = "geodetic"
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Laser(_Table):
+    """A displacement sensor: where one rail is relative to the unit, along one body axis."""
+
+    name: str
+    column: str
+    unit: Literal["m", "mm"] = "m"
+    position_m: Vector3
+    axis: Literal["y", "z"]
+    rail: Literal["left", "right"]
+    sd_m: Positive
+
+
+class Truth(_Table):
+    """The answer, where it is known. Only comparisons may open it."""
+
+    geometry: str | None = None
+
+
+class RecordingDescription(_Model):
+    """All of ``recording.toml``."""
+
+    format: Literal["trackfg-recording/1"] = "trackfg-recording/1"
+    id: str
+    start: datetime | None = None
+    track: Track = Track()
+    imu: Imu
+    tach: Tach | None = None
+    fixes: Fixes | None = None
+    gnss: Gnss | None = None
+    laser: tuple[Laser, ...] = ()
+    truth: Truth | None = None

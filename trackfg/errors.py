@@ -1,0 +1,13 @@
+"""The errors a user can meet. Everything trackfg raises on purpose derives from :class:`TrackfgError`."""
+
+
+class TrackfgError(Exception):
+    """Something the user can act on: the message alone says what and where."""
+
+
+class BadInputError(TrackfgError):
+    """Input that cannot be used. The message names file, column, row and what was expected."""
+
+
+class UnsolvableError(TrackfgError):
+    """A recording that is well-formed but does not determine what was asked for; the message says why."""

@@ -1,0 +1,155 @@
+"""Frames and rotations, written over arrays.
+
+Frames: the body frame b is FLU at the vehicle reference point (x forward, y left, z up); the navigation frame n is
+ENU-like, z up. ``R_nb`` maps body to navigation and ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is positive with the
+left side up, pitch is positive nose-down, yaw is positive to the left.
+
+Rotation vectors are in rad. Every function accepts any number of leading dimensions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+EARTH_RATE = 7.292115e-5
+"""rad/s, WGS 84."""
+
+_WGS84_A = 6378137.0
+_WGS84_E2 = 6.69437999014e-3
+
+
+def skew(v: Array) -> Array:
+    """The matrix ``[v]x`` with ``[v]x u = v x u``. Shape (..., 3) to (..., 3, 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def so3_exp(v: Array) -> Array:
+    """The rotation matrix of the rotation vector ``v`` (Rodrigues' formula). Shape (..., 3) to (..., 3, 3)."""
+    angle2 = np.sum(v * v, axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0 - angle2 / 6.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
+    K = skew(v)
+    return np.eye(3) + a * K + b * (K @ K)
+
+
+def so3_log(R: Array) -> Array:
+    """The rotation vector of ``R``, angle in [0, pi). Inverse of :func:`so3_exp`. Shape (..., 3, 3) to (..., 3)."""
+    q = quaternion(R)
+    norm = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(norm, q[..., :1])
+    small = norm < 1e-8
+    factor = np.where(small, 2.0, angle / np.where(small, 1.0, norm))
+    return factor * q[..., 1:]
+
+
+def quaternion(R: Array) -> Array:
+    """The unit quaternion (w, x, y, z) of ``R`` with w >= 0 (Shepperd's method). Shape (..., 3, 3) to (..., 4)."""
+    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1)
+    differences = (R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1])
+    sums = (R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2])
+    candidates = np.stack(
+        [
+            np.stack([squares[..., 0], *differences], axis=-1),
+            np.stack([differences[0], squares[..., 1], sums[0], sums[1]], axis=-1),
+            np.stack([differences[1], sums[0], squares[..., 2], sums[2]], axis=-1),
+            np.stack([differences[2], sums[1], sums[2], squares[..., 3]], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = np.argmax(squares, axis=-1)[..., None, None]
+    q = np.take_along_axis(candidates, best, axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Shape (...) each to (..., 3, 3)."""
+    roll, pitch, yaw = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (roll, pitch, yaw)))
+    cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rpy_from_matrix(R: Array) -> Array:
+    """(roll, pitch, yaw) of ``R_nb``, yaw in (-pi, pi]. Shape (..., 3, 3) to (..., 3)."""
+    roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
+    pitch = np.arcsin(np.clip(-R[..., 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def axes_matrix(axes: str) -> Array:
+    """The signed permutation that maps sensor columns to FLU, from a string such as ``"RFU"``.
+
+    Letter i says where column i points: F or B, L or R, U or D. Raises ``ValueError`` unless the three letters name
+    three different axes of a right-handed or left-handed triad (a left-handed one is accepted here: each column is
+    turned on its own; whether it makes sense for a gyro is for the caller to judge).
+    """
+    directions = {"F": (0, 1.0), "B": (0, -1.0), "L": (1, 1.0), "R": (1, -1.0), "U": (2, 1.0), "D": (2, -1.0)}
+    out = np.zeros((3, 3))
+    if len(axes) != 3 or any(letter not in directions for letter in axes):
+        raise ValueError(f"axes {axes!r}: expected three letters, one of F/B, one of L/R, one of U/D")
+    for column, letter in enumerate(axes):
+        row, sign = directions[letter]
+        out[row, column] = sign
+    if abs(abs(np.linalg.det(out)) - 1.0) > 1e-9:
+        raise ValueError(f"axes {axes!r}: expected one of F/B, one of L/R and one of U/D, each once")
+    return out
+
+
+def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
+    """Gravity on the WGS 84 ellipsoid, m/s^2 (Somigliana's formula with the free-air gradient)."""
+    s2 = np.sin(np.radians(latitude_deg)) ** 2
+    surface = 9.7803253359 * (1.0 + 0.00193185265241 * s2) / np.sqrt(1.0 - _WGS84_E2 * s2)
+    return float(surface - 3.086e-6 * height_m)
+
+
+def earth_rate_enu(latitude_deg: float) -> Array:
+    """The Earth's rotation in ENU, rad/s. Shape (3,)."""
+    latitude = np.radians(latitude_deg)
+    return EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+
+
+def geodetic_to_ecef(geodetic: Array) -> Array:
+    """WGS 84 (latitude deg, longitude deg, height m) to ECEF in m. Shape (..., 3) to (..., 3)."""
+    lat, lon = np.radians(geodetic[..., 0]), np.radians(geodetic[..., 1])
+    height = geodetic[..., 2]
+    n = _WGS84_A / np.sqrt(1.0 - _WGS84_E2 * np.sin(lat) ** 2)
+    x = (n + height) * np.cos(lat) * np.cos(lon)
+    y = (n + height) * np.cos(lat) * np.sin(lon)
+    z = (n * (1.0 - _WGS84_E2) + height) * np.sin(lat)
+    return np.stack([x, y, z], axis=-1)
+
+
+def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Array:
+    """The rotation that maps ENU vectors at a place to ECEF. Shape (3, 3)."""
+    lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
+    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    return np.array(
+        [
+            [-sin_lon, -sin_lat * cos_lon, cos_lat * cos_lon],
+            [cos_lon, -sin_lat * sin_lon, cos_lat * sin_lon],
+            [0.0, cos_lat, sin_lat],
+        ]
+    )
+
+
+def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
+    """WGS 84 positions in the ENU frame tangent at ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m."""
+    rotation = ecef_from_enu(float(origin[0]), float(origin[1]))
+    return (geodetic_to_ecef(geodetic) - geodetic_to_ecef(origin)) @ rotation

@@ -1,0 +1,33 @@
+"""Units at the rim: SI inside, the user's units only where files are read and written.
+
+A unit is named as in ``recording.toml``; :func:`to_si` gives the factor that turns it into SI.
+"""
+
+from __future__ import annotations
+
+import math
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2, by definition (3rd CGPM, 1901); what the accelerometer unit "g" means."""
+
+KMH = 1.0 / 3.6
+"""m/s per km/h."""
+
+_FACTORS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "angular rate": {"rad/s": 1.0, "deg/s": math.pi / 180.0},
+    "acceleration": {"m/s^2": 1.0, "g": STANDARD_GRAVITY},
+    "length": {"m": 1.0, "mm": 1e-3},
+    "speed": {"m/s": 1.0, "km/h": KMH},
+    "count": {"1": 1.0},
+}
+
+
+def known_units(quantity: str) -> tuple[str, ...]:
+    """The unit names accepted for ``quantity`` ("time", "angular rate", "acceleration", "length", "speed", "count")."""
+    return tuple(_FACTORS[quantity])
+
+
+def to_si(quantity: str, unit: str) -> float:
+    """The factor that multiplies a value in ``unit`` to give SI. Raises ``KeyError`` for an unknown unit."""
+    return _FACTORS[quantity][unit]
