@@ -153,3 +153,21 @@ def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
     """WGS 84 positions in the ENU frame tangent at ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m."""
     rotation = ecef_from_enu(float(origin[0]), float(origin[1]))
     return (geodetic_to_ecef(geodetic) - geodetic_to_ecef(origin)) @ rotation
+
+
+def so3_right_jacobian_inverse(v: Array) -> Array:
+    """``Jr(v)^-1``, with ``Log(Exp(v) Exp(d)) = v + Jr(v)^-1 d`` to first order. Shape (..., 3) to (..., 3, 3).
+
+    Chirikjian, "Stochastic Models, Information Theory, and Lie Groups", vol. 2, eq. 10.86 (right-hand form).
+    """
+    angle2 = np.sum(v * v, axis=-1)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    c = np.where(
+        small,
+        1.0 / 12.0 + angle2 / 720.0,
+        1.0 / (safe * safe) - (1.0 + np.cos(safe)) / (2.0 * safe * np.sin(safe)),
+    )
+    K = skew(v)
+    return np.eye(3) + 0.5 * K + c * (K @ K)

@@ -1,0 +1,221 @@
+"""A family: all factors of one sort in a graph, with one residual-and-Jacobian function written over arrays.
+
+From that one function come the batch linearisation (:meth:`Family.linearize`), the cost (:meth:`Family.cost`), a
+``gtsam.CustomFactor`` per factor (:meth:`Family.custom_factors`) and the numerical check that every family's test runs
+(:func:`check_jacobians`). There is no second formula anywhere.
+
+The residual is whitened by a sigma per row. A robust loss acts on the norm of a factor's whitened residual; it is
+minimised by iteratively reweighted least squares (Zhang, "Parameter estimation techniques", 1997, table 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from trackfg.factors.states import Kind, Nav, States, Value, retract
+from trackfg.frames import Array
+
+Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
+"""``evaluate(*values, *data) -> (residual (m, d), one Jacobian (m, d, dim) per slot)``."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Which variable of ``kind`` each of the m factors touches: ``index``, shape (m,)."""
+
+    kind: Kind
+    index: np.ndarray
+
+    @property
+    def keys(self) -> list[int]:
+        """The GTSAM keys, in factor order."""
+        keys: list[int] = self.kind.keys(self.index).tolist()
+        return keys
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A robust loss with tuning constant ``width``, in sigmas.
+
+    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go.
+    """
+
+    kind: str
+    width: float
+
+    def weight(self, norm: Array) -> Array:
+        """The weight of a whitened residual of this norm: rho'(e)/e."""
+        if self.kind == "huber":
+            return np.minimum(1.0, self.width / np.maximum(norm, 1e-12))
+        return 1.0 / (1.0 + (norm / self.width) ** 2)
+
+    def cost(self, norm: Array) -> Array:
+        """rho(e), which is e^2/2 for small e."""
+        c = self.width
+        if self.kind == "huber":
+            return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
+        return 0.5 * c**2 * np.log1p((norm / c) ** 2)
+
+
+@dataclass(frozen=True)
+class Family:
+    """m factors of one sort.
+
+    ``data`` holds the measurements, arrays with leading dimension m; ``sigma`` the 1-sigma of each residual row,
+    shape (m, d), in the residual's units. Raises ``ValueError`` for wrong shapes, for values that are not finite and
+    for sigmas that are not positive: GTSAM answers these with a crash of the interpreter.
+    """
+
+    name: str
+    evaluate: Evaluate
+    slots: tuple[Slot, ...]
+    data: tuple[Array, ...]
+    sigma: Array
+    loss: Loss | None = None
+
+    def __post_init__(self) -> None:
+        m = len(self)
+        for slot in self.slots:
+            if slot.index.shape != (m,):
+                raise ValueError(f"{self.name}: slot {slot.kind.name} has {slot.index.shape}, expected ({m},)")
+        for array in self.data:
+            if len(array) != m or not np.isfinite(array).all():
+                raise ValueError(f"{self.name}: measurements must be finite, {m} rows; got shape {array.shape}")
+        if self.sigma.ndim != 2 or not (np.isfinite(self.sigma).all() and (self.sigma > 0).all()):
+            raise ValueError(f"{self.name}: sigmas must be positive and finite, shape ({m}, d)")
+
+    def __len__(self) -> int:
+        return len(self.sigma)
+
+    @property
+    def rows(self) -> int:
+        """Number of scalar residuals."""
+        return self.sigma.size
+
+    def take(self, index: np.ndarray | slice) -> Family:
+        """Some of the factors, as a family."""
+        slots = tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots)
+        data = tuple(array[index] for array in self.data)
+        return Family(self.name, self.evaluate, slots, data, self.sigma[index], self.loss)
+
+    def values(self, states: States) -> tuple[Value, ...]:
+        """The values that the factors touch, one entry per slot."""
+        return tuple(states.of(slot.kind)[slot.index] for slot in self.slots)
+
+    def residual(self, states: States) -> Array:
+        """Residuals in their own units, shape (m, d)."""
+        return self._evaluated(self.values(states))[0]
+
+    def whitened(self, states: States) -> Array:
+        """Residuals in sigmas, before any robust weight, shape (m, d)."""
+        return self.residual(states) / self.sigma
+
+    def weights(self, states: States) -> Array:
+        """The robust weight of each factor, 1 without a loss. Shape (m,)."""
+        if self.loss is None:
+            return np.ones(len(self))
+        return self.loss.weight(np.linalg.norm(self.whitened(states), axis=1))
+
+    def cost(self, states: States) -> float:
+        """Half the sum of squared whitened residuals, or of the loss."""
+        norm = np.linalg.norm(self.whitened(states), axis=1)
+        return float(np.sum(0.5 * norm**2 if self.loss is None else self.loss.cost(norm)))
+
+    def linearize(self, states: States) -> tuple[list[Array], Array]:
+        """Whitened and weighted Jacobians, one (m, d, dim) per slot, and right-hand sides (m, d): ``A d = b``."""
+        residual, jacobians = self._evaluated(self.values(states))
+        scale = 1.0 / self.sigma
+        if self.loss is not None:
+            norm = np.linalg.norm(residual * scale, axis=1, keepdims=True)
+            scale = scale * np.sqrt(self.loss.weight(norm))
+        return [jacobian * scale[:, :, None] for jacobian in jacobians], -residual * scale
+
+    def add_to(self, linear: gtsam.GaussianFactorGraph, states: States) -> None:
+        """Add the linearised factors to a linear graph. For at most three slots (GTSAM's Python limit)."""
+        jacobians, b = self.linearize(states)
+        unit = gtsam.noiseModel.Unit.Create(b.shape[1])
+        columns: list[Any] = []
+        for slot, jacobian in zip(self.slots, jacobians, strict=True):
+            columns += [slot.keys, list(np.asfortranarray(jacobian.transpose(1, 2, 0)).transpose(2, 0, 1))]
+        add = linear.add
+        for row in zip(*columns, b, strict=True):
+            add(*row, unit)
+
+    def custom_factors(self) -> list[gtsam.CustomFactor]:
+        """One ``gtsam.CustomFactor`` per factor, for GTSAM's own optimisers and fixed-lag smoothers."""
+        return [self._custom_factor(i) for i in range(len(self))]
+
+    def _custom_factor(self, i: int) -> gtsam.CustomFactor:
+        one = self.take(slice(i, i + 1))
+
+        def error(this: gtsam.CustomFactor, values: gtsam.Values, H: list[Array] | None) -> Array:
+            keys = this.keys()
+            residual, jacobians = one._evaluated(
+                tuple(_from_gtsam(slot.kind, values, key) for slot, key in zip(one.slots, keys, strict=True))
+            )
+            if H is not None:
+                for j, jacobian in enumerate(jacobians):
+                    H[j] = np.asfortranarray(jacobian[0])
+            return residual[0]
+
+        model: gtsam.noiseModel.Base = gtsam.noiseModel.Diagonal.Sigmas(self.sigma[i])
+        if self.loss is not None:
+            estimator = {"huber": gtsam.noiseModel.mEstimator.Huber, "cauchy": gtsam.noiseModel.mEstimator.Cauchy}
+            model = gtsam.noiseModel.Robust.Create(estimator[self.loss.kind].Create(self.loss.width), model)
+        return gtsam.CustomFactor(model, [slot.keys[0] for slot in one.slots], error)
+
+    def _evaluated(self, values: Sequence[Value]) -> tuple[Array, tuple[Array, ...]]:
+        residual, jacobians = self.evaluate(*values, *self.data)
+        m, d = self.sigma.shape
+        if residual.shape != (m, d):
+            raise ValueError(f"{self.name}: residual has shape {residual.shape}, expected {(m, d)}")
+        for slot, jacobian in zip(self.slots, jacobians, strict=True):
+            if jacobian.shape != (m, d, slot.kind.dim):
+                raise ValueError(f"{self.name}: Jacobian of {slot.kind.name} has shape {jacobian.shape}")
+        if not np.isfinite(residual).all() or not all(np.isfinite(jacobian).all() for jacobian in jacobians):
+            raise ValueError(f"{self.name}: residual or Jacobian is not finite")
+        return residual, jacobians
+
+
+def _from_gtsam(kind: Kind, values: gtsam.Values, key: int) -> Value:
+    """One variable as a value with leading dimension 1."""
+    if kind is Kind.NAV:
+        state = values.atNavState(key)
+        return Nav(state.attitude().matrix()[None], state.position()[None], state.velocity()[None])
+    if kind is Kind.BIAS:
+        return np.asarray(values.atConstantBias(key).vector())[None]
+    return np.asarray(values.atVector(key))[None]
+
+
+def numerical_jacobians(family: Family, states: States, step: float = 1e-5) -> tuple[Array, ...]:
+    """Central differences of the residual along each tangent direction of each slot."""
+    values = family.values(states)
+    jacobians = []
+    for j, slot in enumerate(family.slots):
+        columns = []
+        for c in range(slot.kind.dim):
+            delta = np.zeros((len(family), slot.kind.dim))
+            delta[:, c] = step
+            ahead = family.evaluate(*values[:j], retract(values[j], delta), *values[j + 1 :], *family.data)[0]
+            behind = family.evaluate(*values[:j], retract(values[j], -delta), *values[j + 1 :], *family.data)[0]
+            columns.append((ahead - behind) / (2.0 * step))
+        jacobians.append(np.stack(columns, axis=-1))
+    return tuple(jacobians)
+
+
+def check_jacobians(family: Family, states: States, rtol: float = 1e-6, atol: float = 1e-7) -> None:
+    """Raise ``AssertionError``, naming slot, factor, row and column, where a Jacobian differs from the numerical one."""
+    analytic = family.evaluate(*family.values(states), *family.data)[1]
+    for slot, ours, numeric in zip(family.slots, analytic, numerical_jacobians(family, states), strict=True):
+        wrong = np.abs(ours - numeric) > atol + rtol * np.abs(numeric)
+        if wrong.any():
+            i, r, c = np.argwhere(wrong)[0]
+            raise AssertionError(
+                f"{family.name}: d residual[{r}] / d {slot.kind.name}[{c}] of factor {i} is {ours[i, r, c]:.9g}, "
+                f"numerically {numeric[i, r, c]:.9g}"
+            )

@@ -1,0 +1,86 @@
+"""How a vehicle on rails can move: along its own axis, or not at all.
+
+``nonholonomic`` follows Dissanayake et al., "The aiding of a low-cost strapdown inertial measurement unit using vehicle
+model constraints", IEEE Trans. Robotics and Automation 17 (2001), with lever arm and mounting angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.states import Kind, Nav
+from trackfg.frames import Array, skew, so3_log, so3_right_jacobian_inverse
+
+
+def mount_matrix(mount: Array) -> tuple[Array, Array]:
+    """``R_bt = Rz(yaw) Ry(pitch)``: travel axes to body axes, and its derivative. (m, 2) to (m, 3, 3), (m, 2, 3, 3)."""
+    pitch, yaw = mount[:, 0], mount[:, 1]
+    cp, sp, cy, sy, zero = np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
+
+    def matrix(rows: list[list[Array]]) -> Array:
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    R = matrix([[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, zero, cp]])
+    d_pitch = matrix([[-cy * sp, zero, cy * cp], [-sy * sp, zero, sy * cp], [-cp, zero, -sp]])
+    d_yaw = matrix([[-sy * cp, -cy, -sy * sp], [cy * cp, -sy, cy * sp], [zero, zero, zero]])
+    return R, np.stack([d_pitch, d_yaw], axis=1)
+
+
+def _sideways(nav: Nav, mount: Array, swing: Array) -> tuple[Array, tuple[Array, ...]]:
+    body = np.einsum("mji,mj->mi", nav.R, nav.v)
+    at_reference = body - swing
+    R_bt, d_R_bt = mount_matrix(mount)
+    residual = np.einsum("mji,mj->mi", R_bt, at_reference)[:, 1:]
+    side = np.swapaxes(R_bt, 1, 2)[:, 1:]
+    zero = np.zeros((len(body), 3, 3))
+    d_nav = side @ np.concatenate([skew(body), zero, zero + np.eye(3)], axis=2)
+    d_mount = np.einsum("mcji,mj->mic", d_R_bt, at_reference)[:, 1:]
+    return residual, (d_nav, d_mount)
+
+
+def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigma: Array, loss: Loss | None) -> Family:
+    """No lateral and no vertical velocity at the vehicle reference point.
+
+    Residual (m/s): rows 2 and 3 of ``R_bt' (R' v - w x l)``, positive to the left and upwards; ``l`` (3,) is the IMU's
+    position in the vehicle, m, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the gyro's
+    remaining error times the lever arm is far below any sigma used here. sigma (m, 2), m/s.
+    """
+    swing = np.cross(angular_rate, lever_arm)
+    slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))
+    return Family("non-holonomic", _sideways, slots, (swing,), sigma, loss)
+
+
+def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:
+    jacobian = np.concatenate([np.zeros((len(nav), 3, 6)), nav.R], axis=2)
+    return nav.v, (jacobian,)
+
+
+def at_rest(index: np.ndarray, sigma_mps: float) -> Family:
+    """Zero velocity at a keyframe. Residual: ``v`` in n, m/s."""
+    return Family("at rest", _velocity, (Slot(Kind.NAV, index),), (), np.full((len(index), 3), sigma_mps))
+
+
+def _displacement(first: Nav, second: Nav) -> tuple[Array, tuple[Array, ...]]:
+    relative = np.swapaxes(first.R, 1, 2) @ second.R
+    turn = so3_log(relative)
+    shift = np.einsum("mji,mj->mi", first.R, second.p - first.p)
+    inverse = so3_right_jacobian_inverse(turn)
+    m = len(turn)
+    d_first, d_second = np.zeros((m, 6, 9)), np.zeros((m, 6, 9))
+    d_first[:, :3, :3] = -inverse @ np.swapaxes(relative, 1, 2)
+    d_first[:, 3:, :3] = skew(shift)
+    d_first[:, 3:, 3:6] = -np.eye(3)
+    d_second[:, :3, :3] = inverse
+    d_second[:, 3:, 3:6] = relative
+    return np.concatenate([turn, shift], axis=1), (d_first, d_second)
+
+
+def stays(first: np.ndarray, turn_sigma_rad: Array, shift_sigma_m: Array) -> Family:
+    """Between keyframe k and k + 1, both in one standstill, the body neither turns nor shifts.
+
+    Residual: ``Log(R_k' R_k+1)``, rad, and ``R_k' (p_k+1 - p_k)``, m. It says that the vehicle is still and uses no
+    sensor sample, so the preintegrated ones are counted once. Sigmas (m,).
+    """
+    sigma = np.concatenate([np.repeat(turn_sigma_rad[:, None], 3, 1), np.repeat(shift_sigma_m[:, None], 3, 1)], axis=1)
+    return Family("standstill", _displacement, (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1)), (), sigma)

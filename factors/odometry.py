@@ -1,0 +1,135 @@
+"""Distance: the tach's count, the wheel's scale, the length of the path, absolute fixes.
+
+The odometer's state at keyframe k is ``o = (D, S, W, a)``: along-track distance D (m), wheel scale S (true distance per
+nominal distance), wheel distance W as the tach would count it without rounding (m), and a, the distance since the previous
+keyframe (m). A tach reading is then absolute, and its rounding an independent error of each reading: between any two
+keyframes the count is off by one rounding, not by a random walk of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.states import Kind, Nav
+from trackfg.frames import Array, skew
+
+
+_FORWARD = np.array([1.0, 0.0, 0.0])
+
+
+def _chain(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:
+    residual = np.stack([second[:, 0] - first[:, 0] - second[:, 3], second[:, 1] - first[:, 1]], axis=1)
+    d_first, d_second = np.zeros((2, len(first), 2, 4))
+    d_first[:, 0, 0], d_first[:, 1, 1] = -1.0, -1.0
+    d_second[:, 0, 0], d_second[:, 0, 3], d_second[:, 1, 1] = 1.0, -1.0, 1.0
+    return residual, (d_first, d_second)
+
+
+def distance_chain(first: np.ndarray, sigma: Array) -> Family:
+    """Distance adds up, and the wheel scale hardly changes.
+
+    Residual: ``D_k+1 - D_k - a_k+1`` (m) and ``S_k+1 - S_k``. sigma (m, 2).
+    """
+    return Family("distance chain", _chain, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma)
+
+
+def _wheel(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:
+    turned = second[:, 2] - first[:, 2]
+    d_first, d_second = np.zeros((2, len(first), 1, 4))
+    d_first[:, 0, 1], d_first[:, 0, 2] = turned, -first[:, 1]
+    d_second[:, 0, 2], d_second[:, 0, 3] = first[:, 1], -1.0
+    return (first[:, 1] * turned - second[:, 3])[:, None], (d_first, d_second)
+
+
+def tach_distance(first: np.ndarray, sigma: Array, loss: Loss | None) -> Family:
+    """The wheel rolls: scale times wheel distance is distance along the track.
+
+    Residual (m): ``S_k (W_k+1 - W_k) - a_k+1``, positive when the wheel turns more than the vehicle moves (slip), negative
+    when it turns less (slide). sigma (m, 1) covers creep, not rounding.
+    """
+    return Family("tach distance", _wheel, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma, loss)
+
+
+def _reading(odo: Array, clock: Array, count: Array, rate: Array) -> tuple[Array, tuple[Array, ...]]:
+    residual = odo[:, 2] - (count[:, 0] - rate[:, 0] * clock[:, 0])
+    d_odo = np.zeros((len(odo), 1, 4))
+    d_odo[:, 0, 2] = 1.0
+    return residual[:, None], (d_odo, rate[:, :, None])
+
+
+def tach_reading(index: np.ndarray, count: Array, rate: Array, sigma: Array) -> Family:
+    """What the tach shows at a keyframe.
+
+    Residual (m): ``W_k - (c_k - r_k T)``: ``c`` (m,) is the count at the keyframe's time as nominal distance, ``r`` (m,) its
+    rate (m/s) and ``T`` the clock offset, the seconds to add to the tach's times. sigma (m, 1): rounding.
+    """
+    slots = (Slot(Kind.ODO, index), Slot(Kind.CLOCK, np.zeros_like(index)))
+    return Family("tach reading", _reading, slots, (count[:, None], rate[:, None]), sigma)
+
+
+def _arc(first: Nav, second: Nav, odo: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
+    chord = (second.p - np.einsum("mij,mj->mi", second.R, lever_arm)) - (
+        first.p - np.einsum("mij,mj->mi", first.R, lever_arm)
+    )
+    t0, t1 = first.R[:, :, 0], second.R[:, :, 0]
+    mean = 0.5 * (t0 + t1)
+    along = np.sum(chord * mean, axis=1)
+    cosine = np.sum(t0 * t1, axis=1)
+    ratio, d_ratio = _angle_over_sine(cosine)
+
+    def jacobian(R: Array, tangent_derivative: Array, chord_sign: float) -> Array:
+        """Row over one keyframe's tangent: via its own direction, its own end of the chord."""
+        out = np.zeros((len(R), 1, 9))
+        toward = np.einsum("mji,mj->mi", R, mean) * chord_sign
+        direction = np.einsum("mji,mj->mi", R, tangent_derivative)
+        # d(R e1) = R (d x e1): the component along a body vector u is (e1 x u) . d
+        out[:, 0, :3] = np.cross(_FORWARD, direction)
+        out[:, 0, :3] += ratio[:, None] * np.einsum("mi,mij->mj", toward, skew(lever_arm))
+        out[:, 0, 3:6] = ratio[:, None] * toward
+        return out
+
+    by_t0 = 0.5 * ratio[:, None] * chord + (along * d_ratio)[:, None] * t1
+    by_t1 = 0.5 * ratio[:, None] * chord + (along * d_ratio)[:, None] * t0
+    d_odo = np.zeros((len(odo), 1, 4))
+    d_odo[:, 0, 3] = -1.0
+    residual = ratio * along - odo[:, 3]
+    return residual[:, None], (jacobian(first.R, by_t0, -1.0), jacobian(second.R, by_t1, 1.0), d_odo)
+
+
+def _angle_over_sine(cosine: Array) -> tuple[Array, Array]:
+    """``phi / sin(phi)`` and its derivative by ``cos(phi)``, by series near zero."""
+    cosine = np.minimum(cosine, 1.0)
+    x = 1.0 - cosine
+    small = x < 1e-4
+    phi = np.arccos(np.where(small, 0.5, cosine))
+    sine = np.sin(phi)
+    value = np.where(small, 1.0 + x / 3.0 + 2.0 * x * x / 15.0, phi / sine)
+    slope = np.where(small, -(1.0 / 3.0 + 4.0 * x / 15.0), -(sine - phi * np.cos(phi)) / sine**3)
+    return value, slope
+
+
+def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
+    """The distance between two keyframes is the length of the arc between their poses.
+
+    Residual (m): ``(c . (t0 + t1)/2) phi/sin(phi) - a_k+1`` with c the chord between the reference points, t0 and t1 the
+    forward axes and phi the angle between them. It is exact on a circle, where c is along t0 + t1 and the arc is radius
+    times phi, and signed: backwards counts negative. ``lever_arm`` (3,) is the IMU's position in the vehicle, m. sigma (m, 1).
+    """
+    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.ODO, first + 1))
+    return Family("arc length", _arc, slots, (np.tile(lever_arm, (len(first), 1)),), sigma)
+
+
+def _fix(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
+    jacobian = np.zeros((len(odo), 1, 4))
+    jacobian[:, 0, 0] = 1.0
+    return odo[:, :1] - distance, (jacobian,)
+
+
+def absolute_fix(index: np.ndarray, distance: Array, sigma: Array, loss: Loss | None) -> Family:
+    """The vehicle is at a known place: balise, RFID tag, mile post.
+
+    Residual (m): ``D_k - d_k``; ``d`` (m,) is the place's distance in the sense of running, carried to the keyframe's time
+    by the tach. sigma (m, 1).
+    """
+    return Family("absolute fix", _fix, (Slot(Kind.ODO, index),), (distance[:, None],), sigma, loss)

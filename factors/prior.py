@@ -1,0 +1,37 @@
+"""Priors: what is believed of a variable before any measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Slot
+from trackfg.factors.states import Kind, Nav
+from trackfg.frames import Array, so3_log, so3_right_jacobian_inverse
+
+
+def _vector(value: Array, mean: Array) -> tuple[Array, tuple[Array, ...]]:
+    return value - mean, (np.tile(np.eye(value.shape[1]), (len(value), 1, 1)),)
+
+
+def prior(kind: Kind, index: np.ndarray, mean: Array, sigma: Array) -> Family:
+    """A vector variable is near ``mean`` (m, dim). Residual: value less mean. sigma (m, dim)."""
+    return Family(f"prior on {kind.name.lower()}", _vector, (Slot(kind, index),), (mean,), sigma)
+
+
+def _nav(nav: Nav, R: Array, p: Array, v: Array) -> tuple[Array, tuple[Array, ...]]:
+    turn = so3_log(nav.R @ np.swapaxes(R, 1, 2))
+    jacobian = np.zeros((len(nav), 9, 9))
+    # Log(R R0') with R Exp(d) = Exp(R d) R: a left perturbation, Jl^-1(v) = Jr^-1(-v).
+    jacobian[:, :3, :3] = so3_right_jacobian_inverse(-turn) @ nav.R
+    jacobian[:, 3:6, 3:6] = nav.R
+    jacobian[:, 6:, 6:] = nav.R
+    return np.concatenate([turn, nav.p - p, nav.v - v], axis=1), (jacobian,)
+
+
+def nav_prior(index: np.ndarray, mean: Nav, sigma: Array) -> Family:
+    """Attitude, position and velocity are near ``mean``.
+
+    Residual: ``Log(R R0')`` (rad; its third component is the yaw error, about n's vertical), ``p - p0`` (m), ``v - v0`` (m/s),
+    all in n. sigma (m, 9).
+    """
+    return Family("prior on nav", _nav, (Slot(Kind.NAV, index),), (mean.R, mean.p, mean.v), sigma)

@@ -1,0 +1,142 @@
+"""The variables of the graph, held as arrays, and their passage to and from GTSAM.
+
+=========  ====  =================================================================================================
+kind       dim   content and tangent
+=========  ====  =================================================================================================
+``NAV``    9     attitude ``R`` (body to navigation), position ``p`` and velocity ``v`` of the IMU in n; retracted
+                 as ``R Exp(d[:3])``, ``p + R d[3:6]``, ``v + R d[6:9]``, the chart of ``gtsam.NavState``
+``BIAS``   6     accelerometer bias (m/s^2), then gyro bias (rad/s), as in ``gtsam.imuBias.ConstantBias``
+``ODO``    4     along-track distance (m), wheel scale, wheel distance as the tach counts it (m), distance since the
+                 previous keyframe (m)
+``MOUNT``  2     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad)
+``CLOCK``  1     shared: seconds to add to the tach's times to bring them to the IMU's clock
+=========  ====  =================================================================================================
+
+Position and velocity of one keyframe are one variable with its attitude, and the odometer's scalars are another: the
+cost of elimination counts variables as well as dimensions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import gtsam
+import numpy as np
+
+from trackfg.frames import Array, so3_exp
+
+
+class Kind(Enum):
+    """A kind of variable: its GTSAM symbol, its dimension, whether there is one for the whole run."""
+
+    NAV = ("n", 9, False)
+    BIAS = ("b", 6, False)
+    ODO = ("o", 4, False)
+    MOUNT = ("m", 2, True)
+    CLOCK = ("c", 1, True)
+
+    def __init__(self, letter: str, dim: int, shared: bool) -> None:
+        self.letter = letter
+        self.dim = dim
+        self.shared = shared
+
+    def keys(self, index: np.ndarray) -> np.ndarray:
+        """GTSAM keys of variables ``index``: the symbol's letter in the top byte, as ``gtsam.symbol`` makes them."""
+        return (np.uint64(ord(self.letter)) << np.uint64(56)) | np.asarray(index, dtype=np.uint64)
+
+
+ELIMINATION_ORDER = (Kind.ODO, Kind.BIAS, Kind.NAV)
+"""Within a keyframe: the order measured to be cheapest, the odometer (few neighbours) first."""
+
+KEYFRAME_DIM = sum(kind.dim for kind in ELIMINATION_ORDER)
+SHARED = (Kind.MOUNT, Kind.CLOCK)
+SHARED_DIM = sum(kind.dim for kind in SHARED)
+
+
+def offset_in_keyframe(kind: Kind) -> int:
+    """Where ``kind`` starts in the stacked tangent of one keyframe."""
+    before = ELIMINATION_ORDER[: ELIMINATION_ORDER.index(kind)]
+    return sum(k.dim for k in before)
+
+
+@dataclass(frozen=True)
+class Nav:
+    """Attitudes (m, 3, 3), positions (m, 3) and velocities (m, 3)."""
+
+    R: Array
+    p: Array
+    v: Array
+
+    def __getitem__(self, index: np.ndarray | slice) -> Nav:
+        return Nav(self.R[index], self.p[index], self.v[index])
+
+    def __len__(self) -> int:
+        return len(self.R)
+
+
+Value = Nav | Array
+"""The values of one kind of variable: ``Nav``, or an array (m, dim)."""
+
+
+def retract(value: Value, delta: Array) -> Value:
+    """Move ``value`` by the tangent vectors ``delta``, shape (m, dim)."""
+    if isinstance(value, Nav):
+        p = value.p + np.einsum("mij,mj->mi", value.R, delta[:, 3:6])
+        v = value.v + np.einsum("mij,mj->mi", value.R, delta[:, 6:9])
+        return Nav(value.R @ so3_exp(delta[:, :3]), p, v)
+    return value + delta
+
+
+@dataclass(frozen=True)
+class States:
+    """Values of all variables of a run with n keyframes: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 1)."""
+
+    nav: Nav
+    bias: Array
+    odo: Array
+    mount: Array
+    clock: Array
+
+    def __len__(self) -> int:
+        return len(self.nav)
+
+    def of(self, kind: Kind) -> Value:
+        """All values of one kind."""
+        values: dict[Kind, Value] = {
+            Kind.NAV: self.nav,
+            Kind.BIAS: self.bias,
+            Kind.ODO: self.odo,
+            Kind.MOUNT: self.mount,
+            Kind.CLOCK: self.clock,
+        }
+        return values[kind]
+
+    def to_gtsam(self) -> gtsam.Values:
+        """A fresh ``gtsam.Values`` that holds every variable."""
+        values = gtsam.Values()
+        nav, bias, odo = (kind.keys(np.arange(len(self))).tolist() for kind in (Kind.NAV, Kind.BIAS, Kind.ODO))
+        for k in range(len(self)):
+            attitude = gtsam.Rot3(self.nav.R[k])
+            values.insert(nav[k], gtsam.NavState(attitude, self.nav.p[k], self.nav.v[k]))
+            values.insert(bias[k], gtsam.imuBias.ConstantBias(self.bias[k, :3], self.bias[k, 3:]))
+            values.insert(odo[k], self.odo[k])
+        values.insert(_shared_key(Kind.MOUNT), self.mount[0])
+        values.insert(_shared_key(Kind.CLOCK), self.clock[0])
+        return values
+
+    @staticmethod
+    def from_gtsam(values: gtsam.Values, keyframes: int) -> States:
+        """The inverse of :meth:`to_gtsam`."""
+        index = np.arange(keyframes)
+        matrices = np.array([values.atNavState(key).matrix() for key in Kind.NAV.keys(index).tolist()])
+        bias = np.array([values.atConstantBias(key).vector() for key in Kind.BIAS.keys(index).tolist()])
+        odo = np.array([values.atVector(key) for key in Kind.ODO.keys(index).tolist()])
+        nav = Nav(matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy(), matrices[:, :3, 4].copy())
+        mount = np.array([values.atVector(_shared_key(Kind.MOUNT))])
+        clock = np.array([values.atVector(_shared_key(Kind.CLOCK))])
+        return States(nav, bias, odo, mount, clock)
+
+
+def _shared_key(kind: Kind) -> int:
+    return int(kind.keys(np.array([0]))[0])

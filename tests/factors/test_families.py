@@ -1,0 +1,155 @@
+"""Every family: analytic Jacobians against numerical ones, array form against per-factor form, refusal of bad input."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+
+from trackfg.factors.family import Family, Loss, check_jacobians
+from trackfg.factors.gnss import gnss_position
+from trackfg.factors.gravity import gravity_tilt
+from trackfg.factors.motion import at_rest, non_holonomic, stays
+from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.factors.prior import nav_prior, prior
+from trackfg.factors.states import Kind, Nav, States
+from trackfg.frames import so3_exp
+
+KEYFRAMES = 6
+
+
+def random_states(seed: int, spread: float = 1.0) -> States:
+    rng = np.random.default_rng(seed)
+
+    def normal(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape)
+
+    base = so3_exp(normal(1, 3))
+    nav = Nav(
+        base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3)
+    )
+    odo = normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0]
+    return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 1))
+
+
+def families(seed: int, loss: Loss | None = None) -> list[Family]:
+    rng = np.random.default_rng(seed)
+    all_k, first = np.arange(KEYFRAMES), np.arange(KEYFRAMES - 1)
+
+    def normal(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape)
+
+    def sigma(m: int, d: int) -> np.ndarray:
+        return rng.uniform(0.1, 2.0, (m, d))
+
+    n, f, lever = KEYFRAMES, KEYFRAMES - 1, normal(3)
+    return [
+        non_holonomic(all_k, normal(n, 3), lever, sigma(n, 2), loss),
+        at_rest(all_k, 0.01),
+        stays(first, sigma(f, 1)[:, 0], sigma(f, 1)[:, 0]),
+        gravity_tilt(all_k, 9 * normal(n, 3), 9.8, sigma(n, 3)),
+        distance_chain(first, sigma(f, 2)),
+        tach_distance(first, sigma(f, 1), loss),
+        tach_reading(all_k, normal(n), normal(n), sigma(n, 1)),
+        arc_length(first, lever, sigma(f, 1)),
+        absolute_fix(all_k, normal(n), sigma(n, 1), loss),
+        gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
+        prior(Kind.BIAS, all_k, normal(n, 6), sigma(n, 6)),
+        prior(Kind.MOUNT, np.array([0]), normal(1, 2), sigma(1, 2)),
+        prior(Kind.CLOCK, np.array([0]), normal(1, 1), sigma(1, 1)),
+        nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9)),
+    ]
+
+
+NAMES = [family.name for family in families(0)]
+
+
+@pytest.mark.parametrize("i", range(len(NAMES)), ids=NAMES)
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("spread", [0.0, 1e-4, 0.02, 0.5])
+def test_jacobians_match_numerical_ones(i: int, seed: int, spread: float) -> None:
+    family = families(seed)[i]
+    if family.name == "prior on nav":
+        spread = min(spread, 0.5)
+    check_jacobians(family, random_states(seed, spread), rtol=1e-5, atol=1e-6)
+
+
+def test_checker_finds_a_wrong_jacobian() -> None:
+    good = families(0)[0]
+
+    def wrong(*args: object) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        residual, jacobians = good.evaluate(*args)
+        return residual, (jacobians[0] * 1.001, jacobians[1])
+
+    with pytest.raises(AssertionError, match=r"non-holonomic: d residual\[\d\] / d NAV\[\d\] of factor 0"):
+        check_jacobians(Family(good.name, wrong, good.slots, good.data, good.sigma), random_states(0))
+
+
+@pytest.mark.parametrize("loss", [None, Loss("huber", 1.3), Loss("cauchy", 2.0)], ids=["plain", "huber", "cauchy"])
+@pytest.mark.parametrize("i", range(len(NAMES)), ids=NAMES)
+def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
+    states = random_states(3, 0.3)
+    family = families(3, loss)[i]
+    batch = gtsam.GaussianFactorGraph()
+    family.add_to(batch, states)
+    values = states.to_gtsam()
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in family.custom_factors():
+        graph.push_back(factor)
+    single = graph.linearize(values)
+    assert batch.size() == single.size() == len(family)
+    for k in range(len(family)):
+        ours, theirs = batch.at(k), single.at(k)
+        assert list(ours.keys()) == list(theirs.keys())
+        np.testing.assert_allclose(ours.augmentedJacobian(), theirs.augmentedJacobian(), rtol=1e-9, atol=1e-9)
+    assert family.cost(states) == pytest.approx(graph.error(values), rel=1e-9)
+
+
+def test_states_survive_the_passage_through_gtsam() -> None:
+    states = random_states(5)
+    back = States.from_gtsam(states.to_gtsam(), KEYFRAMES)
+    for kind in (Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK):
+        np.testing.assert_array_equal(back.of(kind), states.of(kind))
+    np.testing.assert_allclose(back.nav.R, states.nav.R, atol=1e-15)
+    np.testing.assert_array_equal(back.nav.p, states.nav.p)
+    np.testing.assert_array_equal(back.nav.v, states.nav.v)
+
+
+def test_keys_are_gtsam_symbols() -> None:
+    assert Kind.NAV.keys(np.array([7])).tolist() == [gtsam.symbol("n", 7)]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda: absolute_fix(np.arange(3), np.array([1.0, np.nan, 2.0]), np.ones((3, 1)), None), "finite"),
+        (lambda: absolute_fix(np.arange(3), np.ones(2), np.ones((3, 1)), None), "3 rows"),
+        (lambda: absolute_fix(np.arange(3), np.ones(3), np.zeros((3, 1)), None), "positive"),
+        (lambda: absolute_fix(np.arange(3), np.ones(3), np.ones(3), None), "shape"),
+        (lambda: absolute_fix(np.arange(2), np.ones(3), np.ones((3, 1)), None), "slot ODO"),
+    ],
+)
+def test_bad_measurements_are_refused(change: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        change()  # type: ignore[operator]
+
+
+def test_wrong_shapes_never_reach_gtsam() -> None:
+    good = families(0)[4]
+
+    def wrong(*args: object) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        residual, jacobians = good.evaluate(*args)
+        return residual, tuple(jacobian[:, :, :2] for jacobian in jacobians)
+
+    bad = Family(good.name, wrong, good.slots, good.data, good.sigma)
+    with pytest.raises(ValueError, match="Jacobian of ODO"):
+        bad.add_to(gtsam.GaussianFactorGraph(), random_states(0))
+
+
+def test_arc_is_exact_on_a_circle_and_signed() -> None:
+    radius, angles = 300.0, np.array([0.0, 0.1, 0.35, 0.3])
+    yaw = so3_exp(np.outer(angles, [0, 0, 1.0]))
+    p = radius * np.stack([np.sin(angles), 1 - np.cos(angles), np.zeros(4)], axis=1)
+    states = States(Nav(yaw, p, np.zeros((4, 3))), np.zeros((4, 6)), np.zeros((4, 4)), np.zeros((1, 2)), np.zeros((1, 1)))
+    arcs = arc_length(np.arange(3), np.zeros(3), np.ones((3, 1))).residual(states)[:, 0]
+    np.testing.assert_allclose(arcs, radius * np.diff(angles), rtol=1e-12)

@@ -1,0 +1,74 @@
+"""When the vehicle is at rest.
+
+A candidate is a span in which the tach does not move (less than one pulse, or a speed of zero); where there is no tach,
+the whole run is one. A candidate holds only as long as the inertial sensor is quiet too: over blocks of 0.5 s the mean
+angular rate stays near the candidate's median and the scatter of rate and specific force near that of its quietest
+blocks. A tach that falls silent on a moving vehicle is therefore no standstill.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.frames import Array
+from trackfg.recording import Recording
+
+_BLOCK_S = 0.5
+_QUIET_RATIO = 5.0  # scatter of a block against the quiet level of its candidate
+_RATE_TOLERANCE = 2e-3  # rad/s: a block's mean rate against the candidate's median
+_FORCE_TOLERANCE = 0.05  # m/s^2: a block's mean specific force against the candidate's median
+_SCATTER_LIMITS = (0.02, 0.3)  # rad/s, m/s^2: nothing on rails that shakes more than this is called at rest
+
+
+def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array:
+    """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2)."""
+    t = recording.imu["t_s"].to_numpy()
+    block = np.floor((t - t[0]) / _BLOCK_S).astype(np.int64)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    counts = np.diff(np.append(first, t.size))
+    starts, ends = t[first], t[np.append(first[1:], t.size) - 1]
+    signals = np.hstack([recording.gyro, recording.accel])
+    mean = np.add.reduceat(signals, first, axis=0) / counts[:, None]
+    variance = np.maximum(np.add.reduceat(signals**2, first, axis=0) / counts[:, None] - mean**2, 0.0)
+    scatter = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=1))
+
+    spans = []
+    for begin, end in _tach_at_rest(recording.tach, float(t[0]), float(t[-1]), min_duration_s):
+        inside = np.flatnonzero((starts >= begin) & (ends <= end))
+        if inside.size == 0:
+            continue
+        quiet = _quiet(mean[inside], scatter[inside])
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
+        for i, j in edges.reshape(-1, 2):
+            span = (max(begin, starts[inside[i]]), min(end, ends[inside[j - 1]]))
+            if span[1] - span[0] >= min_duration_s:
+                spans.append(span)
+    return np.array(spans, dtype=np.float64).reshape(-1, 2)
+
+
+def _quiet(mean: Array, scatter: Array) -> np.ndarray:
+    """Which blocks of a candidate are at rest. Shapes (b, 6), (b, 2) to (b,) of bool."""
+    level = np.quantile(scatter, 0.2, axis=0)
+    limit = np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS)
+    calm = (scatter <= limit).all(axis=1)
+    if not calm.any():
+        return calm
+    centre = np.median(mean[calm], axis=0)
+    noise = 4.0 * scatter / np.sqrt(5.0)
+    rate = np.abs(mean[:, :3] - centre[:3]).max(axis=1) <= _RATE_TOLERANCE + noise[:, 0]
+    force = np.abs(mean[:, 3:] - centre[3:]).max(axis=1) <= _FORCE_TOLERANCE + noise[:, 1]
+    quiet: np.ndarray = calm & rate & force
+    return quiet
+
+
+def _tach_at_rest(tach: pd.DataFrame | None, t0: float, t1: float, min_duration_s: float) -> list[tuple[float, float]]:
+    """Spans without tach motion; a pulse that creeps over an edge while at rest costs the time around it only."""
+    if tach is None or len(tach) < 2:
+        return [(t0, t1)]
+    t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
+    moved = np.flatnonzero(np.diff(distance) != 0.0)
+    # The span from the end of one moving row interval to the start of the next.
+    begins = np.concatenate([[t0], t[moved + 1]])
+    ends = np.concatenate([t[moved], [t1]])
+    return [(b, e) for b, e in zip(begins, ends, strict=True) if e - b >= min_duration_s]
