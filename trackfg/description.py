@@ -14,30 +14,41 @@ from trackfg import frames
 
 Vector3 = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=360)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 
-class _Model(BaseModel):
+class Model(BaseModel):
+    """What all parts share: unknown keys and non-finite numbers are refused, and nothing changes afterwards."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class _Table(_Model):
+class Table(Model):
+    """A table's file, its time column, and how that becomes seconds on the recording's clock."""
+
     file: str
     time: str = "t"
     time_unit: TimeUnit = "s"
     time_offset_s: float = 0.0
 
 
-class Track(_Model):
-    """The line: gauge, the base that cross-level refers to, the sense of running, the latitude (for Earth rotation)."""
+class Track(Model):
+    """The line and the run on it.
+
+    ``latitude_deg`` is needed to model Earth rotation; ``heading_deg`` (clockwise from north, at the start of the run)
+    lets its horizontal part be modelled where no GNSS gives the heading.
+    """
 
     gauge_m: Positive = 1.435
     cross_level_base_m: Positive = 1.5
     direction: Literal[1, -1] = 1
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    latitude_deg: Latitude | None = None
+    heading_deg: float | None = None
 
 
-class ImuNoise(_Model):
+class ImuNoise(Model):
     """Continuous-time densities and initial sigmas, SI (see the recording format for each unit)."""
 
     gyro_white: Positive = 1e-4
@@ -48,7 +59,7 @@ class ImuNoise(_Model):
     accel_bias_sd: Positive = 0.03
 
 
-class Imu(_Table):
+class Imu(Table):
     """The inertial sensor: columns, units, axes, mounting and noise."""
 
     stamp: Literal["start", "centre", "end"] = "centre"
@@ -68,8 +79,11 @@ class Imu(_Table):
         return value
 
 
-class Tach(_Table):
-    """The wheel tachometer. ``kind`` says what ``column`` holds; ``pulses`` needs the wheel and the pulse count."""
+class Tach(Table):
+    """The wheel tachometer. ``kind`` says what ``column`` holds; ``pulses`` needs the wheel and the pulse count.
+
+    ``integrated`` marks a distance that was integrated from a speed: it is not made of counts, and its error grows.
+    """
 
     column: str
     kind: Literal["pulses", "distance", "speed"]
@@ -78,6 +92,12 @@ class Tach(_Table):
     wheel_diameter_m: Positive | None = None
     scale_sd: Positive = 0.01
     signed: bool = False
+    integrated: bool = False
+
+    @property
+    def integrates_speed(self) -> bool:
+        """Whether the distance in the ``tach`` table was integrated from a speed, here or before."""
+        return self.kind == "speed" or self.integrated
 
     @model_validator(mode="after")
     def _kind_and_unit_agree(self) -> Tach:
@@ -89,23 +109,28 @@ class Tach(_Table):
         return self
 
 
-class Fixes(_Table):
+class Fixes(Table):
     """Absolute chainages: balise, RFID, mile post."""
 
     chainage: str = "chainage_m"
     sd: str = "sd_m"
 
 
-class Gnss(_Table):
-    """Satellite positions: latitude, longitude, height (``frame = "geodetic"``) or east, north, up (``"local"``)."""
+class Gnss(Table):
+    """Satellite positions: latitude, longitude, height (``frame = "geodetic"``) or east, north, up (``"local"``).
+
+    ``origin`` (latitude deg, longitude deg, height m) is where the ENU frame touches the ellipsoid. Geodetic positions
+    default to the first row; for local ones it is optional and says where on the Earth they are.
+    """
 
     position: tuple[str, str, str]
     sd: tuple[str, str, str]
     frame: Literal["geodetic", "local"] = "geodetic"
+    origin: tuple[Latitude, Longitude, float] | None = None
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
 
 
-class Laser(_Table):
+class Laser(Table):
     """A displacement sensor: where one rail is relative to the unit, along one body axis."""
 
     name: str
@@ -117,13 +142,13 @@ class Laser(_Table):
     sd_m: Positive
 
 
-class Truth(_Table):
+class Truth(Table):
     """The answer, where it is known. Only comparisons may open it."""
 
     geometry: str | None = None
 
 
-class RecordingDescription(_Model):
+class RecordingDescription(Model):
     """All of ``recording.toml``."""
 
     format: Literal["trackfg-recording/1"] = "trackfg-recording/1"
@@ -136,3 +161,12 @@ class RecordingDescription(_Model):
     gnss: Gnss | None = None
     laser: tuple[Laser, ...] = ()
     truth: Truth | None = None
+
+    @field_validator("laser")
+    @classmethod
+    def _laser_names_differ(cls, value: tuple[Laser, ...]) -> tuple[Laser, ...]:
+        names = [laser.name for laser in value]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two lasers have the name {name!r}: expected a different one each")
+        return value

@@ -1,0 +1,50 @@
+# `make demo` and `make test` do everything on a fresh machine: they make their own environment in .venv first.
+
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+.PHONY: help demo test test-fast check lint types clean
+
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
+	if $$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info)' 2>/dev/null; \
+	then echo $$python; break; fi; done)
+READY := .venv/.ready
+BIN := .venv/bin
+
+help:
+	@echo "make demo       smooth a real drive and write recording, result and plots into demo/"
+	@echo "make test       run every test"
+	@echo "make test-fast  run the tests that take no more than a few seconds each"
+	@echo "make check      lint, format and types"
+	@echo "make clean      remove the environment and everything that was built"
+
+demo: $(READY)
+	$(BIN)/trackfg demo -o demo
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+test-fast: $(READY)
+	$(BIN)/python -m pytest -m "not slow"
+
+check: lint types
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# Types are checked on what is installed: only there are factors/ and datasets/ at trackfg.factors and trackfg.datasets.
+types: $(READY)
+	rm -rf build/installed
+	$(BIN)/python -m pip install --quiet --no-deps --target build/installed .
+	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p trackfg
+
+$(READY): pyproject.toml
+	@if [ -z "$(PYTHON)" ]; then \
+		echo "trackfg needs Python 3.11 or later, and none was found; name yours: make PYTHON=/path/to/python3" >&2; exit 1; fi
+	$(PYTHON) -m venv .venv || { echo "this Python cannot make virtual environments (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; }
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf .venv build dist demo

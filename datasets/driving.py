@@ -1,0 +1,151 @@
+"""Drivers: each turns a line and a duration into a motion of at least that duration.
+
+* :class:`Service`: from station to station as fast as the line's limits allow, with dwell.
+* :class:`Wandering`: changes its speed now and then; from rest (a pushed trolley) or already under way.
+* :class:`Shunting`: to and fro between changing places, turning round at rest.
+* :class:`Parked`: stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from trackfg.datasets.line import Line
+from trackfg.datasets.motion import (
+    Limits,
+    Motion,
+    Phase,
+    change,
+    change_time,
+    motion,
+    rest,
+    reverse,
+    run,
+)
+from trackfg.frames import Array
+
+
+class Driver(Protocol):
+    """Anything that drives along a line."""
+
+    def furthest_m(self, duration_s: float) -> float:
+        """How much line it may need."""
+
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+        """A motion of at least ``duration_s``."""
+
+
+@dataclass(frozen=True)
+class Service:
+    """Stands ``start_rest_s``, then goes from station to station, standing ``dwell_s`` (range) at each."""
+
+    limits: Limits
+    line_speed_mps: float
+    start_m: float
+    start_rest_s: float
+    dwell_s: tuple[float, float]
+
+    def furthest_m(self, duration_s: float) -> float:
+        """The line speed all the time, and two stations more to stop at."""
+        return self.start_m + self.line_speed_mps * duration_s + 30_000.0
+
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+        """Raises ``ValueError`` where the line has too few stations."""
+        phases, place = rest(self.start_rest_s), self.start_m
+        for station in line.stations_m[line.stations_m > self.start_m]:
+            if _duration(phases) >= duration_s:
+                break
+            phases += run(*_stretches(line, place, station), (0.0, 0.0), self.limits)
+            phases += rest(rng.uniform(*self.dwell_s))
+            place = station
+        if _duration(phases) < duration_s:
+            raise ValueError(f"{len(line.stations_m)} stations do not last {duration_s} s")
+        return motion(phases, self.start_m)
+
+
+@dataclass(frozen=True)
+class Wandering:
+    """Stands ``start_rest_s``, then holds speeds drawn from ``speed_mps`` (range) for ``hold_s`` (range) each."""
+
+    limits: Limits
+    speed_mps: tuple[float, float]
+    hold_s: tuple[float, float]
+    start_rest_s: float = 0.0
+    start_m: float = 0.0
+
+    def furthest_m(self, duration_s: float) -> float:
+        """The highest speed all the time, and one change and hold more."""
+        beyond = self.hold_s[1] + change_time(*self.speed_mps, self.limits)
+        return self.start_m + self.speed_mps[1] * (duration_s + beyond)
+
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+        """Starts at rest where there is a ``start_rest_s``, else at a speed of the range."""
+        start_speed = 0.0 if self.start_rest_s > 0 else rng.uniform(*self.speed_mps)
+        phases, speed = rest(self.start_rest_s), start_speed
+        while _duration(phases) < duration_s:
+            new_speed = rng.uniform(*self.speed_mps)
+            phases += change(speed, new_speed, self.limits) + rest(rng.uniform(*self.hold_s))
+            speed = new_speed
+        return motion(phases, self.start_m, start_speed)
+
+
+@dataclass(frozen=True)
+class Shunting:
+    """Goes to and fro between places drawn from ``near_m`` to ``far_m``, standing ``dwell_s`` (range) at each."""
+
+    limits: Limits
+    speed_mps: tuple[float, float]
+    near_m: float
+    far_m: float
+    shortest_m: float
+    start_rest_s: float
+    dwell_s: tuple[float, float]
+
+    def furthest_m(self, duration_s: float) -> float:
+        """The far end."""
+        return self.far_m
+
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+        """Starts at the near end."""
+        phases, place, forward = rest(self.start_rest_s), self.near_m, True
+        while _duration(phases) < duration_s:
+            room = (self.far_m - place) if forward else (place - self.near_m)
+            length = rng.uniform(min(self.shortest_m, room), room)
+            speed = rng.uniform(*self.speed_mps)
+            leg = run(np.array([length]), np.array([speed]), (0.0, 0.0), self.limits)
+            phases += leg if forward else reverse(leg)
+            phases += rest(rng.uniform(*self.dwell_s))
+            place += length if forward else -length
+            # Turn round where there is room for it.
+            forward = place - self.near_m < self.shortest_m or (not forward and place < self.far_m - self.shortest_m)
+        return motion(phases, self.near_m)
+
+
+@dataclass(frozen=True)
+class Parked:
+    """Stands at ``place_m`` all the time."""
+
+    place_m: float
+
+    def furthest_m(self, duration_s: float) -> float:
+        """The place."""
+        return self.place_m
+
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+        """One phase."""
+        return motion(rest(duration_s), self.place_m)
+
+
+def _duration(phases: list[Phase]) -> float:
+    return sum(duration for duration, _ in phases)
+
+
+def _stretches(line: Line, start: float, end: float) -> tuple[Array, Array]:
+    """Lengths and speed limits of the stretches between two places."""
+    inside = line.limit_from_m[(line.limit_from_m > start) & (line.limit_from_m < end)]
+    cuts = np.concatenate([[start], inside, [end]])
+    which = np.searchsorted(line.limit_from_m, cuts[:-1], side="right") - 1
+    return np.diff(cuts), line.limit_mps[which]

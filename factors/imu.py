@@ -1,0 +1,76 @@
+"""The inertial factors: GTSAM's own preintegration and bias walk.
+
+Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE Trans. Robotics 33 (2017), as
+implemented by GTSAM, with the Earth's rotation (``omegaCoriolis``) when latitude and heading are known. The residual of
+``gtsam.ImuFactor2`` is (rad, m, m/s) in body axes of the predicted state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from trackfg.factors.states import Kind
+from trackfg.frames import Array
+
+_INTEGRATION_DENSITY = 1e-5
+"""m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """White noise densities: gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz)."""
+
+    gyro: float
+    accel: float
+
+    def parameters(self, gravity: float, earth_rate: Array | None) -> gtsam.PreintegrationParams:
+        """GTSAM's parameters for a z-up frame with this gravity (m/s^2), rotating at ``earth_rate`` (3,) rad/s in n."""
+        parameters = gtsam.PreintegrationParams.MakeSharedU(gravity)
+        parameters.setGyroscopeCovariance(np.eye(3) * self.gyro**2)
+        parameters.setAccelerometerCovariance(np.eye(3) * self.accel**2)
+        parameters.setIntegrationCovariance(np.eye(3) * _INTEGRATION_DENSITY**2)
+        if earth_rate is not None:
+            parameters.setOmegaCoriolis(earth_rate)
+        return parameters
+
+
+def preintegrate(
+    parameters: gtsam.PreintegrationParams, bias: Array, duration: Array, rotation: Array, velocity: Array
+) -> gtsam.PreintegratedImuMeasurements:
+    """Preintegrate increments (duration (m,) s, rotation (m, 3) rad, velocity (m, 3) m/s) around ``bias`` (6,)."""
+    preintegrated = gtsam.PreintegratedImuMeasurements(
+        parameters, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy())
+    )
+    accel, gyro = velocity / duration[:, None], rotation / duration[:, None]
+    integrate = preintegrated.integrateMeasurement
+    for f, w, dt in zip(accel, gyro, duration.tolist(), strict=True):
+        integrate(f, w, dt)
+    return preintegrated
+
+
+def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> list[gtsam.ImuFactor2]:
+    """Factor k ties the states of keyframes k and k + 1 and the bias of keyframe k."""
+    measurements = list(preintegrated)
+    index = np.arange(len(measurements) + 1)
+    nav, bias = Kind.NAV.keys(index).tolist(), Kind.BIAS.keys(index).tolist()
+    return [gtsam.ImuFactor2(nav[k], nav[k + 1], bias[k], pim) for k, pim in enumerate(measurements)]
+
+
+def bias_walk(duration: Array, accel_density: float, gyro_density: float) -> list[gtsam.BetweenFactorConstantBias]:
+    """The biases walk: residual B(k+1) - B(k), sigma density times the square root of ``duration`` (m,), s.
+
+    Densities in m/s^3/sqrt(Hz) and rad/s^2/sqrt(Hz).
+    """
+    index = np.arange(len(duration) + 1)
+    keys = Kind.BIAS.keys(index).tolist()
+    same = gtsam.imuBias.ConstantBias()
+    density = np.repeat([accel_density, gyro_density], 3)
+    sigmas = np.sqrt(duration)[:, None] * density
+    diagonal = gtsam.noiseModel.Diagonal.Sigmas
+    return [
+        gtsam.BetweenFactorConstantBias(keys[k], keys[k + 1], same, diagonal(sigma)) for k, sigma in enumerate(sigmas)
+    ]

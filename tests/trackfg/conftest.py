@@ -1,0 +1,220 @@
+"""Made-up input and output: a result of any length, a run on a curved line, and its recording as files."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+
+from trackfg.findings import Finding
+from trackfg.results import EVENT_COLUMNS, TRAJECTORY_COLUMNS, Estimate, Result, Solver, Summary, VectorEstimate
+
+
+@pytest.fixture(scope="session")
+def make_result() -> Callable[..., Result]:
+    def make(rows: int = 50, rate_hz: float = 10.0, **summary: object) -> Result:
+        t = np.arange(rows) / rate_hz
+        values = {
+            "t_s": t,
+            "chainage_m": 15.0 * t,
+            "east_m": 500.0 * np.sin(t / 40.0),
+            "north_m": 500.0 * np.cos(t / 40.0),
+            "up_m": 0.1 * t,
+            "speed_mps": 15.0 + np.sin(t),
+            "roll_rad": 0.01 * np.sin(t / 3.0),
+            "pitch_rad": 0.01 * np.cos(t / 3.0),
+            "yaw_rad": np.arctan2(-np.sin(t / 40.0), np.cos(t / 40.0)),
+        }
+        trajectory = pd.DataFrame({name: values.get(name, np.full(rows, 0.1)) for name in TRAJECTORY_COLUMNS})
+        events = pd.DataFrame(
+            [
+                ("standstill", 0.0, 12.5, 0.0, 0.01, np.nan, np.nan, ""),
+                ("slip", 20.0, 21.5, 88.25, 0.3, 1.5, 0.2, "wheel, driven axle"),
+            ],
+            columns=list(EVENT_COLUMNS),
+        )
+        page: dict[str, object] = {
+            "recording_id": "made-up",
+            "configuration": {"output": {"rate_hz": rate_hz}},
+            "solver": Solver(converged=True, reason="step below tolerance", iterations=4, cost=101.5, degrees_of_freedom=200),
+            "timings_s": {"read": 0.5, "solve": 1.25},
+            "duration_s": float(t[-1]),
+            "distance_m": float(15.0 * t[-1]),
+            "keyframes": rows // 5,
+            "wheel_scale": Estimate(value=1.0021, sd=0.0003),
+            "gyro_bias_radps": VectorEstimate(value=(1e-4, -2e-4, 3e-5), sd=(1e-6, 1e-6, 2e-6)),
+            "accel_bias_mps2": VectorEstimate(value=(0.01, 0.02, -0.03), sd=(1e-3, 1e-3, 1e-3)),
+            "findings": (Finding("warning", "gap", "a gap of 2 s", file="imu.csv", column="t", row=3, mend="none"),),
+        }
+        return Result(trajectory, events, Summary.model_validate({**page, **summary}))
+
+    return make
+
+
+G = 9.80665
+LATITUDE, LONGITUDE = 35.2, 139.0
+
+
+def run_on_a_line(
+    *,
+    duration_s: float = 150.0,
+    rate_hz: float = 50.0,
+    tach_rate_hz: float = 10.0,
+    tach_late_s: float = 0.0,
+    wheel_scale: float = 1.0,
+    pulse_m: float = np.pi * 0.86 / 90,
+    gyro_white: float = 5e-5,
+    accel_white: float = 1e-3,
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    cant_deficiency: float = 0.5,
+    seed: int = 1,
+) -> dict[str, pd.DataFrame]:
+    """A run with two stops over curves with cant and gradients: tables with the contract's example columns.
+
+    The kinematics are the textbook's, written without trackfg: w_z = v k, f_x = dv/dt - g sin(pitch),
+    f_y = v^2 k + g sin(roll). The tach's stamps are ``tach_late_s`` behind the IMU's clock; the true distance is
+    ``wheel_scale`` times the nominal one.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(duration_s * rate_hz)) / rate_hz
+    knots = np.array([0.0, 20.0, 40.0, 55.0, 62.0, 75.0, 95.0, 110.0, 125.0, 140.0, 1e9])
+    speeds = np.array([0.0, 0.0, 14.0, 14.0, 9.0, 9.0, 0.0, 0.0, 12.0, 16.0, 16.0])
+
+    def smooth(values: np.ndarray, seconds: float) -> np.ndarray:
+        width = max(1, round(seconds * rate_hz))
+        padded = np.pad(values, width, mode="edge")
+        return np.convolve(padded, np.ones(width) / width, mode="same")[width:-width]
+
+    v = smooth(np.interp(t, knots, speeds), 2.0)
+    v = np.where(((t > 1) & (t < 17)) | ((t > 98) & (t < 107)), 0.0, v)
+    d = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) / rate_hz)])
+    curvature = np.interp(d, [0, 100, 160, 300, 360, 450, 520, 700, 760, 1e6], [0, 0, 1, 1, 0, 0, -1, -1, 0, 0]) / 400.0
+    pitch = -np.interp(d, [0, 80, 140, 500, 560, 1e6], [0, 0, 0.01, 0.01, -0.005, -0.005])
+    roll = -(1.0 - cant_deficiency) * 12.0**2 * curvature / G
+    yaw = np.cumsum(v * curvature) / rate_hz
+    gyro = np.column_stack([np.gradient(roll, t), np.gradient(pitch, t), v * curvature])
+    forward, left = np.gradient(v, t) - G * np.sin(pitch), v**2 * curvature + G * np.sin(roll)
+    accel = np.column_stack([forward, left, np.full(t.size, G)])
+    gyro = gyro + gyro_bias + gyro_white * np.sqrt(rate_hz) * rng.standard_normal(gyro.shape)
+    accel = accel + accel_bias + accel_white * np.sqrt(rate_hz) * rng.standard_normal(accel.shape)
+    imu = pd.DataFrame(dict(zip(("t", "wx", "wy", "wz", "fx", "fy", "fz"), (t, *gyro.T, *accel.T), strict=True)))
+
+    tach_t = np.arange(round(duration_s * tach_rate_hz)) / tach_rate_hz
+    count = np.floor(np.interp(tach_t - tach_late_s, t, d) / wheel_scale / pulse_m).astype(int)
+    east, north = np.cumsum(v * np.sin(yaw)) / rate_hz, np.cumsum(v * np.cos(yaw)) / rate_hz
+    fix_at = np.flatnonzero(np.diff(np.floor(d / 150.0)) > 0)
+    rows = np.arange(0, t.size, round(rate_hz))
+    radius = 6.37e6
+    return {
+        "imu": imu,
+        "tach": pd.DataFrame({"t": tach_t, "count": count}),
+        "fixes": pd.DataFrame({"t": t[fix_at], "chainage_m": 1000.0 + d[fix_at], "sd_m": 0.5}),
+        "gnss": pd.DataFrame(
+            {
+                "t": t[rows],
+                "lat_deg": LATITUDE + np.degrees(north[rows] / radius),
+                "lon_deg": LONGITUDE + np.degrees(east[rows] / radius / np.cos(np.radians(LATITUDE))),
+                "height_m": 50.0,
+                "sd_e": 1.0,
+                "sd_n": 1.0,
+                "sd_u": 2.0,
+            }
+        ),
+        "laser": pd.DataFrame({"t": t, "a_lv": -420.0 + 2.0 * np.sin(d / 3.0) + 0.1 * rng.standard_normal(t.size)}),
+    }
+
+
+@dataclass
+class Draft:
+    """A recording about to be written, with every part of the contract's example; tests spoil it in one way each."""
+
+    toml: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    texts: dict[str, str | bytes] = field(default_factory=dict)
+
+    def __getitem__(self, table: str) -> pd.DataFrame:
+        return self.tables[f"{table}.csv"]
+
+    def write(self, folder: Path) -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in self.tables.items():
+            table.to_csv(folder / name, index=False) if name.endswith(".csv") else table.to_parquet(folder / name)
+        (folder / "recording.toml").write_text(tomli_w.dumps(self.toml))
+        for name, text in self.texts.items():
+            (folder / name).write_bytes(text.encode() if isinstance(text, str) else text)
+        return folder
+
+
+EXAMPLE = {
+    "format": "trackfg-recording/1",
+    "id": "test-run",
+    "track": {"gauge_m": 1.067, "cross_level_base_m": 1.067, "direction": 1, "latitude_deg": LATITUDE},
+    "imu": {
+        "file": "imu.csv",
+        "time": "t",
+        "gyro": ["wx", "wy", "wz"],
+        "gyro_unit": "rad/s",
+        "accel": ["fx", "fy", "fz"],
+        "accel_unit": "m/s^2",
+        "axes": "FLU",
+        "noise": {"gyro_white": 5e-5, "accel_white": 1e-3},
+    },
+    "tach": {
+        "file": "tach.csv",
+        "column": "count",
+        "kind": "pulses",
+        "unit": "1",
+        "pulses_per_rev": 90,
+        "wheel_diameter_m": 0.86,
+    },
+    "fixes": {"file": "fixes.csv"},
+    "gnss": {"file": "gnss.csv", "position": ["lat_deg", "lon_deg", "height_m"], "sd": ["sd_e", "sd_n", "sd_u"]},
+    "laser": [
+        {
+            "name": "A-left-vertical",
+            "file": "laser.csv",
+            "column": "a_lv",
+            "unit": "mm",
+            "position_m": [5.0, 0.5, 0.0],
+            "axis": "z",
+            "rail": "left",
+            "sd_m": 1e-4,
+        }
+    ],
+}
+
+
+@pytest.fixture(scope="session")
+def make_run() -> Callable[..., dict[str, pd.DataFrame]]:
+    return run_on_a_line
+
+
+@pytest.fixture(scope="session")
+def example_tables() -> dict[str, pd.DataFrame]:
+    return run_on_a_line()
+
+
+@pytest.fixture
+def draft(example_tables: dict[str, pd.DataFrame]) -> Draft:
+    """A sound recording with every kind of table."""
+    return Draft(copy.deepcopy(EXAMPLE), {f"{name}.csv": table.copy() for name, table in example_tables.items()})
+
+
+@pytest.fixture
+def make_draft(make_run: Callable[..., dict[str, pd.DataFrame]]) -> Callable[..., Draft]:
+    """A sound recording of IMU and tach (and whatever else is named) of a run with the given properties."""
+
+    def make(*, parts: tuple[str, ...] = ("imu", "tach"), **properties: Any) -> Draft:
+        tables = {f"{name}.csv": table for name, table in make_run(**properties).items() if name in parts}
+        keep = {"format", "id", "track", *parts}
+        return Draft(copy.deepcopy({key: value for key, value in EXAMPLE.items() if key in keep}), tables)
+
+    return make

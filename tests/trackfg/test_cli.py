@@ -1,0 +1,265 @@
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import trackfg
+from trackfg import cli
+from trackfg.datasets.scenarios import simulate
+from trackfg.results import Result
+
+COMMANDS = ("demo", "scenarios", "simulate", "check", "smooth")
+MODULE = [sys.executable, "-m", "trackfg"]
+
+
+@dataclass(frozen=True)
+class Done:
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+    """Run the command line in this process, as from a pipe."""
+
+    def run(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["trackfg", *map(str, arguments)])
+        with pytest.raises(SystemExit) as exit_:
+            cli.main()
+        captured = capsys.readouterr()
+        return Done(int(exit_.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+Run = Callable[..., Done]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings") / "run"
+    simulate("mainline", seed=1, duration_s=60.0).write(folder)
+    return folder
+
+
+def test_version(run: Run) -> None:
+    assert run("--version") == Done(0, f"trackfg {trackfg.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example(run: Run, command: str) -> None:
+    done = run(command, "--help")
+    assert done.status == 0
+    assert f"Example: trackfg {command}" in done.out
+
+
+def test_help_lists_the_commands_that_work(run: Run) -> None:
+    help_ = run("--help").out
+    assert all(command in help_ for command in COMMANDS)
+    assert {command.callback.__name__ for command in cli.app.registered_commands if command.callback} == set(COMMANDS)
+
+
+def test_nothing_heavy_is_imported_for_help() -> None:
+    program = (
+        "import sys; sys.argv = ['trackfg', '--help']; from trackfg.cli import main\n"
+        "try: main()\n"
+        "finally: print(sorted({'numpy', 'pandas', 'gtsam', 'scipy', 'pydantic', 'matplotlib'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("bogus",), ("smooth",), ("smooth", "rec"), ("simulate", "mainline", "-o", "x", "--seed", "one"), ("check",)],
+)
+def test_wrong_usage(run: Run, arguments: tuple[str, ...]) -> None:
+    done = run(*arguments)
+    assert done.status == 2
+    assert "Usage: trackfg" in done.err
+
+
+def test_scenarios(run: Run) -> None:
+    done = run("scenarios")
+    assert done.status == 0
+    assert "mainline" in done.out
+
+
+def test_simulate_is_reproducible(run: Run, tmp_path: Path) -> None:
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        done = run("simulate", "mainline", "-o", tmp_path / "deep" / name, "--seed", seed, "--duration", 20)
+        assert done.status == 0, done.err
+    a, b, c = ((tmp_path / "deep" / name / "imu.parquet").read_bytes() for name in "abc")
+    assert a == b != c
+
+
+def test_simulate_never_overwrites(run: Run, recording: Path) -> None:
+    before = (recording / "recording.toml").read_bytes()
+    done = run("simulate", "mainline", "-o", recording, "--duration", 20)
+    assert done.status == 2
+    assert "never overwritten" in done.err
+    assert (recording / "recording.toml").read_bytes() == before
+
+
+def test_simulate_something_unknown(run: Run, tmp_path: Path) -> None:
+    done = run("simulate", "monorail", "-o", tmp_path / "out")
+    assert done.status == 2
+    assert "mainline" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_check_a_sound_recording(run: Run, recording: Path) -> None:
+    done = run("check", recording)
+    assert done.status == 0, done.out
+    assert "Estimated from the data" in done.out
+
+
+def test_check_as_json(run: Run, recording: Path) -> None:
+    report = json.loads(run("check", recording, "--json").out)
+    assert report.keys() == {"findings", "estimates"}
+    assert not [finding for finding in report["findings"] if finding["level"] == "error"]
+
+
+def test_check_a_broken_recording(run: Run, broken: Path) -> None:
+    done = run("check", broken)
+    assert done.status == 2
+    assert "error" in done.out
+    assert "imu.csv" in done.out
+    assert done.err == ""
+    assert json.loads(run("check", broken, "--json").out)["findings"][0]["level"] == "error"
+
+
+@pytest.fixture
+def broken(tmp_path: Path) -> Path:
+    folder = tmp_path / "broken"
+    simulate("mainline", seed=1, duration_s=20.0).write(folder, table_format="csv")
+    table = pd.read_csv(folder / "imu.csv")
+    table.iloc[100, 3] = float("nan")
+    table.to_csv(folder / "imu.csv", index=False)
+    return folder
+
+
+def test_smooth(run: Run, recording: Path, tmp_path: Path) -> None:
+    done = run("smooth", recording, "-o", tmp_path / "deep" / "out")
+    assert done.status == 0, done.err
+    assert done.err == ""  # no progress bar in a pipe
+    assert "wheel scale" in done.out
+    result = Result.read(tmp_path / "deep" / "out")
+    assert result.trajectory["t_s"].iloc[-1] == pytest.approx(60.0, abs=0.2)
+
+
+def test_smooth_with_settings_and_json(run: Run, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[output]\nrate_hz = 5.0\n")
+    done = run("smooth", recording, "-o", tmp_path / "out", "--config", tmp_path / "c.toml", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["configuration"]["output"]["rate_hz"] == 5.0
+    assert json.loads(done.out) == json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert Result.read(tmp_path / "out").trajectory["t_s"].diff().median() == pytest.approx(0.2)
+
+
+def test_smooth_bad_input(run: Run, broken: Path, tmp_path: Path) -> None:
+    done = run("smooth", broken, "-o", tmp_path / "out")
+    assert done.status == 2
+    assert done.err.startswith("trackfg: ")
+    assert "imu.csv" in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_smooth_no_recording(run: Run, tmp_path: Path) -> None:
+    done = run("smooth", tmp_path / "nowhere", "-o", tmp_path / "out")
+    assert done.status == 2
+    assert "nowhere" in done.err
+
+
+def test_smooth_bad_settings(run: Run, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[output]\nrate_khz = 5.0\n")
+    done = run("smooth", recording, "-o", tmp_path / "out", "--config", tmp_path / "c.toml")
+    assert done.status == 2
+    assert "rate_khz" in done.err
+
+
+def test_smooth_leaves_other_folders_alone(run: Run, recording: Path) -> None:
+    """Found out before the work, not after it."""
+    done = run("smooth", recording, "-o", recording)
+    assert done.status == 2
+    assert "not a trackfg result" in done.err
+
+
+def test_smooth_unsolvable(run: Run, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def cannot(*_: object, **__: object) -> Result:
+        raise trackfg.UnsolvableError("nothing says where the vehicle is")
+
+    monkeypatch.setattr("trackfg.smoother.smooth", cannot)
+    done = run("smooth", recording, "-o", tmp_path / "out")
+    assert done == Done(1, "", "trackfg: nothing says where the vehicle is\n")
+
+
+def test_a_folder_that_cannot_be_written(run: Run, recording: Path) -> None:
+    done = run("smooth", recording, "-o", "/proc/trackfg/out")
+    assert done.status == 1
+    assert done.err.startswith("trackfg: ")
+
+
+def test_a_result_that_did_not_converge_says_so(
+    run: Run, recording: Path, tmp_path: Path, make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver = {"converged": False, "reason": "30 iterations", "iterations": 30, "cost": 1.0, "degrees_of_freedom": 1}
+    monkeypatch.setattr("trackfg.smoother.smooth", lambda *_, **__: make_result(solver=solver))
+    done = run("smooth", recording, "-o", tmp_path / "out")
+    assert (done.status, done.err) == (0, "trackfg: warning: not converged: 30 iterations\n")
+
+
+def test_progress_on_a_terminal(recording: Path, tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    command = [*MODULE, "smooth", recording, "-o", tmp_path / "out"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs, env={**os.environ, "TERM": "xterm"}) as done:
+        os.close(theirs)
+        shown = b""
+        while True:
+            try:
+                shown += os.read(ours, 4096)
+            except OSError:  # the terminal is closed when the process ends
+                break
+    os.close(ours)
+    assert done.returncode == 0
+    assert b"%" in shown
+
+
+def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path) -> None:
+    """Interrupted as soon as it has begun to write: the hidden workspace is gone and the status is 130."""
+    program = (
+        "import sys, os, signal, trackfg.results as r\n"
+        "sys.argv = ['trackfg', 'smooth', sys.argv[1], '-o', sys.argv[2]]\n"
+        "r.Summary.model_dump_json = lambda *_, **__: os.kill(os.getpid(), signal.SIGINT)\n"
+        "from trackfg.cli import main; main()"
+    )
+    command = [sys.executable, "-c", program, recording, tmp_path / "out"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_many_moments(tmp_path: Path) -> None:
+    for delay_s in (0.5, 1.0, 1.5, 2.0, 2.5):
+        command = [*MODULE, "simulate", "mainline", "-o", tmp_path / "rec"]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            time.sleep(delay_s)
+            process.send_signal(signal.SIGINT)
+            process.communicate()
+        assert process.returncode in (130, -signal.SIGINT)
+        assert list(tmp_path.iterdir()) == []

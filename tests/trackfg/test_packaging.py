@@ -1,0 +1,124 @@
+"""Wheel, source distribution and editable install hold the same package, under one top-level name."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import trackfg
+
+ROOT = Path(__file__).parents[2]
+PARTS = ("pyproject.toml", "README.md", "LICENSE", "trackfg", "factors", "datasets")
+
+IMPORTS = """
+import importlib.util, json, trackfg, trackfg.factors, trackfg.datasets, trackfg.factors.family, trackfg.datasets.kitti
+from importlib.metadata import version
+from importlib.resources import files
+
+def home(name):
+    spec = importlib.util.find_spec(name)
+    return spec.origin if spec else None
+
+print(json.dumps({
+    "version": version("trackfg"),
+    "typed": files("trackfg").joinpath("py.typed").is_file(),
+    "homes": [module.__file__ for module in (trackfg, trackfg.factors, trackfg.datasets)],
+    "strangers": [home("factors"), home("datasets")],
+}))
+"""
+
+
+def run(*command: object, cwd: Path) -> str:
+    done = subprocess.run([str(part) for part in command], cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What is packaged, apart from the checkout, so that building leaves nothing there."""
+    folder = tmp_path_factory.mktemp("source")
+    for part in PARTS:
+        if (ROOT / part).is_dir():
+            shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / part, folder / part)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def distributions(source: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """(source distribution, wheel built from it)."""
+    out = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "build", "--outdir", out, source, cwd=out)
+    (sdist,), (wheel,) = out.glob("*.tar.gz"), out.glob("*.whl")
+    return sdist, wheel
+
+
+def new_environment(folder: Path) -> Path:
+    """An environment of its own with the dependencies, but not the trackfg, of the present one. Its Python."""
+    run(sys.executable, "-m", "venv", "--without-pip", folder, cwd=folder.parent)
+    python = folder / "bin" / "python"
+    site = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip()
+    (Path(site) / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return python
+
+
+def install(python: Path, *what: object, cwd: Path) -> None:
+    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", *what, cwd=cwd)
+
+
+def assert_installed(python: Path, below: Path, cwd: Path) -> None:
+    report = json.loads(run(python, "-c", IMPORTS, cwd=cwd))
+    assert report["version"] == trackfg.__version__
+    assert report["typed"]
+    assert all(Path(home).resolve().is_relative_to(below.resolve()) for home in report["homes"])
+    assert not any(home and Path(home).resolve().is_relative_to(below.resolve()) for home in report["strangers"])
+    assert run(python.parent / "trackfg", "--version", cwd=cwd) == f"trackfg {trackfg.__version__}\n"
+    assert "mainline" in run(python, "-m", "trackfg", "scenarios", cwd=cwd)
+
+
+@pytest.mark.slow
+def test_wheel(distributions: tuple[Path, Path], tmp_path: Path) -> None:
+    _, wheel = distributions
+    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert tops == {"trackfg", f"trackfg-{trackfg.__version__}.dist-info"}
+    python = new_environment(tmp_path / "env")
+    install(python, "--no-index", wheel, cwd=tmp_path)
+    assert_installed(python, tmp_path / "env", tmp_path)
+
+
+@pytest.mark.slow
+def test_source_distribution(distributions: tuple[Path, Path]) -> None:
+    sdist, _ = distributions
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert {*PARTS, "trackfg/py.typed", "factors/family.py", "datasets/kitti.py"} <= names
+
+
+@pytest.mark.slow
+def test_editable_install(source: Path, tmp_path: Path) -> None:
+    python = new_environment(tmp_path / "env")
+    install(python, "--editable", source, cwd=tmp_path)
+    assert_installed(python, source, tmp_path)
+
+
+def test_public_names_are_imported_when_first_used() -> None:
+    program = (
+        "import sys, trackfg; print(sorted({'numpy', 'pandas', 'gtsam', 'pydantic'} & set(sys.modules)))\n"
+        "print([name for name in trackfg.__all__ if not hasattr(trackfg, name)], set(dir(trackfg)) >= set(trackfg.__all__))"
+    )
+    assert run(sys.executable, "-c", program, cwd=ROOT) == "[]\n[] True\n"
+
+
+def test_unknown_names_are_attribute_errors() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'smoothe'"):
+        trackfg.smoothe  # noqa: B018

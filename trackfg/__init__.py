@@ -1,0 +1,63 @@
+"""trackfg: railway track geometry and train positioning by factor-graph smoothing.
+
+>>> import trackfg
+>>> recording = trackfg.read_recording("run")
+>>> result = trackfg.smooth(recording)
+>>> result.write("out")
+
+``import trackfg`` is cheap: what stands below is imported from its module when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from trackfg._version import __version__
+from trackfg.errors import BadInputError, TrackfgError, UnsolvableError
+
+if TYPE_CHECKING:
+    from trackfg.check import check_recording
+    from trackfg.config import SmoothConfig
+    from trackfg.plot import plot_trajectory
+    from trackfg.recording import Recording
+    from trackfg.recording_io import read_recording, write_recording
+    from trackfg.results import Result
+    from trackfg.smoother import smooth
+
+__all__ = [
+    "BadInputError",
+    "Recording",
+    "Result",
+    "SmoothConfig",
+    "TrackfgError",
+    "UnsolvableError",
+    "__version__",
+    "check_recording",
+    "plot_trajectory",
+    "read_recording",
+    "smooth",
+    "write_recording",
+]
+
+_HOME = {
+    "Recording": "recording",
+    "Result": "results",
+    "SmoothConfig": "config",
+    "check_recording": "check",
+    "plot_trajectory": "plot",
+    "read_recording": "recording_io",
+    "smooth": "smoother",
+    "write_recording": "recording_io",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """PEP 562: the public names, imported on first use."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,5 @@
+"""``python -m trackfg``: the command line."""
+
+from trackfg.cli import main
+
+main()

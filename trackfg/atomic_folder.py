@@ -1,0 +1,193 @@
+"""Replace a folder in one step: whoever looks sees the whole old one or the whole new one, never a mixture.
+
+The new folder is written beside the target, in a hidden *workspace* ``.NAME.trackfg-XXXXXXXX`` of the same parent,
+flushed to the disk and then published by one system call:
+
+1. nothing (or an empty folder) at the target: ``rename``;
+2. a folder at the target: ``renameat2(RENAME_EXCHANGE)``, which swaps the two names atomically, so that there is no
+   moment without either. A symbolic link to versioned folders would be as atomic on every file system, but a result
+   would then be a link: moved, copied or packed alone, it loses its content;
+3. where the file system or the platform cannot exchange (NFS, macOS): ``rename`` the old away, ``rename`` the new in.
+   Between the two there is neither; a process killed just there leaves the old one in its workspace, from where the
+   next :func:`recover` (every read and write calls it) puts it back.
+
+The kernel releases the lock that a workspace holds when its process ends, however it ends. Workspaces without a living
+owner are what killed processes left, and the next write to the same target removes them. Several processes may write
+one target at the same time: the last to finish wins.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
+_AT_FDCWD = -100
+_RENAME_EXCHANGE = 2
+_CANNOT_EXCHANGE = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
+_CANNOT_LOCK = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
+_OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST}
+
+
+@contextmanager
+def replaced_folder(target: Path) -> Iterator[Path]:
+    """An empty folder to write into; when the block ends without an exception, it becomes ``target``.
+
+    With an exception (Ctrl-C included) the target stays as it was and nothing is left behind. Parents are created. What
+    the target held before is deleted: whether that is allowed is for the caller to decide. Raises ``OSError`` where the
+    parent cannot be written or the target is a file or a mount point.
+    """
+    target = target.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    recover(target)
+    _remove_leftovers(target)
+    workspace, lock = _new_workspace(target)
+    try:
+        new = workspace / _NEW
+        new.mkdir()
+        yield new
+        _flush(new)
+        _publish(new, target, aside=workspace / _OLD)
+        _sync(target.parent)
+    finally:
+        _settle(target, aside=workspace / _OLD)
+        shutil.rmtree(workspace, ignore_errors=True)
+        os.close(lock)
+
+
+def recover(target: Path) -> None:
+    """Put back a folder whose replacement was cut short between moving it away and moving the new one in."""
+    target = target.resolve()
+    if target.exists():
+        return
+    for workspace in _workspaces(target):
+        lock = _lock_if_abandoned(workspace)
+        if lock is None:
+            continue
+        try:
+            if (workspace / _OLD).exists():
+                (workspace / _OLD).rename(target)
+                return
+        finally:
+            os.close(lock)
+
+
+def _publish(new: Path, target: Path, aside: Path) -> None:
+    while True:
+        try:
+            new.rename(target)
+        except OSError as error:
+            if error.errno not in _OCCUPIED:
+                raise
+        else:
+            return
+        try:
+            _exchange(new, target)
+        except FileNotFoundError:
+            continue  # another process took the target away in this moment
+        except OSError as error:
+            if error.errno not in _CANNOT_EXCHANGE:
+                raise
+            shutil.rmtree(aside, ignore_errors=True)
+            target.rename(aside)
+        else:
+            return
+
+
+def _settle(target: Path, aside: Path) -> None:
+    """Moved away: back if nothing came in its place, else out of :func:`recover`'s sight before it is taken apart."""
+    if aside.exists():
+        aside.rename(aside.with_name(_DISCARDED) if target.exists() else target)
+
+
+def _exchange(a: Path, b: Path) -> None:
+    """Swap two names atomically (renameat2 of Linux 3.15 and glibc 2.28). Raises ``OSError``, ENOSYS where missing."""
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if renameat2 is None:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+    status = renameat2(
+        ctypes.c_int(_AT_FDCWD),
+        ctypes.c_char_p(os.fsencode(a)),
+        ctypes.c_int(_AT_FDCWD),
+        ctypes.c_char_p(os.fsencode(b)),
+        ctypes.c_uint(_RENAME_EXCHANGE),
+    )
+    if status != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number), str(a), None, str(b))
+
+
+def _workspaces(target: Path) -> list[Path]:
+    prefix = _prefix(target)
+    if not target.parent.is_dir():
+        return []
+    return sorted(path for path in target.parent.iterdir() if path.name.startswith(prefix))
+
+
+def _prefix(target: Path) -> str:
+    return f".{target.name}.trackfg-"
+
+
+def _new_workspace(target: Path) -> tuple[Path, int]:
+    while True:
+        workspace = Path(tempfile.mkdtemp(prefix=_prefix(target), dir=target.parent))
+        lock = _lock(workspace, wait=True)
+        if lock is not None:
+            return workspace, lock
+
+
+def _lock_if_abandoned(workspace: Path) -> int | None:
+    return _lock(workspace, wait=False)
+
+
+def _lock(workspace: Path, *, wait: bool) -> int | None:
+    """The open lock of a workspace, or None: another holds it, or a process that cleans up has just removed it."""
+    path = workspace / _LOCK
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        if os.path.samestat(os.fstat(descriptor), path.stat()):
+            return descriptor
+    except (BlockingIOError, FileNotFoundError):
+        pass
+    except OSError as error:
+        if error.errno not in _CANNOT_LOCK:
+            raise
+        if wait:
+            return descriptor  # no locks on this file system: what a killed process left stays until removed by hand
+    os.close(descriptor)
+    return None
+
+
+def _remove_leftovers(target: Path) -> None:
+    for workspace in _workspaces(target):
+        lock = _lock_if_abandoned(workspace)
+        if lock is not None:
+            shutil.rmtree(workspace, ignore_errors=True)
+            os.close(lock)
+
+
+def _flush(folder: Path) -> None:
+    """Everything below ``folder`` on the disk, so that a power cut cannot publish names without content."""
+    for parent, _, files in os.walk(folder):
+        for name in files:
+            _sync(Path(parent) / name)
+        _sync(Path(parent))
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

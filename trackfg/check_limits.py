@@ -1,0 +1,37 @@
+"""The limits that separate good input from doubtful and from bad, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CheckLimits:
+    """Every limit of the checks, with defaults for railway vehicles (road vehicles pass too).
+
+    A gap is the time between two successive rows. The smoother bridges an IMU gap by the tach and its priors; beyond
+    ``imu_gap_error_s`` attitude is as good as lost, and two recordings serve better than one.
+    """
+
+    imu_gap_warning_s: float = 0.5
+    imu_gap_error_s: float = 10.0
+    tach_gap_warning_s: float = 10.0
+    tilt_warning_deg: float = 12.0
+    """Median specific force against vertical: full cant (7 deg) and a steep line (4 deg) together stay below."""
+    tilt_error_deg: float = 30.0
+    gravity_error_mps2: float = 2.0
+    """Median magnitude of specific force against 9.8 m/s^2."""
+    imu_interval_s: tuple[float, float] = (2e-5, 0.26)
+    """Median time between two IMU rows: 50 kHz to 4 Hz."""
+    speed_error_mps: float = 170.0
+    rate_error_radps: float = 1.5
+    """An angular rate held for half a second: far above any curve or crossing."""
+    lateral_error_mps2: float = 20.0
+    """Speed times yaw rate held for half a second: above what wheels can hold."""
+    laser_range_m: float = 3.0
+    overlap_warning: float = 0.5
+    """The part of a table that lies within the time of the IMU."""
+    stuck_s: float = 5.0
+    noise_ratio_warning: float = 3.0
+    axis_correlation: float = 0.5
+    """Below it, a correlation says nothing about axes and units."""

@@ -1,0 +1,188 @@
+"""The command line: arguments in, calls to the library, tables for people out. Nothing is computed here.
+
+Exit status: 0 done, 2 bad input or usage, 1 anything else, 130 interrupted. What a command needs is imported when it
+runs, so that ``--help`` and ``--version`` answer at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from trackfg import __version__
+from trackfg.errors import BadInputError, TrackfgError
+
+if TYPE_CHECKING:
+    from trackfg.results import Result
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+
+RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def main() -> None:
+    """Run the command line; errors that the user can act on become one line on standard error."""
+    try:
+        app(prog_name="trackfg")
+    except BadInputError as error:
+        _fail(error, status=2)
+    except (TrackfgError, OSError) as error:
+        _fail(error, status=1)
+
+
+def _fail(error: Exception, status: int) -> None:
+    print(f"trackfg: {error}", file=sys.stderr)
+    raise SystemExit(status)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"trackfg {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog="Example: trackfg demo -o demo")
+def trackfg(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Railway track geometry and train positioning from IMU and tachometer, by factor-graph smoothing."""
+
+
+@app.command(epilog="Example: trackfg demo -o demo")
+def demo(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder to write.")] = Path("trackfg-demo"),
+) -> None:
+    """Smooth a real drive with its satellite positions withheld for 30 s five times, and show the errors there."""
+    from trackfg import report_tables
+    from trackfg.demo import PAGE, PICTURE, RECORDING, RESULT, run_demo
+
+    with _progress() as progress:
+        done = run_demo(out, progress=progress)
+    _warn_unless_converged(done.result)
+    _print(report_tables.outages(done.outages))
+    _print(report_tables.summary(done.result))
+    for name, what in ((RECORDING, "recording"), (RESULT, "result"), (PICTURE, "picture"), (PAGE, "page")):
+        print(f"{what + ':':11}{done.folder / name}")
+
+
+@app.command(epilog="Example: trackfg scenarios")
+def scenarios() -> None:
+    """List the built-in scenarios that simulate can run."""
+    from trackfg import report_tables
+    from trackfg.datasets.scenarios import scenarios as all_scenarios
+
+    _print(report_tables.scenarios({name: scenario.summary for name, scenario in all_scenarios().items()}))
+
+
+@app.command(epilog="Example: trackfg simulate mainline -o run1 --seed 3 --duration 600")
+def simulate(
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="One of `trackfg scenarios`.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.")],
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the sensor errors.")] = 0,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Length in seconds, instead of the scenario's own.")
+    ] = None,
+) -> None:
+    """Write the recording that a simulated vehicle would make, with the truth beside it."""
+    from trackfg.atomic_folder import replaced_folder
+    from trackfg.datasets.scenarios import simulate as run_scenario
+
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise BadInputError(f"{out}: exists; recordings are never overwritten: choose another folder")
+    simulation = run_scenario(scenario, seed=seed, duration_s=duration)
+    with replaced_folder(out) as new:
+        simulation.write(new)
+    print(f"recording: {out}")
+
+
+@app.command(epilog="Example: trackfg check run1")
+def check(recording: RecordingFolder, json: Json = False) -> None:
+    """List everything that is wrong or doubtful in a recording, with the mend, and what its data say by themselves.
+
+    Exit status 2 if anything is wrong.
+    """
+    from trackfg import report_tables
+    from trackfg.check import check_recording
+
+    report = check_recording(recording)
+    if json:
+        print(report_tables.check_json(report))
+    else:
+        _print(report_tables.findings(report.findings))
+        if report.estimates:
+            _print(report_tables.estimates(report.estimates))
+    if any(finding.level == "error" for finding in report.findings):
+        raise typer.Exit(2)
+
+
+@app.command(epilog="Example: trackfg smooth run1 -o out1")
+def smooth(
+    recording: RecordingFolder,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the result.")],
+    config: Annotated[
+        Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Smooth a recording: trajectory, events and summary, each with its uncertainty.
+
+    An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as it is.
+    """
+    from trackfg import report_tables
+    from trackfg.config import SmoothConfig
+    from trackfg.recording_io import read_recording
+    from trackfg.results import refuse_foreign_folder
+    from trackfg.smoother import smooth as run_smoother
+
+    refuse_foreign_folder(out)
+    settings = SmoothConfig.from_toml(config) if config else None
+    with _progress() as progress:
+        result = run_smoother(read_recording(recording), settings, progress=progress)
+    result.write(out)
+    _warn_unless_converged(result)
+    if json:
+        print(result.summary.model_dump_json(indent=2))
+    else:
+        _print(report_tables.summary(result))
+        print(f"result: {out}")
+
+
+def _warn_unless_converged(result: Result) -> None:
+    if not result.summary.solver.converged:
+        print(f"trackfg: warning: not converged: {result.summary.solver.reason}", file=sys.stderr)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float], None] | None]:
+    """A progress bar on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("reading", total=1.0)
+
+        def show(stage: str, fraction_done: float) -> None:
+            bar.update(task, description=stage, completed=fraction_done)
+
+        yield show
+
+
+def _print(table: Any) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 120
+    console.print(table)

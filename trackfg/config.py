@@ -1,0 +1,119 @@
+"""How to smooth: every setting with its unit and a default that suits a railway vehicle. Read from TOML."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from trackfg.errors import BadInputError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class KeyframeConfig(_Section):
+    """Where states are estimated: whichever of time and distance comes first; sparser at rest."""
+
+    interval_s: Positive = 0.5
+    distance_m: Positive = 15.0
+    interval_at_rest_s: Positive = 5.0
+
+
+class ImuConfig(_Section):
+    """What the declared noise of the IMU leaves out.
+
+    ``gyro_noise_factor`` and ``accel_noise_factor`` multiply the declared white densities (vibration, aliasing). Over a hole
+    in the record the body may turn and accelerate as if by white noise of the ``bridge`` densities.
+    """
+
+    gyro_noise_factor: Positive = 1.0
+    accel_noise_factor: Positive = 1.0
+    bridge_gyro_white: Positive = 0.05
+    bridge_accel_white: Positive = 0.5
+
+
+class TachConfig(_Section):
+    """The wheel: creep (m per sqrt(m) rolled), noise of a speed signal (m/s in 1 s), walk of the scale, clock offset.
+
+    ``robust_width`` is where, in sigmas, a wheel that does not roll begins to lose its weight.
+    """
+
+    creep_m_per_sqrt_m: Positive = 1e-3
+    speed_noise_mps: Positive = 0.1
+    scale_walk_per_sqrt_m: Positive = 1e-7
+    clock_offset_sd_s: Positive = 0.1
+    robust_width: Positive = 4.0
+    max_gap_s: Positive = 5.0
+
+
+class MotionConfig(_Section):
+    """How strictly the vehicle follows its own axis, and how still it stands.
+
+    Lateral and vertical velocity at the reference point: a constant part and one proportional to speed. ``mount_sd_deg`` is
+    the uncertainty of the direction of travel in IMU axes (pitch, yaw).
+    """
+
+    lateral_sd_mps: Positive = 0.01
+    vertical_sd_mps: Positive = 0.01
+    sd_per_speed: Positive = 1e-3
+    robust_width: Positive = 3.0
+    mount_sd_deg: Positive = 0.3
+    rest_speed_sd_mps: Positive = 1e-3
+    rest_turn_sd_rad: Positive = 1e-4
+    rest_shift_sd_m: Positive = 1e-3
+    min_rest_s: Positive = 3.0
+
+
+class PositionConfig(_Section):
+    """GNSS and fixes: where, in sigmas, a position begins to lose its weight; none where ``robust`` is false."""
+
+    robust: bool = True
+    gnss_width: Positive = 3.0
+    fix_width: Positive = 4.0
+
+
+class OutputConfig(_Section):
+    """The trajectory's rate."""
+
+    rate_hz: Positive = 10.0
+
+
+class SolverConfig(_Section):
+    """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, or ``max_iterations``."""
+
+    step_tolerance: Positive = 0.03
+    max_iterations: Annotated[int, Field(gt=0)] = 30
+
+
+class SmoothConfig(_Section):
+    """All settings of ``trackfg smooth``. Every section may be left out."""
+
+    keyframes: KeyframeConfig = KeyframeConfig()
+    imu: ImuConfig = ImuConfig()
+    tach: TachConfig = TachConfig()
+    motion: MotionConfig = MotionConfig()
+    position: PositionConfig = PositionConfig()
+    output: OutputConfig = OutputConfig()
+    solver: SolverConfig = SolverConfig()
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> SmoothConfig:
+        """Read a configuration file. Raises ``BadInputError`` that names the file, the key and what was expected."""
+        path = Path(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInputError(f"{path}: cannot be read: {error}") from error
+        try:
+            return cls.model_validate(tomllib.loads(text))
+        except tomllib.TOMLDecodeError as error:
+            raise BadInputError(f"{path}: not valid TOML: {error}") from error
+        except ValidationError as error:
+            problems = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+            raise BadInputError(f"{path}: " + "; ".join(problems)) from error

@@ -1,0 +1,79 @@
+"""What happened on the run: rests, holes in the records, wheel slip and slide, positions used and set aside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.covariance import Covariance
+from trackfg.factors.family import Family
+from trackfg.factors.states import Kind, States
+from trackfg.frames import Array
+from trackfg.graph import Problem
+from trackfg.results import EVENT_COLUMNS
+
+_OUTLIER_WEIGHT = 0.5
+"""A robust weight below this marks a measurement that the solution does not follow."""
+
+
+def event_table(problem: Problem, states: States, covariance: Covariance, direction: int) -> pd.DataFrame:
+    """Events in order of their start, columns :data:`trackfg.results.EVENT_COLUMNS`."""
+    sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
+
+    def row(kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan):
+        chainage = direction * np.interp(start, problem.t, states.odo[:, 0])
+        return (kind, start, end, chainage, np.interp(start, problem.t, sd), removed, removed_sd, detail)
+
+    rows = [row("standstill", start, end) for start, end in problem.rests]
+    rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in problem.gaps]
+    if problem.wheel is not None:
+        rows += [row("tach gap", start, end) for start, end in problem.wheel.gaps]
+    wheel = problem.family("tach distance")
+    if wheel is not None and wheel.loss is not None:
+        for start, end, removed, removed_sd in _slips(problem, wheel, states, covariance):
+            rows.append(row("slip" if removed > 0 else "slide", start, end, "", removed, removed_sd))
+    for name in ("absolute fix", "GNSS position"):
+        family = problem.family(name)
+        if family is not None:
+            rows += _positions(problem, family, states, row)
+    return pd.DataFrame(sorted(rows, key=lambda r: r[1]), columns=list(EVENT_COLUMNS))
+
+
+def _slips(
+    problem: Problem, wheel: Family, states: States, covariance: Covariance
+) -> list[tuple[float, float, float, float]]:
+    """Runs of intervals in which the wheel did not roll: start, end, distance removed and its sigma."""
+    outlier = wheel.weights(states) < _OUTLIER_WEIGHT
+    residual = wheel.residual(states)[:, 0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], outlier, [False]]).astype(np.int8))).reshape(-1, 2)
+    return [
+        (problem.t[i], problem.t[j], float(residual[i:j].sum()), _distance_sd(covariance, int(i), int(j)))
+        for i, j in edges
+    ]
+
+
+def _distance_sd(covariance: Covariance, i: int, j: int) -> float:
+    """Sigma of the distance between keyframes i and j: what the wheel's excess over it is known to."""
+    cross = covariance.between(i, j)[0, 0]
+    variance = covariance.marginal[i, 0, 0] + covariance.marginal[j, 0, 0] - 2.0 * cross
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def _positions(problem: Problem, family: Family, states: States, row) -> list[tuple]:  # type: ignore[no-untyped-def]
+    """Fixes one by one; GNSS as runs of outliers, since a row per epoch would bury the rest."""
+    t = problem.t[family.slots[0].index]
+    size = np.linalg.norm(family.residual(states), axis=1)
+    outlier = family.weights(states) < _OUTLIER_WEIGHT
+    if family.name == "absolute fix":
+        return [
+            row("fix set aside" if bad else "fix used", at, at, f"residual {r:.2f} m")
+            for at, r, bad in zip(t, size, outlier, strict=True)
+        ]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], outlier, [False]]).astype(np.int8))).reshape(-1, 2)
+    return [
+        row("gnss set aside", t[i], t[j - 1], f"{j - i} positions, residual up to {size[i:j].max():.1f} m")
+        for i, j in edges
+    ]
+
+
+__all__ = ["Array", "event_table"]

@@ -1,0 +1,57 @@
+"""What is wrong, or worth knowing, about a recording: one :class:`Finding` each, the same for reading and checking."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+Level = Literal["error", "warning", "info"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fact about the input. ``code`` is stable and kebab-case; ``str()`` gives the one-line message.
+
+    ``column`` is a table's column, or a key of ``recording.toml`` (``"imu.gyro_unit"``). ``row`` counts data rows from
+    1 (the header of a CSV file is not one); ``time_s`` is the time in that row.
+    """
+
+    level: Level
+    code: str
+    message: str
+    file: str | None = None
+    column: str | None = None
+    row: int | None = None
+    time_s: float | None = None
+    expected: str | None = None
+    mend: str | None = None
+
+    @property
+    def place(self) -> str:
+        """File, column or key, data row and time, as far as they are known; empty where the finding has no place."""
+        parts = [] if self.file is None else [self.file]
+        if self.column is not None:
+            parts.append(f"key {self.column}" if (self.file or "").endswith(".toml") else f"column {self.column!r}")
+        if self.row is not None:
+            parts.append(f"data row {self.row}" + ("" if self.time_s is None else f" (t = {self.time_s:.9g} s)"))
+        return ", ".join(parts)
+
+    def __str__(self) -> str:
+        text = f"{self.place}: {self.message}" if self.place else self.message
+        if self.expected is not None:
+            text += f"; expected {self.expected}"
+        return text if self.mend is None else f"{text}. Mend: {self.mend}"
+
+
+def errors(findings: Iterable[Finding]) -> list[Finding]:
+    """Those that make a recording unusable, in their order."""
+    return [finding for finding in findings if finding.level == "error"]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str | None:
+    """``did you mean 'x'?`` for the known name nearest to ``name``, or None where none is near."""
+    by_folded = {candidate.strip().casefold(): candidate for candidate in known}
+    near = difflib.get_close_matches(name.strip().casefold(), by_folded, n=1, cutoff=0.6)
+    return f"did you mean {by_folded[near[0]]!r}?" if near else None

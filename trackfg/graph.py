@@ -1,0 +1,368 @@
+"""From a recording to a factor graph with initial values.
+
+==================  =============================================================================================
+native factors      inertial factors and bias walk, GTSAM's own
+families            priors, distance chain, tach distance and readings, arc length, non-holonomic, standstill, fixes, GNSS
+==================  =============================================================================================
+
+Each accelerometer sample is counted once: it is in the inertial factors, and no gravity factor uses it again. A recording
+in which nothing measures speed (no tach, no GNSS) is the exception: there the inertial factors' accelerometer gets no
+weight and gravity tilt factors carry the samples instead, with a sigma that covers the unknown accelerations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.errors import UnsolvableError
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.gnss import gnss_position
+from trackfg.factors.gravity import gravity_tilt
+from trackfg.factors.imu import ImuNoise, bias_walk, imu_factors, preintegrate
+from trackfg.factors.motion import at_rest, non_holonomic, stays
+from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.factors.prior import nav_prior, prior
+from trackfg.factors.states import Kind, Nav, States
+from trackfg.frames import Array, earth_rate_enu, matrix_from_rpy, normal_gravity
+from trackfg.inertial import Increments, Intervals, compress, intervals
+from trackfg.initial import InitialPath, initial_path
+from trackfg.keyframes import nearest, place_keyframes, within
+from trackfg.recording import Recording
+from trackfg.standstill import find_standstills
+from trackfg.units import STANDARD_GRAVITY
+from trackfg.wheel import Wheel, read_wheel
+
+_INCREMENT_S = 0.02
+"""What GTSAM preintegrates at a time; finer samples are compressed exactly first."""
+
+_UNKNOWN_ACCELERATION = 0.3
+"""m/s^2, with a correlation time of 10 s: the accelerations that the tilt of a run without speed has to allow for."""
+
+_DISTANCE_SD_M = 1e-5
+_ARC_SD_M = 2e-4
+_ARC_SD_RELATIVE = 1e-5
+_MOVED_SD_M = 1e4
+"""For an interval in which the wheel says nothing: any distance."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Gravity (m/s^2) and the Earth's rotation in n (rad/s, (3,)); None where latitude is not known."""
+
+    gravity: float
+    earth_rate: Array | None
+    georeferenced: bool
+    start_yaw: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A graph to be solved, and what is needed to interpret the solution."""
+
+    t: Array
+    """Keyframe times, s, shape (n,)."""
+    native: gtsam.NonlinearFactorGraph
+    families: tuple[Family, ...]
+    initial: States
+    world: World
+    lever_arm: Array
+    rests: Array
+    gaps: Array
+    wheel: Wheel | None
+    inertial: Intervals
+    edges: np.ndarray
+    """The keyframes as indices into ``inertial.edges``, shape (n,)."""
+
+    def family(self, name: str) -> Family | None:
+        """The family of that name, if the graph has it."""
+        return next((f for f in self.families if f.name == name), None)
+
+
+def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
+    """Lay out keyframes, factors and initial values. Raises ``UnsolvableError`` for a run too short to hold a graph."""
+    data = intervals(recording)
+    if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:
+        raise UnsolvableError(
+            f"the IMU record has {len(recording.imu)} samples over {data.edges[-1] - data.edges[0]:.3g} s: "
+            "at least 10 samples and 0.5 s are needed"
+        )
+    world = _world(recording)
+    wheel = read_wheel(recording, config.tach.max_gap_s)
+    speedless = wheel is None and recording.gnss is None
+    rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
+    earth = np.zeros(3) if world.earth_rate is None else world.earth_rate
+    path = initial_path(recording, data, wheel, rests, earth, world.start_yaw)
+    gaps = data.gaps()
+    edges = place_keyframes(
+        data.edges, path.t, path.speed, rests, _required_times(recording, gaps, rests), config.keyframes
+    )
+    t = data.edges[edges]
+    layout = _Layout(recording, config, world, data, wheel, rests, path, edges, t)
+    states = layout.initial_states()
+    native = layout.native(states, speedless)
+    families = layout.families(states, speedless)
+    lever_arm = np.array(recording.description.imu.lever_arm_m)
+    return Problem(t, native, families, states, world, lever_arm, rests, gaps, wheel, data, edges)
+
+
+def _world(recording: Recording) -> World:
+    track = recording.description.track
+    latitude = track.latitude_deg if recording.gnss_origin is None else float(recording.gnss_origin[0])
+    height = 0.0 if recording.gnss_origin is None else float(recording.gnss_origin[2])
+    gravity = STANDARD_GRAVITY if latitude is None else normal_gravity(latitude, height)
+    georeferenced = recording.gnss_origin is not None or track.heading_deg is not None
+    start_yaw = 0.0 if track.heading_deg is None else np.pi / 2.0 - np.radians(track.heading_deg)
+    if latitude is None:
+        return World(gravity, None, georeferenced, start_yaw)
+    rate = earth_rate_enu(latitude)
+    if not georeferenced:
+        rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
+    return World(gravity, rate, georeferenced, start_yaw)
+
+
+def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
+    times = [gaps.ravel()]
+    if recording.fixes is not None:
+        times.append(recording.fixes["t_s"].to_numpy())
+    if recording.gnss is not None:
+        gnss = recording.gnss["t_s"].to_numpy()
+        times.append(gnss[~within(gnss, rests)])
+    return np.concatenate(times)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What the factors of one graph are made from."""
+
+    recording: Recording
+    config: SmoothConfig
+    world: World
+    data: Intervals
+    wheel: Wheel | None
+    rests: Array
+    path: InitialPath
+    edges: np.ndarray
+    t: Array
+
+    @property
+    def _distance(self) -> Array:
+        """Initial distance between keyframes, m, shape (n - 1,)."""
+        if self.wheel is not None:
+            return np.diff(self.wheel.at(self.t))
+        step = np.diff(self.path.p, axis=0)
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
+        return np.diff(np.interp(self.t, self.path.t, length))
+
+    def initial_states(self) -> States:
+        n = len(self.t)
+        R = self.path.attitude(self.t)
+        lever = np.array(self.recording.description.imu.lever_arm_m)
+        p = self.path.position(self.t) + R @ lever
+        bias = np.zeros((n, 6))
+        bias[:, 3:] = np.stack([np.interp(self.t, self.path.t, self.path.gyro_bias[:, c]) for c in range(3)], axis=1)
+        distance = np.concatenate([[0.0], np.cumsum(self._distance)])
+        count = distance if self.wheel is None else self.wheel.at(self.t)
+        start = self._start_distance(distance)
+        odo = np.stack([start + distance, np.ones(n), count, np.diff(distance, prepend=0.0)], axis=1)
+        return States(Nav(R, p, self.path.velocity(self.t)), bias, odo, np.zeros((1, 2)), np.zeros((1, 1)))
+
+    def _start_distance(self, distance: Array) -> float:
+        """Where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
+        fixes = self.recording.fixes
+        if fixes is None or fixes.empty:
+            return 0.0
+        at_first = np.interp(fixes["t_s"].iloc[0], self.t, distance)
+        return float(self.recording.description.track.direction * fixes["chainage_m"].iloc[0] - at_first)
+
+    def native(self, states: States, speedless: bool) -> gtsam.NonlinearFactorGraph:
+        """Inertial factors and bias walk."""
+        noise, config = self.recording.description.imu.noise, self.config.imu
+        accel = noise.accel_white * config.accel_noise_factor
+        measured = ImuNoise(noise.gyro_white * config.gyro_noise_factor, 1e3 if speedless else accel)
+        bridge = ImuNoise(config.bridge_gyro_white, config.bridge_accel_white)
+        gravity, earth = self.world.gravity, self.world.earth_rate
+        parameters = {False: measured.parameters(gravity, earth), True: bridge.parameters(gravity, earth)}
+
+        starts, first = increment_starts(self.data, self.edges, _INCREMENT_S)
+        increments = compress(self.data, starts)
+        bridged = self.data.bridged[self.edges[:-1]]
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in imu_factors(
+            preintegrate(
+                parameters[bool(bridged[k])],
+                states.bias[k],
+                increments.duration[a:b],
+                increments.rotation[a:b],
+                increments.velocity[a:b],
+            )
+            for k, (a, b) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True))
+        ):
+            graph.push_back(factor)
+        for between in bias_walk(np.diff(self.t), noise.accel_bias_walk, noise.gyro_bias_walk):
+            graph.push_back(between)
+        return graph
+
+    def families(self, states: States, speedless: bool) -> tuple[Family, ...]:
+        families = [*self._priors(states), *self._odometer()]
+        if speedless:
+            families.append(self._tilt())
+        else:
+            families += self._motion()
+        families += self._positions()
+        return tuple(f for f in families if len(f))
+
+    def _priors(self, states: States) -> list[Family]:
+        noise, config = self.recording.description.imu.noise, self.config
+        first = np.array([0])
+        georeferenced = self.recording.gnss is not None
+        # Without GNSS the start defines the frame: its position and yaw are known by convention.
+        yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (1e-6, 1e-4)
+        nav_sd = np.array([[0.2, 0.2, yaw_sd, *[position_sd] * 3, 10.0, 10.0, 10.0]])
+        bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
+        tach = self.recording.description.tach
+        scale_sd = 1e-2 if tach is None else tach.scale_sd
+        start_sd = 1e5 if self.recording.fixes is not None and len(self.recording.fixes) else 1e-4
+        odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
+        mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
+        return [
+            nav_prior(first, states.nav[:1], nav_sd),
+            prior(Kind.BIAS, first, np.zeros((1, 6)), bias_sd),
+            prior(Kind.ODO, first, states.odo[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
+            prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
+            prior(Kind.CLOCK, first, np.zeros((1, 1)), np.array([[config.tach.clock_offset_sd_s]])),
+        ]
+
+    def _odometer(self) -> list[Family]:
+        config, k = self.config.tach, np.arange(len(self.t) - 1)
+        distance = np.abs(self._distance)
+        lever = np.array(self.recording.description.imu.lever_arm_m)
+        chain_sd = np.stack(
+            [np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1
+        )
+        families = [
+            distance_chain(k, chain_sd),
+            arc_length(k, lever, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
+        ]
+        if self.wheel is None:
+            return [*families, tach_distance(k, np.full((k.size, 1), _MOVED_SD_M), None)]
+        variance = config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+        if self.wheel.integrates_speed:
+            moving = ~within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
+            variance = variance + config.speed_noise_mps**2 * np.diff(self.t) * moving
+        silent = ~(self.wheel.covers(self.t[:-1]) & self.wheel.covers(self.t[1:]))
+        if self.wheel.integrates_speed:
+            variance = np.where(silent, _MOVED_SD_M**2, variance)
+        families.append(tach_distance(k, np.sqrt(variance)[:, None], Loss("cauchy", config.robust_width)))
+        read = self._readable()
+        count, rate = self.wheel.at(self.t[read]), self.wheel.rate(self.t[read])
+        families.append(tach_reading(read, count, rate, np.full((read.size, 1), self.wheel.rounding_sd)))
+        return families
+
+    def _readable(self) -> np.ndarray:
+        """Keyframes with a tach reading of their own: a count that has not moved since the last reading says nothing new,
+        its rounding error is the same one."""
+        assert self.wheel is not None
+        covered = np.flatnonzero(self.wheel.covers(self.t))
+        count = self.wheel.at(self.t[covered])
+        if covered.size == 0:
+            return covered
+        grid = np.floor(count / max(self.wheel.quantum, 1e-9))
+        fresh = np.concatenate([[True], grid[1:] != grid[:-1]])
+        return covered[fresh]
+
+    def _motion(self) -> list[Family]:
+        config, n = self.config.motion, len(self.t)
+        k = np.arange(n)
+        resting = within(self.t, self.rests)
+        still = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
+        speed = np.abs(np.interp(self.t, self.path.t, self.path.speed))
+        sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
+        first = np.flatnonzero(still)
+        lever = np.array(self.recording.description.imu.lever_arm_m)
+        return [
+            non_holonomic(k, self._angular_rate(), lever, sigma, Loss("huber", config.robust_width)),
+            at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps),
+            stays(
+                first,
+                np.full(first.size, config.rest_turn_sd_rad),
+                np.full(first.size, config.rest_shift_sd_m),
+            ),
+        ]
+
+    def _angular_rate(self) -> Array:
+        """Body rate at the keyframes: the gyro's mean over 0.1 s around, less the initial bias."""
+        integral = np.vstack([np.zeros(3), np.cumsum(self.data.gyro * self.data.durations[:, None], axis=0)])
+        edges = self.data.edges
+        low, high = (np.clip(self.t + shift, edges[0], edges[-1]) for shift in (-0.05, 0.05))
+        turned = np.stack(
+            [np.interp(high, edges, integral[:, c]) - np.interp(low, edges, integral[:, c]) for c in range(3)], axis=1
+        )
+        bias = np.stack([np.interp(self.t, self.path.t, self.path.gyro_bias[:, c]) for c in range(3)], axis=1)
+        return turned / (high - low)[:, None] - bias
+
+    def _tilt(self) -> Family:
+        """Mean specific force around each keyframe, each sample in one mean."""
+        middle = np.concatenate([[self.edges[0]], (self.edges[1:] + self.edges[:-1]) // 2, [self.edges[-1]]])
+        dt = self.data.durations[:, None]
+        integral = np.vstack([np.zeros(3), np.cumsum(self.data.accel * dt, axis=0)])
+        duration = np.diff(self.data.edges[middle])[:, None]
+        force = np.diff(integral[middle], axis=0) / duration
+        noise = self.recording.description.imu.noise.accel_white
+        sigma = np.sqrt(noise**2 / duration + 2.0 * _UNKNOWN_ACCELERATION**2 * 10.0 / duration)
+        return gravity_tilt(np.arange(len(self.t)), force, self.world.gravity, np.repeat(sigma, 3, axis=1))
+
+    def _positions(self) -> list[Family]:
+        config, description = self.config.position, self.recording.description
+        families = []
+        fixes, gnss = self.recording.fixes, self.recording.gnss
+        if fixes is not None:
+            families.append(self._fixes(Loss("cauchy", config.fix_width) if config.robust else None))
+        if gnss is not None and description.gnss is not None:
+            t = gnss["t_s"].to_numpy()
+            inside = (t >= self.data.edges[0]) & (t <= self.data.edges[-1])
+            t, table = t[inside], gnss[inside]
+            index = nearest(self.t, t)
+            lever = np.array(description.gnss.lever_arm_m) - np.array(description.imu.lever_arm_m)
+            families.append(
+                gnss_position(
+                    index,
+                    table[["east_m", "north_m", "up_m"]].to_numpy(),
+                    lever,
+                    t - self.t[index],
+                    table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy(),
+                    Loss("cauchy", config.gnss_width) if config.robust else None,
+                )
+            )
+        return families
+
+    def _fixes(self, loss: Loss | None) -> Family:
+        fixes = self.recording.fixes
+        assert fixes is not None
+        t = fixes["t_s"].to_numpy()
+        inside = (t >= self.data.edges[0]) & (t <= self.data.edges[-1])
+        t, table = t[inside], fixes[inside]
+        index = nearest(self.t, t)
+        carried = np.interp(t, self.path.t, self.path.speed) * (t - self.t[index])
+        distance = self.recording.description.track.direction * table["chainage_m"].to_numpy() - carried
+        return absolute_fix(index, distance, table[["chainage_sd_m"]].to_numpy(), loss)
+
+
+def increment_starts(data: Intervals, edges: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Split each keyframe interval into increments of about ``duration`` s.
+
+    Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
+    position of its first increment in that list.
+    """
+    group = max(1, round(duration / float(np.median(data.durations))))
+    counts = -(-np.diff(edges) // group)
+    first = np.concatenate([[0], np.cumsum(counts)])
+    within_interval = np.arange(first[-1]) - np.repeat(first[:-1], counts)
+    starts = np.repeat(edges[:-1], counts) + group * within_interval
+    return np.append(starts, edges[-1]), first
+
+
+__all__ = ["Increments", "Problem", "World", "build_problem", "increment_starts", "matrix_from_rpy"]

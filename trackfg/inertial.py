@@ -1,0 +1,94 @@
+"""The inertial samples as intervals without holes, and their exact compression.
+
+A sample is the mean angular rate and specific force over the interval around its stamp. :func:`intervals` lays these
+intervals edge to edge; where samples are missing it bridges the hole with interpolated ones and marks them, so that their
+noise can be widened and everything downstream sees one continuous record.
+
+:func:`compress` turns groups of samples into one rotation and one velocity increment each, expressed in the body axes at
+the start of the group, with the turning of the body within each sample included (coning and sculling; Savage, "Strapdown
+inertial navigation integration algorithm design", J. Guidance, Control and Dynamics 21 (1998)). GTSAM then preintegrates a
+quarter or a tenth of the samples with nothing lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.frames import Array, so3_exp, so3_log
+from trackfg.recording import Recording
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """n intervals: ``edges`` (n + 1,) s; mean ``gyro`` and ``accel`` (n, 3) in body axes; ``bridged`` (n,) of bool."""
+
+    edges: Array
+    gyro: Array
+    accel: Array
+    bridged: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.gyro)
+
+    @property
+    def durations(self) -> Array:
+        """Length of each interval, s."""
+        return np.diff(self.edges)
+
+    def gaps(self) -> Array:
+        """Bridged spans as rows (start, end), s. Shape (g, 2)."""
+        change = np.flatnonzero(np.diff(np.concatenate([[False], self.bridged, [False]]).astype(np.int8)))
+        return self.edges[change].reshape(-1, 2)
+
+
+def intervals(recording: Recording) -> Intervals:
+    """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
+    t = recording.imu["t_s"].to_numpy()
+    gyro, accel = recording.gyro, recording.accel
+    dt = float(np.median(np.diff(t)))
+    holes = np.flatnonzero(np.diff(t) > max(3.5 * dt, 0.05))
+    bridged = np.zeros(t.size, dtype=bool)
+    if holes.size:
+        inserted = [np.linspace(t[i], t[i + 1], round((t[i + 1] - t[i]) / dt) + 1)[1:-1] for i in holes]
+        where = np.repeat(holes + 1, [len(x) for x in inserted])
+        new = np.concatenate(inserted)
+        gyro = np.insert(gyro, where, _interpolate(new, t, gyro), axis=0)
+        accel = np.insert(accel, where, _interpolate(new, t, accel), axis=0)
+        bridged = np.insert(bridged, where, values=True)
+        t = np.insert(t, where, new)
+    middle = 0.5 * (t[1:] + t[:-1])
+    edges = np.concatenate([[t[0] - 0.5 * dt], middle, [t[-1] + 0.5 * dt]])
+    return Intervals(edges, gyro, accel, bridged)
+
+
+def _interpolate(at: Array, t: Array, values: Array) -> Array:
+    return np.stack([np.interp(at, t, values[:, c]) for c in range(values.shape[1])], axis=1)
+
+
+@dataclass(frozen=True)
+class Increments:
+    """Groups of intervals: duration (m,) s, rotation vector (m, 3) rad, velocity change (m, 3) m/s in starting axes."""
+
+    duration: Array
+    rotation: Array
+    velocity: Array
+
+
+def compress(data: Intervals, starts: np.ndarray) -> Increments:
+    """Group g covers the intervals from ``starts[g]`` to ``starts[g + 1]``. ``starts`` (m + 1,), increasing."""
+    first, counts = starts[:-1], np.diff(starts)
+    duration = np.diff(data.edges[starts])
+    R = np.tile(np.eye(3), (len(first), 1, 1))
+    velocity = np.zeros((len(first), 3))
+    dt = data.durations
+    for i in range(int(counts.max(initial=0))):
+        live = np.flatnonzero(counts > i)
+        sample = first[live] + i
+        turn = data.gyro[sample] * dt[sample, None]
+        change = data.accel[sample] * dt[sample, None]
+        change = change + 0.5 * np.cross(turn, change)
+        velocity[live] += np.einsum("mij,mj->mi", R[live], change)
+        R[live] = R[live] @ so3_exp(turn)
+    return Increments(duration, so3_log(R), velocity)

@@ -1,0 +1,153 @@
+"""Initial values: a cheap pass over the run that lands close enough for Gauss-Newton.
+
+On a uniform grid: roll and pitch from the specific force less its kinematic part (``dv/dt``, ``v wz``, ``-v wy`` with the
+tach's or the GNSS's speed v) below a crossover frequency and from the gyro above it, both by one zero-phase filter, so that
+a constant gyro bias cancels; yaw from the gyro; position by stepping the speed along the forward axis. Where there is GNSS
+the path is turned and shifted onto it.
+
+Everything is array operations: no loop over time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import butter, sosfiltfilt
+
+from trackfg.frames import Array, matrix_from_rpy
+from trackfg.inertial import Intervals
+from trackfg.recording import Recording
+from trackfg.wheel import Wheel
+
+_GRID_S = 0.1
+_CROSSOVER_S = 20.0
+
+
+@dataclass(frozen=True)
+class InitialPath:
+    """The pass on a grid: ``t`` (n,), ``rpy`` (n, 3) rad with yaw unwrapped, ``p`` and ``v`` (n, 3), ``speed`` (n,)."""
+
+    t: Array
+    rpy: Array
+    p: Array
+    v: Array
+    speed: Array
+    gyro_bias: Array
+
+    def attitude(self, t: Array) -> Array:
+        """``R_nb`` at ``t``. Shape (m,) to (m, 3, 3)."""
+        rpy = _columns(t, self.t, self.rpy)
+        return matrix_from_rpy(rpy[:, 0], rpy[:, 1], rpy[:, 2])
+
+    def position(self, t: Array) -> Array:
+        """Position in n at ``t``, m, shape (m, 3)."""
+        return _columns(t, self.t, self.p)
+
+    def velocity(self, t: Array) -> Array:
+        """Velocity in n at ``t``, m/s, shape (m, 3)."""
+        return _columns(t, self.t, self.v)
+
+
+def initial_path(
+    recording: Recording, data: Intervals, wheel: Wheel | None, rests: Array, earth_rate: Array, yaw: float
+) -> InitialPath:
+    """Run the pass. ``rests`` (m, 2) s; ``earth_rate`` (3,) rad/s in n; ``yaw`` rad at the start where no GNSS gives it."""
+    t = np.arange(data.edges[0], data.edges[-1], _GRID_S)
+    t = np.append(t, data.edges[-1]) if data.edges[-1] - t[-1] > 1e-6 else t
+    gyro, accel = _means(t, data.edges, data.gyro), _means(t, data.edges, data.accel)
+    bias = rest_bias(t, gyro, rests, earth_rate)
+    speed, acceleration = _speed(recording, wheel, t)
+    w = gyro - bias
+    kinematic = np.stack([acceleration, speed * w[:, 2], -speed * w[:, 1]], axis=1)
+    f = accel - kinematic
+    tilt = np.stack([np.arctan2(f[:, 1], f[:, 2]), np.arctan2(-f[:, 0], np.hypot(f[:, 1], f[:, 2]))], axis=1)
+    slow = _low_pass(tilt)
+    rp = slow
+    dt = np.gradient(t)[:, None]
+    for _ in range(2):  # the rates of roll and pitch depend on roll and pitch themselves
+        sin_r, cos_r, tan_p = np.sin(rp[:, 0]), np.cos(rp[:, 0]), np.tan(rp[:, 1])
+        across = w[:, 1] * sin_r + w[:, 2] * cos_r
+        rates = np.stack([w[:, 0] + across * tan_p, w[:, 1] * cos_r - w[:, 2] * sin_r], axis=1)
+        integral = np.cumsum(rates * dt, axis=0)
+        rp = slow + integral - _low_pass(integral)
+    heading = np.cumsum(across / np.cos(rp[:, 1]) * dt[:, 0])
+    rpy = np.column_stack([rp, heading - heading[0] + yaw])
+    path = _dead_reckon(t, rpy, speed, bias)
+    return path if recording.gnss is None else _onto_gnss(path, recording)
+
+
+def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
+    """Gyro bias at ``t`` (n, 3): the mean rate of each rest less the Earth's vertical rate, interpolated; 0 without a rest.
+
+    The horizontal part of the Earth's rate, whose direction in the body is not known yet, stays in.
+    """
+    means, middles = [], []
+    for start, end in rests:
+        inside = (t >= start) & (t <= end)
+        if inside.any():
+            means.append(gyro[inside].mean(axis=0) - [0.0, 0.0, earth_rate[2]])
+            middles.append(0.5 * (start + end))
+    if not means:
+        return np.zeros((t.size, 3))
+    return _columns(t, np.array(middles), np.array(means))
+
+
+def _columns(at: Array, t: Array, values: Array) -> Array:
+    return np.stack([np.interp(at, t, values[:, c]) for c in range(values.shape[1])], axis=1)
+
+
+def _means(t: Array, edges: Array, samples: Array) -> Array:
+    """Means of the samples over a cell of one grid step around each grid point."""
+    integral = np.vstack([np.zeros(3), np.cumsum(samples * np.diff(edges)[:, None], axis=0)])
+    low = np.clip(t - 0.5 * _GRID_S, edges[0], edges[-1])
+    high = np.clip(t + 0.5 * _GRID_S, edges[0], edges[-1])
+    return (_columns(high, edges, integral) - _columns(low, edges, integral)) / (high - low)[:, None]
+
+
+def _low_pass(x: Array) -> Array:
+    sos = butter(1, 1.0 / (2.0 * np.pi * _CROSSOVER_S), fs=1.0 / _GRID_S, output="sos")
+    pad = min(len(x) - 1, round(3.0 * _CROSSOVER_S / _GRID_S))
+    return np.asarray(sosfiltfilt(sos, x, axis=0, padtype="odd", padlen=pad))
+
+
+def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, Array]:
+    """Forward speed and its derivative on the grid: from the wheel, else from GNSS positions, else zero."""
+    if wheel is not None:
+        speed = np.gradient(wheel.at(t), t)
+    elif recording.gnss is not None and len(recording.gnss) > 2:
+        gnss_t = recording.gnss["t_s"].to_numpy()
+        position = recording.gnss[["east_m", "north_m", "up_m"]].to_numpy()
+        speed = np.interp(t, gnss_t, np.linalg.norm(np.gradient(position, gnss_t, axis=0), axis=1))
+    else:
+        return np.zeros(t.size), np.zeros(t.size)
+    speed = gaussian_filter1d(speed, 0.5 / _GRID_S)
+    return speed, np.gradient(gaussian_filter1d(speed, 0.5 / _GRID_S), t)
+
+
+def _dead_reckon(t: Array, rpy: Array, speed: Array, bias: Array) -> InitialPath:
+    cp = np.cos(rpy[:, 1])
+    forward = np.stack([np.cos(rpy[:, 2]) * cp, np.sin(rpy[:, 2]) * cp, -np.sin(rpy[:, 1])], axis=1)
+    v = forward * speed[:, None]
+    p = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
+    return InitialPath(t, rpy, p, v, speed, bias)
+
+
+def _onto_gnss(path: InitialPath, recording: Recording) -> InitialPath:
+    """Turn the path about the vertical and shift it so that it fits the GNSS positions best (Procrustes, in the plane)."""
+    gnss = recording.gnss
+    assert gnss is not None
+    t = gnss["t_s"].to_numpy()
+    inside = (t >= path.t[0]) & (t <= path.t[-1])
+    measured = gnss.loc[inside, ["east_m", "north_m", "up_m"]].to_numpy()
+    if len(measured) == 0:
+        return path
+    ours = path.position(t[inside])
+    mean_ours, mean_measured = ours.mean(axis=0), measured.mean(axis=0)
+    a = (ours - mean_ours)[:, 0] + 1j * (ours - mean_ours)[:, 1]
+    b = (measured - mean_measured)[:, 0] + 1j * (measured - mean_measured)[:, 1]
+    turn = float(np.angle(np.sum(np.conj(a) * b)))
+    R = matrix_from_rpy(np.zeros(1), np.zeros(1), np.array([turn]))[0]
+    p = (path.p - mean_ours) @ R.T + mean_measured
+    return InitialPath(path.t, path.rpy + [0.0, 0.0, turn], p, path.v @ R.T, path.speed, path.gyro_bias)

@@ -1,0 +1,212 @@
+"""What ``trackfg smooth`` gives back, in memory and as a folder.
+
+==================  ==========================================================================================
+file                content
+==================  ==========================================================================================
+trajectory.parquet  one row per instant of a uniform clock, columns :data:`TRAJECTORY_COLUMNS`
+events.csv          one row per event, columns :data:`EVENT_COLUMNS`
+summary.json        :class:`Summary`
+==================  ==========================================================================================
+
+Columns carry their unit as suffix; the 1-sigma of column ``x`` is column ``x_sd``, in the same unit.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import platform
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
+
+from trackfg.atomic_folder import recover, replaced_folder
+from trackfg.errors import BadInputError
+from trackfg.findings import Finding
+
+_STATES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
+
+TRAJECTORY_COLUMNS = ("t_s", *(name for state in _STATES for name in (state, f"{state}_sd")))
+"""``t_s``, then each state followed by its sigma. Chainage and position are those of the vehicle reference point."""
+
+EVENT_COLUMNS = (
+    "kind",
+    "start_s",
+    "end_s",
+    "chainage_m",
+    "chainage_m_sd",
+    "distance_removed_m",
+    "distance_removed_m_sd",
+    "detail",
+)
+"""``distance_removed_m`` is the tachometer's error over the event that the smoother took out, else empty."""
+
+_EVENT_TEXT = ("kind", "detail")
+_TRAJECTORY, _EVENTS, _SUMMARY = FILES = ("trajectory.parquet", "events.csv", "summary.json")
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Estimate(_Model):
+    """An estimated scalar and its 1-sigma, in the unit of the field that holds it."""
+
+    value: float
+    sd: float
+
+
+class VectorEstimate(_Model):
+    """An estimated vector in the body axes x, y, z and the 1-sigma of each."""
+
+    value: tuple[float, float, float]
+    sd: tuple[float, float, float]
+
+
+class Solver(_Model):
+    """How the solution was reached. ``cost`` is half the sum of squared whitened residuals after robust weights."""
+
+    converged: bool
+    reason: str
+    iterations: int
+    cost: float
+    degrees_of_freedom: int
+
+
+class Summary(_Model):
+    """The run in one page. Biases are those at the end of the run; what was not estimated is null."""
+
+    format: Literal["trackfg-result/1"] = "trackfg-result/1"
+    recording_id: str
+    versions: dict[str, str] = Field(default_factory=lambda: versions())
+    configuration: dict[str, JsonValue]
+    solver: Solver
+    timings_s: dict[str, float]
+    duration_s: float
+    distance_m: float
+    keyframes: int
+    wheel_scale: Estimate | None = None
+    clock_offset_s: Estimate | None = None
+    gyro_bias_radps: VectorEstimate
+    accel_bias_mps2: VectorEstimate
+    findings: tuple[Finding, ...] = ()
+
+
+def versions() -> dict[str, str]:
+    """The versions that a result depends on."""
+    packages = ("trackfg", "gtsam", "numpy", "scipy", "pandas")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+@dataclass(frozen=True)
+class Result:
+    """The smoothed run. Raises ``ValueError`` if a table has other columns than the contract's."""
+
+    trajectory: pd.DataFrame
+    events: pd.DataFrame
+    summary: Summary
+
+    def __post_init__(self) -> None:
+        for table, columns in ((self.trajectory, TRAJECTORY_COLUMNS), (self.events, EVENT_COLUMNS)):
+            if tuple(table.columns) != columns:
+                raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """Write the result, replacing an earlier one in one step (:mod:`trackfg.atomic_folder` says how).
+
+        Killed at any moment, it leaves the old result, whole, or none where there was none. Raises
+        :class:`BadInputError` if ``folder`` holds anything but a result.
+        """
+        folder = Path(folder)
+        refuse_foreign_folder(folder)
+        with replaced_folder(folder) as new:
+            self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
+            self.events.to_csv(new / _EVENTS, index=False)
+            (new / _SUMMARY).write_text(self.summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        return folder
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> Result:
+        """Read a result, also while another process replaces it. Raises :class:`BadInputError` if it is not one."""
+        folder = Path(folder)
+        content = _read_whole(folder)
+        try:
+            return cls(
+                trajectory=pd.read_parquet(io.BytesIO(content[_TRAJECTORY])),
+                events=pd.read_csv(
+                    io.BytesIO(content[_EVENTS]),
+                    dtype={name: "str" if name in _EVENT_TEXT else "float64" for name in EVENT_COLUMNS},
+                    keep_default_na=False,
+                    na_values={name: [""] for name in EVENT_COLUMNS if name not in _EVENT_TEXT},
+                ),
+                summary=Summary.model_validate_json(content[_SUMMARY]),
+            )
+        except (ValueError, OSError) as error:
+            raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error
+
+
+def refuse_foreign_folder(folder: str | os.PathLike[str]) -> None:
+    """Raise :class:`BadInputError` unless :meth:`Result.write` may replace ``folder``: absent, empty or a result.
+
+    A result with the user's own files beside it is refused too, because they would be lost with it.
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise BadInputError(f"{folder}: is a file; expected a folder for the result")
+    names = {path.name for path in folder.iterdir()}
+    if not names:
+        return
+    if not _is_result(folder):
+        raise BadInputError(f"{folder}: exists and is not a trackfg result; it is left alone: choose another folder")
+    if foreign := sorted(names - set(FILES)):
+        raise BadInputError(
+            f"{folder}: holds {', '.join(foreign)} beside the result, which replacing it would delete; "
+            "move what is yours or choose another folder"
+        )
+
+
+def _is_result(folder: Path) -> bool:
+    """Whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
+    try:
+        content = json.loads((folder / _SUMMARY).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and str(content.get("format", "")).startswith("trackfg-result/")
+
+
+def _read_whole(folder: Path) -> dict[str, bytes]:
+    """The files of one result. An open folder stays the same one whatever happens to its name, so all files come from
+    it; if it is deleted meanwhile, its successor is read instead.
+    """
+    while True:
+        recover(folder)
+        try:
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        except OSError as error:
+            raise BadInputError(f"{folder}: expected a folder with a trackfg result: {error.strerror}") from error
+        try:
+            return {name: _read_in(descriptor, name) for name in FILES}
+        except FileNotFoundError as error:
+            if _still_there(folder, descriptor):
+                raise BadInputError(f"{folder}: {error.filename} is missing; expected a trackfg result") from error
+        finally:
+            os.close(descriptor)
+
+
+def _read_in(folder: int, name: str) -> bytes:
+    with open(os.open(name, os.O_RDONLY, dir_fd=folder), "rb") as file:
+        return file.read()
+
+
+def _still_there(folder: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(folder.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,114 @@
+"""The batch smoother: recording in, result out.
+
+    recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, events, summary
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.covariance import Covariance, posterior_covariance
+from trackfg.dense import DenseMotion, dense_motion
+from trackfg.events import event_table
+from trackfg.factors.states import Kind
+from trackfg.graph import Problem, build_problem
+from trackfg.recording import Recording
+from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
+from trackfg.solver import Solution, solve
+from trackfg.trajectory import trajectory_table
+
+_DENSE_STEP_S = 0.02
+"""Rows of the dense motion behind a slow trajectory; the trajectory interpolates between them."""
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass
+class _Stages:
+    """Names, timings and progress of the pipeline's stages."""
+
+    progress: Progress | None
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
+        start = time.perf_counter()
+        self._report(name, 0.0)
+        yield lambda done: self._report(name, done)
+        self.timings_s[name] = time.perf_counter() - start
+        self._report(name, 1.0)
+
+    def _report(self, name: str, done: float) -> None:
+        if self.progress is not None:
+            self.progress(name, done)
+
+
+def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress: Progress | None = None) -> Result:
+    """Estimate the whole run from all its measurements.
+
+    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance" and "output" go on. Raises
+    ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
+    """
+    config = config or SmoothConfig()
+    stages = _Stages(progress)
+    with stages.stage("graph"):
+        problem = build_problem(recording, config)
+    with stages.stage("solve") as report:
+        solution = solve(problem, config.solver, report)
+    with stages.stage("covariance"):
+        covariance = posterior_covariance(solution.bayes_net, len(problem.t))
+    with stages.stage("output"):
+        direction = recording.description.track.direction
+        step = min(_DENSE_STEP_S, 0.5 / config.output.rate_hz)
+        motion = dense_motion(problem, solution.states, step)
+        at = motion.at(_clock(recording, motion, config.output.rate_hz))
+        trajectory = trajectory_table(at, solution.states, covariance, problem.lever_arm, direction)
+        events = event_table(problem, solution.states, covariance, direction)
+    summary = _summary(recording, config, problem, solution, covariance, stages.timings_s)
+    return Result(trajectory, events, summary)
+
+
+def _clock(recording: Recording, motion: DenseMotion, rate_hz: float) -> np.ndarray:
+    """A uniform clock from the first IMU sample to the last."""
+    first, last = recording.imu["t_s"].iloc[[0, -1]]
+    return np.minimum(first + np.arange(np.floor((last - first) * rate_hz + 1e-6) + 1) / rate_hz, motion.t[-1])
+
+
+def _summary(
+    recording: Recording,
+    config: SmoothConfig,
+    problem: Problem,
+    solution: Solution,
+    covariance: Covariance,
+    timings_s: dict[str, float],
+) -> Summary:
+    states = solution.states
+    bias, bias_sd = states.bias[-1], np.sqrt(np.diag(covariance.of(Kind.BIAS)[-1]))
+    scale_sd = float(np.sqrt(covariance.of(Kind.ODO)[-1, 1, 1]))
+    clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
+    has_tach = problem.wheel is not None
+    return Summary(
+        recording_id=recording.description.id,
+        configuration=config.model_dump(),
+        solver=Solver(
+            converged=solution.converged,
+            reason=solution.reason,
+            iterations=solution.iterations,
+            cost=solution.cost,
+            degrees_of_freedom=solution.degrees_of_freedom,
+        ),
+        timings_s=timings_s,
+        duration_s=float(problem.t[-1] - problem.t[0]),
+        distance_m=float(np.abs(np.diff(states.odo[:, 0])).sum()),
+        keyframes=len(problem.t),
+        wheel_scale=Estimate(value=float(states.odo[-1, 1]), sd=scale_sd) if has_tach else None,
+        clock_offset_s=Estimate(value=float(states.clock[0, 0]), sd=clock_sd) if has_tach else None,
+        gyro_bias_radps=VectorEstimate(value=tuple(bias[3:]), sd=tuple(bias_sd[3:])),
+        accel_bias_mps2=VectorEstimate(value=tuple(bias[:3]), sd=tuple(bias_sd[:3])),
+    )

@@ -1,0 +1,144 @@
+"""Gauss-Newton with step control over a graph whose values Python owns.
+
+Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays), eliminates
+along the chain with sequential QR, and takes the step if the cost falls, else a shorter one. Cholesky is not used: it
+rejects long open chains as indeterminate.
+
+The stop rule is on the whitened step. With the Bayes net's square root R, ``|R d|`` is the length of the step d in posterior
+sigmas: no linear combination of the variables moves by more than that many of its own sigmas. It is checked on every
+iteration, the last included, and the reason for stopping is part of the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from trackfg.config import SolverConfig
+from trackfg.errors import UnsolvableError
+from trackfg.factors.family import Family
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
+from trackfg.graph import Problem
+
+_SHORTEST = 2.0**-10
+_LONGEST = 8.0
+_ROUGH = 5.0
+"""In sigmas per square root of the number of variables: while steps are longer, robust losses are not applied yet."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The minimum, the Bayes net at it, and how it was reached."""
+
+    states: States
+    bayes_net: gtsam.GaussianBayesNet
+    families: tuple[Family, ...]
+    converged: bool
+    reason: str
+    iterations: int
+    cost: float
+    initial_cost: float
+    degrees_of_freedom: int
+
+
+def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
+    """Minimise the graph's cost. Raises ``UnsolvableError`` where the measurements do not determine the states."""
+    keyframes = len(problem.t)
+    ordering = chain_ordering(keyframes)
+    values = problem.initial.to_gtsam()
+    states = problem.initial
+    families = tuple(_plain(family) for family in problem.families)
+    robust = False
+    cost = initial_cost = _cost(problem, families, states, values)
+    converged, reason, iterations = False, f"stopped after {config.max_iterations} iterations", 0
+    while iterations < config.max_iterations:
+        iterations += 1
+        linear, bayes_net = _eliminate(problem, families, states, values, ordering)
+        delta = bayes_net.optimize()
+        predicted = linear.error(gtsam.VectorValues.Zero(delta)) - linear.error(delta)
+        length = np.sqrt(max(2.0 * predicted, 0.0))
+        if progress is not None:
+            progress(iterations / config.max_iterations)
+        if not robust and length < _ROUGH * np.sqrt(delta.vector().size):
+            # Close enough that a large residual is an outlier and not a poor start.
+            robust, families = True, problem.families
+            cost = _cost(problem, families, states, values)
+            if any(family.loss for family in families):
+                continue
+        if length < config.step_tolerance:
+            converged = robust
+            reason = f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}"
+            break
+        moved = _step(problem, families, values, delta, cost)
+        if moved is None:
+            reason = f"no shorter step lowers the cost; the step was {length:.2g} posterior sigmas"
+            converged = robust and length < 1.0
+            break
+        values, states, cost = moved
+    if not converged or iterations == config.max_iterations:
+        _, bayes_net = _eliminate(problem, families, states, values, ordering)
+    rows = 15 * (keyframes - 1) + sum(family.rows for family in families)
+    variables = sum(kind.dim for kind in ELIMINATION_ORDER) * keyframes + sum(kind.dim for kind in SHARED)
+    return Solution(states, bayes_net, families, converged, reason, iterations, cost, initial_cost, rows - variables)
+
+
+def chain_ordering(keyframes: int) -> gtsam.Ordering:
+    """Keyframe by keyframe along the chain, shared variables last."""
+    ordering = gtsam.Ordering()
+    index = np.arange(keyframes)
+    for group in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).tolist():
+        for key in group:
+            ordering.push_back(key)
+    for kind in SHARED:
+        ordering.push_back(int(kind.keys(np.array([0]))[0]))
+    return ordering
+
+
+def _plain(family: Family) -> Family:
+    return Family(family.name, family.evaluate, family.slots, family.data, family.sigma)
+
+
+def _cost(problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values) -> float:
+    return float(problem.native.error(values)) + sum(family.cost(states) for family in families)
+
+
+def _eliminate(
+    problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values, ordering: gtsam.Ordering
+) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesNet]:
+    linear = problem.native.linearize(values)
+    for family in families:
+        family.add_to(linear, states)
+    try:
+        return linear, linear.eliminateSequential(ordering, gtsam.EliminateQR)
+    except RuntimeError as error:
+        raise UnsolvableError(f"the measurements do not determine the states: {error}") from error
+
+
+def _step(
+    problem: Problem, families: tuple[Family, ...], values: gtsam.Values, delta: gtsam.VectorValues, cost: float
+) -> tuple[gtsam.Values, States, float] | None:
+    """The best of the halved or doubled steps; None if none lowers the cost.
+
+    Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for as
+    long as that helps more.
+    """
+
+    def attempt(scale: float) -> tuple[gtsam.Values, States, float]:
+        moved = values.retract(delta if scale == 1.0 else delta.scale(scale))
+        states = States.from_gtsam(moved, len(problem.t))
+        new = _cost(problem, families, states, moved)
+        return moved, states, new if np.isfinite(new) else np.inf
+
+    scale = 1.0
+    best = attempt(scale)
+    while best[2] > cost * (1.0 + 1e-12):
+        scale *= 0.5
+        if scale < _SHORTEST:
+            return None
+        best = attempt(scale)
+    while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[2] < best[2]:
+        best, scale = longer, 2.0 * scale
+    return best

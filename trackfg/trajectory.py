@@ -1,0 +1,73 @@
+"""The trajectory table: what the states mean to a user, each quantity with the sigma that the posterior gives it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.covariance import Covariance
+from trackfg.dense import DenseMotion
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.states import KEYFRAME_DIM, Kind, Nav, States, offset_in_keyframe
+from trackfg.frames import Array, rpy_from_matrix, skew
+
+QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
+
+
+def trajectory_table(
+    motion: DenseMotion, states: States, covariance: Covariance, lever_arm: Array, direction: int
+) -> pd.DataFrame:
+    """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
+
+    Sigmas are those of the keyframes on either side, their variances interpolated in time. Yaw is in (-pi, pi].
+    """
+    R_bt = mount_matrix(states.mount)[0][0]
+    nav = motion.nav
+    rpy = rpy_from_matrix(nav.R @ R_bt)
+    p = nav.p - nav.R @ lever_arm
+    at_reference = np.einsum("mji,mj->mi", nav.R, nav.v) - np.cross(motion.gyro, lever_arm)
+    columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
+
+    variance = keyframe_variances(states, covariance, lever_arm)
+    f = motion.fraction[:, None]
+    sigma = np.sqrt(variance[motion.keyframe] * (1.0 - f) + variance[motion.keyframe + 1] * f)
+    table = {"t_s": motion.t}
+    for name, values, sd in zip(QUANTITIES, columns, sigma.T, strict=True):
+        table |= {name: values, f"{name}_sd": sd}
+    return pd.DataFrame(table)
+
+
+def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array) -> Array:
+    """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`."""
+    J = _jacobian(states.nav, states.mount, lever_arm)
+    return np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
+
+
+def _jacobian(nav: Nav, mount: Array, lever_arm: Array) -> Array:
+    """Derivatives of the quantities by the stacked tangent of a keyframe and the shared variables, shape (n, 8, d)."""
+    n = len(nav)
+    odo, at = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
+    turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)
+    mounting = slice(KEYFRAME_DIM, KEYFRAME_DIM + 2)
+    R_bt = mount_matrix(mount)[0][0]
+    roll, pitch, _ = rpy_from_matrix(nav.R @ R_bt).T
+
+    J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + 3))
+    J[:, 0, odo] = 1.0
+    J[:, 1:4, turn] = nav.R @ skew(lever_arm)
+    J[:, 1:4, shift] = nav.R
+    forward = R_bt[:, 0]
+    body = np.einsum("nji,nj->ni", nav.R, nav.v)
+    J[:, 4, turn] = np.einsum("i,nij->nj", forward, skew(body))
+    J[:, 4, faster] = forward
+
+    sin_r, cos_r, cos_p, tan_p = np.sin(roll), np.cos(roll), np.cos(pitch), np.tan(pitch)
+    euler = np.zeros((n, 3, 3))
+    euler[:, 0] = np.stack([np.ones(n), sin_r * tan_p, cos_r * tan_p], axis=1)
+    euler[:, 1, 1], euler[:, 1, 2] = cos_r, -sin_r
+    euler[:, 2, 1], euler[:, 2, 2] = sin_r / cos_p, cos_r / cos_p
+    mount_pitch = mount[0, 0]
+    by_mount = np.array([[0.0, -np.sin(mount_pitch)], [1.0, 0.0], [0.0, np.cos(mount_pitch)]])
+    J[:, 5:8, turn] = euler @ R_bt.T
+    J[:, 5:8, mounting] = euler @ by_mount
+    return J

@@ -1,0 +1,104 @@
+"""The tachometer as a function of time: how far the wheel has rolled, how fast, and where it says nothing.
+
+An unsigned tach counts up whichever way the vehicle goes. Its sense is settled movement by movement (a movement lies
+between two stops): the forward specific force follows the speed's derivative with the sign of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
+
+from trackfg.diagnose import tach_quantum_m
+from trackfg.frames import Array
+from trackfg.recording import Recording
+
+_GRID_S = 0.1
+_STOP_S = 1.0
+_EDGE_STAMPED_FRACTION = 0.1
+"""Rounding error, in pulses, of a count whose rows are the pulses' own times."""
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """Signed nominal distance ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s."""
+
+    t: Array
+    distance: Array
+    rounding_sd: float
+    quantum: float
+    integrates_speed: bool
+    gaps: Array
+
+    def at(self, t: Array) -> Array:
+        """Nominal distance at ``t``, m; constant outside the record."""
+        if self.integrates_speed:
+            return np.asarray(PchipInterpolator(self.t, self.distance)(np.clip(t, self.t[0], self.t[-1])))
+        return np.interp(t, self.t, self.distance)
+
+    def rate(self, t: Array, half_window_s: float = 0.25) -> Array:
+        """Mean nominal speed over ``t`` plus and minus the half window, m/s."""
+        return (self.at(t + half_window_s) - self.at(t - half_window_s)) / (2.0 * half_window_s)
+
+    def covers(self, t: Array) -> np.ndarray:
+        """Whether there is a reading at ``t``: inside the record and outside its gaps."""
+        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        for start, end in self.gaps:
+            inside &= (t <= start) | (t >= end)
+        return inside
+
+
+def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
+    """The recording's tach, signed; None where there is none. A silence of more than ``max_gap_s`` in motion is a gap."""
+    if recording.tach is None or recording.description.tach is None:
+        return None
+    description, table = recording.description.tach, recording.tach
+    t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
+    speed = description.kind == "speed"
+    quantum = 0.0 if speed else tach_quantum_m(table)
+    step = np.abs(np.diff(distance))
+    silent = (np.diff(t) > max_gap_s) & (step > 1.5 * quantum)
+    gaps = np.stack([t[:-1][silent], t[1:][silent]], axis=1)
+    if not description.signed:
+        distance = _signed(t, distance, recording)
+    rounding = quantum / np.sqrt(12.0)
+    if quantum > 0 and _rows_are_pulses(t, step, quantum):
+        rounding = _EDGE_STAMPED_FRACTION * quantum
+    return Wheel(t, distance, max(rounding, 1e-4), quantum, speed, gaps)
+
+
+def _rows_are_pulses(t: Array, step: Array, quantum: float) -> bool:
+    """Rows at the pulses' own times: one pulse each, at irregular intervals."""
+    interval = np.diff(t)
+    return bool(np.mean(np.abs(step - quantum) < 0.5 * quantum) > 0.95 and np.std(interval) > 0.1 * np.mean(interval))
+
+
+def _signed(t: Array, distance: Array, recording: Recording) -> Array:
+    """Give each movement between stops the sense in which the accelerometer saw it start and end."""
+    grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
+    if grid.size < 10:
+        return distance
+    rolled = np.interp(grid, t, distance)
+    speed = gaussian_filter1d(np.gradient(rolled, _GRID_S), 0.5 / _GRID_S)
+    imu_t = recording.imu["t_s"].to_numpy()
+    integral = np.concatenate(
+        [[0.0], np.cumsum(0.5 * np.diff(imu_t) * (recording.accel[1:, 0] + recording.accel[:-1, 0]))]
+    )
+    force = gaussian_filter1d(np.gradient(np.interp(grid, imu_t, integral), _GRID_S), 0.5 / _GRID_S)
+    acceleration = np.gradient(speed, _GRID_S)
+    moving = pd.Series(speed > 0.02).rolling(round(_STOP_S / _GRID_S), center=True, min_periods=1).max() > 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.to_numpy().astype(np.int8), [0]]))).reshape(-1, 2)
+    sense = np.ones(grid.size)
+    for i, j in edges:
+        if j - i > 2:
+            f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()
+            if float(f @ a) < 0.0:
+                sense[i:j] = -1.0
+    if (sense > 0).all():
+        return distance
+    row_sense = np.where(np.interp(0.5 * (t[1:] + t[:-1]), grid, sense) < 0, -1.0, 1.0)
+    return distance[0] + np.concatenate([[0.0], np.cumsum(row_sense * np.diff(distance))])
