@@ -56,7 +56,7 @@ def _noise() -> ImuNoise:
         accel_white=table["AccelerometerSigma"],
         gyro_bias_walk=table["GyroscopeBiasSigma"],
         accel_bias_walk=table["AccelerometerBiasSigma"],
-        gyro_bias_sd=5e-5,
+        gyro_bias_sd=5e-4,
         accel_bias_sd=0.1,
     )
 

@@ -56,9 +56,9 @@ def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:
     return nav.v, (jacobian,)
 
 
-def at_rest(index: np.ndarray, sigma_mps: float) -> Family:
+def at_rest(index: np.ndarray, sigma_mps: float, loss: Loss | None) -> Family:
     """Zero velocity at a keyframe. Residual: ``v`` in n, m/s."""
-    return Family("at rest", _velocity, (Slot(Kind.NAV, index),), (), np.full((len(index), 3), sigma_mps))
+    return Family("at rest", _velocity, (Slot(Kind.NAV, index),), (), np.full((len(index), 3), sigma_mps), loss)
 
 
 def _displacement(first: Nav, second: Nav) -> tuple[Array, tuple[Array, ...]]:
@@ -76,11 +76,11 @@ def _displacement(first: Nav, second: Nav) -> tuple[Array, tuple[Array, ...]]:
     return np.concatenate([turn, shift], axis=1), (d_first, d_second)
 
 
-def stays(first: np.ndarray, turn_sigma_rad: Array, shift_sigma_m: Array) -> Family:
+def stays(first: np.ndarray, turn_sigma_rad: float, shift_sigma_m: float, loss: Loss | None) -> Family:
     """Between keyframe k and k + 1, both in one standstill, the body neither turns nor shifts.
 
     Residual: ``Log(R_k' R_k+1)``, rad, and ``R_k' (p_k+1 - p_k)``, m. It says that the vehicle is still and uses no
-    sensor sample, so the preintegrated ones are counted once. Sigmas (m,).
+    sensor sample, so the preintegrated ones are counted once.
     """
-    sigma = np.concatenate([np.repeat(turn_sigma_rad[:, None], 3, 1), np.repeat(shift_sigma_m[:, None], 3, 1)], axis=1)
-    return Family("standstill", _displacement, (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1)), (), sigma)
+    sigma = np.tile(np.repeat([turn_sigma_rad, shift_sigma_m], 3), (len(first), 1))
+    return Family("standstill", _displacement, (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1)), (), sigma, loss)

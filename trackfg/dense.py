@@ -56,9 +56,9 @@ class DenseMotion:
         return DenseMotion(t, nav, distance, self.gyro[i], keyframe, fraction)
 
 
-def dense_motion(problem: Problem, states: States, step_s: float) -> DenseMotion:
-    """States at every increment of about ``step_s`` s (not finer than the IMU's samples), and at the end of the run."""
-    starts, first = increment_starts(problem.inertial, problem.edges, step_s)
+def dense_motion(problem: Problem, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
+    """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the run's end."""
+    starts, first = increment_starts(problem.inertial, problem.edges, step_s, times)
     increments = compress(problem.inertial, starts)
     n, m = len(problem.t) - 1, len(increments.duration)
     counts = np.diff(first)

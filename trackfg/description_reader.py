@@ -30,7 +30,9 @@ _TABLE_PARTS: dict[str, type[Model]] = {
     "gnss": Gnss,
     "truth": Truth,
 }
-_COLUMN_KEYS = ("file", "time", "column", "gyro", "accel", "position", "sd", "chainage", "name")
+_STRUCTURE_KEYS = ("file", "time", "column", "kind", "gyro", "accel", "position", "sd", "chainage", "name")
+"""Keys without which a table's structure cannot be checked."""
+
 _SIGMA_KEY = re.compile(r"_sd$|^sd_|_white$|_walk$")
 _BOUNDS = {
     "greater_than": "above",
@@ -149,7 +151,7 @@ def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple
         details = error.errors()
     findings = [_finding(detail, model, key, file) for detail in details]
     wrong = {str(detail["loc"][0]) for detail in details if detail["loc"]}
-    if model is Track or not wrong.isdisjoint(_COLUMN_KEYS):
+    if model is Track or not wrong.isdisjoint(_STRUCTURE_KEYS):
         return None, findings
     usable = {name: value for name, value in raw.items() if name in model.model_fields and name not in wrong}
     usable = {name: tuple(value) if isinstance(value, list) else value for name, value in usable.items()}

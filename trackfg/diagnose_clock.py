@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import correlate
 
 from trackfg.frames import Array
@@ -22,11 +23,15 @@ from trackfg.motion import Motion, averaged, band_passed
 from trackfg.recording import Recording
 
 _STEP_S = 0.05
-_SHORT_S, _LONG_S = 0.4, 5.0
+_SHORT_S, _LONG_S = 0.4, 3.0
 _MIN_CORRELATION = 0.4
 _MIN_DURATION_S = 20.0
 _MIN_ACCELERATION = 0.01
 """m/s^2, rms in the band: below it the tach does not say when anything happened."""
+
+
+_MAX_ACCELERATION = 8.0
+"""m/s^2: a tach that changes faster slips, or jumps."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> C
     if motion is None or motion.t_s.size * motion.step_s < _MIN_DURATION_S:
         return None
     short_s = max(_SHORT_S, 0.5 * tach_interval, motion.step_s)
-    acceleration = band_passed(tach_acceleration(motion), motion.valid, motion.step_s, short_s, _LONG_S)
+    speed_change = tach_acceleration(motion)
+    valid = motion.valid & (np.abs(gaussian_filter1d(speed_change, short_s / motion.step_s)) < _MAX_ACCELERATION)
+    acceleration = band_passed(speed_change, valid, motion.step_s, short_s, _LONG_S)
     force = band_passed(motion.accel[:, 0], motion.valid, motion.step_s, short_s, _LONG_S)
     if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
         return None

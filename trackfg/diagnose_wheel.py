@@ -28,9 +28,9 @@ class WheelScale:
 def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
     """From ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
 
-    What is travelled are the summed magnitudes of the chainage differences, so that it grows whichever way the line is
-    counted. The sigma is widened by the residuals where those exceed the declared sigmas. None with fewer than two fixes
-    within the tach's time or less than 100 m between them.
+    What is travelled is the sum of the chainage differences' magnitudes: it grows whichever way the line is counted.
+    The sigma is widened by the residuals where those exceed the declared sigmas. None with fewer than two fixes within
+    the tach's time or less than 100 m between them.
     """
     t = tach["t_s"].to_numpy()
     inside = fixes[(fixes["t_s"] >= t[0]) & (fixes["t_s"] <= t[-1])]

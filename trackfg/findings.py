@@ -28,6 +28,13 @@ class Finding:
     expected: str | None = None
     mend: str | None = None
 
+    def __post_init__(self) -> None:
+        """Names and cells come from the input: control characters in them must not reach a terminal."""
+        for name in ("message", "file", "column", "expected", "mend"):
+            text = getattr(self, name)
+            if text is not None and not text.isprintable():
+                object.__setattr__(self, name, "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text))
+
     @property
     def place(self) -> str:
         """File, column or key, data row and time, as far as they are known; empty where the finding has no place."""

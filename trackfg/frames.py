@@ -39,7 +39,8 @@ def so3_exp(v: Array) -> Array:
     a = np.where(small, 1.0 - angle2 / 6.0, np.sin(safe) / safe)
     b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
     K = skew(v)
-    return np.eye(3) + a * K + b * (K @ K)
+    R: Array = np.eye(3) + a * K + b * (K @ K)
+    return R
 
 
 def so3_log(R: Array) -> Array:
@@ -70,7 +71,8 @@ def quaternion(R: Array) -> Array:
     best = np.argmax(squares, axis=-1)[..., None, None]
     q = np.take_along_axis(candidates, best, axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., :1] < 0, -q, q)
+    upper: Array = np.where(q[..., :1] < 0, -q, q)
+    return upper
 
 
 def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:

@@ -27,8 +27,8 @@ from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Nav, States
-from trackfg.frames import Array, earth_rate_enu, matrix_from_rpy, normal_gravity
-from trackfg.inertial import Increments, Intervals, compress, intervals
+from trackfg.frames import Array, earth_rate_enu, normal_gravity
+from trackfg.inertial import Intervals, compress, intervals
 from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes, within
 from trackfg.recording import Recording
@@ -281,16 +281,12 @@ class _Layout:
         still = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
         speed = np.abs(np.interp(self.t, self.path.t, self.path.speed))
         sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
-        first = np.flatnonzero(still)
+        huber = Loss("huber", config.robust_width)
         lever = np.array(self.recording.description.imu.lever_arm_m)
         return [
-            non_holonomic(k, self._angular_rate(), lever, sigma, Loss("huber", config.robust_width)),
-            at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps),
-            stays(
-                first,
-                np.full(first.size, config.rest_turn_sd_rad),
-                np.full(first.size, config.rest_shift_sd_m),
-            ),
+            non_holonomic(k, self._angular_rate(), lever, sigma, huber),
+            at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps, huber),
+            stays(np.flatnonzero(still), config.rest_turn_sd_rad, config.rest_shift_sd_m, huber),
         ]
 
     def _angular_rate(self) -> Array:
@@ -351,18 +347,21 @@ class _Layout:
         return absolute_fix(index, distance, table[["chainage_sd_m"]].to_numpy(), loss)
 
 
-def increment_starts(data: Intervals, edges: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Split each keyframe interval into increments of about ``duration`` s.
+def increment_starts(
+    data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Split each keyframe interval into increments of at most about ``duration`` s, with boundaries on both sides of each
+    of ``times``.
 
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.
     """
     group = max(1, round(duration / float(np.median(data.durations))))
     counts = -(-np.diff(edges) // group)
-    first = np.concatenate([[0], np.cumsum(counts)])
-    within_interval = np.arange(first[-1]) - np.repeat(first[:-1], counts)
-    starts = np.repeat(edges[:-1], counts) + group * within_interval
-    return np.append(starts, edges[-1]), first
-
-
-__all__ = ["Increments", "Problem", "World", "build_problem", "increment_starts", "matrix_from_rpy"]
+    offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])
+    if times is not None:
+        before = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
+        after = np.minimum(before + 1, len(data))
+        starts = np.unique(np.concatenate([starts, before, after[data.edges[before] < times - 1e-9]]))
+    return starts, np.searchsorted(starts, edges)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import binary_dilation, gaussian_filter1d
+from scipy.ndimage import binary_erosion, gaussian_filter1d
 
 from trackfg.frames import Array
 from trackfg.recording import IMU_COLUMNS
@@ -74,14 +74,14 @@ def band_passed(values: Array, valid: np.ndarray, step_s: float, short_s: float,
     """``values`` (n,) less what is faster than ``short_s`` and slower than ``long_s``, without delay.
 
     The difference of two Gaussian averages with these standard deviations. Invalid intervals are bridged linearly
-    before, and the result near them is set to 0, so that they weigh nothing in a correlation.
+    before; near them and near both ends the result is set to 0, so that what is known from one side only weighs nothing
+    in a correlation.
     """
     index = np.arange(values.size)
     if not valid.any():
         return np.zeros_like(values)
     bridged = np.interp(index, index[valid], values[valid])
     out = gaussian_filter1d(bridged, short_s / step_s) - gaussian_filter1d(bridged, long_s / step_s)
-    if not valid.all():
-        near = binary_dilation(~valid, iterations=max(1, round(2.0 * short_s / step_s)))
-        out = np.where(near, 0.0, out)
-    return np.asarray(out, dtype=np.float64)
+    reach = max(1, round(3.0 * short_s / step_s))
+    known = binary_erosion(valid, iterations=reach)
+    return np.where(known, out, 0.0)

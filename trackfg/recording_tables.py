@@ -88,7 +88,7 @@ class Tables:
                 *findings,
                 Finding("error", "empty-table", message, part.file, expected=f"at least {least} data row(s)"),
             ]
-        for name, values in read.items():
+        for name, values in {**read, part.time: t}.items():
             if values is not None:
                 findings = findings + series_checks.not_finite(
                     values, part.file, name, None if name == part.time else t

@@ -14,9 +14,10 @@ import numpy as np
 
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, posterior_covariance
-from trackfg.dense import DenseMotion, dense_motion
+from trackfg.dense import dense_motion
 from trackfg.events import event_table
 from trackfg.factors.states import Kind
+from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
@@ -24,7 +25,7 @@ from trackfg.solver import Solution, solve
 from trackfg.trajectory import trajectory_table
 
 _DENSE_STEP_S = 0.02
-"""Rows of the dense motion behind a slow trajectory; the trajectory interpolates between them."""
+"""Longest step of the integration between keyframes."""
 
 Progress = Callable[[str, float], None]
 
@@ -65,19 +66,18 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
         covariance = posterior_covariance(solution.bayes_net, len(problem.t))
     with stages.stage("output"):
         direction = recording.description.track.direction
-        step = min(_DENSE_STEP_S, 0.5 / config.output.rate_hz)
-        motion = dense_motion(problem, solution.states, step)
-        at = motion.at(_clock(recording, motion, config.output.rate_hz))
-        trajectory = trajectory_table(at, solution.states, covariance, problem.lever_arm, direction)
+        clock = _clock(problem, config.output.rate_hz)
+        motion = dense_motion(problem, solution.states, _DENSE_STEP_S, clock)
+        trajectory = trajectory_table(motion.at(clock), solution.states, covariance, problem.lever_arm, direction)
         events = event_table(problem, solution.states, covariance, direction)
     summary = _summary(recording, config, problem, solution, covariance, stages.timings_s)
     return Result(trajectory, events, summary)
 
 
-def _clock(recording: Recording, motion: DenseMotion, rate_hz: float) -> np.ndarray:
-    """A uniform clock from the first IMU sample to the last."""
-    first, last = recording.imu["t_s"].iloc[[0, -1]]
-    return np.minimum(first + np.arange(np.floor((last - first) * rate_hz + 1e-6) + 1) / rate_hz, motion.t[-1])
+def _clock(problem: Problem, rate_hz: float) -> Array:
+    """A uniform clock over the run: whole multiples of the output interval."""
+    first, last = np.ceil(problem.t[0] * rate_hz), np.floor(problem.t[-1] * rate_hz)
+    return np.arange(first, last + 1) / rate_hz
 
 
 def _summary(

@@ -25,8 +25,8 @@ from trackfg.graph import Problem
 
 _SHORTEST = 2.0**-10
 _LONGEST = 8.0
-_ROUGH = 5.0
-"""In sigmas per square root of the number of variables: while steps are longer, robust losses are not applied yet."""
+_ROUGH = 3.0
+"""In sigmas per square root of the number of variables: robust losses apply after the first step shorter than this."""
 
 
 @dataclass(frozen=True)
@@ -62,22 +62,20 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
         length = np.sqrt(max(2.0 * predicted, 0.0))
         if progress is not None:
             progress(iterations / config.max_iterations)
-        if not robust and length < _ROUGH * np.sqrt(delta.vector().size):
-            # Close enough that a large residual is an outlier and not a poor start.
-            robust, families = True, problem.families
-            cost = _cost(problem, families, states, values)
-            if any(family.loss for family in families):
-                continue
-        if length < config.step_tolerance:
-            converged = robust
+        if robust and length < config.step_tolerance:
+            converged = True
             reason = f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}"
             break
         moved = _step(problem, families, values, delta, cost)
-        if moved is None:
+        if moved is None and robust:
             reason = f"no shorter step lowers the cost; the step was {length:.2g} posterior sigmas"
-            converged = robust and length < 1.0
+            converged = length < 1.0
             break
-        values, states, cost = moved
+        values, states, cost = moved or (values, states, cost)
+        if not robust and (moved is None or length < _ROUGH * np.sqrt(delta.vector().size)):
+            # Close enough that a large residual is an outlier and not a poor start.
+            robust, families = True, problem.families
+            cost = _cost(problem, families, states, values)
     if not converged or iterations == config.max_iterations:
         _, bayes_net = _eliminate(problem, families, states, values, ordering)
     rows = 15 * (keyframes - 1) + sum(family.rows for family in families)

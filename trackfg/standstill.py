@@ -15,6 +15,7 @@ from trackfg.frames import Array
 from trackfg.recording import Recording
 
 _BLOCK_S = 0.5
+_MARGIN_S = 1.5  # a gentle start takes this long to its first pulse: trimmed from both ends of a candidate
 _QUIET_RATIO = 5.0  # scatter of a block against the quiet level of its candidate
 _RATE_TOLERANCE = 2e-3  # rad/s: a block's mean rate against the candidate's median
 _FORCE_TOLERANCE = 0.05  # m/s^2: a block's mean specific force against the candidate's median
@@ -34,7 +35,7 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
     scatter = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=1))
 
     spans = []
-    for begin, end in _tach_at_rest(recording.tach, float(t[0]), float(t[-1]), min_duration_s):
+    for begin, end in _tach_at_rest(recording.tach, float(t[0]), float(t[-1])):
         inside = np.flatnonzero((starts >= begin) & (ends <= end))
         if inside.size == 0:
             continue
@@ -62,13 +63,13 @@ def _quiet(mean: Array, scatter: Array) -> np.ndarray:
     return quiet
 
 
-def _tach_at_rest(tach: pd.DataFrame | None, t0: float, t1: float, min_duration_s: float) -> list[tuple[float, float]]:
-    """Spans without tach motion; a pulse that creeps over an edge while at rest costs the time around it only."""
+def _tach_at_rest(tach: pd.DataFrame | None, t0: float, t1: float) -> Array:
+    """Spans without tach motion, trimmed where motion ends or begins. Shape (m, 2)."""
     if tach is None or len(tach) < 2:
-        return [(t0, t1)]
+        return np.array([[t0, t1]])
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     moved = np.flatnonzero(np.diff(distance) != 0.0)
-    # The span from the end of one moving row interval to the start of the next.
-    begins = np.concatenate([[t0], t[moved + 1]])
-    ends = np.concatenate([t[moved], [t1]])
-    return [(b, e) for b, e in zip(begins, ends, strict=True) if e - b >= min_duration_s]
+    # From the end of one row interval with motion to the start of the next.
+    begins = np.concatenate([[t0], t[moved + 1] + _MARGIN_S])
+    ends = np.concatenate([t[moved] - _MARGIN_S, [t1]])
+    return np.stack([begins, ends], axis=1)[ends > begins]

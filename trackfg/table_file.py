@@ -44,8 +44,10 @@ class TableFile:
         mend = did_you_mean(column, self.columns)
         if len(self.columns) == 1 and any(separator in self.columns[0] for separator in ";\t"):
             mend = "separate the cells by commas"
-        has = f"the table has {', '.join(self.columns[:30])}" if self.columns else "the table has no columns"
-        return None, [Finding("error", "missing-column", "no such column", self.name, column, expected=has, mend=mend)]
+        expected = f"one of {', '.join(self.columns[:30])}" if self.columns else "a header: the file is empty"
+        return None, [
+            Finding("error", "missing-column", "no such column", self.name, column, expected=expected, mend=mend)
+        ]
 
 
 def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]:

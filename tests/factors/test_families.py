@@ -45,8 +45,8 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
     n, f, lever = KEYFRAMES, KEYFRAMES - 1, normal(3)
     return [
         non_holonomic(all_k, normal(n, 3), lever, sigma(n, 2), loss),
-        at_rest(all_k, 0.01),
-        stays(first, sigma(f, 1)[:, 0], sigma(f, 1)[:, 0]),
+        at_rest(all_k, 0.01, loss),
+        stays(first, 0.02, 0.3, loss),
         gravity_tilt(all_k, 9 * normal(n, 3), 9.8, sigma(n, 3)),
         distance_chain(first, sigma(f, 2)),
         tach_distance(first, sigma(f, 1), loss),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.csv
 import pytest
 import tomli_w
 
@@ -108,11 +109,14 @@ def run_on_a_line(
     imu = pd.DataFrame(dict(zip(("t", "wx", "wy", "wz", "fx", "fy", "fz"), (t, *gyro.T, *accel.T), strict=True)))
 
     tach_t = np.arange(round(duration_s * tach_rate_hz)) / tach_rate_hz
-    count = np.floor(np.interp(tach_t - tach_late_s, t, d) / wheel_scale / pulse_m).astype(int)
+    at = tach_t - tach_late_s
+    travelled = np.interp(at, t, d) + v[-1] * np.maximum(at - t[-1], 0.0)
+    count = np.floor(travelled / wheel_scale / pulse_m).astype(int)
     east, north = np.cumsum(v * np.sin(yaw)) / rate_hz, np.cumsum(v * np.cos(yaw)) / rate_hz
     fix_at = np.flatnonzero(np.diff(np.floor(d / 150.0)) > 0)
     rows = np.arange(0, t.size, round(rate_hz))
-    radius = 6.37e6
+    w2 = 1.0 - 6.69437999e-3 * np.sin(np.radians(LATITUDE)) ** 2
+    across, along = 6378137.0 / np.sqrt(w2) + 50.0, 6378137.0 * (1.0 - 6.69437999e-3) / w2**1.5 + 50.0
     return {
         "imu": imu,
         "tach": pd.DataFrame({"t": tach_t, "count": count}),
@@ -120,8 +124,8 @@ def run_on_a_line(
         "gnss": pd.DataFrame(
             {
                 "t": t[rows],
-                "lat_deg": LATITUDE + np.degrees(north[rows] / radius),
-                "lon_deg": LONGITUDE + np.degrees(east[rows] / radius / np.cos(np.radians(LATITUDE))),
+                "lat_deg": LATITUDE + np.degrees(north[rows] / along),
+                "lon_deg": LONGITUDE + np.degrees(east[rows] / across / np.cos(np.radians(LATITUDE))),
                 "height_m": 50.0,
                 "sd_e": 1.0,
                 "sd_n": 1.0,
@@ -146,7 +150,12 @@ class Draft:
     def write(self, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in self.tables.items():
-            table.to_csv(folder / name, index=False) if name.endswith(".csv") else table.to_parquet(folder / name)
+            if name.endswith(".parquet"):
+                table.to_parquet(folder / name)
+            elif all(kind.kind in "if" for kind in table.dtypes):
+                pyarrow.csv.write_csv(pyarrow.Table.from_pandas(table, preserve_index=False), folder / name)
+            else:
+                table.to_csv(folder / name, index=False)
         (folder / "recording.toml").write_text(tomli_w.dumps(self.toml))
         for name, text in self.texts.items():
             (folder / name).write_bytes(text.encode() if isinstance(text, str) else text)

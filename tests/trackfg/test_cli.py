@@ -225,7 +225,9 @@ def test_a_result_that_did_not_converge_says_so(
 def test_progress_on_a_terminal(recording: Path, tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     command = [*MODULE, "smooth", recording, "-o", tmp_path / "out"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs, env={**os.environ, "TERM": "xterm"}) as done:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=theirs, env={**os.environ, "TERM": "xterm"}
+    ) as done:
         os.close(theirs)
         shown = b""
         while True:

@@ -16,7 +16,7 @@ README = Path(__file__).parents[2] / "README.md"
 
 
 def test_demo(tmp_path: Path) -> None:
-    """The whole story: positions are withheld from the smoother, and it bridges them far better than a straight line."""
+    """The whole story: positions are withheld from the smoother, and it does far better than a straight line."""
     stages: set[str] = set()
     demo = run_demo(tmp_path / "demo", progress=lambda stage, done: stages.add(stage))
     assert {path.name for path in demo.folder.iterdir()} == set(CONTENT)

@@ -19,8 +19,8 @@ from trackfg.results import Result
 Make = Callable[..., Result]
 
 KILLED_AT_EVERY_STEP = """
-    # A child writes and kills itself just before its n-th call that could change the disk or a lock, n = 1, 2, ... until
-    # it lives to the end: so every state that a kill can leave behind is met once.
+    # A child writes and kills itself just before its n-th call that could change the disk or a lock, n = 1, 2, ...
+    # until it lives to the end: so every state that a kill can leave behind is met once.
     import errno, os, signal, sys
     from pathlib import Path
     from trackfg import atomic_folder
@@ -31,6 +31,7 @@ KILLED_AT_EVERY_STEP = """
         def refuse(a, b):
             raise OSError(errno.EINVAL, "Invalid argument")
         atomic_folder._exchange = refuse
+    changing = {"open", "mkdir", "rename", "unlink", "rmdir", "flock", "fsync"}
     old, new = Result.read(old), Result.read(new)
     out = Path("out")
 
@@ -38,7 +39,7 @@ KILLED_AT_EVERY_STEP = """
         count = 0
         def on_call(frame, event, function):
             nonlocal count
-            if event == "c_call" and function.__name__ in ("open", "mkdir", "rename", "unlink", "rmdir", "flock", "fsync"):
+            if event == "c_call" and function.__name__ in changing:
                 count += 1
                 if count == n:
                     os.kill(os.getpid(), signal.SIGKILL)
@@ -83,7 +84,15 @@ KILLED_AT_EVERY_STEP = """
 def test_killed_within_a_write(make_result: Make, tmp_path: Path, can_exchange: bool, there_before: bool) -> None:
     make_result(rows=5, recording_id="old").write(tmp_path / "a")
     make_result(rows=6, recording_id="new").write(tmp_path / "b")
-    program = [sys.executable, "-c", textwrap.dedent(KILLED_AT_EVERY_STEP), "a", "b", str(can_exchange), str(there_before)]
+    program = [
+        sys.executable,
+        "-c",
+        textwrap.dedent(KILLED_AT_EVERY_STEP),
+        "a",
+        "b",
+        str(can_exchange),
+        str(there_before),
+    ]
     done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     moments, *found = done.stdout.split()
@@ -117,12 +126,12 @@ def test_smooth_killed_at_many_moments(make_result: Make, tmp_path: Path, there_
     whole_s = time.monotonic() - begun
     expected = {"old" if there_before else "none", Result.read(out).summary.recording_id}
 
-    for moment_s in np.linspace(0.0, whole_s, 12):
+    for moment_s in np.linspace(0.0, whole_s, 8):
         set_up()
         process = start()
         time.sleep(moment_s)
         assert kill(process) in expected
-    for moment_s in np.linspace(0.0, 0.03, 12):
+    for moment_s in np.linspace(0.0, 0.03, 8):
         set_up()
         process = start()
         while process.poll() is None and not list(tmp_path.glob(".out.trackfg-*")):

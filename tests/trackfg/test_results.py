@@ -138,9 +138,14 @@ def test_own_files_in_a_result_are_not_lost(make_result: Make, tmp_path: Path) -
 
 def test_an_interrupted_write_leaves_the_old_result(make_result: Make, tmp_path: Path) -> None:
     folder = make_result(rows=20).write(tmp_path / "out")
-    with pytest.raises(KeyboardInterrupt), atomic_folder.replaced_folder(folder) as new:
-        (new / "summary.json").write_text("{}")
-        raise KeyboardInterrupt
+
+    def interrupted() -> None:
+        with atomic_folder.replaced_folder(folder) as new:
+            (new / "summary.json").write_text("{}")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert len(Result.read(folder).trajectory) == 20
     assert hidden(tmp_path) == []
 

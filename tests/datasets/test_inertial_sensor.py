@@ -1,0 +1,142 @@
+"""The IMU: its noise-free samples give the motion back, its errors are those asked for."""
+
+import numpy as np
+import pytest
+
+from trackfg import frames
+from trackfg.datasets import tables
+from trackfg.datasets.catalogue import ADIS16480
+from trackfg.datasets.inertial_sensor import ImuModel, apply_errors, draw_errors, gravity, ideal_samples
+from trackfg.datasets.motion import motion, rest
+from trackfg.datasets.ride import Ride
+
+LATITUDES = [None, 48.0]
+
+
+def _earth(latitude_deg):
+    return np.zeros(3) if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
+
+
+def _composed(ride, gyro, edges, latitude_deg):
+    """Attitudes at the edges from the first one and the gyro alone."""
+    dt = edges[1] - edges[0]
+    turns = frames.so3_exp(gyro * dt)
+    back = frames.so3_exp(-_earth(latitude_deg) * dt)
+    R = np.empty((len(edges), 3, 3))
+    R[0] = ride.rotation(edges[:1])[0]
+    for k, turn in enumerate(turns):
+        R[k + 1] = back @ R[k] @ turn
+    return R
+
+
+@pytest.mark.parametrize("latitude_deg", LATITUDES)
+def test_composing_the_gyro_gives_the_attitude(winding_ride, latitude_deg):
+    edges = tables.clock(120.0, 200.0)
+    gyro, _ = ideal_samples(winding_ride, edges, latitude_deg)
+    error = np.swapaxes(winding_ride.rotation(edges), 1, 2) @ _composed(winding_ride, gyro, edges, latitude_deg)
+    assert np.abs(frames.so3_log(error)).max() < 1e-9
+
+
+@pytest.mark.parametrize("latitude_deg", LATITUDES)
+@pytest.mark.parametrize("lever_arm", [(0.0, 0.0, 0.0), (2.0, -0.5, 1.0)])
+def test_integrating_the_specific_force_gives_velocity_and_position(winding_ride, latitude_deg, lever_arm):
+    rate = 1000.0
+    edges = tables.clock(40.0, rate)
+    gyro, accel = ideal_samples(winding_ride, edges, latitude_deg, lever_arm)
+    arm, w, dt = np.array(lever_arm), _earth(latitude_deg), 1 / rate
+    R = winding_ride.rotation(edges)
+    speed = winding_ride.motion.speed(edges)
+    body_velocity = np.column_stack([speed, 0 * speed, 0 * speed]) + np.cross(winding_ride.body_rate(edges), arm)
+    velocity = np.einsum("nij,nj->ni", R, body_velocity)
+    position = winding_ride.position(edges) + R @ arm
+
+    middle = frames.so3_exp(-w * dt / 2) @ _composed(winding_ride, gyro, edges, latitude_deg)[:-1]
+    middle = middle @ frames.so3_exp(gyro * dt / 2)
+    steps = np.einsum("nij,nj->ni", middle, accel) * dt - np.array([0, 0, gravity(latitude_deg) * dt])
+    integrated = np.empty_like(velocity)
+    integrated[0] = velocity[0]
+    for k, step in enumerate(steps):
+        half = integrated[k] + 0.5 * step
+        integrated[k + 1] = integrated[k] + step - 2 * np.cross(w, half) * dt
+    travelled = position[0] + np.cumsum(0.5 * dt * (integrated[1:] + integrated[:-1]), axis=0)
+    # With a lever arm the velocity jumps at kinks of the line, and the jump's direction is known to half a sample only.
+    assert np.abs(integrated - velocity).max() < (1e-5 if not arm.any() else 1e-4)
+    assert np.abs(travelled - position[1:]).max() < (5e-4 if not arm.any() else 5e-3)
+
+
+def test_at_rest_it_feels_gravity_and_the_earth(make_line):
+    latitude = 48.0
+    ride = Ride(make_line([0, 100], [0, 0], grade=[0.02, 0.02]), motion(rest(10.0), 50.0))
+    gyro, accel = ideal_samples(ride, tables.clock(10.0, 100.0), latitude)
+    up = np.array([np.sin(0.02), 0.0, np.cos(0.02)])
+    np.testing.assert_allclose(accel, np.broadcast_to(gravity(latitude) * up, accel.shape), atol=1e-12)
+    # The x axis points east: the Earth's rate is to the left and up.
+    rate = frames.EARTH_RATE * np.array([0.0, np.cos(np.radians(latitude)), np.sin(np.radians(latitude))])
+    body = rate @ ride.rotation(np.zeros(1))[0]
+    np.testing.assert_allclose(gyro, np.broadcast_to(body, gyro.shape), atol=1e-13)
+
+
+def test_steady_curve_has_centripetal_and_coriolis_acceleration(make_line):
+    radius, v, latitude = 400.0, 20.0, 60.0
+    ride = Ride(make_line([0, 2000], [1 / radius, 1 / radius]), motion(rest(10.0), 0.0, v))
+    edges = tables.clock(5.0, 100.0)
+    _, still = ideal_samples(ride, edges, None)
+    np.testing.assert_allclose(still[:, 1], v**2 / radius, rtol=1e-9)
+    _, turning = ideal_samples(ride, edges, latitude)
+    coriolis = 2 * frames.EARTH_RATE * np.sin(np.radians(latitude)) * v
+    np.testing.assert_allclose(turning[:, 1] - still[:, 1], coriolis, rtol=1e-6)
+
+
+def test_lever_arm_adds_the_rotation(make_line):
+    radius, v = 400.0, 20.0
+    ride = Ride(make_line([0, 2000], [1 / radius, 1 / radius]), motion(rest(10.0), 0.0, v))
+    _, accel = ideal_samples(ride, tables.clock(5.0, 100.0), None, (0.0, 1.0, 0.0))
+    np.testing.assert_allclose(accel[:, 1], v**2 / radius * (1 - 1 / radius), rtol=1e-9)
+
+
+def test_chunks_do_not_show(winding_ride, monkeypatch):
+    edges = tables.clock(20.0, 100.0)
+    whole = ideal_samples(winding_ride, edges, 48.0, (1.0, 0.0, 0.5))
+    monkeypatch.setattr("trackfg.datasets.inertial_sensor._CHUNK", 333)
+    parts = ideal_samples(winding_ride, edges, 48.0, (1.0, 0.0, 0.5))
+    for one, other in zip(whole, parts, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_white_noise_has_its_density(allan_deviation):
+    rate, seconds = 200.0, 600.0
+    errors = draw_errors(ImuModel(rate, ADIS16480), tables.clock(seconds, rate), np.random.default_rng(1))
+    for noise, density in ((errors.gyro_noise, ADIS16480.gyro_white), (errors.accel_noise, ADIS16480.accel_white)):
+        for averaging in (1, 20, 200):
+            expected = density / np.sqrt(averaging / rate)
+            tolerance = 4 / np.sqrt(seconds * rate / averaging)
+            np.testing.assert_allclose(allan_deviation(noise, averaging), expected, rtol=tolerance)
+
+
+def test_biases_start_and_walk_as_asked():
+    model = ImuModel(50.0, ADIS16480)
+    edges = tables.clock(100.0, 50.0)
+    drawn = [draw_errors(model, edges, np.random.default_rng(seed)) for seed in range(200)]
+    for name, start_sd, walk in (
+        ("gyro_bias", ADIS16480.gyro_bias_sd, ADIS16480.gyro_bias_walk),
+        ("accel_bias", ADIS16480.accel_bias_sd, ADIS16480.accel_bias_walk),
+    ):
+        bias = np.stack([getattr(errors, name) for errors in drawn])
+        assert bias[:, 0].std() == pytest.approx(start_sd, rel=0.15)
+        walked = bias[:, -1] - bias[:, 0]
+        assert walked.std() == pytest.approx(walk * np.sqrt(100.0), rel=0.15)
+
+
+def test_mounting_turns_the_sensor():
+    model = ImuModel(10.0, ADIS16480, mount_sd_rad=0.01)
+    edges = tables.clock(1.0, 10.0)
+    errors = draw_errors(model, edges, np.random.default_rng(2))
+    _, pitch, yaw = errors.mount_rpy_rad
+    assert pitch != 0
+    assert yaw != 0
+    silent = apply_errors(np.zeros((10, 3)), np.zeros((10, 3)), errors)
+    _, accel = apply_errors(np.zeros((10, 3)), np.tile([0.0, 0.0, 9.8], (10, 1)), errors)
+    # A sensor that sits nose-down feels gravity on its x axis as a vehicle that is nose-down does.
+    np.testing.assert_allclose((accel - silent[1])[:, 0], -9.8 * np.sin(pitch), rtol=1e-6)
+    mounts = [draw_errors(model, edges, np.random.default_rng(seed)).mount_rpy_rad[1:] for seed in range(300)]
+    assert np.std(mounts) == pytest.approx(0.01, rel=0.12)
