@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, posterior_covariance
@@ -22,7 +23,7 @@ from trackfg.graph import Problem, build_problem
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
-from trackfg.trajectory import trajectory_table
+from trackfg.trajectory import calibration_table, trajectory_table
 
 _DENSE_STEP_S = 0.02
 """Longest step of the integration between keyframes."""
@@ -50,6 +51,22 @@ class _Stages:
             self.progress(name, done)
 
 
+@dataclass(frozen=True)
+class SmoothedStates:
+    """Everything the smoother knows, before it becomes files.
+
+    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s, wheel_scale,
+    gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
+    """
+
+    problem: Problem
+    solution: Solution
+    covariance: Covariance
+    trajectory: pd.DataFrame
+    calibration: pd.DataFrame
+    timings_s: dict[str, float]
+
+
 def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress: Progress | None = None) -> Result:
     """Estimate the whole run from all its measurements.
 
@@ -57,6 +74,14 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
     """
     config = config or SmoothConfig()
+    smoothed = smooth_states(recording, config, progress=progress)
+    direction = recording.description.track.direction
+    events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
+    return Result(smoothed.trajectory, events, _summary(recording, config, smoothed))
+
+
+def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
+    """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages = _Stages(progress)
     with stages.stage("graph"):
         problem = build_problem(recording, config)
@@ -65,13 +90,12 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     with stages.stage("covariance"):
         covariance = posterior_covariance(solution.bayes_net, len(problem.t))
     with stages.stage("output"):
-        direction = recording.description.track.direction
         clock = _clock(problem, config.output.rate_hz)
-        motion = dense_motion(problem, solution.states, _DENSE_STEP_S, clock)
-        trajectory = trajectory_table(motion.at(clock), solution.states, covariance, problem.lever_arm, direction)
-        events = event_table(problem, solution.states, covariance, direction)
-    summary = _summary(recording, config, problem, solution, covariance, stages.timings_s)
-    return Result(trajectory, events, summary)
+        motion = dense_motion(problem, solution.states, _DENSE_STEP_S, clock).at(clock)
+        direction = recording.description.track.direction
+        trajectory = trajectory_table(motion, solution.states, covariance, problem.lever_arm, direction)
+        calibration = calibration_table(motion, solution.states, covariance)
+    return SmoothedStates(problem, solution, covariance, trajectory, calibration, stages.timings_s)
 
 
 def _clock(problem: Problem, rate_hz: float) -> Array:
@@ -80,19 +104,16 @@ def _clock(problem: Problem, rate_hz: float) -> Array:
     return np.arange(first, last + 1) / rate_hz
 
 
-def _summary(
-    recording: Recording,
-    config: SmoothConfig,
-    problem: Problem,
-    solution: Solution,
-    covariance: Covariance,
-    timings_s: dict[str, float],
-) -> Summary:
-    states = solution.states
-    bias, bias_sd = states.bias[-1], np.sqrt(np.diag(covariance.of(Kind.BIAS)[-1]))
-    scale_sd = float(np.sqrt(covariance.of(Kind.ODO)[-1, 1, 1]))
+def _summary(recording: Recording, config: SmoothConfig, smoothed: SmoothedStates) -> Summary:
+    problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
+    last = smoothed.calibration.iloc[-1]
     clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
     has_tach = problem.wheel is not None
+
+    def vector(name: str) -> VectorEstimate:
+        columns = [name.format(axis=axis) for axis in "xyz"]
+        return VectorEstimate(value=tuple(last[columns]), sd=tuple(last[[f"{c}_sd" for c in columns]]))
+
     return Summary(
         recording_id=recording.description.id,
         configuration=config.model_dump(),
@@ -103,12 +124,12 @@ def _summary(
             cost=solution.cost,
             degrees_of_freedom=solution.degrees_of_freedom,
         ),
-        timings_s=timings_s,
+        timings_s=smoothed.timings_s,
         duration_s=float(problem.t[-1] - problem.t[0]),
-        distance_m=float(np.abs(np.diff(states.odo[:, 0])).sum()),
+        distance_m=float(np.abs(np.diff(solution.states.odo[:, 0])).sum()),
         keyframes=len(problem.t),
-        wheel_scale=Estimate(value=float(states.odo[-1, 1]), sd=scale_sd) if has_tach else None,
-        clock_offset_s=Estimate(value=float(states.clock[0, 0]), sd=clock_sd) if has_tach else None,
-        gyro_bias_radps=VectorEstimate(value=tuple(bias[3:]), sd=tuple(bias_sd[3:])),
-        accel_bias_mps2=VectorEstimate(value=tuple(bias[:3]), sd=tuple(bias_sd[:3])),
+        wheel_scale=Estimate(value=last["wheel_scale"], sd=last["wheel_scale_sd"]) if has_tach else None,
+        clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
+        gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
+        accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
     )

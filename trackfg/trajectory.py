@@ -37,6 +37,21 @@ def trajectory_table(
     return pd.DataFrame(table)
 
 
+def calibration_table(motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
+    """One row per entry of ``motion``: wheel scale and biases, and their sigmas."""
+    odo, bias = covariance.of(Kind.ODO), covariance.of(Kind.BIAS)
+    values = np.column_stack([states.odo[:, 1], states.bias])
+    variance = np.column_stack([odo[:, 1, 1], np.diagonal(bias, axis1=1, axis2=2)])
+    names = ["wheel_scale"]
+    names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
+    k, f = motion.keyframe, motion.fraction[:, None]
+    values, variance = (x[k] * (1.0 - f) + x[k + 1] * f for x in (values, variance))
+    table = {"t_s": motion.t}
+    for name, value, sd in zip(names, values.T, np.sqrt(variance).T, strict=True):
+        table |= {name: value, f"{name}_sd": sd}
+    return pd.DataFrame(table)
+
+
 def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array) -> Array:
     """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`."""
     J = _jacobian(states.nav, states.mount, lever_arm)
