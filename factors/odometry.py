@@ -51,21 +51,23 @@ def tach_distance(first: np.ndarray, sigma: Array, loss: Loss | None) -> Family:
     return Family("tach distance", _wheel, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma, loss)
 
 
-def _reading(odo: Array, clock: Array, count: Array, rate: Array) -> tuple[Array, tuple[Array, ...]]:
-    residual = odo[:, 2] - (count[:, 0] - rate[:, 0] * clock[:, 0])
-    d_odo = np.zeros((len(odo), 1, 4))
+def _reading(odo: Array, clock: Array, count: Array, rate: Array, since: Array) -> tuple[Array, tuple[Array, ...]]:
+    offset = clock[:, 0] + clock[:, 1] * since[:, 0]
+    d_odo, d_clock = np.zeros((len(odo), 1, 4)), np.zeros((len(odo), 1, 3))
     d_odo[:, 0, 2] = 1.0
-    return residual[:, None], (d_odo, rate[:, :, None])
+    d_clock[:, 0, 0], d_clock[:, 0, 1] = rate[:, 0], rate[:, 0] * since[:, 0]
+    return (odo[:, 2] - (count[:, 0] - rate[:, 0] * offset))[:, None], (d_odo, d_clock)
 
 
-def tach_reading(index: np.ndarray, count: Array, rate: Array, sigma: Array) -> Family:
+def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sigma: Array) -> Family:
     """What the tach shows at a keyframe.
 
-    Residual (m): ``W_k - (c_k - r_k T)``: ``c`` (m,) is the count at the keyframe's time as nominal distance, ``r`` (m,) its
-    rate (m/s) and ``T`` the clock offset, the seconds to add to the tach's times. sigma (m, 1): rounding.
+    Residual (m): ``W_k - (c_k - r_k T_k)``: ``c`` (m,) is the count at the keyframe's time as nominal distance, ``r`` (m,) its
+    rate (m/s) and ``T_k`` the clock offset, the seconds to add to the tach's times: offset plus drift times ``since`` (m,), the
+    seconds since the middle of the run. sigma (m, 1): rounding.
     """
     slots = (Slot(Kind.ODO, index), Slot(Kind.CLOCK, np.zeros_like(index)))
-    return Family("tach reading", _reading, slots, (count[:, None], rate[:, None]), sigma)
+    return Family("tach reading", _reading, slots, (count[:, None], rate[:, None], since[:, None]), sigma)
 
 
 def _arc(first: Nav, second: Nav, odo: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -9,7 +9,8 @@ kind       dim   content and tangent
 ``ODO``    4     along-track distance (m), wheel scale, wheel distance as the tach counts it (m), distance since the
                  previous keyframe (m)
 ``MOUNT``  2     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad)
-``CLOCK``  1     shared: seconds to add to the tach's times to bring them to the IMU's clock
+``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
+                 middle of the run and its drift (s/s), the GNSS receiver's offset (s)
 =========  ====  =================================================================================================
 
 Position and velocity of one keyframe are one variable with its attitude, and the odometer's scalars are another: the
@@ -34,7 +35,7 @@ class Kind(Enum):
     BIAS = ("b", 6, False)
     ODO = ("o", 4, False)
     MOUNT = ("m", 2, True)
-    CLOCK = ("c", 1, True)
+    CLOCK = ("c", 3, True)
 
     def __init__(self, letter: str, dim: int, shared: bool) -> None:
         self.letter = letter
@@ -90,7 +91,7 @@ def retract(value: Value, delta: Array) -> Value:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run with n keyframes: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 1)."""
+    """Values of all variables of a run with n keyframes: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3)."""
 
     nav: Nav
     bias: Array

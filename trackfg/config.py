@@ -39,15 +39,17 @@ class ImuConfig(_Section):
 
 
 class TachConfig(_Section):
-    """The wheel: creep (m per sqrt(m) rolled), noise of a speed signal (m/s in 1 s), walk of the scale, clock offset.
+    """The wheel: creep (m per sqrt(m) rolled), noise of a speed signal (m/s in 1 s), walk of the scale.
 
-    ``robust_width`` is where, in sigmas, a wheel that does not roll begins to lose its weight.
+    The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's. ``robust_width`` is
+    where, in sigmas, a wheel that does not roll begins to lose its weight.
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
     speed_noise_mps: Positive = 0.1
     scale_walk_per_sqrt_m: Positive = 1e-7
     clock_offset_sd_s: Positive = 0.1
+    clock_drift_sd: Positive = 1e-4
     robust_width: Positive = 4.0
     max_gap_s: Positive = 5.0
 
@@ -71,11 +73,15 @@ class MotionConfig(_Section):
 
 
 class PositionConfig(_Section):
-    """GNSS and fixes: where, in sigmas, a position begins to lose its weight; none where ``robust`` is false."""
+    """GNSS and fixes: where, in sigmas, a position begins to lose its weight; never where ``robust`` is false.
+
+    The receiver's clock may be off by ``gnss_clock_offset_sd_s`` against the IMU's.
+    """
 
     robust: bool = True
     gnss_width: Positive = 3.0
     fix_width: Positive = 4.0
+    gnss_clock_offset_sd_s: Positive = 0.05
 
 
 class OutputConfig(_Section):

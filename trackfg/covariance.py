@@ -24,7 +24,7 @@ _SIZE = KEYFRAME_DIM + SHARED_DIM
 
 @dataclass(frozen=True)
 class Covariance:
-    """``marginal`` (n, d, d): covariance of (x_k, s); ``gain`` (n - 1, d, d): A_k. d is 19 + 3, in elimination order."""
+    """``marginal`` (n, d, d): covariance of (x_k, s); ``gain`` (n - 1, d, d): A_k. d is 19 + 5, in elimination order."""
 
     marginal: Array
     gain: Array

@@ -168,7 +168,7 @@ class _Layout:
         count = distance if self.wheel is None else self.wheel.at(self.t)
         start = self._start_distance(distance)
         odo = np.stack([start + distance, np.ones(n), count, np.diff(distance, prepend=0.0)], axis=1)
-        return States(Nav(R, p, self.path.velocity(self.t)), bias, odo, np.zeros((1, 2)), np.zeros((1, 1)))
+        return States(Nav(R, p, self.path.velocity(self.t)), bias, odo, np.zeros((1, 2)), np.zeros((1, 3)))
 
     def _start_distance(self, distance: Array) -> float:
         """Where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
@@ -227,13 +227,17 @@ class _Layout:
         scale_sd = 1e-2 if tach is None else tach.scale_sd
         start_sd = 1e5 if self.recording.fixes is not None and len(self.recording.fixes) else 1e-4
         odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
+        tach_clock = config.tach
+        clock_sd = np.array(
+            [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
+        )
         mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
         return [
             nav_prior(first, states.nav[:1], nav_sd),
             prior(Kind.BIAS, first, np.zeros((1, 6)), bias_sd),
             prior(Kind.ODO, first, states.odo[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
             prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
-            prior(Kind.CLOCK, first, np.zeros((1, 1)), np.array([[config.tach.clock_offset_sd_s]])),
+            prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         ]
 
     def _odometer(self) -> list[Family]:
@@ -259,7 +263,8 @@ class _Layout:
         families.append(tach_distance(k, np.sqrt(variance)[:, None], Loss("cauchy", config.robust_width)))
         read = self._readable()
         count, rate = self.wheel.at(self.t[read]), self.wheel.rate(self.t[read])
-        families.append(tach_reading(read, count, rate, np.full((read.size, 1), self.wheel.rounding_sd)))
+        since = self.t[read] - 0.5 * (self.t[0] + self.t[-1])
+        families.append(tach_reading(read, count, rate, since, np.full((read.size, 1), self.wheel.rounding_sd)))
         return families
 
     def _readable(self) -> np.ndarray:
@@ -330,7 +335,7 @@ class _Layout:
                     lever,
                     t - self.t[index],
                     table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy(),
-                    Loss("cauchy", config.gnss_width) if config.robust else None,
+                    Loss("huber", config.gnss_width) if config.robust else None,
                 )
             )
         return families

@@ -14,7 +14,8 @@ table       columns
 ``lasers``  by name: ``t_s, displacement_m``
 ==========  =====================================================================================================
 
-Truth is not here: estimators never see it.
+All of this is applied already: what ``description`` says of units, axes, stamps, mounting and clock offsets is where
+the tables came from, and must not be applied again. Truth is not here: estimators never see it.
 """
 
 from __future__ import annotations

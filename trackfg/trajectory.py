@@ -8,7 +8,7 @@ import pandas as pd
 from trackfg.covariance import Covariance
 from trackfg.dense import DenseMotion
 from trackfg.factors.motion import mount_matrix
-from trackfg.factors.states import KEYFRAME_DIM, Kind, Nav, States, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, offset_in_keyframe
 from trackfg.frames import Array, rpy_from_matrix, skew
 
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
@@ -67,7 +67,7 @@ def _jacobian(nav: Nav, mount: Array, lever_arm: Array) -> Array:
     R_bt = mount_matrix(mount)[0][0]
     roll, pitch, _ = rpy_from_matrix(nav.R @ R_bt).T
 
-    J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + 3))
+    J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + SHARED_DIM))
     J[:, 0, odo] = 1.0
     J[:, 1:4, turn] = nav.R @ skew(lever_arm)
     J[:, 1:4, shift] = nav.R

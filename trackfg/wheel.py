@@ -58,7 +58,7 @@ def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
         return None
     description, table = recording.description.tach, recording.tach
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
-    speed = description.kind == "speed"
+    speed = description.integrates_speed
     quantum = 0.0 if speed else tach_quantum_m(table)
     step = np.abs(np.diff(distance))
     silent = (np.diff(t) > max_gap_s) & (step > 1.5 * quantum)

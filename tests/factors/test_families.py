@@ -29,7 +29,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
         base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3)
     )
     odo = normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0]
-    return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 1))
+    return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 3))
 
 
 def families(seed: int, loss: Loss | None = None) -> list[Family]:
@@ -50,13 +50,13 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         gravity_tilt(all_k, 9 * normal(n, 3), 9.8, sigma(n, 3)),
         distance_chain(first, sigma(f, 2)),
         tach_distance(first, sigma(f, 1), loss),
-        tach_reading(all_k, normal(n), normal(n), sigma(n, 1)),
+        tach_reading(all_k, normal(n), normal(n), normal(n), sigma(n, 1)),
         arc_length(first, lever, sigma(f, 1)),
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
         prior(Kind.BIAS, all_k, normal(n, 6), sigma(n, 6)),
         prior(Kind.MOUNT, np.array([0]), normal(1, 2), sigma(1, 2)),
-        prior(Kind.CLOCK, np.array([0]), normal(1, 1), sigma(1, 1)),
+        prior(Kind.CLOCK, np.array([0]), normal(1, 3), sigma(1, 3)),
         nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9)),
     ]
 
@@ -150,6 +150,6 @@ def test_arc_is_exact_on_a_circle_and_signed() -> None:
     radius, angles = 300.0, np.array([0.0, 0.1, 0.35, 0.3])
     yaw = so3_exp(np.outer(angles, [0, 0, 1.0]))
     p = radius * np.stack([np.sin(angles), 1 - np.cos(angles), np.zeros(4)], axis=1)
-    states = States(Nav(yaw, p, np.zeros((4, 3))), np.zeros((4, 6)), np.zeros((4, 4)), np.zeros((1, 2)), np.zeros((1, 1)))
+    states = States(Nav(yaw, p, np.zeros((4, 3))), np.zeros((4, 6)), np.zeros((4, 4)), np.zeros((1, 2)), np.zeros((1, 3)))
     arcs = arc_length(np.arange(3), np.zeros(3), np.ones((3, 1))).residual(states)[:, 0]
     np.testing.assert_allclose(arcs, radius * np.diff(angles), rtol=1e-12)

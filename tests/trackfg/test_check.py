@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 
 from trackfg.check import CheckLimits, check_recording
+from trackfg.description import Fixes, Gnss, Imu, ImuNoise, Laser, Table, Tach, Track, Truth
 from trackfg.errors import BadInputError
 from trackfg.recording_io import read_recording
 
@@ -398,9 +400,10 @@ def test_stuck_saturated_and_repeated_channels_are_warnings(draft: Draft, tmp_pa
 
 def test_saturation_is_a_warning(draft: Draft, tmp_path: Path) -> None:
     draft["imu"].loc[4000:4010, "fx"] = 19.62
-    assert "column 'fx', data row 4001 (t = 80 s): stays at its extreme 19.62" in doubts(draft, tmp_path / "rec")[
-        "saturated-channel"
-    ]
+    assert (
+        "column 'fx', data row 4001 (t = 80 s): stays at its extreme 19.62"
+        in doubts(draft, tmp_path / "rec")["saturated-channel"]
+    )
 
 
 def test_fixes_against_the_direction_are_a_warning(draft: Draft, tmp_path: Path) -> None:
@@ -424,3 +427,38 @@ def test_findings_carry_their_parts(draft: Draft, tmp_path: Path) -> None:
     assert (finding.file, finding.column, finding.row, finding.time_s) == ("imu.csv", "wx", 17, 0.32)
     assert finding.expected == "a finite number"
     assert finding.mend
+
+
+def test_the_manual_lists_every_code() -> None:
+    """Codes are part of the interface: docs/recording.md has a row for each, and none that does not exist."""
+    root = Path(__file__).parents[2]
+    sources = "\n".join(path.read_text() for path in sorted((root / "trackfg").glob("*.py")))
+    manual = (root / "docs" / "recording.md").read_text()
+    rows = re.findall(r"^\| ((?:`[a-z-]+`(?:, )?)+) \| ", manual.split("## trackfg check")[1], flags=re.MULTILINE)
+    documented = {code for row in rows for code in re.findall(r"`([a-z-]+)`", row)}
+    for code in documented:
+        assert f'"{code}"' in sources
+    raised = {code for _, code, _ in BROKEN.values()}
+    assert raised <= documented
+
+
+def test_the_manual_lists_every_key_with_its_default() -> None:
+    manual = (Path(__file__).parents[2] / "docs" / "recording.md").read_text()
+    sections = dict(re.findall(r"^### ([^\n]+)\n(.*?)(?=^##)", manual, re.DOTALL | re.MULTILINE))
+    shared = set(Table.model_fields)
+    models = {
+        "Every table": Table, "[track]": Track, "[imu]": Imu, "[imu.noise]": ImuNoise, "[tach]": Tach,
+        "[fixes]": Fixes, "[gnss]": Gnss, "[[laser]]": Laser, "[truth]": Truth,
+    }  # fmt: skip
+    for title, model in models.items():
+        rows = re.findall(r"^\| `(\w+)` \|[^|]*\| ([^|]+) \|", sections[title], flags=re.MULTILINE)
+        own = {name: info for name, info in model.model_fields.items() if model is Table or name not in shared}
+        own.pop("noise", None)
+        assert dict(rows).keys() == own.keys(), title
+        for name, shown in rows:
+            info = own[name]
+            assert (shown == "required") == info.is_required(), (title, name)
+            if not info.is_required() and isinstance(info.default, float):
+                assert float(shown) == info.default, (title, name)
+            if not info.is_required() and isinstance(info.default, str):
+                assert shown == f'`"{info.default}"`', (title, name)
