@@ -43,8 +43,8 @@ def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigm
     """No lateral and no vertical velocity at the vehicle reference point.
 
     Residual (m/s): rows 2 and 3 of ``R_bt' (R' v - w x l)``, positive to the left and upwards; ``l`` (3,) is the IMU's
-    position in the vehicle, m, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the gyro's
-    remaining error times the lever arm is far below any sigma used here. sigma (m, 2), m/s.
+    position in the vehicle, m, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the
+    gyro's remaining error times the lever arm is far below any sigma used here. sigma (m, 2), m/s.
     """
     swing = np.cross(angular_rate, lever_arm)
     slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))

@@ -31,7 +31,7 @@ def _nav(nav: Nav, R: Array, p: Array, v: Array) -> tuple[Array, tuple[Array, ..
 def nav_prior(index: np.ndarray, mean: Nav, sigma: Array) -> Family:
     """Attitude, position and velocity are near ``mean``.
 
-    Residual: ``Log(R R0')`` (rad; its third component is the yaw error, about n's vertical), ``p - p0`` (m), ``v - v0`` (m/s),
-    all in n. sigma (m, 9).
+    Residual: ``Log(R R0')`` (rad; its third component is the yaw error, about n's vertical), ``p - p0`` (m) and
+    ``v - v0`` (m/s), all in n. sigma (m, 9).
     """
     return Family("prior on nav", _nav, (Slot(Kind.NAV, index),), (mean.R, mean.p, mean.v), sigma)

@@ -20,20 +20,16 @@ class _Section(BaseModel):
 class KeyframeConfig(_Section):
     """Where states are estimated: whichever of time and distance comes first; sparser at rest."""
 
-    interval_s: Positive = 0.5
-    distance_m: Positive = 15.0
+    interval_s: Positive = 1.0
+    distance_m: Positive = 20.0
     interval_at_rest_s: Positive = 5.0
 
 
 class ImuConfig(_Section):
-    """What the declared noise of the IMU leaves out.
-
-    ``gyro_noise_factor`` and ``accel_noise_factor`` multiply the declared white densities (vibration, aliasing). Over a hole
-    in the record the body may turn and accelerate as if by white noise of the ``bridge`` densities.
+    """Holes in the IMU's record: over one, the body may turn and accelerate as if by white noise of these densities
+    (rad/s and m/s^2 per sqrt(Hz)).
     """
 
-    gyro_noise_factor: Positive = 1.0
-    accel_noise_factor: Positive = 1.0
     bridge_gyro_white: Positive = 0.05
     bridge_accel_white: Positive = 0.5
 
@@ -75,13 +71,35 @@ class MotionConfig(_Section):
 class PositionConfig(_Section):
     """GNSS and fixes: where, in sigmas, a position begins to lose its weight; never where ``robust`` is false.
 
-    The receiver's clock may be off by ``gnss_clock_offset_sd_s`` against the IMU's.
+    The receiver's clock may be off by ``gnss_clock_offset_sd_s`` against the IMU's. GNSS errors that last
+    ``gnss_correlation_s`` (multipath: tens of seconds) are weighted as the independent ones that they amount to.
     """
 
     robust: bool = True
     gnss_width: Positive = 3.0
     fix_width: Positive = 4.0
     gnss_clock_offset_sd_s: Positive = 0.05
+    gnss_correlation_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+
+
+class NoiseConfig(_Section):
+    """Factors on the assumed sigmas: of the gyro's and the accelerometer's declared white noise, of the vehicle's sideways
+    motion, of the wheel's rolling, of GNSS positions.
+
+    ``adapt`` raises them to what the residuals show: the run is smoothed ``rounds`` times more.
+    """
+
+    adapt: bool = False
+    rounds: Annotated[int, Field(gt=0)] = 3
+    gyro: Positive = 1.0
+    accel: Positive = 1.0
+    motion: Positive = 1.0
+    tach: Positive = 1.0
+    gnss: Positive = 1.0
+
+    def factors(self) -> dict[str, float]:
+        """The factor of each group."""
+        return {"gyro": self.gyro, "accel": self.accel, "motion": self.motion, "tach": self.tach, "gnss": self.gnss}
 
 
 class OutputConfig(_Section):
@@ -91,10 +109,13 @@ class OutputConfig(_Section):
 
 
 class SolverConfig(_Section):
-    """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, or ``max_iterations``."""
+    """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, a step that lowers the cost by less
+    than ``cost_tolerance``, or ``max_iterations``.
+    """
 
     step_tolerance: Positive = 0.03
-    max_iterations: Annotated[int, Field(gt=0)] = 30
+    cost_tolerance: Positive = 0.02
+    max_iterations: Annotated[int, Field(gt=0)] = 50
 
 
 class SmoothConfig(_Section):
@@ -105,6 +126,7 @@ class SmoothConfig(_Section):
     tach: TachConfig = TachConfig()
     motion: MotionConfig = MotionConfig()
     position: PositionConfig = PositionConfig()
+    noise: NoiseConfig = NoiseConfig()
     output: OutputConfig = OutputConfig()
     solver: SolverConfig = SolverConfig()
 

@@ -4,9 +4,10 @@ Elimination along the chain leaves, for keyframe k with tangent x_k and the shar
 
     R_k x_k + S_k x_{k+1} + T_k s = d_k + e,   e ~ N(0, I),
 
-so with ``z_k = (x_k, s)``: ``z_k = A_k z_{k+1} + q_k``, ``Cov(q_k) = Q_k``, and ``P_k = A_k P_{k+1} A_k' + Q_k``, from the last
-keyframe backwards. The cross-covariance of keyframes i < j is ``A_i ... A_{j-1} P_j``. (Bierman, "Factorization methods for
-discrete sequential estimation", 1977, ch. X; here with GTSAM's QR factors. ``gtsam.Marginals`` has no QR.)
+so with ``z_k = (x_k, s)``: ``z_k = A_k z_{k+1} + q_k``, ``Cov(q_k) = Q_k``, and ``P_k = A_k P_{k+1} A_k' + Q_k``, from
+the last keyframe backwards. The cross-covariance of keyframes i < j is ``A_i ... A_{j-1} P_j``. (Bierman,
+"Factorization methods for discrete sequential estimation", 1977, ch. X; here with GTSAM's QR factors.
+``gtsam.Marginals`` has no QR.)
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ _SIZE = KEYFRAME_DIM + SHARED_DIM
 
 @dataclass(frozen=True)
 class Covariance:
-    """``marginal`` (n, d, d): covariance of (x_k, s); ``gain`` (n - 1, d, d): A_k. d is 19 + 5, in elimination order."""
+    """``marginal`` (n, d, d): covariance of (x_k, s); ``gain`` (n - 1, d, d): A_k. d is 19 + 5, elimination order."""
 
     marginal: Array
     gain: Array
@@ -39,7 +40,7 @@ class Covariance:
 
     def between(self, i: int, j: int) -> Array:
         """Cross-covariance of keyframes ``i <= j``, shape (d, d)."""
-        out = self.marginal[j]
+        out: Array = self.marginal[j]
         for k in range(j - 1, i - 1, -1):
             out = self.gain[k] @ out
         return out

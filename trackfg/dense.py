@@ -1,9 +1,9 @@
 """The smoothed motion between keyframes.
 
-From each keyframe the inertial increments are integrated with the smoothed bias to the next one; what is left over there
-is spread over the interval: the rotation in proportion to time, position and velocity by the cubic that has the required
-end values and slopes. The result passes through every keyframe's smoothed state and has the inertial sensor's detail in
-between.
+From each keyframe the inertial increments are integrated with the smoothed bias to the next one; what is left over
+there is spread over the interval: the rotation in proportion to time, position and velocity by the cubic that has the
+required end values and slopes. The result passes through every keyframe's smoothed state and has the inertial sensor's
+detail in between.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ class DenseMotion:
     keyframe: np.ndarray
     fraction: Array
 
-
     def at(self, t: Array) -> DenseMotion:
         """The motion at times ``t`` (k,) within the run: constant acceleration and rate between rows."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
@@ -57,7 +56,7 @@ class DenseMotion:
 
 
 def dense_motion(problem: Problem, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
-    """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the run's end."""
+    """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
     starts, first = increment_starts(problem.inertial, problem.edges, step_s, times)
     increments = compress(problem.inertial, starts)
     n, m = len(problem.t) - 1, len(increments.duration)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 
 from trackfg.covariance import Covariance
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States
-from trackfg.frames import Array
 from trackfg.graph import Problem
 from trackfg.results import EVENT_COLUMNS
+
+_Row = tuple[str, float, float, float, float, float, float, str]
+"""One event, in the order of the columns."""
 
 _OUTLIER_WEIGHT = 0.5
 """A robust weight below this marks a measurement that the solution does not follow."""
@@ -20,9 +24,11 @@ def event_table(problem: Problem, states: States, covariance: Covariance, direct
     """Events in order of their start, columns :data:`trackfg.results.EVENT_COLUMNS`."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
-    def row(kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan):
+    def row(
+        kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan
+    ) -> _Row:
         chainage = direction * np.interp(start, problem.t, states.odo[:, 0])
-        return (kind, start, end, chainage, np.interp(start, problem.t, sd), removed, removed_sd, detail)
+        return kind, start, end, float(chainage), float(np.interp(start, problem.t, sd)), removed, removed_sd, detail
 
     rows = [row("standstill", start, end) for start, end in problem.rests]
     rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in problem.gaps]
@@ -36,7 +42,8 @@ def event_table(problem: Problem, states: States, covariance: Covariance, direct
         family = problem.family(name)
         if family is not None:
             rows += _positions(problem, family, states, row)
-    return pd.DataFrame(sorted(rows, key=lambda r: r[1]), columns=list(EVENT_COLUMNS))
+    rows.sort(key=lambda r: r[1])
+    return pd.DataFrame(rows, columns=list(EVENT_COLUMNS))
 
 
 def _slips(
@@ -59,7 +66,7 @@ def _distance_sd(covariance: Covariance, i: int, j: int) -> float:
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def _positions(problem: Problem, family: Family, states: States, row) -> list[tuple]:  # type: ignore[no-untyped-def]
+def _positions(problem: Problem, family: Family, states: States, row: Callable[..., _Row]) -> list[_Row]:
     """Fixes one by one; GNSS as runs of outliers, since a row per epoch would bury the rest."""
     t = problem.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)
@@ -74,6 +81,3 @@ def _positions(problem: Problem, family: Family, states: States, row) -> list[tu
         row("gnss set aside", t[i], t[j - 1], f"{j - i} positions, residual up to {size[i:j].max():.1f} m")
         for i, j in edges
     ]
-
-
-__all__ = ["Array", "event_table"]

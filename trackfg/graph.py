@@ -16,8 +16,10 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+import pandas as pd
 
 from trackfg.config import SmoothConfig
+from trackfg.description import Gnss
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.gnss import gnss_position
@@ -180,9 +182,9 @@ class _Layout:
 
     def native(self, states: States, speedless: bool) -> gtsam.NonlinearFactorGraph:
         """Inertial factors and bias walk."""
-        noise, config = self.recording.description.imu.noise, self.config.imu
-        accel = noise.accel_white * config.accel_noise_factor
-        measured = ImuNoise(noise.gyro_white * config.gyro_noise_factor, 1e3 if speedless else accel)
+        noise, config, level = self.recording.description.imu.noise, self.config.imu, self.config.noise
+        accel = noise.accel_white * level.accel
+        measured = ImuNoise(noise.gyro_white * level.gyro, 1e3 if speedless else accel)
         bridge = ImuNoise(config.bridge_gyro_white, config.bridge_accel_white)
         gravity, earth = self.world.gravity, self.world.earth_rate
         parameters = {False: measured.parameters(gravity, earth), True: bridge.parameters(gravity, earth)}
@@ -260,7 +262,8 @@ class _Layout:
         silent = ~(self.wheel.covers(self.t[:-1]) & self.wheel.covers(self.t[1:]))
         if self.wheel.integrates_speed:
             variance = np.where(silent, _MOVED_SD_M**2, variance)
-        families.append(tach_distance(k, np.sqrt(variance)[:, None], Loss("cauchy", config.robust_width)))
+        sigma = np.sqrt(variance)[:, None] * self.config.noise.tach
+        families.append(tach_distance(k, sigma, Loss("cauchy", config.robust_width)))
         read = self._readable()
         count, rate = self.wheel.at(self.t[read]), self.wheel.rate(self.t[read])
         since = self.t[read] - 0.5 * (self.t[0] + self.t[-1])
@@ -286,6 +289,7 @@ class _Layout:
         still = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
         speed = np.abs(np.interp(self.t, self.path.t, self.path.speed))
         sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
+        sigma = sigma * self.config.noise.motion
         huber = Loss("huber", config.robust_width)
         lever = np.array(self.recording.description.imu.lever_arm_m)
         return [
@@ -322,23 +326,23 @@ class _Layout:
         fixes, gnss = self.recording.fixes, self.recording.gnss
         if fixes is not None:
             families.append(self._fixes(Loss("cauchy", config.fix_width) if config.robust else None))
-        if gnss is not None and description.gnss is not None:
-            t = gnss["t_s"].to_numpy()
-            inside = (t >= self.data.edges[0]) & (t <= self.data.edges[-1])
-            t, table = t[inside], gnss[inside]
-            index = nearest(self.t, t)
-            lever = np.array(description.gnss.lever_arm_m) - np.array(description.imu.lever_arm_m)
-            families.append(
-                gnss_position(
-                    index,
-                    table[["east_m", "north_m", "up_m"]].to_numpy(),
-                    lever,
-                    t - self.t[index],
-                    table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy(),
-                    Loss("huber", config.gnss_width) if config.robust else None,
-                )
-            )
+        if gnss is not None and len(gnss) and description.gnss is not None:
+            families.append(self._gnss(gnss, description.gnss, Loss("huber", config.gnss_width) if config.robust else None))
         return families
+
+    def _gnss(self, gnss: pd.DataFrame, description: Gnss, loss: Loss | None) -> Family:
+        config = self.config
+        t = gnss["t_s"].to_numpy()
+        inside = (t >= self.data.edges[0]) & (t <= self.data.edges[-1])
+        t, table = t[inside], gnss[inside]
+        index = nearest(self.t, t)
+        lever = np.array(description.lever_arm_m) - np.array(self.recording.description.imu.lever_arm_m)
+        # n readings of an error with correlation time tau tell as much as n dt / (2 tau) independent ones.
+        interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
+        inflation = np.sqrt(max(1.0, 2.0 * config.position.gnss_correlation_s / interval))
+        sigma = table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy() * (config.noise.gnss * inflation)
+        position = table[["east_m", "north_m", "up_m"]].to_numpy()
+        return gnss_position(index, position, lever, t - self.t[index], sigma, loss)
 
     def _fixes(self, loss: Loss | None) -> Family:
         fixes = self.recording.fixes

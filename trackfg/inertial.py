@@ -1,13 +1,13 @@
 """The inertial samples as intervals without holes, and their exact compression.
 
 A sample is the mean angular rate and specific force over the interval around its stamp. :func:`intervals` lays these
-intervals edge to edge; where samples are missing it bridges the hole with interpolated ones and marks them, so that their
-noise can be widened and everything downstream sees one continuous record.
+intervals edge to edge; where samples are missing it bridges the hole with interpolated ones and marks them, so that
+their noise can be widened and everything downstream sees one continuous record.
 
-:func:`compress` turns groups of samples into one rotation and one velocity increment each, expressed in the body axes at
-the start of the group, with the turning of the body within each sample included (coning and sculling; Savage, "Strapdown
-inertial navigation integration algorithm design", J. Guidance, Control and Dynamics 21 (1998)). GTSAM then preintegrates a
-quarter or a tenth of the samples with nothing lost.
+:func:`compress` turns groups of samples into one rotation and one velocity increment each, expressed in the body axes
+at the start of the group, with the turning of the body within each sample included (coning and sculling; Savage,
+"Strapdown inertial navigation integration algorithm design", J. Guidance, Control and Dynamics 21 (1998)). GTSAM then
+preintegrates a quarter or a tenth of the samples with nothing lost.
 """
 
 from __future__ import annotations

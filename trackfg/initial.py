@@ -1,9 +1,9 @@
 """Initial values: a cheap pass over the run that lands close enough for Gauss-Newton.
 
-On a uniform grid: roll and pitch from the specific force less its kinematic part (``dv/dt``, ``v wz``, ``-v wy`` with the
-tach's or the GNSS's speed v) below a crossover frequency and from the gyro above it, both by one zero-phase filter, so that
-a constant gyro bias cancels; yaw from the gyro; position by stepping the speed along the forward axis. Where there is GNSS
-the path is turned and shifted onto it.
+On a uniform grid: roll and pitch from the specific force less its kinematic part (``dv/dt``, ``v wz``, ``-v wy`` with
+the tach's or the GNSS's speed v) below a crossover frequency and from the gyro above it, both by one zero-phase filter,
+so that a constant gyro bias cancels; yaw from the gyro; position by stepping the speed along the forward axis. Where
+there is GNSS the path is turned and shifted onto it.
 
 Everything is array operations: no loop over time.
 """
@@ -53,7 +53,7 @@ class InitialPath:
 def initial_path(
     recording: Recording, data: Intervals, wheel: Wheel | None, rests: Array, earth_rate: Array, yaw: float
 ) -> InitialPath:
-    """Run the pass. ``rests`` (m, 2) s; ``earth_rate`` (3,) rad/s in n; ``yaw`` rad at the start where no GNSS gives it."""
+    """Run the pass. ``rests`` (m, 2) s; ``earth_rate`` (3,) rad/s in n; ``yaw`` rad at the start if GNSS is absent."""
     t = np.arange(data.edges[0], data.edges[-1], _GRID_S)
     t = np.append(t, data.edges[-1]) if data.edges[-1] - t[-1] > 1e-6 else t
     gyro, accel = _means(t, data.edges, data.gyro), _means(t, data.edges, data.accel)
@@ -79,7 +79,7 @@ def initial_path(
 
 
 def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
-    """Gyro bias at ``t`` (n, 3): the mean rate of each rest less the Earth's vertical rate, interpolated; 0 without a rest.
+    """Gyro bias at ``t`` (n, 3): the mean rate of each rest less the Earth's vertical rate, interpolated; else 0.
 
     The horizontal part of the Earth's rate, whose direction in the body is not known yet, stays in.
     """
@@ -135,7 +135,7 @@ def _dead_reckon(t: Array, rpy: Array, speed: Array, bias: Array) -> InitialPath
 
 
 def _onto_gnss(path: InitialPath, recording: Recording) -> InitialPath:
-    """Turn the path about the vertical and shift it so that it fits the GNSS positions best (Procrustes, in the plane)."""
+    """Turn the path about the vertical and shift it to where it fits the GNSS positions best (Procrustes, in plan)."""
     gnss = recording.gnss
     assert gnss is not None
     t = gnss["t_s"].to_numpy()
@@ -150,4 +150,4 @@ def _onto_gnss(path: InitialPath, recording: Recording) -> InitialPath:
     turn = float(np.angle(np.sum(np.conj(a) * b)))
     R = matrix_from_rpy(np.zeros(1), np.zeros(1), np.array([turn]))[0]
     p = (path.p - mean_ours) @ R.T + mean_measured
-    return InitialPath(path.t, path.rpy + [0.0, 0.0, turn], p, path.v @ R.T, path.speed, path.gyro_bias)
+    return InitialPath(path.t, path.rpy + np.array([0.0, 0.0, turn]), p, path.v @ R.T, path.speed, path.gyro_bias)

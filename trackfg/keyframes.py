@@ -1,8 +1,8 @@
 """Where states are estimated.
 
-A phase runs along the recording at the rate ``max(1/interval, speed/distance)``, slower at rest; a keyframe lies at each
-whole number. Starts and ends of rests and gaps and the times of positions are keyframes of their own, and a regular one too
-close to such a one gives way. All keyframes lie on edges between inertial samples.
+A phase runs along the recording at the rate ``max(1/interval, speed/distance)``, slower at rest; a keyframe lies at
+each whole number. Starts and ends of rests and gaps and the times of positions are keyframes of their own, and a
+regular one too close to such a one gives way. All keyframes lie on edges between inertial samples.
 """
 
 from __future__ import annotations

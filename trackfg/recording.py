@@ -26,6 +26,7 @@ from pathlib import Path
 import pandas as pd
 
 from trackfg.description import RecordingDescription
+from trackfg.findings import Finding
 from trackfg.frames import Array
 
 IMU_COLUMNS = ("t_s", "wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2")
@@ -37,7 +38,10 @@ LASER_COLUMNS = ("t_s", "displacement_m")
 
 @dataclass(frozen=True)
 class Recording:
-    """One run. ``gnss_origin`` is (latitude deg, longitude deg, height m), or None where GNSS is local or absent."""
+    """One run. ``gnss_origin`` is (latitude deg, longitude deg, height m), or None where GNSS is local or absent.
+
+    ``findings`` is what reading the files noticed about the quality of the data; it goes into the result's summary.
+    """
 
     description: RecordingDescription
     imu: pd.DataFrame
@@ -47,6 +51,7 @@ class Recording:
     lasers: dict[str, pd.DataFrame] = field(default_factory=dict)
     gnss_origin: Array | None = None
     folder: Path | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def gyro(self) -> Array:

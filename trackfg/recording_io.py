@@ -76,8 +76,8 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
             case Truth():
                 findings += _truth_files(folder, part)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
-    recording = _assemble(read, tables, gnss_origin, folder)
-    return LoadedRecording(tuple(dict.fromkeys(findings)), recording)
+    distinct = tuple(dict.fromkeys(findings))
+    return LoadedRecording(distinct, _assemble(read, tables, gnss_origin, folder, distinct))
 
 
 def _canonical(part: Model, columns: Columns) -> tuple[pd.DataFrame, Array | None]:
@@ -96,7 +96,11 @@ def _canonical(part: Model, columns: Columns) -> tuple[pd.DataFrame, Array | Non
 
 
 def _assemble(
-    read: ReadDescription, tables: Mapping[str, pd.DataFrame], gnss_origin: Array | None, folder: Path
+    read: ReadDescription,
+    tables: Mapping[str, pd.DataFrame],
+    gnss_origin: Array | None,
+    folder: Path,
+    findings: tuple[Finding, ...],
 ) -> Recording | None:
     """The recording, if its description and all of its tables are sound."""
     description = read.description
@@ -113,6 +117,7 @@ def _assemble(
         lasers=lasers,
         gnss_origin=gnss_origin,
         folder=folder,
+        findings=findings,
     )
 
 

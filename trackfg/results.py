@@ -79,7 +79,11 @@ class Solver(_Model):
 
 
 class Summary(_Model):
-    """The run in one page. Biases are those at the end of the run; what was not estimated is null."""
+    """The run in one page. Biases are those at the end of the run; what was not estimated is null.
+
+    ``configuration`` is what was used, adapted noise levels included; ``noise_ratios`` says, per group of factors, how
+    large the residuals are against what its sigmas lead to expect (1 is right; see :mod:`trackfg.noise_levels`).
+    """
 
     format: Literal["trackfg-result/1"] = "trackfg-result/1"
     recording_id: str
@@ -90,6 +94,7 @@ class Summary(_Model):
     duration_s: float
     distance_m: float
     keyframes: int
+    noise_ratios: dict[str, float] = Field(default_factory=dict)
     wheel_scale: Estimate | None = None
     clock_offset_s: Estimate | None = None
     gyro_bias_radps: VectorEstimate

@@ -20,6 +20,7 @@ from trackfg.events import event_table
 from trackfg.factors.states import Kind
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
+from trackfg.noise_levels import adapted, noise_findings, noise_ratios
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
@@ -27,6 +28,9 @@ from trackfg.trajectory import calibration_table, trajectory_table
 
 _DENSE_STEP_S = 0.02
 """Longest step of the integration between keyframes."""
+
+_NOISE_SETTLED = 0.05
+"""Relative change of the noise levels below which they are not adapted further."""
 
 Progress = Callable[[str, float], None]
 
@@ -43,7 +47,7 @@ class _Stages:
         start = time.perf_counter()
         self._report(name, 0.0)
         yield lambda done: self._report(name, done)
-        self.timings_s[name] = time.perf_counter() - start
+        self.timings_s[name] = self.timings_s.get(name, 0.0) + time.perf_counter() - start
         self._report(name, 1.0)
 
     def _report(self, name: str, done: float) -> None:
@@ -59,9 +63,11 @@ class SmoothedStates:
     gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
     """
 
+    config: SmoothConfig
     problem: Problem
     solution: Solution
     covariance: Covariance
+    noise_ratios: dict[str, float]
     trajectory: pd.DataFrame
     calibration: pd.DataFrame
     timings_s: dict[str, float]
@@ -77,25 +83,39 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     smoothed = smooth_states(recording, config, progress=progress)
     direction = recording.description.track.direction
     events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
-    return Result(smoothed.trajectory, events, _summary(recording, config, smoothed))
+    return Result(smoothed.trajectory, events, _summary(recording, smoothed))
 
 
 def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages = _Stages(progress)
-    with stages.stage("graph"):
-        problem = build_problem(recording, config)
-    with stages.stage("solve") as report:
-        solution = solve(problem, config.solver, report)
-    with stages.stage("covariance"):
-        covariance = posterior_covariance(solution.bayes_net, len(problem.t))
+    problem, solution, covariance, ratios = _solved(recording, config, stages)
+    for _ in range(config.noise.rounds if config.noise.adapt else 0):
+        before, config = config, adapted(config, ratios)
+        changes = [b / a for a, b in zip(before.noise.factors().values(), config.noise.factors().values(), strict=True)]
+        if max(abs(np.log(changes))) < _NOISE_SETTLED:
+            break
+        problem, solution, covariance, ratios = _solved(recording, config, stages)
     with stages.stage("output"):
         clock = _clock(problem, config.output.rate_hz)
         motion = dense_motion(problem, solution.states, _DENSE_STEP_S, clock).at(clock)
         direction = recording.description.track.direction
         trajectory = trajectory_table(motion, solution.states, covariance, problem.lever_arm, direction)
         calibration = calibration_table(motion, solution.states, covariance)
-    return SmoothedStates(problem, solution, covariance, trajectory, calibration, stages.timings_s)
+    return SmoothedStates(config, problem, solution, covariance, ratios, trajectory, calibration, stages.timings_s)
+
+
+def _solved(
+    recording: Recording, config: SmoothConfig, stages: _Stages
+) -> tuple[Problem, Solution, Covariance, dict[str, float]]:
+    with stages.stage("graph"):
+        problem = build_problem(recording, config)
+    with stages.stage("solve") as report:
+        solution = solve(problem, config.solver, report)
+    with stages.stage("covariance"):
+        covariance = posterior_covariance(solution.bayes_net, len(problem.t))
+        ratios = noise_ratios(problem, solution.states, covariance)
+    return problem, solution, covariance, ratios
 
 
 def _clock(problem: Problem, rate_hz: float) -> Array:
@@ -104,7 +124,7 @@ def _clock(problem: Problem, rate_hz: float) -> Array:
     return np.arange(first, last + 1) / rate_hz
 
 
-def _summary(recording: Recording, config: SmoothConfig, smoothed: SmoothedStates) -> Summary:
+def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
     clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
@@ -116,7 +136,7 @@ def _summary(recording: Recording, config: SmoothConfig, smoothed: SmoothedState
 
     return Summary(
         recording_id=recording.description.id,
-        configuration=config.model_dump(),
+        configuration=smoothed.config.model_dump(),
         solver=Solver(
             converged=solution.converged,
             reason=solution.reason,
@@ -128,8 +148,10 @@ def _summary(recording: Recording, config: SmoothConfig, smoothed: SmoothedState
         duration_s=float(problem.t[-1] - problem.t[0]),
         distance_m=float(np.abs(np.diff(solution.states.odo[:, 0])).sum()),
         keyframes=len(problem.t),
+        noise_ratios=smoothed.noise_ratios,
         wheel_scale=Estimate(value=last["wheel_scale"], sd=last["wheel_scale_sd"]) if has_tach else None,
         clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
+        findings=(*recording.findings, *noise_findings(smoothed.noise_ratios)),
     )

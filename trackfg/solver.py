@@ -5,14 +5,15 @@ along the chain with sequential QR, and takes the step if the cost falls, else a
 rejects long open chains as indeterminate.
 
 The stop rule is on the whitened step. With the Bayes net's square root R, ``|R d|`` is the length of the step d in posterior
-sigmas: no linear combination of the variables moves by more than that many of its own sigmas. It is checked on every
-iteration, the last included, and the reason for stopping is part of the result.
+sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust losses, whose
+weights settle slowly, a step that hardly lowers the cost ends the iteration too. The reason is part of the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -31,17 +32,21 @@ _ROUGH = 3.0
 
 @dataclass(frozen=True)
 class Solution:
-    """The minimum, the Bayes net at it, and how it was reached."""
+    """The minimum, the Bayes net of the last step towards it, and how it was reached."""
 
     states: States
     bayes_net: gtsam.GaussianBayesNet
-    families: tuple[Family, ...]
     converged: bool
     reason: str
     iterations: int
     cost: float
     initial_cost: float
     degrees_of_freedom: int
+
+
+class _Stop(NamedTuple):
+    converged: bool
+    reason: str
 
 
 def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
@@ -53,34 +58,36 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     families = tuple(_plain(family) for family in problem.families)
     robust = False
     cost = initial_cost = _cost(problem, families, states, values)
-    converged, reason, iterations = False, f"stopped after {config.max_iterations} iterations", 0
-    while iterations < config.max_iterations:
+    stop = None
+    iterations = 0
+    while stop is None and iterations < config.max_iterations:
         iterations += 1
         linear, bayes_net = _eliminate(problem, families, states, values, ordering)
         delta = bayes_net.optimize()
         predicted = linear.error(gtsam.VectorValues.Zero(delta)) - linear.error(delta)
-        length = np.sqrt(max(2.0 * predicted, 0.0))
+        length = float(np.sqrt(max(2.0 * predicted, 0.0)))
         if progress is not None:
             progress(iterations / config.max_iterations)
         if robust and length < config.step_tolerance:
-            converged = True
-            reason = f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}"
+            stop = _Stop(True, f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}")
             break
         moved = _step(problem, families, values, delta, cost)
-        if moved is None and robust:
-            reason = f"no shorter step lowers the cost; the step was {length:.2g} posterior sigmas"
-            converged = length < 1.0
-            break
-        values, states, cost = moved or (values, states, cost)
+        if moved is not None:
+            fell = cost - moved[2]
+            values, states, cost = moved
+            if robust and fell < config.cost_tolerance:
+                stop = _Stop(True, f"the cost fell by {fell:.2g}, less than {config.cost_tolerance:g}")
+        elif robust:
+            short = length < 1.0
+            stop = _Stop(short, f"no shorter step lowers the cost; the step was {length:.2g} posterior sigmas")
         if not robust and (moved is None or length < _ROUGH * np.sqrt(delta.vector().size)):
             # Close enough that a large residual is an outlier and not a poor start.
             robust, families = True, problem.families
             cost = _cost(problem, families, states, values)
-    if not converged or iterations == config.max_iterations:
-        _, bayes_net = _eliminate(problem, families, states, values, ordering)
+    stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
     rows = 15 * (keyframes - 1) + sum(family.rows for family in families)
     variables = sum(kind.dim for kind in ELIMINATION_ORDER) * keyframes + sum(kind.dim for kind in SHARED)
-    return Solution(states, bayes_net, families, converged, reason, iterations, cost, initial_cost, rows - variables)
+    return Solution(states, bayes_net, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
 
 
 def chain_ordering(keyframes: int) -> gtsam.Ordering:

@@ -3,7 +3,8 @@
 A candidate is a span in which the tach does not move (less than one pulse, or a speed of zero); where there is no tach,
 the whole run is one. A candidate holds only as long as the inertial sensor is quiet too: over blocks of 0.5 s the mean
 angular rate stays near the candidate's median and the scatter of rate and specific force near that of its quietest
-blocks. A tach that falls silent on a moving vehicle is therefore no standstill.
+blocks. On a smooth straight a moving vehicle is as quiet as one at rest: a candidate that the tach enters or leaves faster
+than anything brakes is a tach that fell silent, and no standstill.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from trackfg.recording import Recording
 
 _BLOCK_S = 0.5
 _MARGIN_S = 1.5  # a gentle start takes this long to its first pulse: trimmed from both ends of a candidate
+_LAST_SECOND_M = 4.0  # no vehicle rolls further in its last second before a stop: 8 m/s^2
 _QUIET_RATIO = 5.0  # scatter of a block against the quiet level of its candidate
 _RATE_TOLERANCE = 2e-3  # rad/s: a block's mean rate against the candidate's median
 _FORCE_TOLERANCE = 0.05  # m/s^2: a block's mean specific force against the candidate's median
@@ -52,7 +54,7 @@ def _quiet(mean: Array, scatter: Array) -> np.ndarray:
     """Which blocks of a candidate are at rest. Shapes (b, 6), (b, 2) to (b,) of bool."""
     level = np.quantile(scatter, 0.2, axis=0)
     limit = np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS)
-    calm = (scatter <= limit).all(axis=1)
+    calm: np.ndarray = np.all(scatter <= limit, axis=1)
     if not calm.any():
         return calm
     centre = np.median(mean[calm], axis=0)
@@ -72,4 +74,7 @@ def _tach_at_rest(tach: pd.DataFrame | None, t0: float, t1: float) -> Array:
     # From the end of one row interval with motion to the start of the next.
     begins = np.concatenate([[t0], t[moved + 1] + _MARGIN_S])
     ends = np.concatenate([t[moved] - _MARGIN_S, [t1]])
-    return np.stack([begins, ends], axis=1)[ends > begins]
+    last = np.abs(distance[moved + 1] - np.interp(t[moved + 1] - 1.0, t, distance))
+    first = np.abs(np.interp(t[moved] + 1.0, t, distance) - distance[moved])
+    stops = (np.append(0.0, last) < _LAST_SECOND_M) & (np.append(first, 0.0) < _LAST_SECOND_M)
+    return np.stack([begins, ends], axis=1)[stops & (ends > begins)]

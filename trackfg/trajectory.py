@@ -55,7 +55,7 @@ def calibration_table(motion: DenseMotion, states: States, covariance: Covarianc
 def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array) -> Array:
     """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`."""
     J = _jacobian(states.nav, states.mount, lever_arm)
-    return np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
+    return np.asarray(np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True))
 
 
 def _jacobian(nav: Nav, mount: Array, lever_arm: Array) -> Array:

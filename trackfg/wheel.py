@@ -18,14 +18,19 @@ from trackfg.frames import Array
 from trackfg.recording import Recording
 
 _GRID_S = 0.1
-_STOP_S = 1.0
+_CRAWL_MPS = 0.25
+"""A reversal needs a stop, and a stop may be too short for the tach to show: slower than this may be one."""
+
+_CLEARLY_BACKWARDS = -0.5
+"""Correlation of forward specific force and tach acceleration below which a movement counts as backwards."""
+
 _EDGE_STAMPED_FRACTION = 0.1
 """Rounding error, in pulses, of a count whose rows are the pulses' own times."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """Signed nominal distance ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s."""
+    """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s."""
 
     t: Array
     distance: Array
@@ -38,7 +43,7 @@ class Wheel:
         """Nominal distance at ``t``, m; constant outside the record."""
         if self.integrates_speed:
             return np.asarray(PchipInterpolator(self.t, self.distance)(np.clip(t, self.t[0], self.t[-1])))
-        return np.interp(t, self.t, self.distance)
+        return np.asarray(np.interp(t, self.t, self.distance))
 
     def rate(self, t: Array, half_window_s: float = 0.25) -> Array:
         """Mean nominal speed over ``t`` plus and minus the half window, m/s."""
@@ -46,14 +51,14 @@ class Wheel:
 
     def covers(self, t: Array) -> np.ndarray:
         """Whether there is a reading at ``t``: inside the record and outside its gaps."""
-        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        inside: np.ndarray = (t >= self.t[0]) & (t <= self.t[-1])
         for start, end in self.gaps:
             inside &= (t <= start) | (t >= end)
         return inside
 
 
 def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
-    """The recording's tach, signed; None where there is none. A silence of more than ``max_gap_s`` in motion is a gap."""
+    """The recording's tach, signed; None where there is none. A silence above ``max_gap_s`` in motion is a gap."""
     if recording.tach is None or recording.description.tach is None:
         return None
     description, table = recording.description.tach, recording.tach
@@ -78,7 +83,7 @@ def _rows_are_pulses(t: Array, step: Array, quantum: float) -> bool:
 
 
 def _signed(t: Array, distance: Array, recording: Recording) -> Array:
-    """Give each movement between stops the sense in which the accelerometer saw it start and end."""
+    """Give each movement between stops the sense in which the accelerometer saw it start and end; forwards if unclear."""
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
     if grid.size < 10:
         return distance
@@ -90,15 +95,16 @@ def _signed(t: Array, distance: Array, recording: Recording) -> Array:
     )
     force = gaussian_filter1d(np.gradient(np.interp(grid, imu_t, integral), _GRID_S), 0.5 / _GRID_S)
     acceleration = np.gradient(speed, _GRID_S)
-    moving = pd.Series(speed > 0.02).rolling(round(_STOP_S / _GRID_S), center=True, min_periods=1).max() > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.to_numpy().astype(np.int8), [0]]))).reshape(-1, 2)
+    moving = (speed > _CRAWL_MPS).astype(np.int8)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving, [0]]))).reshape(-1, 2)
+    # A movement reaches to the middle of the crawl on either side, where it began and ended.
+    middle = np.concatenate([[0], (edges[1:, 0] + edges[:-1, 1]) // 2, [grid.size]]) if len(edges) else np.zeros(1, int)
     sense = np.ones(grid.size)
-    for i, j in edges:
-        if j - i > 2:
-            f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()
-            if float(f @ a) < 0.0:
-                sense[i:j] = -1.0
+    for i, j in zip(middle[:-1], middle[1:], strict=True):
+        f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()
+        if float(f @ a) < _CLEARLY_BACKWARDS * np.linalg.norm(f) * np.linalg.norm(a):
+            sense[i:j] = -1.0
     if (sense > 0).all():
         return distance
     row_sense = np.where(np.interp(0.5 * (t[1:] + t[:-1]), grid, sense) < 0, -1.0, 1.0)
-    return distance[0] + np.concatenate([[0.0], np.cumsum(row_sense * np.diff(distance))])
+    return np.asarray(distance[0] + np.concatenate([[0.0], np.cumsum(row_sense * np.diff(distance))]))

@@ -25,9 +25,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
         return rng.normal(size=shape)
 
     base = so3_exp(normal(1, 3))
-    nav = Nav(
-        base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3)
-    )
+    nav = Nav(base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3))
     odo = normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0]
     return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 3))
 
@@ -150,6 +148,8 @@ def test_arc_is_exact_on_a_circle_and_signed() -> None:
     radius, angles = 300.0, np.array([0.0, 0.1, 0.35, 0.3])
     yaw = so3_exp(np.outer(angles, [0, 0, 1.0]))
     p = radius * np.stack([np.sin(angles), 1 - np.cos(angles), np.zeros(4)], axis=1)
-    states = States(Nav(yaw, p, np.zeros((4, 3))), np.zeros((4, 6)), np.zeros((4, 4)), np.zeros((1, 2)), np.zeros((1, 3)))
+    states = States(
+        Nav(yaw, p, np.zeros((4, 3))), np.zeros((4, 6)), np.zeros((4, 4)), np.zeros((1, 2)), np.zeros((1, 3))
+    )
     arcs = arc_length(np.arange(3), np.zeros(3), np.ones((3, 1))).residual(states)[:, 0]
     np.testing.assert_allclose(arcs, radius * np.diff(angles), rtol=1e-12)

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import gtsam
 import numpy as np
 import pandas as pd
 import pyarrow.csv
 import pytest
 import tomli_w
 
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation, simulate
+from trackfg.factors.states import States
 from trackfg.findings import Finding
+from trackfg.graph import Problem
 from trackfg.results import EVENT_COLUMNS, TRAJECTORY_COLUMNS, Estimate, Result, Solver, Summary, VectorEstimate
+from trackfg.smoother import SmoothedStates, smooth_states
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +51,9 @@ def make_result() -> Callable[..., Result]:
         page: dict[str, object] = {
             "recording_id": "made-up",
             "configuration": {"output": {"rate_hz": rate_hz}},
-            "solver": Solver(converged=True, reason="step below tolerance", iterations=4, cost=101.5, degrees_of_freedom=200),
+            "solver": Solver(
+                converged=True, reason="step below tolerance", iterations=4, cost=101.5, degrees_of_freedom=200
+            ),
             "timings_s": {"read": 0.5, "solve": 1.25},
             "duration_s": float(t[-1]),
             "distance_m": float(15.0 * t[-1]),
@@ -227,3 +236,33 @@ def make_draft(make_run: Callable[..., dict[str, pd.DataFrame]]) -> Callable[...
         return Draft(copy.deepcopy({key: value for key, value in EXAMPLE.items() if key in keep}), tables)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def simulated() -> Callable[..., Simulation]:
+    """``simulate``, each run made once. Nobody may change its tables."""
+    return functools.cache(simulate)
+
+
+@pytest.fixture(scope="session")
+def smoothed(simulated: Callable[..., Simulation]) -> Callable[..., SmoothedStates]:
+    """The smoothed states of an undamaged simulated run with the default configuration, each solved once."""
+
+    def run(name: str, **options: Any) -> SmoothedStates:
+        return smooth_states(simulated(name, **options).recording, SmoothConfig())
+
+    return functools.cache(run)
+
+
+@pytest.fixture(scope="session")
+def linearized() -> Callable[[Problem, States], gtsam.GaussianFactorGraph]:
+    """A problem's graph at given states, every factor on its own and linearised by GTSAM."""
+
+    def linearize(problem: Problem, states: States) -> gtsam.GaussianFactorGraph:
+        graph = gtsam.NonlinearFactorGraph(problem.native)
+        for family in problem.families:
+            for factor in family.custom_factors():
+                graph.push_back(factor)
+        return graph.linearize(states.to_gtsam())
+
+    return linearize

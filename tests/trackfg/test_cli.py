@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +16,7 @@ import pytest
 
 import trackfg
 from trackfg import cli
+from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
 from trackfg.results import Result
 
@@ -158,6 +159,17 @@ def test_smooth(run: Run, recording: Path, tmp_path: Path) -> None:
     assert "wheel scale" in done.out
     result = Result.read(tmp_path / "deep" / "out")
     assert result.trajectory["t_s"].iloc[-1] == pytest.approx(60.0, abs=0.2)
+
+
+def test_smooth_passes_on_what_reading_noticed(run: Run, tmp_path: Path) -> None:
+    run_with_gap = simulate("mainline", seed=1, duration_s=40.0)
+    replace(run_with_gap, recording=drop_imu(run_with_gap.recording, 20.0, 22.0)).write(tmp_path / "gap")
+    done = run("smooth", tmp_path / "gap", "-o", tmp_path / "out")
+    assert done.status == 0, done.err
+    assert "1 warning" in done.out
+    (found,) = Result.read(tmp_path / "out").summary.findings
+    assert (found.level, found.code, found.file) == ("warning", "gap", "imu.parquet")
+    assert found.time_s == pytest.approx(22.0, abs=0.02)
 
 
 def test_smooth_with_settings_and_json(run: Run, recording: Path, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from trackfg.recording import (
     TACH_COLUMNS,
     Recording,
 )
-from trackfg.recording_io import read_recording, read_truth, read_truth_geometry, write_recording
+from trackfg.recording_io import load, read_recording, read_truth, read_truth_geometry, write_recording
 from trackfg.recording_writer import canonical_description
 from trackfg.table_file import open_table
 
@@ -74,6 +74,15 @@ def test_the_example_becomes_canonical_tables(draft: Draft, tmp_path: Path) -> N
     assert tuple(laser.columns) == LASER_COLUMNS
     np.testing.assert_allclose(laser["displacement_m"], draft["laser"]["a_lv"] * 1e-3, rtol=1e-15)
     assert recording.folder == folder
+
+
+def test_what_reading_noticed_goes_with_the_recording(draft: Draft, tmp_path: Path) -> None:
+    assert read_recording(draft.write(tmp_path / "sound")).findings == ()
+    draft.tables["imu.csv"] = draft["imu"].drop(index=range(2000, 2100))
+    folder = draft.write(tmp_path / "gap")
+    (found,) = read_recording(folder).findings
+    assert (found.level, found.code, found.file) == ("warning", "gap", "imu.csv")
+    assert load(folder).findings == (found,)
 
 
 def test_the_description_file_may_be_named_instead_of_the_folder(draft: Draft, tmp_path: Path) -> None:

@@ -1,0 +1,224 @@
+"""The inertial factors: zero on exact motion, on a rotating Earth too; bias Jacobians and noise."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+
+from trackfg.factors.imu import ImuNoise, bias_walk, imu_factors, preintegrate
+from trackfg.factors.states import Kind
+from trackfg.frames import earth_rate_enu, matrix_from_rpy, so3_exp, so3_log
+from trackfg.inertial import Increments, Intervals, compress
+
+G = 9.80665
+NOISE = ImuNoise(gyro=1e-4, accel=2e-3)
+NAV, BIAS = Kind.NAV, Kind.BIAS
+
+
+def values(R: np.ndarray, p: np.ndarray, v: np.ndarray, bias: np.ndarray | None = None) -> gtsam.Values:
+    """Two states, leading dimension 2, and the bias of the first."""
+    out = gtsam.Values()
+    for key, rotation, place, speed in zip(NAV.keys(np.arange(2)).tolist(), R, p, v, strict=True):
+        out.insert(key, gtsam.NavState(gtsam.Rot3(rotation), place, speed))
+    bias = np.zeros(6) if bias is None else bias
+    out.insert(int(BIAS.keys(np.array([0]))[0]), gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
+    return out
+
+
+def factor(increments: Increments, earth_rate: np.ndarray | None = None, bias: np.ndarray | None = None):  # type: ignore[no-untyped-def]
+    parameters = NOISE.parameters(G, earth_rate)
+    bias = np.zeros(6) if bias is None else bias
+    return imu_factors(
+        [preintegrate(parameters, bias, increments.duration, increments.rotation, increments.velocity)]
+    )[0]
+
+
+def helix(duration: float, rate_hz: float = 200.0) -> tuple[Intervals, np.ndarray, np.ndarray, np.ndarray]:
+    """A canted curve at constant speed and gradient: exact poses at both ends and exact means of the samples.
+
+    Rate and specific force are constant in body axes: n-frame yaw rate w about the vertical, forward axis nose-up.
+    """
+    speed, yaw_rate, roll, pitch = 20.0, 0.05, -0.08, -0.02
+    t = np.array([0.0, duration])
+    R = matrix_from_rpy(np.full(2, roll), np.full(2, pitch), yaw_rate * t)
+    across, climb = speed * np.cos(pitch), -speed * np.sin(pitch)
+    angle = yaw_rate * t
+    v = np.stack([across * np.cos(angle), across * np.sin(angle), np.full(2, climb)], axis=1)
+    radius = across / yaw_rate
+    p = np.stack([radius * np.sin(angle), radius * (1 - np.cos(angle)), climb * t], axis=1)
+    w = R[0].T @ [0.0, 0.0, yaw_rate]
+    f = R[0].T @ [0.0, across * yaw_rate, G]
+    n = round(duration * rate_hz)
+    samples = Intervals(np.arange(n + 1) / rate_hz, np.tile(w, (n, 1)), np.tile(f, (n, 1)), np.zeros(n, dtype=bool))
+    return samples, R, p, v
+
+
+def steady(gyro: np.ndarray, accel: np.ndarray, duration: float, rate_hz: float = 200.0) -> Increments:
+    """Constant rate and specific force in body axes, compressed by four."""
+    n = round(duration * rate_hz)
+    samples = Intervals(np.arange(n + 1) / rate_hz, np.tile(gyro, (n, 1)), np.tile(accel, (n, 1)), np.zeros(n, dtype=bool))
+    return compress(samples, np.arange(0, n + 1, 4))
+
+
+@pytest.mark.parametrize("group", [1, 4])
+@pytest.mark.parametrize("duration", [0.5, 5.0])
+def test_residual_is_zero_on_an_exact_curve(duration: float, group: int) -> None:
+    samples, R, p, v = helix(duration)
+    compressed = compress(samples, np.arange(0, len(samples) + 1, group))
+    residual = factor(compressed).unwhitenedError(values(R, p, v))
+    assert np.abs(residual[:3]).max() < 1e-12
+    assert np.abs(residual[6:]).max() < 2e-8 * duration
+    # Within one increment GTSAM takes the force as constant in n: off by a w dt^2 / 12 along the way.
+    assert np.abs(residual[3:6]).max() < 2e-6 * duration
+
+
+def test_compressed_samples_are_as_good_as_the_samples_in_a_wobble() -> None:
+    """Over one keyframe interval. GTSAM sums the turn in the tangent space by Euler's rule, first order in the increment."""
+    n, rate = 100, 200.0
+    t = (np.arange(n) + 0.5) / rate
+    gyro = np.stack([0.1 * np.sin(9 * t), 0.05 * np.cos(7 * t), 0.1 + 0.1 * np.sin(5 * t)], axis=1)
+    accel = np.stack([np.sin(6 * t), np.cos(11 * t), G + np.sin(13 * t)], axis=1)
+    samples = Intervals(np.arange(n + 1) / rate, gyro, accel, np.zeros(n, dtype=bool))
+    exact = compress(samples, np.array([0, n]))
+    fine = compress(samples, np.arange(n + 1))
+    coarse = compress(samples, np.arange(0, n + 1, 4))
+    parameters = NOISE.parameters(G, None)
+    ends = [
+        preintegrate(parameters, np.zeros(6), x.duration, x.rotation, x.velocity).predict(
+            gtsam.NavState(), gtsam.imuBias.ConstantBias()
+        )
+        for x in (fine, coarse)
+    ]
+    gravity = np.array([0.0, 0.0, -G * n / rate])
+    for end in ends:
+        assert np.linalg.norm(so3_log(end.attitude().matrix().T @ so3_exp(exact.rotation[0]))) < 1e-5
+        np.testing.assert_allclose(end.velocity() - gravity, exact.velocity[0], atol=5e-5)
+    np.testing.assert_allclose(ends[0].position(), ends[1].position(), atol=2e-5)
+
+
+@pytest.mark.parametrize("latitude", [0.0, 35.2, -70.0])
+def test_body_at_rest_on_the_rotating_earth(latitude: float) -> None:
+    """At rest the gyro shows R' w and the accelerometer R' g, whatever the attitude; nothing moves in n."""
+    earth, duration = earth_rate_enu(latitude), 20.0
+    R = so3_exp(np.array([[0.1, -0.2, 1.3]]))[0]
+    increments = steady(R.T @ earth, R.T @ [0, 0, G], duration)
+    still = values(np.stack([R, R]), np.zeros((2, 3)), np.zeros((2, 3)))
+    with_earth = factor(increments, earth).unwhitenedError(still)
+    assert np.abs(with_earth[:3]).max() < 1e-10
+    assert np.abs(with_earth[3:6]).max() < 1e-5
+    assert np.abs(with_earth[6:]).max() < 1e-6
+    # Left out, the Earth's turn of 1.5 mrad in 20 s shows.
+    without = factor(increments).unwhitenedError(still)
+    assert np.linalg.norm(without[:3]) == pytest.approx(np.linalg.norm(earth) * duration, rel=1e-3)
+
+
+def test_constant_velocity_on_the_rotating_earth_needs_coriolis() -> None:
+    """Straight on at 50 m/s: the specific force holds the body against 2 w x v (7 mm/s^2), and the residual is zero."""
+    earth, duration, v = earth_rate_enu(60.0), 2.0, np.array([30.0, 40.0, 0.0])
+    R = matrix_from_rpy(np.array(0.0), np.array(0.0), np.array(np.arctan2(40.0, 30.0)))
+    force = R.T @ (np.array([0.0, 0.0, G]) + 2.0 * np.cross(earth, v))
+    increments = steady(R.T @ earth, force, duration)
+    moving = values(np.stack([R, R]), np.array([np.zeros(3), v * duration]), np.stack([v, v]))
+    residual = factor(increments, earth).unwhitenedError(moving)
+    coriolis = np.linalg.norm(2.0 * np.cross(earth, v))
+    assert np.abs(residual[:3]).max() < 1e-8
+    assert np.linalg.norm(residual[6:]) < 1e-3 * coriolis * duration
+    assert np.linalg.norm(residual[3:6]) < 1e-3 * 0.5 * coriolis * duration**2
+    # With the Earth's turn taken off the gyro but no Coriolis, the velocity would be wrong by all of it.
+    blind = factor(steady(np.zeros(3), force, duration)).unwhitenedError(moving)
+    assert np.linalg.norm(blind[6:]) == pytest.approx(coriolis * duration, rel=1e-3)
+
+
+@pytest.mark.parametrize("group", [1, 4])
+def test_bias_is_taken_off_the_samples(group: int) -> None:
+    """Exactly in attitude. The half turn of the bias within an increment stays: an acceleration of b x f dt / 2."""
+    samples, R, p, v = helix(1.0)
+    bias = np.array([0.03, -0.05, 0.02, 2e-4, -1e-4, 3e-4])
+    biased = Intervals(samples.edges, samples.gyro + bias[3:], samples.accel + bias[:3], samples.bridged)
+    increments = compress(biased, np.arange(0, len(samples) + 1, group))
+    residual = factor(increments, bias=bias).unwhitenedError(values(R, p, v, bias))
+    assert np.abs(residual[:3]).max() < 1e-12
+    half_turn = 0.5 * np.linalg.norm(bias[3:]) * G * group / 200.0
+    assert np.linalg.norm(residual[6:]) < 1.5 * half_turn
+    assert np.linalg.norm(residual[3:6]) < half_turn + 2e-6
+
+
+def test_bias_jacobian_carries_a_bias_found_later() -> None:
+    """Preintegrated around zero and evaluated at the bias, as good as preintegrated around it but for second order."""
+    samples, R, p, v = helix(1.0)
+    for scale in (1.0, 0.1):
+        bias = scale * np.array([0.1, -0.1, 0.1, 0.01, -0.01, 0.01])
+        biased = Intervals(samples.edges, samples.gyro + bias[3:], samples.accel + bias[:3], samples.bridged)
+        increments = compress(biased, np.arange(0, len(samples) + 1, 4))
+        late = factor(increments).unwhitenedError(values(R, p, v, bias))
+        early = factor(increments, bias=bias).unwhitenedError(values(R, p, v, bias))
+        np.testing.assert_allclose(late, early, atol=2e-3 * scale**2)
+        assert np.abs(factor(increments).unwhitenedError(values(R, p, v))).max() > 0.05 * scale
+
+
+def test_gyro_bias_jacobian_is_the_numerical_one() -> None:
+    samples, R, p, v = helix(1.0)
+    one = factor(compress(samples, np.arange(0, len(samples) + 1, 4)))
+    whitened = one.linearize(values(R, p, v))
+    A, _ = whitened.jacobian()
+    keys = list(whitened.keys())
+    bias_key = int(BIAS.keys(np.array([0]))[0])
+    start = sum(9 if key != bias_key else 6 for key in keys[: keys.index(bias_key)])
+    step = 1e-5
+    for c in range(3, 6):
+        delta = np.zeros(6)
+        delta[c] = step
+        ahead, behind = (one.unwhitenedError(values(R, p, v, sign * delta)) for sign in (1, -1))
+        numeric = one.noiseModel().whiten((ahead - behind) / (2 * step))
+        np.testing.assert_allclose(A[:, start + c], numeric, rtol=1e-4, atol=1e-4 * np.abs(numeric).max())
+
+
+def test_noise_grows_with_the_square_root_of_time() -> None:
+    covariances = []
+    for duration in (1.0, 4.0):
+        samples, *_ = helix(duration)
+        increments = compress(samples, np.arange(0, len(samples) + 1, 4))
+        covariances.append(factor(increments).preintegratedMeasurements().preintMeasCov())
+    for duration, covariance in zip((1.0, 4.0), covariances, strict=True):
+        sd = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(sd[:3], NOISE.gyro * np.sqrt(duration), rtol=1e-2)
+        np.testing.assert_allclose(sd[8], NOISE.accel * np.sqrt(duration), rtol=1e-2)
+
+
+def test_parameters_hold_what_they_were_given() -> None:
+    earth = earth_rate_enu(35.2)
+    parameters = NOISE.parameters(9.79, earth)
+    np.testing.assert_array_equal(parameters.n_gravity, [0, 0, -9.79])
+    np.testing.assert_array_equal(parameters.getOmegaCoriolis(), earth)
+    np.testing.assert_allclose(parameters.getGyroscopeCovariance(), NOISE.gyro**2 * np.eye(3))
+    np.testing.assert_allclose(parameters.getAccelerometerCovariance(), NOISE.accel**2 * np.eye(3))
+    assert NOISE.parameters(9.79, None).getOmegaCoriolis() is None
+
+
+def test_factors_tie_neighbours_in_order() -> None:
+    samples, *_ = helix(0.5)
+    parameters = NOISE.parameters(G, None)
+    x = compress(samples, np.arange(0, 101, 4))
+    made = [preintegrate(parameters, np.zeros(6), x.duration, x.rotation, x.velocity) for _ in range(3)]
+    nav, bias = NAV.keys(np.arange(4)).tolist(), BIAS.keys(np.arange(3)).tolist()
+    assert [list(f.keys()) for f in imu_factors(made)] == [[nav[k], nav[k + 1], bias[k]] for k in range(3)]
+
+
+def test_bias_walk_sigma_is_density_times_root_of_duration() -> None:
+    duration = np.array([0.25, 1.0, 9.0])
+    factors = bias_walk(duration, accel_density=2e-5, gyro_density=3e-6)
+    keys = BIAS.keys(np.arange(4)).tolist()
+    for k, one in enumerate(factors):
+        assert list(one.keys()) == keys[k : k + 2]
+        expected = np.sqrt(duration[k]) * np.repeat([2e-5, 3e-6], 3)
+        np.testing.assert_allclose(one.noiseModel().sigmas(), expected, rtol=1e-12)
+    step = gtsam.Values()
+    step.insert(keys[0], gtsam.imuBias.ConstantBias())
+    step.insert(keys[1], gtsam.imuBias.ConstantBias(np.full(3, 1e-5), np.zeros(3)))
+    assert factors[0].error(step) == pytest.approx(0.5 * 3 * (1e-5 / 1e-5) ** 2)
+
+
+def test_increments_of_different_lengths_are_refused() -> None:
+    with pytest.raises(ValueError, match="zip|broadcast|shape"):
+        preintegrate(NOISE.parameters(G, None), np.zeros(6), np.full(3, 0.02), np.zeros((2, 3)), np.zeros((3, 3)))

@@ -1,0 +1,101 @@
+"""The configuration file: what is refused and how; every setting documented."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+import tomli_w
+from pydantic import BaseModel
+
+from trackfg.config import SmoothConfig
+from trackfg.errors import BadInputError
+
+SECTIONS = SmoothConfig.model_fields
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "smooth.toml"
+    path.write_text(text)
+    return path
+
+
+def test_empty_file_is_the_default(tmp_path: Path) -> None:
+    assert SmoothConfig.from_toml(write(tmp_path, "")) == SmoothConfig()
+
+
+def test_one_setting_leaves_the_others_alone(tmp_path: Path) -> None:
+    config = SmoothConfig.from_toml(write(tmp_path, "[tach]\nrobust_width = 6\n"))
+    assert config.tach.robust_width == 6.0
+    default = SmoothConfig()
+    assert config == default.model_copy(update={"tach": default.tach.model_copy(update={"robust_width": 6.0})})
+
+
+def test_defaults_survive_the_file(tmp_path: Path) -> None:
+    path = write(tmp_path, tomli_w.dumps(SmoothConfig().model_dump()))
+    assert SmoothConfig.from_toml(path) == SmoothConfig()
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "expectation"),
+    [
+        ("[tach]\nrobust_with = 4", "tach.robust_with", "not permitted"),
+        ("[taxi]\nx = 1", "taxi", "not permitted"),
+        ("[tach]\nrobust_width = 0", "tach.robust_width", "greater than 0"),
+        ("[keyframes]\ninterval_s = -1.0", "keyframes.interval_s", "greater than 0"),
+        ("[keyframes]\ndistance_m = nan", "keyframes.distance_m", "finite|greater than 0"),
+        ("[keyframes]\ndistance_m = inf", "keyframes.distance_m", "finite"),
+        ('[output]\nrate_hz = "fast"', "output.rate_hz", "valid number"),
+        ("[solver]\nmax_iterations = 2.5", "solver.max_iterations", "valid integer"),
+        ("[solver]\nmax_iterations = 0", "solver.max_iterations", "greater than 0"),
+        ('[position]\nrobust = "perhaps"', "position.robust", "valid boolean"),
+        ("tach = 3", "tach", "valid dictionary"),
+    ],
+)
+def test_refusal_names_file_key_and_expectation(tmp_path: Path, text: str, key: str, expectation: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(BadInputError) as caught:
+        SmoothConfig.from_toml(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert f"{key}: " in message
+    assert re.search(expectation, message)
+
+
+def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"keyframes\.interval_s.*; .*motion\.sd_per_sped"):
+        SmoothConfig.from_toml(write(tmp_path, "[keyframes]\ninterval_s = 0\n[motion]\nsd_per_sped = 1"))
+
+
+def test_broken_toml_names_the_line(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"smooth\.toml: not valid TOML.*line 2"):
+        SmoothConfig.from_toml(write(tmp_path, "[tach]\nx = = 1\n"))
+
+
+def test_unreadable_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"absent\.toml: cannot be read"):
+        SmoothConfig.from_toml(tmp_path / "absent.toml")
+    (tmp_path / "latin.toml").write_bytes(b"# \xe9\n")
+    with pytest.raises(BadInputError, match=r"latin\.toml: cannot be read"):
+        SmoothConfig.from_toml(tmp_path / "latin.toml")
+    with pytest.raises(BadInputError, match="cannot be read"):
+        SmoothConfig.from_toml(tmp_path)
+
+
+def test_settings_cannot_change_afterwards() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        SmoothConfig().tach.robust_width = 3.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_every_section_is_documented_and_its_default_is_valid(section: str) -> None:
+    model = SECTIONS[section].annotation
+    assert isinstance(model, type)
+    assert issubclass(model, BaseModel)
+    assert inspect.getdoc(model)
+    assert model.__doc__ != BaseModel.__doc__
+    defaults = model().model_dump()
+    assert model.model_validate(defaults) == model()
+    assert SECTIONS[section].default == model()

@@ -1,0 +1,71 @@
+"""The documents are true: links lead somewhere, code compiles, the worked example runs, the settings are the code's."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from trackfg.config import SmoothConfig
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NAMES = [page.name for page in PAGES]
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """The fenced blocks in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page: Path) -> set[str]:
+    """The headings of a page as GitHub links to them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if link.startswith(("http://", "https://")):
+            continue
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_code_is_code(page: Path) -> None:
+    for block in blocks(page, "python"):
+        compile(block, page.name, "exec")
+    for block in blocks(page, "toml"):
+        tomllib.loads(block)
+
+
+def test_the_worked_example_of_adding_a_factor_runs() -> None:
+    """Its own assertions say what it must find."""
+    names: dict[str, object] = {}
+    for block in blocks(ROOT / "docs" / "adding-a-factor.md", "python"):
+        exec(compile(block, "adding-a-factor.md", "exec"), names)
+    assert "with_radar" in names
+
+
+def test_the_settings_shown_are_accepted() -> None:
+    (block,) = blocks(ROOT / "docs" / "command-line.md", "toml")
+    SmoothConfig.model_validate(tomllib.loads(block))
+
+
+def test_the_engine_lists_every_setting_with_its_default() -> None:
+    page = (ROOT / "docs" / "engine.md").read_text(encoding="utf-8").split("## Settings")[1]
+    rows = re.findall(r"^\| `(\w+\.\w+)` \| [^|]*\| ([^|]+) \| [^|]+ \|$", page, flags=re.MULTILINE)
+    listed = {key: tomllib.loads(f"value = {default}")["value"] for key, default in rows}
+    assert len(listed) == len(rows)
+    defaults = {
+        f"{section}.{key}": value
+        for section, keys in SmoothConfig().model_dump().items()
+        for key, value in keys.items()
+    }
+    assert listed == defaults

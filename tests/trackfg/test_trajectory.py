@@ -1,0 +1,152 @@
+"""The trajectory table: its quantities, and its sigmas against numerical propagation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.covariance import Covariance
+from trackfg.dense import DenseMotion
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.states import (
+    ELIMINATION_ORDER,
+    KEYFRAME_DIM,
+    SHARED,
+    SHARED_DIM,
+    Kind,
+    Nav,
+    States,
+    retract,
+)
+from trackfg.frames import matrix_from_rpy, rpy_from_matrix
+from trackfg.trajectory import QUANTITIES, calibration_table, keyframe_variances, trajectory_table
+
+N = 7
+LEVER = np.array([1.5, -0.4, 0.8])
+DIM = KEYFRAME_DIM + SHARED_DIM
+
+
+@pytest.fixture(scope="module")
+def gyro() -> np.ndarray:
+    return np.random.default_rng(7).normal(size=(N, 3)) * 0.1
+
+
+@pytest.fixture(scope="module")
+def states(gyro: np.ndarray) -> States:
+    """A vehicle on rails: what moves at the reference point moves along the direction of travel."""
+    rng = np.random.default_rng(3)
+    mount = np.array([[0.03, -0.05]])
+    R = matrix_from_rpy(0.1 * rng.normal(size=N), 0.05 * rng.normal(size=N), rng.uniform(-3, 3, N))
+    forward = mount_matrix(mount)[0][0][:, 0]
+    body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
+    nav = Nav(R, 50 * rng.normal(size=(N, 3)), np.einsum("mij,mj->mi", R, body))
+    odo = np.column_stack([np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N)])
+    return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)))
+
+
+@pytest.fixture(scope="module")
+def covariance() -> Covariance:
+    rng = np.random.default_rng(5)
+    root = 0.01 * rng.normal(size=(N, DIM, DIM + 4))
+    return Covariance(root @ np.swapaxes(root, 1, 2), np.zeros((N - 1, DIM, DIM)))
+
+
+def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
+    keyframe = np.append(np.arange(N - 1), N - 2)
+    fraction = np.append(np.zeros(N - 1), 1.0)
+    return DenseMotion(np.arange(float(N)), states.nav, states.odo[:, 0], gyro, keyframe, fraction)
+
+
+def quantities(states: States, gyro: np.ndarray, covariance: Covariance, direction: int = 1) -> pd.DataFrame:
+    return trajectory_table(at_keyframes(states, gyro), states, covariance, LEVER, direction)
+
+
+def moved(states: States, column: int, step: float) -> States:
+    """Every keyframe moved along one direction of the stacked tangent (shared variables last)."""
+    delta = np.zeros(DIM)
+    delta[column] = step
+    parts, start = {}, 0
+    for kind in (*ELIMINATION_ORDER, *SHARED):
+        rows = 1 if kind.shared else N
+        parts[kind] = retract(states.of(kind), np.tile(delta[start : start + kind.dim], (rows, 1)))
+        start += kind.dim
+    return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK)))  # type: ignore[arg-type]
+
+
+def test_sigmas_equal_numerical_propagation(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    step = 1e-6
+    J = np.zeros((N, len(QUANTITIES), DIM))
+    for column in range(DIM):
+        ahead, behind = (
+            quantities(moved(states, column, sign * step), gyro, covariance)[list(QUANTITIES)].to_numpy()
+            for sign in (1, -1)
+        )
+        J[:, :, column] = (ahead - behind) / (2 * step)
+    numeric = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J)
+    np.testing.assert_allclose(keyframe_variances(states, covariance, LEVER), numeric, rtol=1e-6)
+    table = quantities(states, gyro, covariance)
+    np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy(), np.sqrt(numeric), rtol=1e-6)
+
+
+def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    variance = keyframe_variances(states, covariance, LEVER)
+    keyframes = at_keyframes(states, gyro)
+    shifted = replace(keyframes, fraction=np.append(np.full(N - 1, 0.25), 1.0))
+    table = trajectory_table(shifted, states, covariance, LEVER, 1)
+    expected = 0.75 * variance[:-1] + 0.25 * variance[1:]
+    np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
+
+
+def test_position_and_speed_are_those_of_the_reference_point(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    table = quantities(states, gyro, covariance)
+    reference = states.nav.p - states.nav.R @ LEVER
+    np.testing.assert_allclose(table[["east_m", "north_m", "up_m"]].to_numpy(), reference)
+    body = np.einsum("mji,mj->mi", states.nav.R, states.nav.v) - np.cross(gyro, LEVER)
+    np.testing.assert_allclose(table["speed_mps"], np.linalg.norm(body, axis=1))
+
+
+def test_backing_up_is_negative_speed(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    backwards = replace(states, nav=replace(states.nav, v=-states.nav.v))
+    assert (quantities(backwards, -gyro, covariance)["speed_mps"] < 0).all()
+
+
+def test_attitude_is_that_of_the_vehicle_not_of_the_sensor(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    """A sensor mounted 30 mrad nose-down and 50 mrad to the right sees the vehicle turned the other way."""
+    rpy = quantities(states, gyro, covariance)[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()
+    R_bt = mount_matrix(states.mount)[0][0]
+    np.testing.assert_allclose(rpy, rpy_from_matrix(states.nav.R @ R_bt), atol=1e-12)
+    level = replace(states, nav=replace(states.nav, R=np.tile(np.eye(3), (N, 1, 1))))
+    turned = quantities(level, gyro, covariance)
+    np.testing.assert_allclose(turned["pitch_rad"], 0.03)
+    np.testing.assert_allclose(turned["yaw_rad"], -0.05)
+    assert (np.abs(rpy[:, 2]) <= np.pi).all()
+
+
+def test_falling_chainage(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    up, down = (quantities(states, gyro, covariance, direction) for direction in (1, -1))
+    np.testing.assert_array_equal(down["chainage_m"], -up["chainage_m"])
+    assert (np.diff(down["chainage_m"]) < 0).all()
+    pd.testing.assert_frame_equal(up.drop(columns="chainage_m"), down.drop(columns="chainage_m"))
+
+
+def test_calibration_interpolates_values_and_variances(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    half = replace(at_keyframes(states, gyro), fraction=np.append(np.full(N - 1, 0.5), 1.0))
+    table = calibration_table(half, states, covariance)
+    np.testing.assert_allclose(table["wheel_scale"], 1.01)
+    middle = 0.5 * (states.bias[1:] + states.bias[:-1])
+    columns = [f"accel_bias_{a}_mps2" for a in "xyz"] + [f"gyro_bias_{a}_radps" for a in "xyz"]
+    np.testing.assert_allclose(table[columns].to_numpy()[:-1], middle)
+    np.testing.assert_allclose(table[columns].to_numpy()[-1], states.bias[-1])
+    variance = np.diagonal(covariance.of(Kind.BIAS), axis1=1, axis2=2)
+    sd = table[[f"{c}_sd" for c in columns]].to_numpy()
+    np.testing.assert_allclose(sd[:-1] ** 2, 0.5 * (variance[1:] + variance[:-1]))
+    np.testing.assert_allclose(table["wheel_scale_sd"].iloc[-1] ** 2, covariance.of(Kind.ODO)[-1, 1, 1])
