@@ -99,9 +99,10 @@ def _ideal_chunk(
     ride: Ride, edges: Array, kinks: Array, latitude_deg: float | None, lever_arm: Array
 ) -> tuple[Array, Array]:
     dt = np.diff(edges)[:, None]
-    earth = None if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
+    earth = np.zeros(3) if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
     R = ride.rotation(edges)
-    after = R[1:] if earth is None else frames.so3_exp(earth * dt[0]) @ R[1:]
+    turning = _frame_rate(ride, 0.5 * (edges[1:] + edges[:-1]), earth)
+    after = frames.so3_exp(turning * dt) @ R[1:]
     gyro = frames.so3_log(np.swapaxes(R[:-1], 1, 2) @ after) / dt
 
     nodes = np.union1d(edges, kinks[(kinks > edges[0]) & (kinks < edges[-1])])
@@ -117,7 +118,7 @@ def _ideal_chunk(
     return gyro, accel
 
 
-def _specific_force(ride: Ride, t: Array, g: float, earth: Array | None, lever_arm: Array) -> Array:
+def _specific_force(ride: Ride, t: Array, g: float, earth: Array, lever_arm: Array) -> Array:
     """Specific force at the lever arm less ``omega' x r``, body axes. Shape (n,) to (n, 3)."""
     v, omega, rpy = ride.motion.speed(t), ride.body_rate(t), ride.rpy(t)
     roll, pitch = rpy[:, 0], rpy[:, 1]
@@ -126,7 +127,13 @@ def _specific_force(ride: Ride, t: Array, g: float, earth: Array | None, lever_a
     swing = np.cross(omega, lever_arm)
     if lever_arm.any():
         force += np.cross(omega, swing)
-    if earth is not None:
-        velocity = swing + np.column_stack([v, np.zeros_like(v), np.zeros_like(v)])
-        force += 2.0 * np.cross(earth @ frames.matrix_from_rpy(*rpy.T), velocity)
+    velocity = swing + np.column_stack([v, np.zeros_like(v), np.zeros_like(v)])
+    coriolis = earth + _frame_rate(ride, t, earth)
+    force += np.cross(np.einsum("ni,nij->nj", coriolis, frames.matrix_from_rpy(*rpy.T)), velocity)
     return np.asarray(force)
+
+
+def _frame_rate(ride: Ride, t: Array, earth: Array) -> Array:
+    """How the level frame n turns in inertial space, rad/s in n: with the Earth, and over its curvature. Shape (n, 3)."""
+    forward = frames.matrix_from_rpy(*ride.rpy(t).T)[:, :, 0]
+    return earth + frames.transport_rate(forward * ride.motion.speed(t)[:, None])

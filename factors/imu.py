@@ -27,14 +27,13 @@ class ImuNoise:
     gyro: float
     accel: float
 
-    def parameters(self, gravity: float, earth_rate: Array | None) -> gtsam.PreintegrationParams:
-        """GTSAM's parameters for a z-up frame with this gravity (m/s^2), rotating at ``earth_rate`` (3,) rad/s in n."""
+    def parameters(self, gravity: float, frame_rate: Array) -> gtsam.PreintegrationParams:
+        """GTSAM's parameters for a z-up frame with this gravity (m/s^2), turning at ``frame_rate`` (3,) rad/s in n."""
         parameters = gtsam.PreintegrationParams.MakeSharedU(gravity)
         parameters.setGyroscopeCovariance(np.eye(3) * self.gyro**2)
         parameters.setAccelerometerCovariance(np.eye(3) * self.accel**2)
         parameters.setIntegrationCovariance(np.eye(3) * _INTEGRATION_DENSITY**2)
-        if earth_rate is not None:
-            parameters.setOmegaCoriolis(earth_rate)
+        parameters.setOmegaCoriolis(frame_rate)
         return parameters
 
 

@@ -70,7 +70,7 @@ def _report_kingston(label: str, run, kept: np.ndarray, config: SmoothConfig) ->
     reference = run.reference
     if not kept.all():
         reference = reference[(reference["t_s"] > 660.0) & (reference["t_s"] < gnss["t_s"].max() - 60.0)]
-    errors = horizontal_errors(result.trajectory, reference)
+    errors = horizontal_errors(result.trajectory, reference, kingston.LEVER_ARM_M)
     summary = result.summary
     assert summary.wheel_scale is not None
     assert summary.clock_offset_s is not None

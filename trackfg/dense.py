@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.factors.states import Nav, States
-from trackfg.frames import Array, so3_exp, so3_log
+from trackfg.frames import Array, so3_exp, so3_log, transport_rate
 from trackfg.graph import Problem, increment_starts
 from trackfg.inertial import compress
 
@@ -61,7 +61,8 @@ def dense_motion(problem: Problem, states: States, step_s: float, times: Array |
     increments = compress(problem.inertial, starts)
     n, m = len(problem.t) - 1, len(increments.duration)
     counts = np.diff(first)
-    earth = np.zeros(3) if problem.world.earth_rate is None else problem.world.earth_rate
+    earth = problem.world.earth_rate
+    turning = earth + transport_rate(0.5 * (states.nav.v[1:] + states.nav.v[:-1]))
     gravity = np.array([0.0, 0.0, -problem.world.gravity])
 
     R, p, v, d = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty(m)
@@ -75,12 +76,12 @@ def dense_motion(problem: Problem, states: States, step_s: float, times: Array |
         dt = increments.duration[row][:, None]
         turn = increments.rotation[row] - bias[live, 3:] * dt
         push = np.einsum("mij,mj->mi", body_R[live], increments.velocity[row] - bias[live, :3] * dt)
-        faster = body_v[live] + push + (gravity - 2.0 * np.cross(earth, body_v[live])) * dt
+        faster = body_v[live] + push + (gravity - np.cross(earth + turning[live], body_v[live])) * dt
         step = 0.5 * (body_v[live] + faster) * dt
         body_d[live] += np.sum(step * body_R[live][:, :, 0], axis=1)
         body_p[live] += step
         body_v[live] = faster
-        body_R[live] = so3_exp(-earth * dt) @ body_R[live] @ so3_exp(turn)
+        body_R[live] = so3_exp(-turning[live] * dt) @ body_R[live] @ so3_exp(turn)
 
     keyframe = np.repeat(np.arange(n), counts)
     t = problem.inertial.edges[starts[:-1]]

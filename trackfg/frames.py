@@ -1,7 +1,8 @@
 """Frames and rotations, written over arrays.
 
 Frames: the body frame b is FLU at the vehicle reference point (x forward, y left, z up); the navigation frame n is
-ENU-like, z up. ``R_nb`` maps body to navigation and ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is positive with the
+ENU-like and level wherever the vehicle is: z points up along the local plumb line, so n turns as the vehicle travels over
+the round Earth (:func:`transport_rate`), but never about z. ``R_nb`` maps body to navigation and ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is positive with the
 left side up, pitch is positive nose-down, yaw is positive to the left.
 
 Rotation vectors are in rad. Every function accepts any number of leading dimensions.
@@ -16,6 +17,9 @@ Array = NDArray[np.float64]
 
 EARTH_RATE = 7.292115e-5
 """rad/s, WGS 84."""
+
+EARTH_RADIUS = 6.371e6
+"""m, mean radius."""
 
 _WGS84_A = 6378137.0
 _WGS84_E2 = 6.69437999014e-3
@@ -127,6 +131,11 @@ def earth_rate_enu(latitude_deg: float) -> Array:
     return EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
 
+def transport_rate(velocity: Array) -> Array:
+    """How fast the level frame turns under a vehicle with this velocity in n, rad/s: 0.65 deg/h at 20 m/s. Shape (..., 3)."""
+    return np.stack([-velocity[..., 1], velocity[..., 0], np.zeros_like(velocity[..., 0])], axis=-1) / EARTH_RADIUS
+
+
 def geodetic_to_ecef(geodetic: Array) -> Array:
     """WGS 84 (latitude deg, longitude deg, height m) to ECEF in m. Shape (..., 3) to (..., 3)."""
     lat, lon = np.radians(geodetic[..., 0]), np.radians(geodetic[..., 1])
@@ -152,9 +161,15 @@ def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Array:
 
 
 def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
-    """WGS 84 positions in the ENU frame tangent at ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m."""
+    """WGS 84 positions in the level frame n about ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m.
+
+    East and north on the tangent plane of the origin (short by 6e-5 of the distance at 70 km), up as the difference in
+    height: level stays level.
+    """
     rotation = ecef_from_enu(float(origin[0]), float(origin[1]))
-    return (geodetic_to_ecef(geodetic) - geodetic_to_ecef(origin)) @ rotation
+    enu: Array = (geodetic_to_ecef(geodetic) - geodetic_to_ecef(origin)) @ rotation
+    enu[..., 2] = geodetic[..., 2] - origin[2]
+    return enu
 
 
 def so3_right_jacobian_inverse(v: Array) -> Array:

@@ -29,7 +29,7 @@ from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Nav, States
-from trackfg.frames import Array, earth_rate_enu, normal_gravity
+from trackfg.frames import EARTH_RADIUS, Array, earth_rate_enu, normal_gravity, transport_rate
 from trackfg.inertial import Intervals, compress, intervals
 from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes, within
@@ -53,10 +53,10 @@ _MOVED_SD_M = 1e4
 
 @dataclass(frozen=True)
 class World:
-    """Gravity (m/s^2) and the Earth's rotation in n (rad/s, (3,)); None where latitude is not known."""
+    """Gravity (m/s^2) and the Earth's rotation in n (rad/s, (3,)), zero where latitude is not known."""
 
     gravity: float
-    earth_rate: Array | None
+    earth_rate: Array
     georeferenced: bool
     start_yaw: float
 
@@ -96,8 +96,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     wheel = read_wheel(recording, config.tach.max_gap_s)
     speedless = wheel is None and recording.gnss is None
     rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
-    earth = np.zeros(3) if world.earth_rate is None else world.earth_rate
-    path = initial_path(recording, data, wheel, rests, earth, world.start_yaw)
+    path = initial_path(recording, data, wheel, rests, world.earth_rate, world.start_yaw)
     gaps = data.gaps()
     edges = place_keyframes(
         data.edges, path.t, path.speed, rests, _required_times(recording, gaps, rests), config.keyframes
@@ -119,7 +118,7 @@ def _world(recording: Recording) -> World:
     georeferenced = recording.gnss_origin is not None or track.heading_deg is not None
     start_yaw = 0.0 if track.heading_deg is None else np.pi / 2.0 - np.radians(track.heading_deg)
     if latitude is None:
-        return World(gravity, None, georeferenced, start_yaw)
+        return World(gravity, np.zeros(3), georeferenced, start_yaw)
     rate = earth_rate_enu(latitude)
     if not georeferenced:
         rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
@@ -187,7 +186,11 @@ class _Layout:
         measured = ImuNoise(noise.gyro_white * level.gyro, 1e3 if speedless else accel)
         bridge = ImuNoise(config.bridge_gyro_white, config.bridge_accel_white)
         gravity, earth = self.world.gravity, self.world.earth_rate
-        parameters = {False: measured.parameters(gravity, earth), True: bridge.parameters(gravity, earth)}
+        # The level frame turns with the Earth and, with the vehicle, over its curvature. GTSAM's Coriolis term counts the
+        # second twice: v^2 / radius upwards, taken back through gravity.
+        velocity = 0.5 * (states.nav.v[1:] + states.nav.v[:-1])
+        turning = earth + transport_rate(velocity)
+        weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
         starts, first = increment_starts(self.data, self.edges, _INCREMENT_S)
         increments = compress(self.data, starts)
@@ -195,7 +198,7 @@ class _Layout:
         graph = gtsam.NonlinearFactorGraph()
         for factor in imu_factors(
             preintegrate(
-                parameters[bool(bridged[k])],
+                (bridge if bridged[k] else measured).parameters(float(weight[k]), turning[k]),
                 states.bias[k],
                 increments.duration[a:b],
                 increments.rotation[a:b],

@@ -47,7 +47,7 @@ def intervals(recording: Recording) -> Intervals:
     """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
     t = recording.imu["t_s"].to_numpy()
     gyro, accel = recording.gyro, recording.accel
-    dt = float(np.median(np.diff(t)))
+    dt = float(np.median(np.diff(t))) if t.size > 1 else 0.0
     holes = np.flatnonzero(np.diff(t) > max(3.5 * dt, 0.05))
     bridged = np.zeros(t.size, dtype=bool)
     if holes.size:
@@ -59,7 +59,9 @@ def intervals(recording: Recording) -> Intervals:
         bridged = np.insert(bridged, where, values=True)
         t = np.insert(t, where, new)
     middle = 0.5 * (t[1:] + t[:-1])
-    edges = np.concatenate([[t[0] - 0.5 * dt], middle, [t[-1] + 0.5 * dt]])
+    # To the nanosecond, so that a record that starts at 0 does so exactly and covers what others measure there.
+    start, end = np.round([t[0] - 0.5 * dt, t[-1] + 0.5 * dt], 9)
+    edges = np.concatenate([[start], middle, [end]])
     return Intervals(edges, gyro, accel, bridged)
 
 

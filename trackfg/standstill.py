@@ -3,8 +3,11 @@
 A candidate is a span in which the tach does not move (less than one pulse, or a speed of zero); where there is no tach,
 the whole run is one. A candidate holds only as long as the inertial sensor is quiet too: over blocks of 0.5 s the mean
 angular rate stays near the candidate's median and the scatter of rate and specific force near that of its quietest
-blocks. On a smooth straight a moving vehicle is as quiet as one at rest: a candidate that the tach enters or leaves faster
-than anything brakes is a tach that fell silent, and no standstill.
+blocks.
+
+On a smooth straight a moving vehicle is as quiet as one at rest. A candidate that the tach enters or leaves faster
+than anything brakes is therefore a tach that fell silent, and no standstill; and where GNSS alone tells the speed, it
+must have seen the rest.
 """
 
 from __future__ import annotations
@@ -45,7 +48,9 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
         edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
         for i, j in edges.reshape(-1, 2):
             span = (max(begin, starts[inside[i]]), min(end, ends[inside[j - 1]]))
-            if span[1] - span[0] >= min_duration_s:
+            if span[1] - span[0] >= min_duration_s and (
+                recording.tach is not None or _gnss_stays(recording.gnss, span)
+            ):
                 spans.append(span)
     return np.array(spans, dtype=np.float64).reshape(-1, 2)
 
@@ -63,6 +68,17 @@ def _quiet(mean: Array, scatter: Array) -> np.ndarray:
     force = np.abs(mean[:, 3:] - centre[3:]).max(axis=1) <= _FORCE_TOLERANCE + noise[:, 1]
     quiet: np.ndarray = calm & rate & force
     return quiet
+
+
+def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
+    """Whether the positions of a span, half of them at least, lie within 3 sigma of their median; True without GNSS."""
+    if gnss is None:
+        return True
+    seen = gnss[gnss["t_s"].between(*span)]
+    if len(seen) < 2:
+        return False
+    place, sd = seen[["east_m", "north_m"]].to_numpy(), seen[["east_sd_m", "north_sd_m"]].to_numpy()
+    return bool((np.median(np.abs(place - np.median(place, axis=0)) / sd, axis=0) < 3.0).all())
 
 
 def _tach_at_rest(tach: pd.DataFrame | None, t0: float, t1: float) -> Array:

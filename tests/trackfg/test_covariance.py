@@ -31,7 +31,10 @@ def solved(
     simulated: Callable[..., Simulation],
     linearized: Callable[[Problem, States], gtsam.GaussianFactorGraph],
 ) -> Solved:
-    problem = build_problem(simulated(request.param, seed=2, duration_s=65.0 if request.param == "trolley" else 45.0).recording, SmoothConfig())
+    problem = build_problem(
+        simulated(request.param, seed=2, duration_s=65.0 if request.param == "trolley" else 45.0).recording,
+        SmoothConfig(),
+    )
     n = len(problem.t)
     ordering = chain_ordering(n)
     linear = linearized(problem, problem.initial)
@@ -96,4 +99,6 @@ def test_marginals_are_covariances(solved: Solved) -> None:
 def test_shared_variables_are_the_same_in_every_marginal(solved: Solved) -> None:
     shared = solved.ours.marginal[:, KEYFRAME_DIM:, KEYFRAME_DIM:]
     sd = np.sqrt(np.diagonal(shared[0]))
-    np.testing.assert_allclose(shared / np.outer(sd, sd), np.broadcast_to(shared[0] / np.outer(sd, sd), shared.shape), atol=1e-9)
+    np.testing.assert_allclose(
+        shared / np.outer(sd, sd), np.broadcast_to(shared[0] / np.outer(sd, sd), shared.shape), atol=1e-9
+    )

@@ -55,7 +55,7 @@ def test_compression_loses_nothing_of_a_tumbling_body(group: int) -> None:
     R, v = chained(compress(data, np.arange(0, len(data) + 1, group)))
     truth_R, truth_v = brute_force(data)
     np.testing.assert_allclose(R, truth_R, atol=1e-12)
-    # Sculling within a sample is kept to first order in its turn of 6 mrad at most: the rest is below a sixth of its square.
+    # Sculling within a sample is kept to first order in its turn, 6 mrad at most: the rest is a sixth of its square.
     assert np.linalg.norm(v - truth_v) < 0.006**2 / 6 * np.linalg.norm(truth_v)
 
 
@@ -93,6 +93,18 @@ def test_sound_record_is_laid_edge_to_edge(recording: Recording) -> None:
     np.testing.assert_allclose(data.edges, np.arange(len(data) + 1) / RATE_HZ, atol=1e-9)
     np.testing.assert_array_equal(data.gyro, recording.gyro)
     np.testing.assert_array_equal(data.accel, recording.accel)
+
+
+def test_record_from_0_starts_at_0_exactly(recording: Recording) -> None:
+    data = intervals(recording)
+    assert data.edges[0] == 0.0
+    assert data.edges[-1] == 30.0
+
+
+def test_single_sample_is_an_interval_of_no_length(recording: Recording) -> None:
+    data = intervals(replace(recording, imu=recording.imu.iloc[:1]))
+    assert len(data) == 1
+    assert data.durations.sum() == 0.0
 
 
 def test_hole_is_bridged_with_lines_and_marked(recording: Recording) -> None:

@@ -16,7 +16,9 @@ from trackfg.standstill import find_standstills
 from trackfg.wheel import Wheel, read_wheel
 
 
-def path_of(run: Simulation, *, wheel: bool = True, earth_rate: np.ndarray | None = None, yaw: float = 0.0) -> InitialPath:
+def path_of(
+    run: Simulation, *, wheel: bool = True, earth_rate: np.ndarray | None = None, yaw: float = 0.0
+) -> InitialPath:
     recording = run.recording
     rolled: Wheel | None = read_wheel(recording, 5.0) if wheel else None
     earth = np.zeros(3) if earth_rate is None else earth_rate

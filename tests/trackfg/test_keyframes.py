@@ -39,7 +39,7 @@ def test_placement_keeps_its_promises(run: tuple[np.ndarray, ...]) -> None:
     asked = np.concatenate([required, rests.ravel()])
     for time in asked[(asked >= edges[0]) & (asked <= edges[-1])]:
         assert np.abs(at - time).min() <= 0.5 * DT + 1e-9
-    # Regular ones: no interval is longer than the interval asked for, save that one next to a required keyframe may take
+    # No interval is longer than the one asked for, save that one next to a required keyframe may take
     # up what a dropped one leaves.
     limit = np.where(within(0.5 * (at[1:] + at[:-1]), rests), CONFIG.interval_at_rest_s, CONFIG.interval_s)
     assert (np.diff(at) <= 1.7 * limit + 0.2).all()
@@ -84,7 +84,10 @@ def test_a_run_of_one_interval() -> None:
     assert keyframes.tolist() == [0, 1]
 
 
-@given(st.lists(st.floats(0.0, 100.0), min_size=2, max_size=30, unique=True), st.lists(st.floats(-10.0, 110.0), max_size=20))
+@given(
+    st.lists(st.floats(0.0, 100.0), min_size=2, max_size=30, unique=True),
+    st.lists(st.floats(-10.0, 110.0), max_size=20),
+)
 def test_nearest_is_the_nearest(grid_values: list[float], times: list[float]) -> None:
     grid, at = np.sort(np.array(grid_values)), np.array(times)
     found = nearest(grid, at)

@@ -1,4 +1,4 @@
-"""The solver finds the minimum that other means find, says truly why it stopped, and copes with poor starts and outliers."""
+"""The solver finds the minimum that other means find, says truly why it stopped, and copes with outliers."""
 
 from __future__ import annotations
 

@@ -26,7 +26,13 @@ def true_rests(run: Simulation, duration_s: float) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("name", "duration_s"),
-    [("mainline", 400.0), ("trolley", 100.0), ("shunting", 200.0), ("shunting-unsigned", 200.0), ("mainline-gnss", 400.0)],
+    [
+        ("mainline", 400.0),
+        ("trolley", 100.0),
+        ("shunting", 200.0),
+        ("shunting-unsigned", 200.0),
+        ("mainline-gnss", 400.0),
+    ],
 )
 @pytest.mark.parametrize("seed", range(3))
 def test_every_stop_is_found_within_2_s(
@@ -68,6 +74,14 @@ def test_silent_tach_on_a_moving_vehicle_is_no_standstill(simulated: Callable[..
     tach.loc[dead, "distance_m"] = tach.loc[~dead, "distance_m"].iloc[-1]
     for start, end in find_standstills(replace(run.recording, tach=tach), MIN_REST_S):
         assert np.ptp(run.ride.motion.path(np.linspace(start, end, 200))) < 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_without_a_tach_gnss_must_have_seen_the_rest(simulated: Callable[..., Simulation], seed: int) -> None:
+    """On a smooth straight at constant speed the inertial sensor is as quiet as at rest."""
+    run = simulated("mainline-gnss", seed=seed, duration_s=200.0)
+    found = find_standstills(replace(run.recording, tach=None), MIN_REST_S)
+    np.testing.assert_allclose(found, true_rests(run, 200.0), atol=2.0)
 
 
 def test_missing_rows_at_rest_do_not_hide_a_standstill(simulated: Callable[..., Simulation]) -> None:

@@ -49,7 +49,7 @@ def test_sampled_count_rounds_uniformly_within_a_pulse(shunting: Simulation) -> 
     wheel = read_wheel(with_tach(shunting.recording, t, count, signed=True), MAX_GAP_S)
     assert wheel is not None
     assert wheel.quantum == pytest.approx(PULSE_M)
-    assert wheel.rounding_sd == pytest.approx(np.std((driven(t) - count)), rel=0.05)
+    assert wheel.rounding_sd == pytest.approx(np.std(driven(t) - count), rel=0.05)
     assert not wheel.integrates_speed
 
 
@@ -85,9 +85,7 @@ def test_integrated_speed_is_smooth_between_rows(shunting: Simulation) -> None:
         true = 6.0 * between + 10.0 * (1.0 - np.cos(between / 5.0))
         np.testing.assert_allclose(wheel.at(between), true, atol=0.05)
         # Linear between rows would swing by a v' dt / 8 within each of them.
-        np.testing.assert_allclose(
-            wheel.rate(between, 0.1), 6.0 + 2.0 * np.sin(between / 5.0), atol=0.03
-        )
+        np.testing.assert_allclose(wheel.rate(between, 0.1), 6.0 + 2.0 * np.sin(between / 5.0), atol=0.03)
 
 
 def test_rate_is_the_mean_speed_of_the_window(shunting: Simulation) -> None:
