@@ -25,8 +25,8 @@ roll of the mount, which stays in the data.
 """
 
 GNSS_SD_M = (0.15, 0.15, 0.15)
-"""Scatter of the fixes against the pose within 5 s, the worst axis. Their offset of about 1 m and late clock are common to
-all of them, and moving the path as a whole is not what this sigma is about."""
+"""Scatter of the fixes against the pose within 5 s, the worst axis. Their offset of about 1 m and late clock are common
+to all of them, and moving the path as a whole is not what this sigma is about."""
 
 NOISE = ImuNoise(
     gyro_white=5e-4,

@@ -134,6 +134,6 @@ def _specific_force(ride: Ride, t: Array, g: float, earth: Array, lever_arm: Arr
 
 
 def _frame_rate(ride: Ride, t: Array, earth: Array) -> Array:
-    """How the level frame n turns in inertial space, rad/s in n: with the Earth, and over its curvature. Shape (n, 3)."""
+    """How the level frame n turns, rad/s in n: with the Earth, and over its curvature. Shape (n, 3)."""
     forward = frames.matrix_from_rpy(*ride.rpy(t).T)[:, :, 0]
     return earth + frames.transport_rate(forward * ride.motion.speed(t)[:, None])

@@ -99,8 +99,8 @@ def _reference(ins: dict[str, Any], zero: float, origin: Array) -> pd.DataFrame:
     """INSPVA in the trajectory columns: the unit's position, its attitude against the local level.
 
     SPAN gives roll right-handed about forward (left side up positive, as here), pitch right-handed about right (nose up
-    positive: the opposite of here) and azimuth clockwise from the local north, which yaw here is not: the level frame does
-    not turn about the vertical, so the meridians' convergence since ``origin`` comes in.
+    positive: the opposite of here) and azimuth clockwise from the local north, which yaw here is not: the level frame
+    does not turn about the vertical, so the meridians' convergence since ``origin`` comes in.
     """
     geodetic = _columns(ins, "INS_Lat", "INS_Long", "INS_Alt")
     roll, pitch, azimuth = np.radians(_columns(ins, "INS_Roll", "INS_Pitch", "INS_Azi")).T

@@ -42,11 +42,18 @@ class Slot:
 class Loss:
     """A robust loss with tuning constant ``width``, in sigmas.
 
-    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go.
+    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go. While the
+    values are far from the solution there is no loss at all, or Huber's where errors are too many and too large for that.
     """
 
     kind: str
     width: float
+    huber_at_start: bool = False
+
+    @property
+    def at_start(self) -> Loss | None:
+        """The loss that stands in while the values are far from the solution: convex, so that no outlier traps them."""
+        return Loss("huber", self.width) if self.huber_at_start else None
 
     def weight(self, norm: Array) -> Array:
         """The weight of a whitened residual of this norm: rho'(e)/e."""
@@ -142,7 +149,7 @@ class Family:
         columns: list[Any] = []
         for slot, jacobian in zip(self.slots, jacobians, strict=True):
             columns += [slot.keys, list(np.asfortranarray(jacobian.transpose(1, 2, 0)).transpose(2, 0, 1))]
-        add = linear.add
+        add: Any = linear.add
         for row in zip(*columns, b, strict=True):
             add(*row, unit)
 
@@ -161,12 +168,13 @@ class Family:
             if H is not None:
                 for j, jacobian in enumerate(jacobians):
                     H[j] = np.asfortranarray(jacobian[0])
-            return residual[0]
+            return np.asarray(residual[0])
 
         model: gtsam.noiseModel.Base = gtsam.noiseModel.Diagonal.Sigmas(self.sigma[i])
         if self.loss is not None:
-            estimator = {"huber": gtsam.noiseModel.mEstimator.Huber, "cauchy": gtsam.noiseModel.mEstimator.Cauchy}
-            model = gtsam.noiseModel.Robust.Create(estimator[self.loss.kind].Create(self.loss.width), model)
+            losses = gtsam.noiseModel.mEstimator
+            loss = losses.Huber if self.loss.kind == "huber" else losses.Cauchy
+            model = gtsam.noiseModel.Robust.Create(loss.Create(self.loss.width), model)
         return gtsam.CustomFactor(model, [slot.keys[0] for slot in one.slots], error)
 
     def _evaluated(self, values: Sequence[Value]) -> tuple[Array, tuple[Array, ...]]:
@@ -209,7 +217,7 @@ def numerical_jacobians(family: Family, states: States, step: float = 1e-5) -> t
 
 
 def check_jacobians(family: Family, states: States, rtol: float = 1e-6, atol: float = 1e-7) -> None:
-    """Raise ``AssertionError``, naming slot, factor, row and column, where a Jacobian differs from the numerical one."""
+    """Raise ``AssertionError``, naming factor, row and column, where a Jacobian differs from the numerical one."""
     analytic = family.evaluate(*family.values(states), *family.data)[1]
     for slot, ours, numeric in zip(family.slots, analytic, numerical_jacobians(family, states), strict=True):
         wrong = np.abs(ours - numeric) > atol + rtol * np.abs(numeric)

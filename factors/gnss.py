@@ -9,7 +9,9 @@ from trackfg.factors.states import Kind, Nav
 from trackfg.frames import Array, skew
 
 
-def _position(nav: Nav, clock: Array, measured: Array, lever_arm: Array, delay: Array) -> tuple[Array, tuple[Array, ...]]:
+def _position(
+    nav: Nav, clock: Array, measured: Array, lever_arm: Array, delay: Array
+) -> tuple[Array, tuple[Array, ...]]:
     late = delay + clock[:, 2:]
     residual = nav.p + np.einsum("mij,mj->mi", nav.R, lever_arm) + nav.v * late - measured
     d_nav = np.concatenate([-nav.R @ skew(lever_arm), nav.R, nav.R * late[:, :, None]], axis=2)
@@ -23,9 +25,9 @@ def gnss_position(
 ) -> Family:
     """The antenna is where the receiver says.
 
-    Residual (m, in n): ``p + R l + v (dt + T) - z``; ``z`` (m, 3) is the measured position, ``l`` (3,) the antenna seen from the
-    IMU in body axes, ``dt`` (m,) the seconds from the keyframe to the measurement's stamp and ``T`` the receiver's clock
-    offset, the seconds to add to its stamps. sigma (m, 3).
+    Residual (m, in n): ``p + R l + v (dt + T) - z``; ``z`` (m, 3) is the measured position, ``l`` (3,) the antenna seen
+    from the IMU in body axes, ``dt`` (m,) the seconds from the keyframe to the measurement's stamp and ``T`` the
+    receiver's clock offset, the seconds to add to its stamps. sigma (m, 3).
     """
     data = (measured, np.tile(lever_arm, (len(index), 1)), delay[:, None])
     slots = (Slot(Kind.NAV, index), Slot(Kind.CLOCK, np.zeros_like(index)))

@@ -1,9 +1,9 @@
 """Distance: the tach's count, the wheel's scale, the length of the path, absolute fixes.
 
 The odometer's state at keyframe k is ``o = (D, S, W, a)``: along-track distance D (m), wheel scale S (true distance per
-nominal distance), wheel distance W as the tach would count it without rounding (m), and a, the distance since the previous
-keyframe (m). A tach reading is then absolute, and its rounding an independent error of each reading: between any two
-keyframes the count is off by one rounding, not by a random walk of them.
+nominal distance), wheel distance W as the tach would count it without rounding (m), and a, the distance since the
+previous keyframe (m). A tach reading is then absolute, and its rounding an independent error of each reading: between
+any two keyframes the count is off by one rounding, not by a random walk of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
 from trackfg.frames import Array, skew
-
 
 _FORWARD = np.array([1.0, 0.0, 0.0])
 
@@ -45,8 +44,8 @@ def _wheel(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:
 def tach_distance(first: np.ndarray, sigma: Array, loss: Loss | None) -> Family:
     """The wheel rolls: scale times wheel distance is distance along the track.
 
-    Residual (m): ``S_k (W_k+1 - W_k) - a_k+1``, positive when the wheel turns more than the vehicle moves (slip), negative
-    when it turns less (slide). sigma (m, 1) covers creep, not rounding.
+    Residual (m): ``S_k (W_k+1 - W_k) - a_k+1``, positive when the wheel turns more than the vehicle moves (slip),
+    negative when it turns less (slide). sigma (m, 1) covers creep, not rounding.
     """
     return Family("tach distance", _wheel, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma, loss)
 
@@ -62,9 +61,9 @@ def _reading(odo: Array, clock: Array, count: Array, rate: Array, since: Array) 
 def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sigma: Array) -> Family:
     """What the tach shows at a keyframe.
 
-    Residual (m): ``W_k - (c_k - r_k T_k)``: ``c`` (m,) is the count at the keyframe's time as nominal distance, ``r`` (m,) its
-    rate (m/s) and ``T_k`` the clock offset, the seconds to add to the tach's times: offset plus drift times ``since`` (m,), the
-    seconds since the middle of the run. sigma (m, 1): rounding.
+    Residual (m): ``W_k - (c_k - r_k T_k)``: ``c`` (m,) is the count at the keyframe's time as nominal distance, ``r``
+    (m,) its rate (m/s) and ``T_k`` the clock offset, the seconds to add to the tach's times: offset plus drift times
+    ``since`` (m,), the seconds since the middle of the run. sigma (m, 1): rounding.
     """
     slots = (Slot(Kind.ODO, index), Slot(Kind.CLOCK, np.zeros_like(index)))
     return Family("tach reading", _reading, slots, (count[:, None], rate[:, None], since[:, None]), sigma)
@@ -114,9 +113,10 @@ def _angle_over_sine(cosine: Array) -> tuple[Array, Array]:
 def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
     """The distance between two keyframes is the length of the arc between their poses.
 
-    Residual (m): ``(c . (t0 + t1)/2) phi/sin(phi) - a_k+1`` with c the chord between the reference points, t0 and t1 the
-    forward axes and phi the angle between them. It is exact on a circle, where c is along t0 + t1 and the arc is radius
-    times phi, and signed: backwards counts negative. ``lever_arm`` (3,) is the IMU's position in the vehicle, m. sigma (m, 1).
+    Residual (m): ``(c . (t0 + t1)/2) phi/sin(phi) - a_k+1`` with c the chord between the reference points, t0 and t1
+    the forward axes and phi the angle between them. It is exact on a circle, where c is along t0 + t1 and the arc is
+    radius times phi, and signed: backwards counts negative. ``lever_arm`` (3,) is the IMU's position in the vehicle, m.
+    sigma (m, 1).
     """
     slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.ODO, first + 1))
     return Family("arc length", _arc, slots, (np.tile(lever_arm, (len(first), 1)),), sigma)
@@ -131,7 +131,7 @@ def _fix(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
 def absolute_fix(index: np.ndarray, distance: Array, sigma: Array, loss: Loss | None) -> Family:
     """The vehicle is at a known place: balise, RFID tag, mile post.
 
-    Residual (m): ``D_k - d_k``; ``d`` (m,) is the place's distance in the sense of running, carried to the keyframe's time
-    by the tach. sigma (m, 1).
+    Residual (m): ``D_k - d_k``; ``d`` (m,) is the place's distance in the sense of running, carried to the keyframe's
+    time by the tach. sigma (m, 1).
     """
     return Family("absolute fix", _fix, (Slot(Kind.ODO, index),), (distance[:, None],), sigma, loss)

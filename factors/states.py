@@ -91,7 +91,7 @@ def retract(value: Value, delta: Array) -> Value:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run with n keyframes: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3)."""
+    """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3)."""
 
     nav: Nav
     bias: Array

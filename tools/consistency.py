@@ -74,7 +74,7 @@ def noise_free(duration_s: float) -> pd.DataFrame:
 
 
 def coverage(scenario: str, seeds: int, duration_s: float, jobs: int) -> pd.DataFrame:
-    """Per state: share of samples within 1.96 sigma in per cent, its standard error over seeds, rms of error / sigma."""
+    """Per state: per cent of samples within 1.96 sigma, its standard error over seeds, rms of error / sigma."""
     with ProcessPoolExecutor(jobs) as pool:
         runs = list(pool.map(partial(_statistics, scenario=scenario, duration_s=duration_s), range(seeds)))
     rows = []

@@ -1,7 +1,8 @@
 """The smoother on three real recordings, scored against what it did not see.
 
-KITTI comes with gtsam; Kingston and comma2k19 are read from a data folder and skipped where it is absent. Every run uses the
-default settings with noise levels taken from the residuals (``[noise] adapt = true``); what differs is said in its row.
+KITTI comes with gtsam; Kingston and comma2k19 are read from a data folder and skipped where it is absent. Every run
+uses the default settings with noise levels taken from the residuals (``[noise] adapt = true``); what differs is said in
+its row.
 
     python tools/real_data.py [--data ../shared/data] [--only kitti kingston comma2k19]
 """
@@ -35,7 +36,8 @@ def score_kitti() -> None:
     for label, config in (("noise levels from the residuals", SETTINGS), ("noise levels as declared", SmoothConfig())):
         result = smooth(replace(drive, gnss=kept), config)
         print(f"\nKITTI, {label} [horizontal rms 1.4 m; straight lines 51 m]")
-        print(score_outages(result.trajectory, drive.gnss, OUTAGES).to_string(index=False, float_format="{:.2f}".format))
+        scores = score_outages(result.trajectory, drive.gnss, OUTAGES)
+        print(scores.to_string(index=False, float_format="{:.2f}".format))
         print(f"solver: {result.summary.solver.reason}")
 
 
@@ -78,7 +80,8 @@ def _report_kingston(label: str, run, kept: np.ndarray, config: SmoothConfig) ->
     bias, sd = summary.gyro_bias_radps.value[2], summary.gyro_bias_radps.sd[2]
     ratio = float(np.sqrt(np.mean(errors["error_m"] ** 2) / np.mean(errors["sd_m"] ** 2)))
     print(f"\nKingston, {label}")
-    print(f"  horizontal: rms {_rms(errors['error_m']):.2f} m, max {errors['error_m'].max():.1f} m, rms / sigma {ratio:.2f}")
+    rms, largest = _rms(errors["error_m"]), errors["error_m"].max()
+    print(f"  horizontal: rms {rms:.2f} m, max {largest:.1f} m, rms / sigma {ratio:.2f}")
     print(
         f"  roll sd {np.degrees(roll.std()):.3f} deg, pitch sd {np.degrees(pitch.std()):.3f} deg [0.05], "
         f"yaw rms {np.degrees(_rms(yaw)):.2f} deg [0.4]"
@@ -107,8 +110,8 @@ def score_comma2k19(folder: Path) -> None:
         assert summary.clock_offset_s is not None
         print(
             f"comma2k19, GNSS for the first {seconds:g} s: final error {last:.2f} m = "
-            f"{100 * last / summary.distance_m:.2f} % of {summary.distance_m:.0f} m [aim 0.5 %], sigma {sd:.1f} m; wheel "
-            f"scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, tach clock "
+            f"{100 * last / summary.distance_m:.2f} % of {summary.distance_m:.0f} m [aim 0.5 %], sigma {sd:.1f} m; "
+            f"wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, tach clock "
             f"{1e3 * summary.clock_offset_s.value:+.1f} +- {1e3 * summary.clock_offset_s.sd:.1f} ms"
         )
 

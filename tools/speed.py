@@ -37,7 +37,7 @@ from trackfg.results import versions
 LONGER = 4
 """How many times longer the second run is."""
 
-OPTIMISER_S = (300.0, 600.0, 1200.0)
+OPTIMISER_S = (300.0, 600.0)
 """Lengths of run given to GTSAM's optimiser; the target is for the first."""
 
 
@@ -55,7 +55,7 @@ class Measurements:
 
 
 def measure(hours: float, repeats: int) -> Measurements:
-    """Measure it all. GTSAM's longer runs, which are slow, are made once."""
+    """Measure it all. GTSAM's longer run, which is slow, is made once."""
     with tempfile.TemporaryDirectory(prefix="trackfg-speed-") as folder:
         short = measure_smooth(Path(folder), 3600.0 * hours, repeats)
         long = measure_smooth(Path(folder), LONGER * 3600.0 * hours, repeats)
@@ -99,8 +99,7 @@ def stages(m: Measurements) -> list[list[str]]:
     """What each stage of the process took; header first."""
     short, long = m.short, m.long
     rows = [["stage", f"{m.hours:g} h", f"{LONGER * m.hours:g} h"]]
-    for stage in short.stages_s:
-        rows.append([stage, f"{short.stages_s[stage]:.2f} s", f"{long.stages_s[stage]:.2f} s"])
+    rows += [[stage, f"{short.stages_s[stage]:.2f} s", f"{long.stages_s[stage]:.2f} s"] for stage in short.stages_s]
     rows.append(
         ["start, imports, reading, writing", f"{short.outside_stages_s:.2f} s", f"{long.outside_stages_s:.2f} s"]
     )
@@ -151,7 +150,7 @@ def page(m: Measurements) -> str:
 
 Written by `python tools/speed.py --repeats {m.repeats} --hours {m.hours:g} --write docs/performance.md`, all of it
 measured in that one run. Times differ from machine to machine; the ratios much less. Each time is the shortest of
-{m.repeats}; GTSAM on the longer runs, GTSAM with Cholesky and python-ins ran once.
+{m.repeats}; GTSAM on the longer run, GTSAM with Cholesky and python-ins ran once.
 
 {facts}
 
@@ -159,15 +158,17 @@ measured in that one run. Times differ from machine to machine; the ratios much 
 
 ## Where the time goes
 
-`trackfg smooth` on the scenario `mainline`: 200 Hz IMU, {m.short.distance_km:.0f} km and {m.short.keyframes} keyframes in
-{m.hours:g} h, {m.long.distance_km:.0f} km and {m.long.keyframes} keyframes in {LONGER * m.hours:g} h.
+`trackfg smooth` on the scenario `mainline`, whose IMU samples at 200 Hz: {m.short.distance_km:.0f} km and
+{m.short.keyframes} keyframes in {m.hours:g} h, {m.long.distance_km:.0f} km and {m.long.keyframes} keyframes in
+{LONGER * m.hours:g} h.
 
 {markdown(stages(m))}
 
 Every stage is linear in the length of the run, in time and in memory. The graph is a chain: the factors of a keyframe
-touch it, its neighbour and five scalars shared by the run. Eliminated from one end to the other, it never fills in: each
-keyframe costs one QR of the same small size. The covariances are one recursion back along the same chain. The number of
-iterations does not grow either, because the initial values come from a pass over the whole run that is already close.
+touch it, its neighbour and five scalars shared by the run. Eliminated from one end to the other, it never fills in:
+each keyframe costs one QR of the same small size. The covariances are one recursion back along the same chain. The
+number of iterations does not grow either, because the initial values come from a pass over the whole run that is
+already close.
 Reading, standstills, compression of the IMU samples, our factors and the dense motion are array operations. What is
 left to Python loops is per keyframe or per 20 ms of motion, never per pair of keyframes.
 
@@ -175,13 +176,13 @@ left to Python loops is per keyframe or per 20 ms of motion, never per pair of k
 
 The graph of a run on `mainline` without robust losses, so that both minimise the same sum of squares, from the same
 initial values: GTSAM's LevenbergMarquardtOptimizer with SEQUENTIAL_QR and the chain's ordering, our factors as
-`gtsam.CustomFactor`, against `trackfg.solver.solve`. Each stops by its own rule; the costs show that they reach the same
-minimum.
+`gtsam.CustomFactor`, against `trackfg.solver.solve`. Each stops by its own rule; the costs tell whether they reached
+the same minimum.
 
 {markdown(optimisers_table(m))}
 
-Callbacks: linearising the graph and computing its cost outside the optimiser, over values that Python owns. Copies: what
-remains of an iteration after callbacks and elimination. Inside the optimiser each callback is handed a copy of all
+Callbacks: linearising the graph and computing its cost outside the optimiser, over values that Python owns. Copies:
+what remains of an iteration after callbacks and elimination. Inside the optimiser each callback is handed a copy of all
 values, so this part grows with the square of the run's length, and the ratio with the length. trackfg has no callbacks:
 a family of factors is one array operation.
 
@@ -198,7 +199,7 @@ With MULTIFRONTAL_CHOLESKY, GTSAM's default, and the same ordering the {OPTIMISE
 def _filter_text(times: FilterTimes | None) -> str:
     if times is None:
         return "Not measured: `pip install python-ins`."
-    return f"""Its feedback extended Kalman filter with body velocities from the tachometer at {FILTER_RATE_HZ:g} Hz, which is
+    return f"""Its feedback extended Kalman filter with body velocities from the tachometer at {FILTER_RATE_HZ:g} Hz,
 about as often as trackfg has keyframes and cheaper for it than more; noise densities as declared. It does not estimate
 the wheel's scale and is given the true one, and the true attitude at the start. The Earth turns in this run, because
 python-ins always models that.

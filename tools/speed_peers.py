@@ -69,7 +69,7 @@ class OptimiserTimes:
 
 @dataclass(frozen=True)
 class CholeskyOutcome:
-    """Where Levenberg-Marquardt with Cholesky, GTSAM's default, is after as many iterations as trackfg allows itself."""
+    """Where Levenberg-Marquardt with Cholesky, GTSAM's default, is after as many iterations as trackfg may make."""
 
     seconds: float
     iterations: int

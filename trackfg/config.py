@@ -37,8 +37,8 @@ class ImuConfig(_Section):
 class TachConfig(_Section):
     """The wheel: creep (m per sqrt(m) rolled), noise of a speed signal (m/s in 1 s), walk of the scale.
 
-    The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's. ``robust_width`` is
-    where, in sigmas, a wheel that does not roll begins to lose its weight.
+    The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's.
+    ``robust_width`` is where, in sigmas, a wheel that does not roll begins to lose its weight.
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
@@ -53,8 +53,8 @@ class TachConfig(_Section):
 class MotionConfig(_Section):
     """How strictly the vehicle follows its own axis, and how still it stands.
 
-    Lateral and vertical velocity at the reference point: a constant part and one proportional to speed. ``mount_sd_deg`` is
-    the uncertainty of the direction of travel in IMU axes (pitch, yaw).
+    Lateral and vertical velocity at the reference point: a constant part and one proportional to speed.
+    ``mount_sd_deg`` is the uncertainty of the direction of travel in IMU axes (pitch, yaw).
     """
 
     lateral_sd_mps: Positive = 0.01
@@ -83,8 +83,8 @@ class PositionConfig(_Section):
 
 
 class NoiseConfig(_Section):
-    """Factors on the assumed sigmas: of the gyro's and the accelerometer's declared white noise, of the vehicle's sideways
-    motion, of the wheel's rolling, of GNSS positions.
+    """Factors on the assumed sigmas: of the gyro's and the accelerometer's declared white noise, of the vehicle's
+    sideways motion, of the wheel's rolling, of GNSS positions.
 
     ``adapt`` raises them to what the residuals show: the run is smoothed ``rounds`` times more.
     """
@@ -109,8 +109,8 @@ class OutputConfig(_Section):
 
 
 class SolverConfig(_Section):
-    """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, a step that lowers the cost by less
-    than ``cost_tolerance``, or ``max_iterations``.
+    """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, a step that lowers the cost by
+    less than ``cost_tolerance``, or ``max_iterations``.
     """
 
     step_tolerance: Positive = 0.03

@@ -58,7 +58,7 @@ class DenseMotion:
 def dense_motion(problem: Problem, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
     """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
     starts, first = increment_starts(problem.inertial, problem.edges, step_s, times)
-    increments = compress(problem.inertial, starts)
+    increments = compress(problem.inertial, starts, states.bias[:, 3:].mean(axis=0))
     n, m = len(problem.t) - 1, len(increments.duration)
     counts = np.diff(first)
     earth = problem.world.earth_rate

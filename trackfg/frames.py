@@ -1,9 +1,9 @@
 """Frames and rotations, written over arrays.
 
 Frames: the body frame b is FLU at the vehicle reference point (x forward, y left, z up); the navigation frame n is
-ENU-like and level wherever the vehicle is: z points up along the local plumb line, so n turns as the vehicle travels over
-the round Earth (:func:`transport_rate`), but never about z. ``R_nb`` maps body to navigation and ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is positive with the
-left side up, pitch is positive nose-down, yaw is positive to the left.
+ENU-like and level wherever the vehicle is: z points up along the local plumb line, so n turns as the vehicle travels
+over the round Earth (:func:`transport_rate`), but never about z. ``R_nb`` maps body to navigation and ``R_nb = Rz(yaw)
+Ry(pitch) Rx(roll)``. Roll is positive with the left side up, pitch is positive nose-down, yaw is positive to the left.
 
 Rotation vectors are in rad. Every function accepts any number of leading dimensions.
 """
@@ -132,7 +132,7 @@ def earth_rate_enu(latitude_deg: float) -> Array:
 
 
 def transport_rate(velocity: Array) -> Array:
-    """How fast the level frame turns under a vehicle with this velocity in n, rad/s: 0.65 deg/h at 20 m/s. Shape (..., 3)."""
+    """How fast the level frame turns under a vehicle with this velocity in n, rad/s; 0.65 deg/h at 20 m/s."""
     return np.stack([-velocity[..., 1], velocity[..., 0], np.zeros_like(velocity[..., 0])], axis=-1) / EARTH_RADIUS
 
 

@@ -2,17 +2,17 @@
 
 ==================  =============================================================================================
 native factors      inertial factors and bias walk, GTSAM's own
-families            priors, distance chain, tach distance and readings, arc length, non-holonomic, standstill, fixes, GNSS
+families            priors, distance chain, tach, arc length, non-holonomic, standstill, fixes, GNSS
 ==================  =============================================================================================
 
-Each accelerometer sample is counted once: it is in the inertial factors, and no gravity factor uses it again. A recording
-in which nothing measures speed (no tach, no GNSS) is the exception: there the inertial factors' accelerometer gets no
-weight and gravity tilt factors carry the samples instead, with a sigma that covers the unknown accelerations.
+Each accelerometer sample is counted once: it is in the inertial factors, and no gravity factor uses it again. A
+recording in which nothing measures speed (no tach, no GNSS) is the exception: there the inertial factors' accelerometer
+gets no weight and gravity tilt factors carry the samples instead, with a sigma that covers the unknown accelerations.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -76,6 +76,8 @@ class Problem:
     gaps: Array
     wheel: Wheel | None
     inertial: Intervals
+    noise: ImuNoise
+    """White noise of the inertial samples as assumed in the graph."""
     edges: np.ndarray
     """The keyframes as indices into ``inertial.edges``, shape (n,)."""
 
@@ -96,6 +98,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     wheel = read_wheel(recording, config.tach.max_gap_s)
     speedless = wheel is None and recording.gnss is None
     rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
+    rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
     path = initial_path(recording, data, wheel, rests, world.earth_rate, world.start_yaw)
     gaps = data.gaps()
     edges = place_keyframes(
@@ -107,7 +110,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     native = layout.native(states, speedless)
     families = layout.families(states, speedless)
     lever_arm = np.array(recording.description.imu.lever_arm_m)
-    return Problem(t, native, families, states, world, lever_arm, rests, gaps, wheel, data, edges)
+    return Problem(t, native, families, states, world, lever_arm, rests, gaps, wheel, data, layout.noise, edges)
 
 
 def _world(recording: Recording) -> World:
@@ -179,21 +182,26 @@ class _Layout:
         at_first = np.interp(fixes["t_s"].iloc[0], self.t, distance)
         return float(self.recording.description.track.direction * fixes["chainage_m"].iloc[0] - at_first)
 
+    @property
+    def noise(self) -> ImuNoise:
+        declared, level = self.recording.description.imu.noise, self.config.noise
+        return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+
     def native(self, states: States, speedless: bool) -> gtsam.NonlinearFactorGraph:
         """Inertial factors and bias walk."""
-        noise, config, level = self.recording.description.imu.noise, self.config.imu, self.config.noise
-        accel = noise.accel_white * level.accel
-        measured = ImuNoise(noise.gyro_white * level.gyro, 1e3 if speedless else accel)
+        noise, config = self.recording.description.imu.noise, self.config.imu
+        measured = replace(self.noise, accel=1e3) if speedless else self.noise
+        gyro_bias = states.bias[:, 3:].mean(axis=0)
         bridge = ImuNoise(config.bridge_gyro_white, config.bridge_accel_white)
         gravity, earth = self.world.gravity, self.world.earth_rate
-        # The level frame turns with the Earth and, with the vehicle, over its curvature. GTSAM's Coriolis term counts the
-        # second twice: v^2 / radius upwards, taken back through gravity.
+        # The level frame turns with the Earth and, with the vehicle, over its curvature. GTSAM's Coriolis term counts
+        # the second twice: v^2 / radius upwards, taken back through gravity.
         velocity = 0.5 * (states.nav.v[1:] + states.nav.v[:-1])
         turning = earth + transport_rate(velocity)
         weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
         starts, first = increment_starts(self.data, self.edges, _INCREMENT_S)
-        increments = compress(self.data, starts)
+        increments = compress(self.data, starts, gyro_bias)
         bridged = self.data.bridged[self.edges[:-1]]
         graph = gtsam.NonlinearFactorGraph()
         for factor in imu_factors(
@@ -266,7 +274,7 @@ class _Layout:
         if self.wheel.integrates_speed:
             variance = np.where(silent, _MOVED_SD_M**2, variance)
         sigma = np.sqrt(variance)[:, None] * self.config.noise.tach
-        families.append(tach_distance(k, sigma, Loss("cauchy", config.robust_width)))
+        families.append(tach_distance(k, sigma, Loss("cauchy", config.robust_width, huber_at_start=True)))
         read = self._readable()
         count, rate = self.wheel.at(self.t[read]), self.wheel.rate(self.t[read])
         since = self.t[read] - 0.5 * (self.t[0] + self.t[-1])
@@ -274,8 +282,8 @@ class _Layout:
         return families
 
     def _readable(self) -> np.ndarray:
-        """Keyframes with a tach reading of their own: a count that has not moved since the last reading says nothing new,
-        its rounding error is the same one."""
+        """Keyframes with a tach reading of their own: a count that has not moved since the last reading says nothing
+        new, its rounding error is the same one."""
         assert self.wheel is not None
         covered = np.flatnonzero(self.wheel.covers(self.t))
         count = self.wheel.at(self.t[covered])
@@ -283,7 +291,8 @@ class _Layout:
             return covered
         grid = np.floor(count / max(self.wheel.quantum, 1e-9))
         fresh = np.concatenate([[True], grid[1:] != grid[:-1]])
-        return covered[fresh]
+        readable: np.ndarray = covered[fresh]
+        return readable
 
     def _motion(self) -> list[Family]:
         config, n = self.config.motion, len(self.t)
@@ -330,7 +339,8 @@ class _Layout:
         if fixes is not None:
             families.append(self._fixes(Loss("cauchy", config.fix_width) if config.robust else None))
         if gnss is not None and len(gnss) and description.gnss is not None:
-            families.append(self._gnss(gnss, description.gnss, Loss("huber", config.gnss_width) if config.robust else None))
+            loss = Loss("huber", config.gnss_width) if config.robust else None
+            families.append(self._gnss(gnss, description.gnss, loss))
         return families
 
     def _gnss(self, gnss: pd.DataFrame, description: Gnss, loss: Loss | None) -> Family:
@@ -362,8 +372,8 @@ class _Layout:
 def increment_starts(
     data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Split each keyframe interval into increments of at most about ``duration`` s, with boundaries on both sides of each
-    of ``times``.
+    """Split each keyframe interval into increments of at most about ``duration`` s, with boundaries on both sides of
+    each of ``times``.
 
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.

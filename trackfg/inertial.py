@@ -19,6 +19,8 @@ import numpy as np
 from trackfg.frames import Array, so3_exp, so3_log
 from trackfg.recording import Recording
 
+_NO_BIAS = np.zeros(3)
+
 
 @dataclass(frozen=True)
 class Intervals:
@@ -78,8 +80,12 @@ class Increments:
     velocity: Array
 
 
-def compress(data: Intervals, starts: np.ndarray) -> Increments:
-    """Group g covers the intervals from ``starts[g]`` to ``starts[g + 1]``. ``starts`` (m + 1,), increasing."""
+def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -> Increments:
+    """Group g covers the intervals from ``starts[g]`` to ``starts[g + 1]``. ``starts`` (m + 1,), increasing.
+
+    The increments are those of the raw samples, biases included, but the specific force is turned by the rate less
+    ``gyro_bias`` (3,), rad/s: a bias of 1e-3 rad/s would look like an acceleration of 1e-4 m/s^2 over 0.02 s.
+    """
     first, counts = starts[:-1], np.diff(starts)
     duration = np.diff(data.edges[starts])
     R = np.tile(np.eye(3), (len(first), 1, 1))
@@ -88,9 +94,9 @@ def compress(data: Intervals, starts: np.ndarray) -> Increments:
     for i in range(int(counts.max(initial=0))):
         live = np.flatnonzero(counts > i)
         sample = first[live] + i
-        turn = data.gyro[sample] * dt[sample, None]
+        turn = (data.gyro[sample] - gyro_bias) * dt[sample, None]
         change = data.accel[sample] * dt[sample, None]
         change = change + 0.5 * np.cross(turn, change)
         velocity[live] += np.einsum("mij,mj->mi", R[live], change)
         R[live] = R[live] @ so3_exp(turn)
-    return Increments(duration, so3_log(R), velocity)
+    return Increments(duration, so3_log(R) + duration[:, None] * gyro_bias, velocity)

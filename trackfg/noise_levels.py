@@ -1,9 +1,10 @@
 """Are the assumed noise levels true? Variance components from the residuals of a solution.
 
 For a group of whitened residual rows e with leverages h (the diagonal of ``J P J'``, P the posterior covariance), the
-expected sum of squares is the redundancy ``sum(1 - h)`` if the assumed sigmas are right. The square root of the ratio is
-the factor by which they are too small. Foerstner, "Ein Verfahren zur Schaetzung von Varianz- und Kovarianzkomponenten"
-(1979); robust weights enter as in Koch, "Parameter estimation and hypothesis testing in linear models" (1999), ch. 3.
+expected sum of squares is the redundancy ``sum(1 - h)`` if the assumed sigmas are right. The square root of the ratio
+is the factor by which they are too small. Foerstner, "Ein Verfahren zur Schaetzung von Varianz- und
+Kovarianzkomponenten" (1979); robust weights enter as in Koch, "Parameter estimation and hypothesis testing in linear
+models" (1999), ch. 3.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
         Finding(
             level="warning",
             code="noise-level",
-            message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect: sigmas are too small",
+            message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect",
             mend="set [noise] adapt = true in the configuration, or declare the noise that is there",
         )
         for name, ratio in ratios.items()
@@ -106,9 +107,6 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
 
 
 def _columns(kind: Kind) -> np.ndarray:
-    if kind.shared:
-        start = KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)])
-    else:
-        start = offset_in_keyframe(kind)
+    shared = kind.shared
+    start = KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)]) if shared else offset_in_keyframe(kind)
     return np.arange(start, start + kind.dim)
-

@@ -1,6 +1,6 @@
 """The batch smoother: recording in, result out.
 
-    recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, events, summary
+recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, events, summary
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from trackfg.covariance import Covariance, posterior_covariance
 from trackfg.dense import dense_motion
 from trackfg.events import event_table
 from trackfg.factors.states import Kind
+from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
 from trackfg.noise_levels import adapted, noise_findings, noise_ratios
@@ -59,8 +60,8 @@ class _Stages:
 class SmoothedStates:
     """Everything the smoother knows, before it becomes files.
 
-    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s, wheel_scale,
-    gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
+    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
+    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
     """
 
     config: SmoothConfig
@@ -100,7 +101,7 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
         clock = _clock(problem, config.output.rate_hz)
         motion = dense_motion(problem, solution.states, _DENSE_STEP_S, clock).at(clock)
         direction = recording.description.track.direction
-        trajectory = trajectory_table(motion, solution.states, covariance, problem.lever_arm, direction)
+        trajectory = trajectory_table(problem, motion, solution.states, covariance, direction)
         calibration = calibration_table(motion, solution.states, covariance)
     return SmoothedStates(config, problem, solution, covariance, ratios, trajectory, calibration, stages.timings_s)
 
@@ -122,6 +123,13 @@ def _clock(problem: Problem, rate_hz: float) -> Array:
     """A uniform clock over the run: whole multiples of the output interval."""
     first, last = np.ceil(problem.t[0] * rate_hz), np.floor(problem.t[-1] * rate_hz)
     return np.arange(first, last + 1) / rate_hz
+
+
+def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
+    if solution.converged:
+        return ()
+    mend = "look at the events and check the recording: gross errors that the robust losses do not expect, or wrong units"
+    return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", mend=mend),)
 
 
 def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
@@ -153,5 +161,5 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
-        findings=(*recording.findings, *noise_findings(smoothed.noise_ratios)),
+        findings=(*recording.findings, *_solver_findings(solution), *noise_findings(smoothed.noise_ratios)),
     )

@@ -1,18 +1,19 @@
 """Gauss-Newton with step control over a graph whose values Python owns.
 
-Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays), eliminates
-along the chain with sequential QR, and takes the step if the cost falls, else a shorter one. Cholesky is not used: it
-rejects long open chains as indeterminate.
+Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays),
+eliminates along the chain with sequential QR, and takes the step if the cost falls, else a shorter one. Cholesky is not
+used: it rejects long open chains as indeterminate.
 
-The stop rule is on the whitened step. With the Bayes net's square root R, ``|R d|`` is the length of the step d in posterior
-sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust losses, whose
-weights settle slowly, a step that hardly lowers the cost ends the iteration too. The reason is part of the result.
+The stop rule is on the whitened step. With the Bayes net's square root R, ``|R d|`` is the length of the step d in
+posterior sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust
+losses, whose weights settle slowly, a step that hardly lowers the cost ends the iteration too. The reason is part of
+the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import gtsam
@@ -27,7 +28,7 @@ from trackfg.graph import Problem
 _SHORTEST = 2.0**-10
 _LONGEST = 8.0
 _ROUGH = 3.0
-"""In sigmas per square root of the number of variables: robust losses apply after the first step shorter than this."""
+"""In sigmas per square root of the number of variables: until a step is shorter, gentler losses stand in."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     ordering = chain_ordering(keyframes)
     values = problem.initial.to_gtsam()
     states = problem.initial
-    families = tuple(_plain(family) for family in problem.families)
+    families = tuple(_gentle(family) for family in problem.families)
     robust = False
     cost = initial_cost = _cost(problem, families, states, values)
     stop = None
@@ -102,8 +103,8 @@ def chain_ordering(keyframes: int) -> gtsam.Ordering:
     return ordering
 
 
-def _plain(family: Family) -> Family:
-    return Family(family.name, family.evaluate, family.slots, family.data, family.sigma)
+def _gentle(family: Family) -> Family:
+    return family if family.loss is None else replace(family, loss=family.loss.at_start)
 
 
 def _cost(problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values) -> float:
@@ -127,8 +128,8 @@ def _step(
 ) -> tuple[gtsam.Values, States, float] | None:
     """The best of the halved or doubled steps; None if none lowers the cost.
 
-    Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for as
-    long as that helps more.
+    Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
+    as long as that helps more.
     """
 
     def attempt(scale: float) -> tuple[gtsam.Values, States, float]:

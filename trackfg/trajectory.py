@@ -10,27 +10,34 @@ from trackfg.dense import DenseMotion
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, offset_in_keyframe
 from trackfg.frames import Array, rpy_from_matrix, skew
+from trackfg.graph import Problem
 
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
 
 def trajectory_table(
-    motion: DenseMotion, states: States, covariance: Covariance, lever_arm: Array, direction: int
+    problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
 ) -> pd.DataFrame:
     """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
 
-    Sigmas are those of the keyframes on either side, their variances interpolated in time. Yaw is in (-pi, pi].
+    Sigmas are those of the keyframes on either side, their variances interpolated in time; speed and attitude have in
+    between what the white ``noise`` of the inertial samples adds, a Brownian bridge. Yaw is in (-pi, pi].
     """
     R_bt = mount_matrix(states.mount)[0][0]
     nav = motion.nav
     rpy = rpy_from_matrix(nav.R @ R_bt)
+    lever_arm, noise = problem.lever_arm, problem.noise
     p = nav.p - nav.R @ lever_arm
     at_reference = np.einsum("mji,mj->mi", nav.R, nav.v) - np.cross(motion.gyro, lever_arm)
     columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
 
     variance = keyframe_variances(states, covariance, lever_arm)
-    f = motion.fraction[:, None]
-    sigma = np.sqrt(variance[motion.keyframe] * (1.0 - f) + variance[motion.keyframe + 1] * f)
+    k, f = motion.keyframe, motion.fraction[:, None]
+    bridge = np.diff(problem.t)[k] * motion.fraction * (1.0 - motion.fraction)
+    between = variance[k] * (1.0 - f) + variance[k + 1] * f
+    between[:, 4] += noise.accel**2 * bridge
+    between[:, 5:8] += noise.gyro**2 * bridge[:, None]
+    sigma = np.sqrt(between)
     table = {"t_s": motion.t}
     for name, values, sd in zip(QUANTITIES, columns, sigma.T, strict=True):
         table |= {name: values, f"{name}_sd": sd}

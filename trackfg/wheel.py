@@ -7,9 +7,9 @@ between two stops): the forward specific force follows the speed's derivative wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
@@ -83,7 +83,7 @@ def _rows_are_pulses(t: Array, step: Array, quantum: float) -> bool:
 
 
 def _signed(t: Array, distance: Array, recording: Recording) -> Array:
-    """Give each movement between stops the sense in which the accelerometer saw it start and end; forwards if unclear."""
+    """Give each movement between stops the sense in which the accelerometer saw it; forwards where that is unclear."""
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
     if grid.size < 10:
         return distance
@@ -100,7 +100,7 @@ def _signed(t: Array, distance: Array, recording: Recording) -> Array:
     # A movement reaches to the middle of the crawl on either side, where it began and ended.
     middle = np.concatenate([[0], (edges[1:, 0] + edges[:-1, 1]) // 2, [grid.size]]) if len(edges) else np.zeros(1, int)
     sense = np.ones(grid.size)
-    for i, j in zip(middle[:-1], middle[1:], strict=True):
+    for i, j in pairwise(middle):
         f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()
         if float(f @ a) < _CLEARLY_BACKWARDS * np.linalg.norm(f) * np.linalg.norm(a):
             sense[i:j] = -1.0

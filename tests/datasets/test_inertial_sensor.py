@@ -17,14 +17,22 @@ def _earth(latitude_deg):
     return np.zeros(3) if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
 
 
+def _frame_rate(ride, edges, latitude_deg):
+    """How the level frame turns in each interval: with the Earth and over its curvature, at the true velocity."""
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    velocity = ride.rotation(middle)[:, :, 0] * ride.motion.speed(middle)[:, None]
+    east_rate, north_rate = -velocity[:, 1] / 6.371e6, velocity[:, 0] / 6.371e6
+    return _earth(latitude_deg) + np.column_stack([east_rate, north_rate, 0 * east_rate])
+
+
 def _composed(ride, gyro, edges, latitude_deg):
     """Attitudes at the edges from the first one and the gyro alone."""
     dt = edges[1] - edges[0]
     turns = frames.so3_exp(gyro * dt)
-    back = frames.so3_exp(-_earth(latitude_deg) * dt)
+    backs = frames.so3_exp(-_frame_rate(ride, edges, latitude_deg) * dt)
     R = np.empty((len(edges), 3, 3))
     R[0] = ride.rotation(edges[:1])[0]
-    for k, turn in enumerate(turns):
+    for k, (back, turn) in enumerate(zip(backs, turns, strict=True)):
         R[k + 1] = back @ R[k] @ turn
     return R
 
@@ -50,14 +58,15 @@ def test_integrating_the_specific_force_gives_velocity_and_position(winding_ride
     velocity = np.einsum("nij,nj->ni", R, body_velocity)
     position = winding_ride.position(edges) + R @ arm
 
-    middle = frames.so3_exp(-w * dt / 2) @ _composed(winding_ride, gyro, edges, latitude_deg)[:-1]
+    turning = _frame_rate(winding_ride, edges, latitude_deg)
+    middle = frames.so3_exp(-turning * dt / 2) @ _composed(winding_ride, gyro, edges, latitude_deg)[:-1]
     middle = middle @ frames.so3_exp(gyro * dt / 2)
     steps = np.einsum("nij,nj->ni", middle, accel) * dt - np.array([0, 0, gravity(latitude_deg) * dt])
     integrated = np.empty_like(velocity)
     integrated[0] = velocity[0]
     for k, step in enumerate(steps):
         half = integrated[k] + 0.5 * step
-        integrated[k + 1] = integrated[k] + step - 2 * np.cross(w, half) * dt
+        integrated[k + 1] = integrated[k] + step - np.cross(w + turning[k], half) * dt
     travelled = position[0] + np.cumsum(0.5 * dt * (integrated[1:] + integrated[:-1]), axis=0)
     # With a lever arm the velocity jumps at kinks of the line, and the jump's direction is known to half a sample only.
     assert np.abs(integrated - velocity).max() < (1e-5 if not arm.any() else 1e-4)

@@ -51,16 +51,13 @@ def test_sound_run_has_its_rest_and_nothing_else(run: Simulation) -> None:
     assert np.isnan(rest["distance_removed_m"])
 
 
-SLIDES = pytest.mark.xfail(reason="the first, non-robust phase of the solver follows the wheel too far", strict=False)
-
-
 @pytest.mark.parametrize(
     ("factor", "kind", "seed"),
     [
         (1.3, "slip", 2),
         (1.3, "slip", 5),
-        pytest.param(0.6, "slide", 2, marks=SLIDES),
-        pytest.param(0.0, "slide", 2, marks=SLIDES),
+        (0.6, "slide", 2),
+        (0.6, "slide", 5),
     ],
 )
 def test_wheel_that_does_not_roll_is_reported(

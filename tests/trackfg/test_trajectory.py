@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,7 @@ import pytest
 
 from trackfg.covariance import Covariance
 from trackfg.dense import DenseMotion
+from trackfg.factors.imu import ImuNoise
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import (
     ELIMINATION_ORDER,
@@ -26,6 +29,7 @@ from trackfg.trajectory import QUANTITIES, calibration_table, keyframe_variances
 
 N = 7
 LEVER = np.array([1.5, -0.4, 0.8])
+PROBLEM: Any = SimpleNamespace(t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1))
 DIM = KEYFRAME_DIM + SHARED_DIM
 
 
@@ -61,7 +65,7 @@ def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
 
 
 def quantities(states: States, gyro: np.ndarray, covariance: Covariance, direction: int = 1) -> pd.DataFrame:
-    return trajectory_table(at_keyframes(states, gyro), states, covariance, LEVER, direction)
+    return trajectory_table(PROBLEM, at_keyframes(states, gyro), states, covariance, direction)
 
 
 def moved(states: States, column: int, step: float) -> States:
@@ -95,8 +99,11 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     variance = keyframe_variances(states, covariance, LEVER)
     keyframes = at_keyframes(states, gyro)
     shifted = replace(keyframes, fraction=np.append(np.full(N - 1, 0.25), 1.0))
-    table = trajectory_table(shifted, states, covariance, LEVER, 1)
+    table = trajectory_table(PROBLEM, shifted, states, covariance, 1)
     expected = 0.75 * variance[:-1] + 0.25 * variance[1:]
+    # What the white noise of the samples adds at a quarter of 2 s: a Brownian bridge.
+    expected[:, 4] += PROBLEM.noise.accel**2 * 2.0 * 0.25 * 0.75
+    expected[:, 5:] += PROBLEM.noise.gyro**2 * 2.0 * 0.25 * 0.75
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
 
 
