@@ -90,7 +90,7 @@ class NoiseConfig(_Section):
     """
 
     adapt: bool = False
-    rounds: Annotated[int, Field(gt=0)] = 3
+    rounds: Annotated[int, Field(gt=0)] = 5
     gyro: Positive = 1.0
     accel: Positive = 1.0
     motion: Positive = 1.0
