@@ -42,8 +42,8 @@ class Slot:
 class Loss:
     """A robust loss with tuning constant ``width``, in sigmas.
 
-    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go. While the
-    values are far from the solution there is no loss at all, or Huber's where errors are too many and too large for that.
+    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go. While
+    the values are far from the solution there is no loss at all, or Huber's where errors are too many and too large.
     """
 
     kind: str

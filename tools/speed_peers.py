@@ -15,7 +15,7 @@ import gtsam
 import numpy as np
 import pandas as pd
 
-from trackfg.config import SmoothConfig
+from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.frames import Array
@@ -96,9 +96,9 @@ def simulated(duration_s: float) -> Simulation:
     return simulate(replace(scenario("mainline"), latitude_deg=LATITUDE_DEG), duration_s=duration_s)
 
 
-def plain_problem(run: Simulation) -> Problem:
+def plain_problem(run: Simulation, keyframes: KeyframeConfig) -> Problem:
     """The graph without robust losses, so that every optimiser minimises the same sum of squares."""
-    problem = build_problem(run.recording, SmoothConfig())
+    problem = build_problem(run.recording, SmoothConfig(keyframes=keyframes))
     return replace(problem, families=tuple(replace(family, loss=None) for family in problem.families))
 
 

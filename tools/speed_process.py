@@ -21,6 +21,7 @@ class ProcessUse:
     stages_s: dict[str, float]
     distance_km: float
     keyframes: int
+    iterations: int
 
     @property
     def outside_stages_s(self) -> float:
@@ -56,6 +57,7 @@ def _smooth_once(recording: Path, out: Path) -> ProcessUse:
         stages_s=summary["timings_s"],
         distance_km=summary["distance_m"] / 1e3,
         keyframes=summary["keyframes"],
+        iterations=summary["solver"]["iterations"],
     )
 
 

@@ -128,7 +128,7 @@ def _clock(problem: Problem, rate_hz: float) -> Array:
 def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
     if solution.converged:
         return ()
-    mend = "look at the events and check the recording: gross errors that the robust losses do not expect, or wrong units"
+    mend = "look at the events and check the recording for gross errors and wrong units"
     return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", mend=mend),)
 
 

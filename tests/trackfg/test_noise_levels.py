@@ -16,8 +16,8 @@ DURATION_S = 300.0
 
 
 def test_true_densities_give_ratios_near_one(simulated: Callable[..., Simulation]) -> None:
-    """The simulated vehicle follows its track exactly: what the motion factors allow for is not there, and a little of the
-    accelerometer's noise goes into it."""
+    """The simulated vehicle follows its track exactly: the sway that the motion factors allow for is not there, and a
+    little of the accelerometer's noise goes into it."""
     recording = simulated("mainline-gnss", seed=3, duration_s=DURATION_S).recording
     ratios = smooth_states(recording, SmoothConfig()).noise_ratios
     assert ratios["gyro"] == pytest.approx(1.0, abs=0.15)
