@@ -18,6 +18,7 @@ import pandas as pd
 
 from trackfg.config import NoiseConfig, PositionConfig, SmoothConfig
 from trackfg.datasets import comma2k19, kingston, kitti
+from trackfg.datasets.real_run import RealRun
 from trackfg.demo import OUTAGES, SETTINGS
 from trackfg.evaluate import horizontal_errors, score_outages, withhold
 from trackfg.recording import Recording
@@ -66,8 +67,9 @@ def score_kingston(folder: Path) -> None:
     _report_kingston("GPS only, not robust", gps, everything, blunt)
 
 
-def _report_kingston(label: str, run, kept: np.ndarray, config: SmoothConfig) -> None:  # type: ignore[no-untyped-def]
+def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothConfig) -> None:
     gnss = run.recording.gnss
+    assert gnss is not None
     result = smooth(replace(run.recording, gnss=gnss[kept].reset_index(drop=True)), config)
     reference = run.reference
     if not kept.all():

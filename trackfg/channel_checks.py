@@ -11,6 +11,7 @@ from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.recording import IMU_COLUMNS
 from trackfg.recording_tables import imu_rotation
+from trackfg.spans import true_runs
 
 _MIN_PLATEAU = 3
 _FAR = 6.0
@@ -72,9 +73,9 @@ def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:
     """Start and length of the longest run of True; length 0 if there is none."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    if edges.size == 0:
+    runs = true_runs(mask)
+    if len(runs) == 0:
         return 0, 0
-    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    lengths = runs[:, 1] - runs[:, 0]
     i = int(np.argmax(lengths))
-    return int(starts[i]), int(lengths[i])
+    return int(runs[i, 0]), int(lengths[i])

@@ -12,6 +12,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States
 from trackfg.graph import Problem
 from trackfg.results import EVENT_COLUMNS
+from trackfg.spans import true_runs
 
 _Row = tuple[str, float, float, float, float, float, float, str]
 """One event, in the order of the columns."""
@@ -52,10 +53,9 @@ def _slips(
     """Runs of intervals in which the wheel did not roll: start, end, distance removed and its sigma."""
     outlier = wheel.weights(states) < _OUTLIER_WEIGHT
     residual = wheel.residual(states)[:, 0]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], outlier, [False]]).astype(np.int8))).reshape(-1, 2)
     return [
         (problem.t[i], problem.t[j], float(residual[i:j].sum()), _distance_sd(covariance, int(i), int(j)))
-        for i, j in edges
+        for i, j in true_runs(outlier)
     ]
 
 
@@ -76,8 +76,7 @@ def _positions(problem: Problem, family: Family, states: States, row: Callable[.
             row("fix set aside" if bad else "fix used", at, at, f"residual {r:.2f} m")
             for at, r, bad in zip(t, size, outlier, strict=True)
         ]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], outlier, [False]]).astype(np.int8))).reshape(-1, 2)
     return [
         row("gnss set aside", t[i], t[j - 1], f"{j - i} positions, residual up to {size[i:j].max():.1f} m")
-        for i, j in edges
+        for i, j in true_runs(outlier)
     ]

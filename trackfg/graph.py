@@ -32,8 +32,9 @@ from trackfg.factors.states import Kind, Nav, States
 from trackfg.frames import EARTH_RADIUS, Array, earth_rate_enu, normal_gravity, transport_rate
 from trackfg.inertial import Intervals, compress, intervals
 from trackfg.initial import InitialPath, initial_path
-from trackfg.keyframes import nearest, place_keyframes, within
+from trackfg.keyframes import nearest, place_keyframes
 from trackfg.recording import Recording
+from trackfg.spans import within
 from trackfg.standstill import find_standstills
 from trackfg.units import STANDARD_GRAVITY
 from trackfg.wheel import Wheel, read_wheel

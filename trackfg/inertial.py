@@ -18,6 +18,7 @@ import numpy as np
 
 from trackfg.frames import Array, so3_exp, so3_log
 from trackfg.recording import Recording
+from trackfg.spans import true_runs
 
 _NO_BIAS = np.zeros(3)
 
@@ -41,8 +42,7 @@ class Intervals:
 
     def gaps(self) -> Array:
         """Bridged spans as rows (start, end), s. Shape (g, 2)."""
-        change = np.flatnonzero(np.diff(np.concatenate([[False], self.bridged, [False]]).astype(np.int8)))
-        return self.edges[change].reshape(-1, 2)
+        return self.edges[true_runs(self.bridged)]
 
 
 def intervals(recording: Recording) -> Intervals:

@@ -11,6 +11,7 @@ import numpy as np
 
 from trackfg.config import KeyframeConfig
 from trackfg.frames import Array
+from trackfg.spans import within
 
 _TOO_CLOSE = 0.35
 """In phase: a regular keyframe nearer than this to a required one is dropped."""
@@ -37,12 +38,3 @@ def nearest(grid: Array, times: Array) -> np.ndarray:
     """Index of the entry of the increasing ``grid`` nearest to each time."""
     right = np.clip(np.searchsorted(grid, times), 1, len(grid) - 1)
     return right - (times - grid[right - 1] < grid[right] - times)
-
-
-def within(t: Array, spans: Array) -> np.ndarray:
-    """Which times lie in one of the spans (m, 2), in order and disjoint. Ends included."""
-    if len(spans) == 0:
-        return np.zeros(len(t), dtype=bool)
-    k = np.searchsorted(spans[:, 0], t, side="right") - 1
-    inside: np.ndarray = (k >= 0) & (t <= spans[np.maximum(k, 0), 1])
-    return inside

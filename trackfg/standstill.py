@@ -17,6 +17,7 @@ import pandas as pd
 
 from trackfg.frames import Array
 from trackfg.recording import Recording
+from trackfg.spans import true_runs
 
 _BLOCK_S = 0.5
 _MARGIN_S = 1.5  # a gentle start takes this long to its first pulse: trimmed from both ends of a candidate
@@ -44,9 +45,7 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
         inside = np.flatnonzero((starts >= begin) & (ends <= end))
         if inside.size == 0:
             continue
-        quiet = _quiet(mean[inside], scatter[inside])
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
-        for i, j in edges.reshape(-1, 2):
+        for i, j in true_runs(_quiet(mean[inside], scatter[inside])):
             span = (max(begin, starts[inside[i]]), min(end, ends[inside[j - 1]]))
             if span[1] - span[0] >= min_duration_s and (
                 recording.tach is not None or _gnss_stays(recording.gnss, span)

@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from trackfg.diagnose import tach_quantum_m
 from trackfg.frames import Array
 from trackfg.recording import Recording
+from trackfg.spans import true_runs
 
 _GRID_S = 0.1
 _CRAWL_MPS = 0.25
@@ -95,10 +96,9 @@ def _signed(t: Array, distance: Array, recording: Recording) -> Array:
     )
     force = gaussian_filter1d(np.gradient(np.interp(grid, imu_t, integral), _GRID_S), 0.5 / _GRID_S)
     acceleration = np.gradient(speed, _GRID_S)
-    moving = (speed > _CRAWL_MPS).astype(np.int8)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving, [0]]))).reshape(-1, 2)
+    movements = true_runs(speed > _CRAWL_MPS)
     # A movement reaches to the middle of the crawl on either side, where it began and ended.
-    middle = np.concatenate([[0], (edges[1:, 0] + edges[:-1, 1]) // 2, [grid.size]]) if len(edges) else np.zeros(1, int)
+    middle = np.concatenate([[0], (movements[1:, 0] + movements[:-1, 1]) // 2, [grid.size]])
     sense = np.ones(grid.size)
     for i, j in pairwise(middle):
         f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()

@@ -1,0 +1,22 @@
+"""Spans: runs of true entries, and times inside spans."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.frames import Array
+
+
+def true_runs(mask: np.ndarray) -> np.ndarray:
+    """First index and index after the last of each run of true entries, in order. Shape (n,) of bool to (k, 2)."""
+    padded = np.concatenate([[False], mask, [False]]).astype(np.int8)
+    return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
+
+
+def within(t: Array, spans: Array) -> np.ndarray:
+    """Which times lie in one of the spans (m, 2), in order and disjoint. Ends included."""
+    if len(spans) == 0:
+        return np.zeros(len(t), dtype=bool)
+    k = np.searchsorted(spans[:, 0], t, side="right") - 1
+    inside: np.ndarray = (k >= 0) & (t <= spans[np.maximum(k, 0), 1])
+    return inside
