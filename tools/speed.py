@@ -61,7 +61,7 @@ class Measurements:
 
 
 def measure(hours: float, repeats: int) -> Measurements:
-    """Measure it all. GTSAM's longer run, which is slow, is made once."""
+    """Measure it all. GTSAM on the denser keyframes, which is slow, is run once."""
     with tempfile.TemporaryDirectory(prefix="trackfg-speed-") as folder:
         short = measure_smooth(Path(folder), 3600.0 * hours, repeats)
         long = measure_smooth(Path(folder), LONGER * 3600.0 * hours, repeats)
@@ -164,7 +164,7 @@ def page(m: Measurements) -> str:
 
 Written by `python tools/speed.py --repeats {m.repeats} --hours {m.hours:g} --write docs/performance.md`, all of it
 measured in that one run. Times differ from machine to machine; the ratios much less. Each time is the shortest of
-{m.repeats}; GTSAM on the longer run, GTSAM with Cholesky and python-ins ran once.
+{m.repeats}; GTSAM on the denser keyframes, GTSAM with Cholesky and python-ins ran once.
 
 {facts}
 
@@ -197,7 +197,7 @@ tell whether they reached the same minimum.
 
 Callbacks: linearising the graph and computing its cost outside the optimiser, over values that Python owns. Copies:
 what remains of an iteration after callbacks and elimination, nearly all of it the copy of all values that each callback
-is handed inside the optimiser. It grows with the square of the run's length, and so the ratio grows with the length.
+is handed inside the optimiser. It grows with the square of the number of keyframes, and the ratio with their number.
 trackfg has no callbacks: a family of factors is one array operation.
 
 With MULTIFRONTAL_CHOLESKY, GTSAM's default, and the same ordering the {OPTIMISER_S:g} s run is after
@@ -214,7 +214,7 @@ def _filter_text(times: FilterTimes | None) -> str:
     if times is None:
         return "Not measured: `pip install python-ins`."
     return f"""Its feedback extended Kalman filter with body velocities from the tachometer at {FILTER_RATE_HZ:g} Hz,
-about as often as trackfg has keyframes and cheaper for it than more; noise densities as declared. It does not estimate
+twice as often as trackfg has keyframes and cheaper for it than more; noise densities as declared. It does not estimate
 the wheel's scale and is given the true one, and the true attitude at the start. The Earth turns in this run, because
 python-ins always models that.
 

@@ -27,7 +27,7 @@ LATITUDE_DEG = 35.2
 """python-ins always models the Earth's rotation, so the Earth of the simulation has to turn."""
 
 FILTER_RATE_HZ = 2.0
-"""Body velocities per second: as often as trackfg has keyframes. More of them cost the filter more."""
+"""Body velocities per second: about twice as often as trackfg has keyframes. More of them cost the filter more."""
 
 SETTLED_S = 60.0
 """Left out of the attitude errors, for the filter to settle."""
