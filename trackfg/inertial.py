@@ -7,7 +7,7 @@ their noise can be widened and everything downstream sees one continuous record.
 :func:`compress` turns groups of samples into one rotation and one velocity increment each, expressed in the body axes
 at the start of the group, with the turning of the body within each sample included (coning and sculling; Savage,
 "Strapdown inertial navigation integration algorithm design", J. Guidance, Control and Dynamics 21 (1998)). GTSAM then
-preintegrates a quarter or a tenth of the samples with nothing lost.
+preintegrates a quarter or a tenth of the samples.
 """
 
 from __future__ import annotations
