@@ -42,7 +42,8 @@ class Intervals:
 
     def gaps(self) -> Array:
         """Bridged spans as rows (start, end), s. Shape (g, 2)."""
-        return self.edges[true_runs(self.bridged)]
+        spans: Array = self.edges[true_runs(self.bridged)]
+        return spans
 
 
 def intervals(recording: Recording) -> Intervals:
