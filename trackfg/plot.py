@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,57 +19,14 @@ from numpy.typing import NDArray
 from trackfg.errors import BadInputError
 from trackfg.evaluate import Span, horizontal_errors, withhold
 from trackfg.frames import Array
+from trackfg.plot_sheet import AMBER, BLUE, ORANGE, RED, SPAN_NAME, Curve, Panel, Path2d, Sheet
 from trackfg.results import Result
 from trackfg.units import KMH
 
 BAND = 1.96
 """Half-width of a band in sigmas: 95 % of a normal distribution."""
 
-BLUE, ORANGE, RED, GREY, AMBER = "#1b5e93", "#c45a00", "#c0392b", "#6b7280", "#f2b134"
 STRETCHES = 400
-SPAN_NAME = "positions withheld"
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A line over time; ``half_band`` is the half-width of its band, in the unit of ``y``. ``dots``: no line."""
-
-    name: str
-    t_s: Array
-    y: Array
-    colour: str
-    half_band: Array | None = None
-    dots: bool = False
-
-
-@dataclass(frozen=True)
-class Panel:
-    """Curves over a common clock."""
-
-    label: str
-    curves: tuple[Curve, ...]
-    log: bool = False
-
-
-@dataclass(frozen=True)
-class Path2d:
-    """Points of the map, m."""
-
-    name: str
-    east_m: Array
-    north_m: Array
-    colour: str
-    dots: bool = False
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """Everything on one picture. ``spans`` are shaded in the panels and drawn in amber on the map."""
-
-    title: str
-    paths: tuple[Path2d, ...]
-    panels: tuple[Panel, ...]
-    spans: tuple[Span, ...]
 
 
 def plot_trajectory(

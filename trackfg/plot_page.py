@@ -1,4 +1,4 @@
-"""Draw a :class:`trackfg.plot.Sheet` as one self-contained page, with plotly; opening it needs no network."""
+"""Draw a :class:`trackfg.plot_sheet.Sheet` as one self-contained page, with plotly; opening it needs no network."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from trackfg.frames import Array
-from trackfg.plot import AMBER, SPAN_NAME, Curve, Sheet
+from trackfg.plot_sheet import AMBER, SPAN_NAME, Curve, Sheet
 
 _PANEL_SHARE, _GAP = 0.5, 0.07
 _LEGEND = {"orientation": "h", "xanchor": "left"}

@@ -1,4 +1,4 @@
-"""Draw a :class:`trackfg.plot.Sheet` as PNG or SVG, with matplotlib and without a display."""
+"""Draw a :class:`trackfg.plot_sheet.Sheet` as PNG or SVG, with matplotlib and without a display."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from trackfg.plot import AMBER, GREY, SPAN_NAME, Panel, Sheet
+from trackfg.plot_sheet import AMBER, GREY, SPAN_NAME, Panel, Sheet
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
