@@ -179,7 +179,7 @@ measured in that one run. Times differ from machine to machine; the ratios much 
 {markdown(stages(m))}
 
 The work of every stage is linear in the length of the run, and so is its memory; where time grows a little faster
-(GTSAM's QR takes about 120 us per keyframe in 1 h and 180 us in 4 h), memory has outgrown the processor's caches. The
+(GTSAM's QR takes about 120 us per keyframe in 1 h and 180 us in 4 h), probably because of caches. The
 graph is a chain: the factors of a keyframe touch it, its neighbour and a few scalars shared by the run. Eliminated from
 one end to the other, it never fills in: each keyframe costs one QR of the same small size. The covariances are one
 recursion back along the same chain. The initial values come from a pass over the whole run that is close already, so
