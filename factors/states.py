@@ -56,7 +56,9 @@ SHARED_DIM = sum(kind.dim for kind in SHARED)
 
 
 def offset_in_keyframe(kind: Kind) -> int:
-    """Where ``kind`` starts in the stacked tangent of one keyframe."""
+    """Where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow."""
+    if kind.shared:
+        return KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)])
     before = ELIMINATION_ORDER[: ELIMINATION_ORDER.index(kind)]
     return sum(k.dim for k in before)
 

@@ -32,11 +32,9 @@ class Covariance:
 
     def of(self, kind: Kind) -> Array:
         """Marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one."""
-        if kind.shared:
-            start = KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)])
-            return self.marginal[:1, start : start + kind.dim, start : start + kind.dim]
         start = offset_in_keyframe(kind)
-        return self.marginal[:, start : start + kind.dim, start : start + kind.dim]
+        rows = self.marginal[:1] if kind.shared else self.marginal
+        return rows[:, start : start + kind.dim, start : start + kind.dim]
 
     def between(self, i: int, j: int) -> Array:
         """Cross-covariance of keyframes ``i <= j``, shape (d, d)."""
@@ -77,10 +75,8 @@ def _square_root(bayes_net: gtsam.GaussianBayesNet, keyframes: int) -> tuple[Arr
     for kind in ELIMINATION_ORDER:
         for k, key in enumerate(kind.keys(index).tolist()):
             columns[key] = (k, offset_in_keyframe(kind), kind.dim)
-    start = KEYFRAME_DIM
     for kind in SHARED:
-        columns[int(kind.keys(np.array([0]))[0])] = (-1, start, kind.dim)
-        start += kind.dim
+        columns[int(kind.keys(np.array([0]))[0])] = (-1, offset_in_keyframe(kind), kind.dim)
 
     for i in range(bayes_net.size()):
         conditional = bayes_net.at(i)

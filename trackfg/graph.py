@@ -30,7 +30,7 @@ from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, t
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.frames import EARTH_RADIUS, Array, earth_rate_enu, normal_gravity, transport_rate
-from trackfg.inertial import Intervals, compress, intervals
+from trackfg.inertial import Intervals, compress, intervals, means_around
 from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes
 from trackfg.recording import Recording
@@ -45,6 +45,9 @@ _INCREMENT_S = 0.02
 _UNKNOWN_ACCELERATION = 0.3
 """m/s^2, with a correlation time of 10 s: the accelerations that the tilt of a run without speed has to allow for."""
 
+_RATE_WINDOW_S = 0.1
+"""The body rate of a keyframe is a mean over this."""
+
 _DISTANCE_SD_M = 1e-5
 _ARC_SD_M = 2e-4
 _ARC_SD_RELATIVE = 1e-5
@@ -58,7 +61,6 @@ class World:
 
     gravity: float
     earth_rate: Array
-    georeferenced: bool
     start_yaw: float
 
 
@@ -110,8 +112,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     states = layout.initial_states()
     native = layout.native(states, speedless)
     families = layout.families(states, speedless)
-    lever_arm = np.array(recording.description.imu.lever_arm_m)
-    return Problem(t, native, families, states, world, lever_arm, rests, gaps, wheel, data, layout.noise, edges)
+    return Problem(t, native, families, states, world, layout.lever_arm, rests, gaps, wheel, data, layout.noise, edges)
 
 
 def _world(recording: Recording) -> World:
@@ -122,11 +123,11 @@ def _world(recording: Recording) -> World:
     georeferenced = recording.gnss_origin is not None or track.heading_deg is not None
     start_yaw = 0.0 if track.heading_deg is None else np.pi / 2.0 - np.radians(track.heading_deg)
     if latitude is None:
-        return World(gravity, np.zeros(3), georeferenced, start_yaw)
+        return World(gravity, np.zeros(3), start_yaw)
     rate = earth_rate_enu(latitude)
     if not georeferenced:
         rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
-    return World(gravity, rate, georeferenced, start_yaw)
+    return World(gravity, rate, start_yaw)
 
 
 def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
@@ -154,6 +155,11 @@ class _Layout:
     t: Array
 
     @property
+    def lever_arm(self) -> Array:
+        """The IMU's position in the vehicle, m, shape (3,)."""
+        return np.array(self.recording.description.imu.lever_arm_m)
+
+    @property
     def _distance(self) -> Array:
         """Initial distance between keyframes, m, shape (n - 1,)."""
         if self.wheel is not None:
@@ -165,10 +171,9 @@ class _Layout:
     def initial_states(self) -> States:
         n = len(self.t)
         R = self.path.attitude(self.t)
-        lever = np.array(self.recording.description.imu.lever_arm_m)
-        p = self.path.position(self.t) + R @ lever
+        p = self.path.position(self.t) + R @ self.lever_arm
         bias = np.zeros((n, 6))
-        bias[:, 3:] = np.stack([np.interp(self.t, self.path.t, self.path.gyro_bias[:, c]) for c in range(3)], axis=1)
+        bias[:, 3:] = self.path.bias(self.t)
         distance = np.concatenate([[0.0], np.cumsum(self._distance)])
         count = distance if self.wheel is None else self.wheel.at(self.t)
         start = self._start_distance(distance)
@@ -257,13 +262,12 @@ class _Layout:
     def _odometer(self) -> list[Family]:
         config, k = self.config.tach, np.arange(len(self.t) - 1)
         distance = np.abs(self._distance)
-        lever = np.array(self.recording.description.imu.lever_arm_m)
         chain_sd = np.stack(
             [np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1
         )
         families = [
             distance_chain(k, chain_sd),
-            arc_length(k, lever, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
+            arc_length(k, self.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
         ]
         if self.wheel is None:
             return [*families, tach_distance(k, np.full((k.size, 1), _MOVED_SD_M), None)]
@@ -304,23 +308,15 @@ class _Layout:
         sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
         sigma = sigma * self.config.noise.motion
         huber = Loss("huber", config.robust_width)
-        lever = np.array(self.recording.description.imu.lever_arm_m)
         return [
-            non_holonomic(k, self._angular_rate(), lever, sigma, huber),
+            non_holonomic(k, self._angular_rate(), self.lever_arm, sigma, huber),
             at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps, huber),
             stays(np.flatnonzero(still), config.rest_turn_sd_rad, config.rest_shift_sd_m, huber),
         ]
 
     def _angular_rate(self) -> Array:
-        """Body rate at the keyframes: the gyro's mean over 0.1 s around, less the initial bias."""
-        integral = np.vstack([np.zeros(3), np.cumsum(self.data.gyro * self.data.durations[:, None], axis=0)])
-        edges = self.data.edges
-        low, high = (np.clip(self.t + shift, edges[0], edges[-1]) for shift in (-0.05, 0.05))
-        turned = np.stack(
-            [np.interp(high, edges, integral[:, c]) - np.interp(low, edges, integral[:, c]) for c in range(3)], axis=1
-        )
-        bias = np.stack([np.interp(self.t, self.path.t, self.path.gyro_bias[:, c]) for c in range(3)], axis=1)
-        return turned / (high - low)[:, None] - bias
+        """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""
+        return means_around(self.t, _RATE_WINDOW_S, self.data.edges, self.data.gyro) - self.path.bias(self.t)
 
     def _tilt(self) -> Family:
         """Mean specific force around each keyframe, each sample in one mean."""
@@ -350,7 +346,7 @@ class _Layout:
         inside = (t >= self.data.edges[0]) & (t <= self.data.edges[-1])
         t, table = t[inside], gnss[inside]
         index = nearest(self.t, t)
-        lever = np.array(description.lever_arm_m) - np.array(self.recording.description.imu.lever_arm_m)
+        lever = np.array(description.lever_arm_m) - self.lever_arm
         # n readings of an error with correlation time tau tell as much as n dt / (2 tau) independent ones.
         interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
         inflation = np.sqrt(max(1.0, 2.0 * config.position.gnss_correlation_s / interval))

@@ -57,8 +57,8 @@ def intervals(recording: Recording) -> Intervals:
         inserted = [np.linspace(t[i], t[i + 1], round((t[i + 1] - t[i]) / dt) + 1)[1:-1] for i in holes]
         where = np.repeat(holes + 1, [len(x) for x in inserted])
         new = np.concatenate(inserted)
-        gyro = np.insert(gyro, where, _interpolate(new, t, gyro), axis=0)
-        accel = np.insert(accel, where, _interpolate(new, t, accel), axis=0)
+        gyro = np.insert(gyro, where, interpolate_columns(new, t, gyro), axis=0)
+        accel = np.insert(accel, where, interpolate_columns(new, t, accel), axis=0)
         bridged = np.insert(bridged, where, values=True)
         t = np.insert(t, where, new)
     middle = 0.5 * (t[1:] + t[:-1])
@@ -68,7 +68,16 @@ def intervals(recording: Recording) -> Intervals:
     return Intervals(edges, gyro, accel, bridged)
 
 
-def _interpolate(at: Array, t: Array, values: Array) -> Array:
+def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Array:
+    """Means of the samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t``. Shape (m, 3)."""
+    integral = np.vstack([np.zeros(3), np.cumsum(samples * np.diff(edges)[:, None], axis=0)])
+    low, high = (np.clip(t + shift, edges[0], edges[-1]) for shift in (-0.5 * width_s, 0.5 * width_s))
+    turned = interpolate_columns(high, edges, integral) - interpolate_columns(low, edges, integral)
+    return np.asarray(turned / (high - low)[:, None])
+
+
+def interpolate_columns(at: Array, t: Array, values: Array) -> Array:
+    """Each column of ``values`` (n, c), given at ``t`` (n,), linearly at ``at`` (m,). Shape (m, c)."""
     return np.stack([np.interp(at, t, values[:, c]) for c in range(values.shape[1])], axis=1)
 
 

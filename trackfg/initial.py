@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from trackfg.frames import Array, matrix_from_rpy
-from trackfg.inertial import Intervals
+from trackfg.inertial import Intervals, interpolate_columns, means_around
 from trackfg.recording import Recording
 from trackfg.wheel import Wheel
 
@@ -38,16 +38,20 @@ class InitialPath:
 
     def attitude(self, t: Array) -> Array:
         """``R_nb`` at ``t``. Shape (m,) to (m, 3, 3)."""
-        rpy = _columns(t, self.t, self.rpy)
+        rpy = interpolate_columns(t, self.t, self.rpy)
         return matrix_from_rpy(rpy[:, 0], rpy[:, 1], rpy[:, 2])
+
+    def bias(self, t: Array) -> Array:
+        """Gyro bias at ``t``, rad/s, shape (m, 3)."""
+        return interpolate_columns(t, self.t, self.gyro_bias)
 
     def position(self, t: Array) -> Array:
         """Position in n at ``t``, m, shape (m, 3)."""
-        return _columns(t, self.t, self.p)
+        return interpolate_columns(t, self.t, self.p)
 
     def velocity(self, t: Array) -> Array:
         """Velocity in n at ``t``, m/s, shape (m, 3)."""
-        return _columns(t, self.t, self.v)
+        return interpolate_columns(t, self.t, self.v)
 
 
 def initial_path(
@@ -56,7 +60,7 @@ def initial_path(
     """Run the pass. ``rests`` (m, 2) s; ``earth_rate`` (3,) rad/s in n; ``yaw`` rad at the start if GNSS is absent."""
     t = np.arange(data.edges[0], data.edges[-1], _GRID_S)
     t = np.append(t, data.edges[-1]) if data.edges[-1] - t[-1] > 1e-6 else t
-    gyro, accel = _means(t, data.edges, data.gyro), _means(t, data.edges, data.accel)
+    gyro, accel = (means_around(t, _GRID_S, data.edges, samples) for samples in (data.gyro, data.accel))
     bias = rest_bias(t, gyro, rests, earth_rate)
     speed, acceleration = _speed(recording, wheel, t)
     w = gyro - bias
@@ -91,19 +95,7 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
             middles.append(0.5 * (start + end))
     if not means:
         return np.zeros((t.size, 3))
-    return _columns(t, np.array(middles), np.array(means))
-
-
-def _columns(at: Array, t: Array, values: Array) -> Array:
-    return np.stack([np.interp(at, t, values[:, c]) for c in range(values.shape[1])], axis=1)
-
-
-def _means(t: Array, edges: Array, samples: Array) -> Array:
-    """Means of the samples over a cell of one grid step around each grid point."""
-    integral = np.vstack([np.zeros(3), np.cumsum(samples * np.diff(edges)[:, None], axis=0)])
-    low = np.clip(t - 0.5 * _GRID_S, edges[0], edges[-1])
-    high = np.clip(t + 0.5 * _GRID_S, edges[0], edges[-1])
-    return (_columns(high, edges, integral) - _columns(low, edges, integral)) / (high - low)[:, None]
+    return interpolate_columns(t, np.array(middles), np.array(means))
 
 
 def _low_pass(x: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance
 from trackfg.factors.family import Family
-from trackfg.factors.states import KEYFRAME_DIM, SHARED, Kind, States, offset_in_keyframe
+from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.findings import Finding
 from trackfg.graph import Problem
 
@@ -95,7 +95,7 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
     size = covariance.marginal.shape[1]
     here, there = np.zeros((2, m, d, size))
     for slot, jacobian in zip(family.slots, jacobians, strict=True):
-        target = there if not slot.kind.shared and slot.index is not first and (slot.index != first).any() else here
+        target = there if not slot.kind.shared and (slot.index != first).any() else here
         target[:, :, _columns(slot.kind)] += jacobian
     spread = np.einsum("nij,njk,nik->ni", here, covariance.marginal[first], here, optimize=True)
     if there.any():
@@ -107,6 +107,5 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
 
 
 def _columns(kind: Kind) -> np.ndarray:
-    shared = kind.shared
-    start = KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)]) if shared else offset_in_keyframe(kind)
+    start = offset_in_keyframe(kind)
     return np.arange(start, start + kind.dim)
