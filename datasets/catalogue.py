@@ -12,7 +12,7 @@ from typing import Literal
 
 from trackfg import units
 from trackfg.datasets.driving import Driver, Parked, Service, Shunting, Wandering
-from trackfg.datasets.inertial_sensor import ImuModel
+from trackfg.datasets.imu_errors import ImuModel
 from trackfg.datasets.line_design import LineDesign
 from trackfg.datasets.motion import Limits
 from trackfg.datasets.odometer import TachModel

@@ -1,4 +1,4 @@
-"""An IMU that integrates: each sample is the average over its interval, then errors are added.
+"""An IMU that integrates: each sample is the average over its interval; :mod:`trackfg.datasets.imu_errors` adds errors.
 
 Noise-free samples over ``[t_k, t_{k+1}]``, ``dt`` long, with ``w`` the Earth's rate in n (zero without a latitude),
 ``r`` the lever arm and ``omega`` the body rate relative to n:
@@ -8,45 +8,19 @@ Noise-free samples over ``[t_k, t_{k+1}]``, ``dt`` long, with ``w`` the Earth's 
 
 in body axes. The mean is a two-point Gauss integral over parts within which nothing jumps; the mean of ``omega' x r``
 is ``(omega_{k+1} - omega_k) x r / dt``, right even where the rate itself jumps.
-
-Errors: a fixed mounting rotation ``R_vs = Rz(yaw) Ry(pitch)`` of sensor in vehicle, an initial bias, a bias random walk
-(``b_{k+1} = b_k + walk sqrt(dt) n``), and white noise of standard deviation ``density / sqrt(dt)``.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from trackfg import frames, units
 from trackfg.datasets.ride import Ride
-from trackfg.description import ImuNoise, Vector3
+from trackfg.description import Vector3
 from trackfg.frames import Array
 
 _CHUNK = 100_000
 _GAUSS = 0.5 / np.sqrt(3.0)
-
-
-@dataclass(frozen=True)
-class ImuModel:
-    """An IMU in the vehicle. ``mount_sd_rad``: standard deviation of the residual mounting pitch and yaw."""
-
-    rate_hz: float
-    noise: ImuNoise
-    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
-    mount_sd_rad: float = 0.0
-
-
-@dataclass(frozen=True)
-class ImuErrors:
-    """What an IMU adds to the truth: white noise and bias of each sample, (n, 3) each, and its mounting."""
-
-    gyro_noise: Array
-    accel_noise: Array
-    gyro_bias: Array
-    accel_bias: Array
-    mount_rpy_rad: Vector3
 
 
 def ideal_samples(
@@ -59,35 +33,6 @@ def ideal_samples(
         for start in range(0, len(edges) - 1, _CHUNK)
     ]
     return np.concatenate([gyro for gyro, _ in parts]), np.concatenate([accel for _, accel in parts])
-
-
-def draw_errors(model: ImuModel, edges: Array, rng: np.random.Generator) -> ImuErrors:
-    """Errors for the samples between ``edges``."""
-    noise, n, dt = model.noise, len(edges) - 1, 1.0 / model.rate_hz
-    # One stream each: a longer run begins as a shorter one does.
-    mount_rng, gyro_rng, accel_rng, gyro_bias_rng, accel_bias_rng = rng.spawn(5)
-
-    def bias(stream: np.random.Generator, initial_sd: float, walk: float) -> Array:
-        start = initial_sd * stream.standard_normal(3)
-        return np.asarray(start + np.cumsum(walk * np.sqrt(dt) * stream.standard_normal((n, 3)), axis=0))
-
-    mount_pitch, mount_yaw = model.mount_sd_rad * mount_rng.standard_normal(2)
-    return ImuErrors(
-        gyro_bias=bias(gyro_bias_rng, noise.gyro_bias_sd, noise.gyro_bias_walk),
-        accel_bias=bias(accel_bias_rng, noise.accel_bias_sd, noise.accel_bias_walk),
-        gyro_noise=noise.gyro_white / np.sqrt(dt) * gyro_rng.standard_normal((n, 3)),
-        accel_noise=noise.accel_white / np.sqrt(dt) * accel_rng.standard_normal((n, 3)),
-        mount_rpy_rad=(0.0, float(mount_pitch), float(mount_yaw)),
-    )
-
-
-def apply_errors(gyro: Array, accel: Array, errors: ImuErrors) -> tuple[Array, Array]:
-    """The samples that the IMU delivers for the true ones."""
-    R_vs = frames.matrix_from_rpy(*(np.array(angle) for angle in errors.mount_rpy_rad))
-    return (
-        gyro @ R_vs + errors.gyro_bias + errors.gyro_noise,
-        accel @ R_vs + errors.accel_bias + errors.accel_noise,
-    )
 
 
 def gravity(latitude_deg: float | None) -> float:

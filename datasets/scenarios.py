@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from trackfg.datasets import inertial_sensor, odometer, positioning, tables
+from trackfg.datasets import imu_errors, inertial_sensor, odometer, positioning, tables
 from trackfg.datasets.catalogue import Scenario, scenario, scenarios
-from trackfg.datasets.inertial_sensor import ImuErrors
+from trackfg.datasets.imu_errors import ImuErrors
 from trackfg.datasets.line_design import random_line
 from trackfg.datasets.ride import Ride
 from trackfg.description import RecordingDescription, Track, Vector3
@@ -82,9 +82,9 @@ def simulate(
 
     edges = tables.clock(duration, plan.imu.rate_hz)
     gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
-    errors = inertial_sensor.draw_errors(plan.imu, edges, imu_rng) if noise else None
+    errors = imu_errors.draw_errors(plan.imu, edges, imu_rng) if noise else None
     if errors is not None:
-        gyro, accel = inertial_sensor.apply_errors(gyro, accel, errors)
+        gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
 
     wheel_scale = odometer.draw_scale(plan.tach, scale_rng) if noise else 1.0
     tach = (

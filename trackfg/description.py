@@ -60,7 +60,11 @@ class ImuNoise(Model):
 
 
 class Imu(Table):
-    """The inertial sensor: columns, units, axes, mounting and noise."""
+    """The inertial sensor: columns, units, axes, mounting and noise.
+
+    ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
+    body).
+    """
 
     stamp: Literal["start", "centre", "end"] = "centre"
     gyro: tuple[str, str, str]
@@ -68,6 +72,7 @@ class Imu(Table):
     accel: tuple[str, str, str]
     accel_unit: Literal["m/s^2", "g"] = "m/s^2"
     axes: str = "FLU"
+    rigid: bool = True
     mount_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
     noise: ImuNoise = ImuNoise()

@@ -1,0 +1,1 @@
+"""Track geometry: operators along the chainage, each with its exact wavelength response, and judging with them."""
