@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from trackfg.errors import BadInputError
 
@@ -108,6 +108,35 @@ class OutputConfig(_Section):
     rate_hz: Positive = 10.0
 
 
+class GeometryConfig(_Section):
+    """What the columns of the geometry table mean, m: grid, base of the twist, length of the chord of the versines,
+    wavelengths that level and alignment hold (the band D1), bases of curvature and gradient.
+
+    Bases and half the chord are whole multiples of the grid's step.
+    """
+
+    step_m: Positive = 0.25
+    twist_base_m: Positive = 5.0
+    chord_m: Positive = 10.0
+    band_m: tuple[Positive, Positive] = (3.0, 25.0)
+    curvature_base_m: Positive = 10.0
+    gradient_base_m: Positive = 25.0
+
+    @model_validator(mode="after")
+    def _fits_the_grid(self) -> GeometryConfig:
+        halves = {name: getattr(self, name) / 2 for name in ("chord_m", "curvature_base_m", "gradient_base_m")}
+        for name, length in {"twist_base_m": self.twist_base_m, **halves}.items():
+            steps = length / self.step_m
+            if abs(steps - round(steps)) > 1e-9 * steps or round(steps) == 0:
+                what = "" if name == "twist_base_m" else "half of "
+                raise ValueError(
+                    f"{what}{name} is {length:g} m: expected a whole multiple of step_m, {self.step_m:g} m"
+                )
+        if self.band_m[0] >= self.band_m[1] or self.band_m[0] <= 2 * self.step_m:
+            raise ValueError(f"band_m {self.band_m}: expected (shortest, longest), the shortest above twice step_m")
+        return self
+
+
 class SolverConfig(_Section):
     """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, a step that lowers the cost by
     less than ``cost_tolerance``, or ``max_iterations``.
@@ -128,6 +157,7 @@ class SmoothConfig(_Section):
     position: PositionConfig = PositionConfig()
     noise: NoiseConfig = NoiseConfig()
     output: OutputConfig = OutputConfig()
+    geometry: GeometryConfig = GeometryConfig()
     solver: SolverConfig = SolverConfig()
 
     @classmethod

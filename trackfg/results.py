@@ -4,6 +4,8 @@
 file                content
 ==================  ==========================================================================================
 trajectory.parquet  one row per instant of a uniform clock, columns :data:`TRAJECTORY_COLUMNS`
+geometry.parquet    one row per 0.25 m of chainage, columns :data:`GEOMETRY_COLUMNS`, with lasers :data:`RAIL_COLUMNS`
+                    too; the file's metadata (key ``trackfg``) hold :class:`GeometryConventions`
 events.csv          one row per event, columns :data:`EVENT_COLUMNS`
 summary.json        :class:`Summary`
 ==================  ==========================================================================================
@@ -23,6 +25,8 @@ from pathlib import Path
 from typing import Literal
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from trackfg.atomic_folder import recover, replaced_folder
@@ -33,6 +37,29 @@ _STATES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "
 
 TRAJECTORY_COLUMNS = ("t_s", *(name for state in _STATES for name in (state, f"{state}_sd")))
 """``t_s``, then each state followed by its sigma. Chainage and position are those of the vehicle reference point."""
+
+_CENTRE_GEOMETRY = (
+    "curvature_1pm",
+    "gradient_permille",
+    "cross_level_mm",
+    "twist_mm",
+    "level_mm",
+    "alignment_mm",
+    "versine_level_mm",
+    "versine_alignment_mm",
+)
+_RAIL_GEOMETRY = ("level_left_mm", "level_right_mm", "alignment_left_mm", "alignment_right_mm", "gauge_mm")
+
+GEOMETRY_COLUMNS = (
+    "chainage_m",
+    "chainage_m_sd",
+    "speed_mps",
+    *(name for quantity in _CENTRE_GEOMETRY for name in (quantity, f"{quantity}_sd")),
+)
+"""The place, its sigma, the speed at which it was measured, then each quantity followed by its sigma."""
+
+RAIL_COLUMNS = tuple(name for quantity in _RAIL_GEOMETRY for name in (quantity, f"{quantity}_sd"))
+"""What lasers add: each rail by itself, and the gauge."""
 
 EVENT_COLUMNS = (
     "kind",
@@ -47,7 +74,12 @@ EVENT_COLUMNS = (
 """``distance_removed_m`` is the tachometer's error over the event that the smoother took out, else empty."""
 
 _EVENT_TEXT = ("kind", "detail")
-_TRAJECTORY, _EVENTS, _SUMMARY = FILES = ("trajectory.parquet", "events.csv", "summary.json")
+_TRAJECTORY, _GEOMETRY, _EVENTS, _SUMMARY = FILES = (
+    "trajectory.parquet",
+    "geometry.parquet",
+    "events.csv",
+    "summary.json",
+)
 
 
 class _Model(BaseModel):
@@ -78,6 +110,23 @@ class Solver(_Model):
     degrees_of_freedom: int
 
 
+class GeometryConventions(_Model):
+    """What the geometry columns mean. Lengths in m; see docs/geometry.md for the formulas.
+
+    ``facing``: left is left when looking that way, whichever way the run went.
+    """
+
+    facing: Literal["increasing chainage"] = "increasing chainage"
+    gauge_m: float
+    cross_level_base_m: float
+    step_m: float
+    twist_base_m: float
+    chord_m: float
+    band_m: tuple[float, float]
+    curvature_base_m: float
+    gradient_base_m: float
+
+
 class Summary(_Model):
     """The run in one page. Biases are those at the end of the run; what was not estimated is null.
 
@@ -99,6 +148,7 @@ class Summary(_Model):
     clock_offset_s: Estimate | None = None
     gyro_bias_radps: VectorEstimate
     accel_bias_mps2: VectorEstimate
+    geometry: GeometryConventions
     findings: tuple[Finding, ...] = ()
 
 
@@ -113,13 +163,25 @@ class Result:
     """The smoothed run. Raises ``ValueError`` if a table has other columns than the contract's."""
 
     trajectory: pd.DataFrame
+    geometry: pd.DataFrame
     events: pd.DataFrame
     summary: Summary
 
     def __post_init__(self) -> None:
-        for table, columns in ((self.trajectory, TRAJECTORY_COLUMNS), (self.events, EVENT_COLUMNS)):
+        with_rails = len(self.geometry.columns) > len(GEOMETRY_COLUMNS)
+        geometry_columns = GEOMETRY_COLUMNS + RAIL_COLUMNS if with_rails else GEOMETRY_COLUMNS
+        for table, columns in (
+            (self.trajectory, TRAJECTORY_COLUMNS),
+            (self.geometry, geometry_columns),
+            (self.events, EVENT_COLUMNS),
+        ):
             if tuple(table.columns) != columns:
                 raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
+
+    @property
+    def has_rails(self) -> bool:
+        """Whether the geometry has each rail by itself and the gauge."""
+        return RAIL_COLUMNS[0] in self.geometry
 
     def write(self, folder: str | os.PathLike[str]) -> Path:
         """Write the result, replacing an earlier one in one step (:mod:`trackfg.atomic_folder` says how).
@@ -131,9 +193,15 @@ class Result:
         refuse_foreign_folder(folder)
         with replaced_folder(folder) as new:
             self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
+            pq.write_table(self._geometry_file(), new / _GEOMETRY)
             self.events.to_csv(new / _EVENTS, index=False)
             (new / _SUMMARY).write_text(self.summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
         return folder
+
+    def _geometry_file(self) -> pa.Table:
+        table = pa.Table.from_pandas(self.geometry, preserve_index=False)
+        conventions = self.summary.geometry.model_dump_json()
+        return table.replace_schema_metadata({**(table.schema.metadata or {}), "trackfg": conventions})
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> Result:
@@ -143,6 +211,7 @@ class Result:
         try:
             return cls(
                 trajectory=pd.read_parquet(io.BytesIO(content[_TRAJECTORY])),
+                geometry=pd.read_parquet(io.BytesIO(content[_GEOMETRY])),
                 events=pd.read_csv(
                     io.BytesIO(content[_EVENTS]),
                     dtype={name: "str" if name in _EVENT_TEXT else "float64" for name in EVENT_COLUMNS},

@@ -16,12 +16,21 @@ import pyarrow.csv
 import pytest
 import tomli_w
 
-from trackfg.config import SmoothConfig
+from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.factors.states import States
 from trackfg.findings import Finding
 from trackfg.graph import Problem
-from trackfg.results import EVENT_COLUMNS, TRAJECTORY_COLUMNS, Estimate, Result, Solver, Summary, VectorEstimate
+from trackfg.results import (
+    EVENT_COLUMNS,
+    GEOMETRY_COLUMNS,
+    TRAJECTORY_COLUMNS,
+    Estimate,
+    Result,
+    Solver,
+    Summary,
+    VectorEstimate,
+)
 from trackfg.smoother import SmoothedStates, smooth_states
 
 
@@ -59,13 +68,40 @@ def make_result() -> Callable[..., Result]:
             "distance_m": float(15.0 * t[-1]),
             "keyframes": rows // 5,
             "wheel_scale": Estimate(value=1.0021, sd=0.0003),
+            "geometry": {"gauge_m": 1.067, "cross_level_base_m": 1.067, **GeometryConfig().model_dump()},
             "gyro_bias_radps": VectorEstimate(value=(1e-4, -2e-4, 3e-5), sd=(1e-6, 1e-6, 2e-6)),
             "accel_bias_mps2": VectorEstimate(value=(0.01, 0.02, -0.03), sd=(1e-3, 1e-3, 1e-3)),
             "findings": (Finding("warning", "gap", "a gap of 2 s", file="imu.csv", column="t", row=3, mend="none"),),
         }
-        return Result(trajectory, events, Summary.model_validate({**page, **summary}))
+        return Result(trajectory, _made_up_geometry(trajectory), events, Summary.model_validate({**page, **summary}))
 
     return make
+
+
+def _made_up_geometry(trajectory: pd.DataFrame) -> pd.DataFrame:
+    """A curve to the left with cant in the middle of the run, waves of 20 m, sigmas of 0.1 of each column's unit."""
+    chainage = np.arange(0.0, trajectory["chainage_m"].iloc[-1], 0.25)
+    middle = np.clip(4.0 - np.abs(chainage / chainage[-1] - 0.5) * 12.0, 0.0, 1.0)
+    wave = np.sin(2.0 * np.pi * chainage / 20.0)
+    values = {
+        "chainage_m": chainage,
+        "speed_mps": np.interp(chainage, trajectory["chainage_m"], trajectory["speed_mps"]),
+        "curvature_1pm": middle / 500.0,
+        "gradient_permille": 5.0 + wave,
+        "cross_level_mm": -80.0 * middle + wave,
+        "twist_mm": 2.0 * wave,
+        "level_mm": 3.0 * wave,
+        "alignment_mm": 2.0 * wave,
+        "versine_level_mm": 3.0 * wave,
+        "versine_alignment_mm": -25.0 * middle + 2.0 * wave,
+    }
+    scale = {"curvature_1pm": 1e-5}
+    return pd.DataFrame(
+        {
+            name: values.get(name, np.full(chainage.size, scale.get(name.removesuffix("_sd"), 0.1)))
+            for name in GEOMETRY_COLUMNS
+        }
+    )
 
 
 G = 9.80665

@@ -54,7 +54,7 @@ def test_what_is_written_is_read(make_result: Make, tmp_path: Path) -> None:
 
 def test_no_events(make_result: Make, tmp_path: Path) -> None:
     result = make_result()
-    empty = Result(result.trajectory, result.events.iloc[:0], result.summary)
+    empty = Result(result.trajectory, result.geometry, result.events.iloc[:0], result.summary)
     back = Result.read(empty.write(tmp_path / "out"))
     assert len(back.events) == 0
     assert back.events["start_s"].dtype == np.float64
@@ -74,7 +74,7 @@ def test_files_are_what_other_tools_expect(make_result: Make, tmp_path: Path) ->
 def test_wrong_columns_are_refused(make_result: Make) -> None:
     result = make_result()
     with pytest.raises(ValueError, match="expected"):
-        Result(result.trajectory.drop(columns="up_m"), result.events, result.summary)
+        Result(result.trajectory.drop(columns="up_m"), result.geometry, result.events, result.summary)
 
 
 def test_a_sigma_that_is_not_a_number_is_refused() -> None:
@@ -222,7 +222,7 @@ def test_readers_see_one_result_while_it_is_replaced_again_and_again(make_result
         for n in range(1, 150):
             summary = first.summary.model_copy(update={"keyframes": n})
             events = first.events.assign(start_s=float(n))
-            Result(first.trajectory.assign(t_s=float(n)), events, summary).write(sys.argv[1])
+            Result(first.trajectory.assign(t_s=float(n)), first.geometry, events, summary).write(sys.argv[1])
     """
     folder = make_result().write(tmp_path / "out")
     seen = set()
