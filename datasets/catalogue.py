@@ -1,51 +1,38 @@
 """The built-in scenarios: a line, a driver and sensors, by name.
 
-The sensor grades are those of two data sheets where these give numbers (angular random walk, in-run bias stability);
-the rest (accelerometer noise with the vehicle's vibration in it, turn-on biases, bias walks) is assumed. See
-docs/datasets.md.
+The sensor grades are those of :mod:`trackfg.datasets.imu_grades`. See docs/datasets.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from trackfg import units
-from trackfg.datasets.driving import Driver, Parked, Service, Shunting, Wandering
+from trackfg.datasets.adhesion import AdhesionModel
+from trackfg.datasets.defects import Defect
+from trackfg.datasets.driving import Driver, Parked, Service, Shunting, SpeedRestrictions, Wandering
 from trackfg.datasets.imu_errors import ImuModel
+from trackfg.datasets.imu_grades import ADIS16480, ADIS16495_1
+from trackfg.datasets.irregularities import IrregularityModel
+from trackfg.datasets.lasers import LaserModel, two_units
 from trackfg.datasets.line_design import LineDesign
 from trackfg.datasets.motion import Limits
 from trackfg.datasets.odometer import TachModel
 from trackfg.datasets.positioning import BaliseModel, GnssModel
-from trackfg.description import ImuNoise
+from trackfg.datasets.vehicle import CarBody, Rigid, Vehicle
 from trackfg.errors import BadInputError
 
 KMH = units.KMH
 
-ADIS16495_1 = ImuNoise(
-    gyro_white=2.62e-5,  # 0.09 deg/sqrt(h)
-    accel_white=1e-3,
-    gyro_bias_walk=2e-7,  # reaches the in-run 0.8 deg/h in some 400 s
-    accel_bias_walk=2e-6,
-    gyro_bias_sd=1e-3,
-    accel_bias_sd=0.02,
-)
-
-ADIS16480 = ImuNoise(
-    gyro_white=8.73e-5,  # 0.3 deg/sqrt(h)
-    accel_white=1.5e-3,
-    gyro_bias_walk=1.5e-6,  # reaches the in-run 6 deg/h in some 400 s
-    accel_bias_walk=2e-5,
-    gyro_bias_sd=3.5e-3,
-    accel_bias_sd=0.05,
-)
-
 
 @dataclass(frozen=True)
 class Scenario:
-    """Everything that, with a seed and a duration, makes a simulated run.
+    """Everything that, with a seed, a run and a duration, makes a simulated run.
 
-    Without a latitude the Earth stands still. Chainage is the origin's plus ``direction`` times the arc length.
+    Without a latitude the Earth stands still, without irregularities the track lies as designed, without adhesion the
+    wheel rolls. Chainage is the origin's plus ``direction`` times the arc length. A line of ``length_m`` (or a little
+    more) is that of every run, else it is as long as the duration needs. With ``both_ways`` the odd runs go back.
     """
 
     name: str
@@ -55,11 +42,23 @@ class Scenario:
     driver: Driver
     imu: ImuModel
     tach: TachModel
+    irregularities: IrregularityModel | None = None
+    defects: tuple[Defect, ...] = ()
+    vehicle: Vehicle = field(default_factory=Rigid)
+    lasers: tuple[LaserModel, ...] = ()
+    adhesion: AdhesionModel | None = None
     balises: BaliseModel | None = None
     gnss: GnssModel | None = None
     latitude_deg: float | None = None
     chainage_origin_m: float = 0.0
     direction: Literal[1, -1] = 1
+    length_m: float | None = None
+    both_ways: bool = False
+
+    @property
+    def georeferenced(self) -> bool:
+        """Whether the heading in ENU has a meaning."""
+        return self.gnss is not None or self.latitude_deg is not None
 
 
 def scenarios() -> dict[str, Scenario]:
@@ -78,7 +77,7 @@ def scenario(name: str) -> Scenario:
 MAIN_LINE = LineDesign(
     gauge_m=1.067,
     cross_level_base_m=1.067,
-    line_speed_mps=95 * KMH,
+    line_speed_mps=120 * KMH,
     radius_m=(300.0, 1200.0),
     straight_m=(150.0, 1200.0),
     circle_m=(80.0, 500.0),
@@ -109,6 +108,14 @@ HIGH_SPEED_LINE = replace(
     line_speed_mps=120 * KMH,
 )
 
+GOOD_TRACK = IrregularityModel(
+    level_d1_sd_m=1.0e-3, alignment_d1_sd_m=0.8e-3, cross_level_d1_sd_m=0.8e-3, gauge_d1_sd_m=0.5e-3
+)
+
+WORN_TRACK = IrregularityModel(
+    shape="high", level_d1_sd_m=1.8e-3, alignment_d1_sd_m=1.4e-3, cross_level_d1_sd_m=1.4e-3, gauge_d1_sd_m=0.8e-3
+)
+
 YARD = replace(
     MAIN_LINE,
     line_speed_mps=25 * KMH,
@@ -123,10 +130,12 @@ YARD = replace(
 def _all() -> list[Scenario]:
     service = Service(
         limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
-        line_speed_mps=MAIN_LINE.line_speed_mps,
+        fastest_mps=MAIN_LINE.line_speed_mps,
         start_m=50.0,
         start_rest_s=30.0,
         dwell_s=(20.0, 45.0),
+        hurry=(0.7, 1.0),
+        restrictions=SpeedRestrictions(per_km=0.15, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
     )
     mainline = Scenario(
         name="mainline",
@@ -134,8 +143,9 @@ def _all() -> list[Scenario]:
         duration_s=3600.0,
         line=MAIN_LINE,
         driver=service,
-        imu=ImuModel(rate_hz=200.0, noise=ADIS16495_1),
+        imu=ImuModel(rate_hz=200.0, noise=ADIS16495_1.noise, response=ADIS16495_1.response),
         tach=TachModel(creep_density=1e-3),
+        irregularities=GOOD_TRACK,
         balises=BaliseModel(spacing_m=5000.0, sd_m=0.3),
     )
     shunting = Scenario(
@@ -152,8 +162,9 @@ def _all() -> list[Scenario]:
             start_rest_s=20.0,
             dwell_s=(10.0, 25.0),
         ),
-        imu=ImuModel(rate_hz=200.0, noise=ADIS16495_1),
+        imu=ImuModel(rate_hz=200.0, noise=ADIS16495_1.noise, response=ADIS16495_1.response),
         tach=TachModel(signed=True, creep_density=1e-3),
+        irregularities=WORN_TRACK,
         balises=BaliseModel(spacing_m=200.0, sd_m=0.3),
     )
     return [
@@ -177,8 +188,10 @@ def _all() -> list[Scenario]:
                 start_rest_s=60.0,
                 start_m=5.0,
             ),
-            imu=ImuModel(rate_hz=200.0, noise=ADIS16480),
+            imu=ImuModel(rate_hz=200.0, noise=ADIS16480.noise, response=ADIS16480.response),
             tach=TachModel(pulses_per_rev=1000.0, wheel_diameter_m=0.2, scale_sd=0.003),
+            irregularities=GOOD_TRACK,
+            vehicle=Rigid(wheelbase_m=0.5),
             balises=BaliseModel(spacing_m=200.0, sd_m=0.05),
         ),
         shunting,
@@ -188,6 +201,10 @@ def _all() -> list[Scenario]:
             summary="the same shunting, a tachometer that counts up whichever way it turns",
             tach=replace(shunting.tach, signed=False),
         ),
+        _axle_box(),
+        *_measuring_cars(),
+        _slippery_line(),
+        _shuttle(),
         replace(mainline, name="parked", summary="at rest all the time", duration_s=600.0, driver=Parked(place_m=50.0)),
         replace(
             mainline,
@@ -197,3 +214,129 @@ def _all() -> list[Scenario]:
             driver=Wandering(limits=service.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
         ),
     ]
+
+
+def _axle_box() -> Scenario:
+    """A slow run through sharp, twisted curves, as in the patent on an axle-box sensor (JP7628028B2)."""
+    return Scenario(
+        name="axle-box",
+        summary="an IMU at 500 Hz on an axle box, 4-11 km/h through curves of R 100 with twists of 40 mm on 5 m",
+        duration_s=300.0,
+        line=replace(
+            YARD,
+            line_speed_mps=11 * KMH,
+            radius_m=(100.0, 101.0),
+            circle_m=(60.0, 100.0),
+            straight_m=(40.0, 80.0),
+        ),
+        driver=Wandering(
+            limits=Limits(acceleration_mps2=0.3, jerk_mps3=0.3),
+            speed_mps=(4 * KMH, 11 * KMH),
+            hold_s=(5.0, 20.0),
+            start_rest_s=20.0,
+            start_m=30.0,
+        ),
+        imu=ImuModel(rate_hz=500.0, noise=ADIS16480.noise, response=ADIS16480.response),
+        tach=TachModel(creep_density=1e-3),
+        irregularities=WORN_TRACK,
+        defects=tuple(
+            Defect("twist", at_m=at, size_m=size, length_m=5.0)
+            for at, size in ((80.0, 0.04), (140.0, -0.03), (220.0, 0.02), (290.0, -0.04), (380.0, 0.035))
+        ),
+        balises=BaliseModel(spacing_m=200.0, sd_m=0.1),
+    )
+
+
+def _measuring_cars() -> list[Scenario]:
+    """Two units of lasers on a car body, as in Suto, Tsubokawa and Yoshida (2020)."""
+    steady = Scenario(
+        name="measuring-car-b",
+        summary="the same measuring car with a device B, whose accelerometer keeps its bias",
+        duration_s=1200.0,
+        line=replace(MAIN_LINE, line_speed_mps=100 * KMH, station_spacing_m=3000.0),
+        driver=Service(
+            limits=Limits(acceleration_mps2=0.6, jerk_mps3=0.4),
+            fastest_mps=100 * KMH,
+            start_m=50.0,
+            start_rest_s=30.0,
+            dwell_s=(20.0, 40.0),
+            hurry=(0.7, 1.0),
+            restrictions=SpeedRestrictions(per_km=0.4, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 250.0)),
+        ),
+        imu=ImuModel(
+            rate_hz=200.0, noise=ADIS16495_1.noise, response=ADIS16495_1.response, lever_arm_m=(0.0, 0.0, 0.6)
+        ),
+        tach=TachModel(creep_density=1e-3, rate_hz=100.0),
+        irregularities=GOOD_TRACK,
+        vehicle=CarBody(),
+        lasers=two_units(2.5, -2.5, half_width_m=0.5335, height_m=0.6),
+        balises=BaliseModel(spacing_m=1000.0, sd_m=0.1),
+    )
+    drifting = ADIS16495_1.noise.model_copy(update={"accel_bias_walk": 3e-4, "accel_bias_sd": 0.05})
+    return [
+        replace(
+            steady,
+            name="measuring-car",
+            summary="two units of lasers 5 m apart on a car body, 0-100 km/h; device A, whose accelerometer drifts",
+            imu=replace(steady.imu, noise=drifting),
+        ),
+        steady,
+    ]
+
+
+def _slippery_line() -> Scenario:
+    """A local train on wet rails, as in Iwata et al. on composite train positioning."""
+    return Scenario(
+        name="slippery-line",
+        summary="a local train on 14.5 km of slippery rails, R 300-500: its wheels slip and slide; a balise every km",
+        duration_s=1500.0,
+        line=replace(
+            MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 500.0), max_gradient=0.0159, station_spacing_m=1500.0
+        ),
+        driver=Service(
+            limits=Limits(acceleration_mps2=0.8, jerk_mps3=0.6),
+            fastest_mps=100 * KMH,
+            start_m=50.0,
+            start_rest_s=30.0,
+            dwell_s=(20.0, 40.0),
+        ),
+        imu=ImuModel(rate_hz=100.0, noise=ADIS16480.noise, response=ADIS16480.response, lever_arm_m=(0.0, 0.0, 1.2)),
+        tach=TachModel(wheel_diameter_m=0.816, pulses_per_rev=90.0, creep_density=1e-3),
+        irregularities=GOOD_TRACK,
+        vehicle=CarBody(),
+        adhesion=AdhesionModel(stretches_per_km=1.0),
+        balises=BaliseModel(spacing_m=1000.0, sd_m=0.1),
+        length_m=14_500.0,
+    )
+
+
+def _shuttle() -> Scenario:
+    """One line, many runs, odd ones back: for repeatability and for maps."""
+    length_m = 8000.0
+    return Scenario(
+        name="shuttle",
+        summary="8 km of one line, run after run, odd ones back, each with its own speed, wheel and IMU; two balises",
+        duration_s=1000.0,
+        line=replace(MAIN_LINE, line_speed_mps=90 * KMH, radius_m=(300.0, 600.0)),
+        driver=Service(
+            limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
+            fastest_mps=90 * KMH,
+            start_m=50.0,
+            start_rest_s=30.0,
+            dwell_s=(20.0, 40.0),
+            hurry=(0.5, 1.0),
+            restrictions=SpeedRestrictions(per_km=0.1, speed_mps=(15 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
+        ),
+        imu=ImuModel(
+            rate_hz=200.0,
+            noise=ADIS16495_1.noise,
+            response=ADIS16495_1.response,
+            mount_sd_rad=5e-4,
+            mount_roll_sd_rad=1e-3,
+        ),
+        tach=TachModel(creep_density=1e-3),
+        irregularities=GOOD_TRACK,
+        balises=BaliseModel(spacing_m=length_m, sd_m=0.1, places_m=(100.0, length_m - 100.0)),
+        length_m=length_m,
+        both_ways=True,
+    )

@@ -71,7 +71,7 @@ def load(folder: Path | str) -> RealRun:
         description=RecordingDescription(
             id="comma2k19-b0c9d2329ad1606b-2018-08-02-40",
             track=Track(latitude_deg=float(origin[0])),
-            imu=tables.imu_description(NOISE),
+            imu=tables.imu_description(NOISE, rigid=False),
             tach=Tach(file="tach.parquet", time="t_s", column="speed_mps", kind="speed", unit="m/s", scale_sd=0.02),
             gnss=tables.gnss_description(origin),
         ),

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -39,31 +39,61 @@ class Driver(Protocol):
 
 
 @dataclass(frozen=True)
+class SpeedRestrictions:
+    """Temporary ones: how many a kilometre, and ranges of their speed and their length."""
+
+    per_km: float
+    speed_mps: tuple[float, float]
+    length_m: tuple[float, float]
+
+    def impose(self, line: Line, rng: np.random.Generator) -> Line:
+        """The line with restrictions at random places; where limits overlap, the lowest holds."""
+        count = rng.poisson(self.per_km * 1e-3 * line.length_m)
+        start = rng.uniform(0.0, line.length_m, count)
+        end = start + rng.uniform(*self.length_m, count)
+        speed = rng.uniform(*self.speed_mps, count)
+        places = np.unique(np.concatenate([line.limit_from_m, start, end]))
+        limit = line.limit_mps[np.searchsorted(line.limit_from_m, places, side="right") - 1]
+        for a, b, v in zip(start, end, speed, strict=True):
+            limit = np.where((places >= a) & (places < b), np.minimum(limit, v), limit)
+        return replace(line, limit_from_m=places, limit_mps=limit)
+
+
+@dataclass(frozen=True)
 class Service:
-    """Stands ``start_rest_s``, then goes from station to station, standing ``dwell_s`` (range) at each."""
+    """Stands ``start_rest_s``, then goes from station to station, standing ``dwell_s`` (range) at each, and from the
+    last one to ``start_m`` before the line's end, where it stays.
+
+    It goes at the line's limits times a factor drawn from ``hurry`` (range), but no slower than 1 m/s.
+    """
 
     limits: Limits
-    line_speed_mps: float
+    fastest_mps: float
     start_m: float
     start_rest_s: float
     dwell_s: tuple[float, float]
+    hurry: tuple[float, float] = (1.0, 1.0)
+    restrictions: SpeedRestrictions | None = None
 
     def furthest_m(self, duration_s: float) -> float:
-        """The line speed all the time, and two stations more to stop at."""
-        return self.start_m + self.line_speed_mps * duration_s + 30_000.0
+        """The highest speed all the time."""
+        return 2.0 * self.start_m + self.fastest_mps * duration_s
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
-        """Raises ``ValueError`` where the line has too few stations."""
-        phases, place = rest(self.start_rest_s), self.start_m
-        for station in line.stations_m[line.stations_m > self.start_m]:
+        """The seed of ``rng`` settles the factor, the restrictions and the dwell times."""
+        if self.restrictions is not None:
+            line = self.restrictions.impose(line, rng)
+        if self.hurry != (1.0, 1.0):
+            line = replace(line, limit_mps=np.maximum(line.limit_mps * rng.uniform(*self.hurry), 1.0))
+        phases, place, end = rest(self.start_rest_s), self.start_m, line.length_m - self.start_m
+        stations = line.stations_m[(line.stations_m > self.start_m) & (line.stations_m < end)]
+        for station in [*stations, end]:
             if _duration(phases) >= duration_s:
                 break
             phases += run(*_stretches(line, place, station), (0.0, 0.0), self.limits)
             phases += rest(rng.uniform(*self.dwell_s))
             place = station
-        if _duration(phases) < duration_s:
-            raise ValueError(f"{len(line.stations_m)} stations do not last {duration_s} s")
-        return motion(phases, self.start_m)
+        return motion([*phases, *rest(max(duration_s - _duration(phases), 0.0))], self.start_m)
 
 
 @dataclass(frozen=True)

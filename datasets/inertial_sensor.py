@@ -1,13 +1,14 @@
 """An IMU that integrates: each sample is the average over its interval; :mod:`trackfg.datasets.imu_errors` adds errors.
 
-Noise-free samples over ``[t_k, t_{k+1}]``, ``dt`` long, with ``w`` the Earth's rate in n (zero without a latitude),
-``r`` the lever arm and ``omega`` the body rate relative to n:
+Noise-free samples over ``[t_k, t_{k+1}]``, ``dt`` long, with ``w`` the rate at which the level frame n turns (with the
+Earth, zero without a latitude, and over its curvature), ``r`` the lever arm and ``omega`` the body rate relative to n:
 
-    gyro  = Log(R_k^T Exp(w dt) R_{k+1}) / dt, so that composing Exp(gyro dt) gives the attitude back exactly;
-    accel = mean of f,  f = R^T (a - g) + omega' x r + omega x (omega x r) + 2 R^T w x (v + omega x r)
+    gyro  = Log(R_k^T Exp(mean w dt) R_{k+1}) / dt, so that composing Exp(gyro dt) gives the attitude back exactly;
+    accel = mean of f,  f = R^T (a - g) + omega' x r + omega x (omega x r) + R^T (w + Earth's rate) x (v + omega x r)
 
-in body axes. The mean is a two-point Gauss integral over parts within which nothing jumps; the mean of ``omega' x r``
-is ``(omega_{k+1} - omega_k) x r / dt``, right even where the rate itself jumps.
+in body axes. The means are two-point Gauss integrals over parts within which nothing jumps; the mean of ``omega' x r``
+is ``(omega_{k+1} - omega_k) x r / dt``, right even where the rate itself jumps, and where the velocity jumps its step
+over ``dt`` is added.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg import frames, units
-from trackfg.datasets.ride import Ride
+from trackfg.datasets.ride import Kinematics, Ride
 from trackfg.description import Vector3
 from trackfg.frames import Array
 
@@ -32,7 +33,8 @@ def ideal_samples(
         _ideal_chunk(ride, edges[start : start + _CHUNK + 1], kinks, latitude_deg, np.array(lever_arm_m))
         for start in range(0, len(edges) - 1, _CHUNK)
     ]
-    return np.concatenate([gyro for gyro, _ in parts]), np.concatenate([accel for _, accel in parts])
+    gyro, accel = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return gyro, accel + _knocks(ride, edges)
 
 
 def gravity(latitude_deg: float | None) -> float:
@@ -45,40 +47,53 @@ def _ideal_chunk(
 ) -> tuple[Array, Array]:
     dt = np.diff(edges)[:, None]
     earth = np.zeros(3) if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
-    R = ride.rotation(edges)
-    turning = _frame_rate(ride, 0.5 * (edges[1:] + edges[:-1]), earth)
-    after = frames.so3_exp(turning * dt) @ R[1:]
-    gyro = frames.so3_log(np.swapaxes(R[:-1], 1, 2) @ after) / dt
-
-    nodes = np.union1d(edges, kinks[(kinks > edges[0]) & (kinks < edges[-1])])
+    inside = kinks[np.searchsorted(kinks, edges[0], side="right") : np.searchsorted(kinks, edges[-1])]
+    nodes = np.union1d(edges, inside)
     lengths = np.diff(nodes)
+    first = np.searchsorted(nodes, edges[:-1])
+
+    def mean(values: Array) -> Array:
+        """Over each interval, of values (2 per part, 3) at the Gauss points."""
+        integral = 0.5 * lengths[:, None] * (values[::2] + values[1::2])
+        return np.asarray(np.add.reduceat(integral, first) / dt)
+
     middles = 0.5 * (nodes[1:] + nodes[:-1])
-    g = gravity(latitude_deg)
-    integral = np.zeros((len(lengths), 3))
-    for side in (-_GAUSS, _GAUSS):
-        integral += 0.5 * lengths[:, None] * _specific_force(ride, middles + side * lengths, g, earth, lever_arm)
-    accel = np.add.reduceat(integral, np.searchsorted(nodes, edges[:-1])) / dt
+    moment = ride.kinematics(np.stack([middles - _GAUSS * lengths, middles + _GAUSS * lengths], axis=-1).ravel())
+    turning = earth + mean(frames.transport_rate(moment.velocity_in_n))
+    accel = mean(_specific_force(moment, gravity(latitude_deg), earth, lever_arm))
     if lever_arm.any():
         accel += np.cross(np.diff(ride.body_rate(edges), axis=0), lever_arm) / dt
+    R = ride.rotation(edges)
+    after = frames.so3_exp(turning * dt) @ R[1:]
+    gyro = frames.so3_log(np.swapaxes(R[:-1], 1, 2) @ after) / dt
     return gyro, accel
 
 
-def _specific_force(ride: Ride, t: Array, g: float, earth: Array, lever_arm: Array) -> Array:
-    """Specific force at the lever arm less ``omega' x r``, body axes. Shape (n,) to (n, 3)."""
-    v, omega, rpy = ride.motion.speed(t), ride.body_rate(t), ride.rpy(t)
-    roll, pitch = rpy[:, 0], rpy[:, 1]
-    up = np.column_stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
-    force = g * up + np.column_stack([ride.motion.acceleration(t), v * omega[:, 2], -v * omega[:, 1]])
-    swing = np.cross(omega, lever_arm)
+def _specific_force(moment: Kinematics, g: float, earth: Array, lever_arm: Array) -> Array:
+    """Specific force at the lever arm less ``omega' x r``, body axes. Shape (n, 3)."""
+    c, s = np.cos(moment.heading), np.sin(moment.heading)
+    earth_level = np.column_stack([c * earth[0] + s * earth[1], c * earth[1] - s * earth[0], np.full_like(c, earth[2])])
+    coriolis = 2.0 * earth_level + frames.transport_rate(moment.velocity)
+    force = moment.acceleration + np.cross(coriolis, moment.velocity)
+    force[:, 2] += g
+    force = _turned(moment.body_from_level, force)
     if lever_arm.any():
-        force += np.cross(omega, swing)
-    velocity = swing + np.column_stack([v, np.zeros_like(v), np.zeros_like(v)])
-    coriolis = earth + _frame_rate(ride, t, earth)
-    force += np.cross(np.einsum("ni,nij->nj", coriolis, frames.matrix_from_rpy(*rpy.T)), velocity)
-    return np.asarray(force)
+        swing = np.cross(moment.body_rate, lever_arm)
+        force += np.cross(moment.body_rate + _turned(moment.body_from_level, coriolis), swing)
+    return force
 
 
-def _frame_rate(ride: Ride, t: Array, earth: Array) -> Array:
-    """How the level frame n turns, rad/s in n: with the Earth, and over its curvature. Shape (n, 3)."""
-    forward = frames.matrix_from_rpy(*ride.rpy(t).T)[:, :, 0]
-    return earth + frames.transport_rate(forward * ride.motion.speed(t)[:, None])
+def _knocks(ride: Ride, edges: Array) -> Array:
+    """What jumps of the velocity add to the means, body axes. Shape (n, 3)."""
+    knocks = np.zeros((len(edges) - 1, 3))
+    times, jumps = ride.velocity_jumps()
+    during = (times > edges[0]) & (times < edges[-1])
+    times, jumps = times[during], jumps[during]
+    interval = np.searchsorted(edges, times, side="right") - 1
+    forward = ride.kinematics(times).body_from_level[:, :, 0]
+    np.add.at(knocks, interval, forward * (jumps / np.diff(edges)[interval])[:, None])
+    return knocks
+
+
+def _turned(R: Array, vectors: Array) -> Array:
+    return np.asarray((R @ vectors[:, :, None])[:, :, 0])

@@ -81,7 +81,7 @@ def load(
         description=RecordingDescription(
             id=f"kingston-2008-06-23-{gnss.lower()}",
             track=Track(latitude_deg=float(origin[0])),
-            imu=tables.imu_description(NOISE, LEVER_ARM_M),
+            imu=tables.imu_description(NOISE, LEVER_ARM_M, rigid=False),
             tach=Tach(file="tach.parquet", time="t_s", column="speed_mps", kind="speed", unit="m/s", scale_sd=0.02),
             gnss=tables.gnss_description(origin, LEVER_ARM_M),
         ),

@@ -36,7 +36,7 @@ def load() -> RealRun:
     recording = Recording(
         description=RecordingDescription(
             id="kitti-equiv-biased-imu",
-            imu=tables.imu_description(_noise()),
+            imu=tables.imu_description(_noise(), rigid=False),
             gnss=tables.gnss_description(),
         ),
         imu=tables.imu_table(stamps - origin - 0.5 * SAMPLE_S, gyro, accel),

@@ -2,9 +2,10 @@
 
 Three piecewise polynomials describe the track:
 
-* ``curvature``: ``kappa(s) = dyaw/ds``, 1/m, positive to the left: straights, circles and clothoids make it piecewise
-  linear and continuous;
-* ``cant``: the height of the left rail over the right one, m, over the distance ``cross_level_base_m``: linear ramps;
+* ``curvature``: ``kappa(s) = dyaw/ds``, 1/m, positive to the left: straights and circles joined by transitions
+  (:mod:`trackfg.datasets.alignment`);
+* ``cant``: the height of the left rail over the right one, m, over the distance ``cross_level_base_m``: so a curve to
+  the left, its outer rail raised, has a negative one;
 * ``grade``: the angle ``gamma(s)`` of the track above the horizontal, rad: constant gradients joined by circular
   vertical curves, on which ``gamma`` is linear.
 
@@ -25,6 +26,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import PPoly
 
+from trackfg.datasets.polynomials import mirrored
 from trackfg.frames import Array
 
 _CELL_M = 10.0
@@ -76,6 +78,26 @@ class Line:
         cell = np.clip(np.searchsorted(cell_edges, s, side="right") - 1, 0, len(cell_edges) - 1)
         return positions[cell] + self._integrated_tangent(cell_edges[cell], s)
 
+    def reversed(self) -> Line:
+        """The same track travelled from its other end: ``s' = length - s``, at its own origin.
+
+        Left and right, uphill and downhill change places, so curvature, cant and gradient change sign, and the heading
+        turns round: ``R'(s') = R(s) Rz(pi)`` and ``p'(s') = p(s) - p(length)``. Where a function jumps, it has at the
+        jump itself the value of the other side.
+        """
+        limit_until = np.append(self.limit_from_m[1:], self.length_m)
+        return Line(
+            curvature=_negative(mirrored(self.curvature, self.length_m)),
+            cant=_negative(mirrored(self.cant, self.length_m)),
+            grade=_negative(mirrored(self.grade, self.length_m)),
+            length_m=self.length_m,
+            cross_level_base_m=self.cross_level_base_m,
+            limit_from_m=self.length_m - limit_until[::-1],
+            limit_mps=self.limit_mps[::-1],
+            stations_m=self.length_m - self.stations_m[::-1],
+            start_yaw_rad=float(self.yaw(np.array(self.length_m))) + np.pi,
+        )
+
     @cached_property
     def _turn(self) -> PPoly:
         return self.curvature.antiderivative()
@@ -95,6 +117,10 @@ class Line:
         gamma, yaw = self.grade(s), self.yaw(s)
         tangent = np.stack([np.cos(gamma) * np.cos(yaw), np.cos(gamma) * np.sin(yaw), np.sin(gamma)])
         return np.moveaxis(np.sum(half * _WEIGHTS * tangent, axis=-1), 0, -1)
+
+
+def _negative(function: PPoly) -> PPoly:
+    return PPoly(-function.c, function.x, extrapolate=True)
 
 
 def piecewise_linear(s: Array, values: Array) -> PPoly:

@@ -6,12 +6,14 @@ IMU stamps at the centre of the sample's interval, columns named as in :mod:`tra
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pandas as pd
 
-from trackfg.description import Fixes, Gnss, Imu, ImuNoise, Vector3
+from trackfg.description import Fixes, Gnss, Imu, ImuNoise, Laser, Vector3
 from trackfg.frames import Array
-from trackfg.recording import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, TACH_COLUMNS
+from trackfg.recording import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS
 
 TRAJECTORY_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
@@ -47,17 +49,28 @@ def gnss_table(t_s: Array, enu_m: Array, sd_m: Array) -> pd.DataFrame:
     return _table(GNSS_COLUMNS, t_s, *enu_m.T, *np.broadcast_to(sd_m, enu_m.shape).T)
 
 
+def laser_table(t_s: Array, displacement_m: Array) -> pd.DataFrame:
+    """The table of one laser from times (n,) and displacements (n,)."""
+    return _table(LASER_COLUMNS, t_s, displacement_m)
+
+
 def trajectory_table(t_s: Array, enu_m: Array, speed_mps: Array, rpy_rad: Array) -> pd.DataFrame:
     """A reference trajectory, columns :data:`TRAJECTORY_COLUMNS`; yaw is unwrapped along the rows."""
     roll, pitch, yaw = rpy_rad.T
     return _table(TRAJECTORY_COLUMNS, t_s, *enu_m.T, speed_mps, roll, pitch, np.unwrap(yaw))
 
 
-def imu_description(noise: ImuNoise, lever_arm_m: Vector3 = (0.0, 0.0, 0.0)) -> Imu:
+def imu_description(noise: ImuNoise, lever_arm_m: Vector3 = (0.0, 0.0, 0.0), *, rigid: bool) -> Imu:
     """What ``recording.toml`` says of a canonical ``imu`` table."""
     _, wx, wy, wz, fx, fy, fz = IMU_COLUMNS
     return Imu(
-        file="imu.parquet", time="t_s", gyro=(wx, wy, wz), accel=(fx, fy, fz), noise=noise, lever_arm_m=lever_arm_m
+        file="imu.parquet",
+        time="t_s",
+        gyro=(wx, wy, wz),
+        accel=(fx, fy, fz),
+        noise=noise,
+        lever_arm_m=lever_arm_m,
+        rigid=rigid,
     )
 
 
@@ -79,6 +92,23 @@ def fixes_description() -> Fixes:
     """What ``recording.toml`` says of a canonical ``fixes`` table."""
     time, chainage, sd = FIX_COLUMNS
     return Fixes(file="fixes.parquet", time=time, chainage=chainage, sd=sd)
+
+
+def laser_description(
+    name: str, position_m: Vector3, axis: Literal["y", "z"], rail: Literal["left", "right"], sd_m: float
+) -> Laser:
+    """What ``recording.toml`` says of a canonical laser table."""
+    time, displacement = LASER_COLUMNS
+    return Laser(
+        name=name,
+        file="lasers.parquet",
+        time=time,
+        column=displacement,
+        position_m=position_m,
+        axis=axis,
+        rail=rail,
+        sd_m=sd_m,
+    )
 
 
 def _table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from trackfg.recording_io import read_recording, write_recording
     from trackfg.results import Result
     from trackfg.smoother import smooth
+    from trackfg.strip_chart import plot_geometry
 
 __all__ = [
     "BadInputError",
@@ -32,6 +33,7 @@ __all__ = [
     "UnsolvableError",
     "__version__",
     "check_recording",
+    "plot_geometry",
     "plot_trajectory",
     "read_recording",
     "smooth",
@@ -43,6 +45,7 @@ _HOME = {
     "Result": "results",
     "SmoothConfig": "config",
     "check_recording": "check",
+    "plot_geometry": "strip_chart",
     "plot_trajectory": "plot",
     "read_recording": "recording_io",
     "smooth": "smoother",

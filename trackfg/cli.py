@@ -19,6 +19,7 @@ from trackfg.errors import BadInputError, TrackfgError
 
 if TYPE_CHECKING:
     from trackfg.results import Result
+    from trackfg.strip_chart import LimitLine
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -153,6 +154,62 @@ def smooth(
     else:
         _print(report_tables.summary(result))
         print(f"result: {out}")
+
+
+@app.command(epilog="Example: trackfg plot out1 --from 12000 --to 14000 -o chart.html")
+def plot(
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="Picture: .png, .svg or .html. OUT.png if absent.", show_default=False
+        ),
+    ] = None,
+    from_m: Annotated[
+        float | None, typer.Option("--from", metavar="M", help="First chainage, m.", show_default=False)
+    ] = None,
+    to_m: Annotated[
+        float | None, typer.Option("--to", metavar="M", help="Last chainage, m.", show_default=False)
+    ] = None,
+    limits: Annotated[
+        str | None,
+        typer.Option(metavar="L.toml", help="Limits to draw: a file, or cfr-213 for 49 CFR 213.", show_default=False),
+    ] = None,
+    level: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)
+    ] = None,
+    line_speed: Annotated[
+        float | None,
+        typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
+    ] = None,
+) -> None:
+    """Draw the strip chart of a result: its geometry over chainage, with bands of 95 %."""
+    from trackfg.plot_file import picture_path
+    from trackfg.results import Result
+    from trackfg.strip_chart import plot_geometry
+
+    folder = result.resolve()
+    path = picture_path(out or folder.parent / f"{folder.name}.png")
+    if path.resolve().parent == folder:
+        raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
+    content = Result.read(result)
+    lines = _limit_lines(content, limits, level, line_speed)
+    print(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
+
+
+def _limit_lines(result: Result, source: str | None, level: str | None, line_speed: float | None) -> list[LimitLine]:
+    from trackfg.geometry.limits import at_level, cfr_213, read_limits
+    from trackfg.strip_limits import limit_lines
+
+    if source is None:
+        if level is not None or line_speed is not None:
+            raise BadInputError("--level and --line-speed choose among limits: expected --limits too")
+        return []
+    table = cfr_213() if source == "cfr-213" else read_limits(source)
+    lines, left_out = limit_lines(result, at_level(table, level) if level else table, line_speed)
+    for reason, number in left_out.items():
+        print(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}", file=sys.stderr)
+    return lines
 
 
 def _warn_unless_converged(result: Result) -> None:

@@ -54,7 +54,10 @@ class MotionConfig(_Section):
     """How strictly the vehicle follows its own axis, and how still it stands.
 
     Lateral and vertical velocity at the reference point: a constant part and one proportional to speed.
-    ``mount_sd_deg`` is the uncertainty of the direction of travel in IMU axes (pitch, yaw).
+    ``mount_sd_deg`` is the uncertainty of the direction of travel in IMU axes (pitch, yaw). A sensor that is fixed to
+    what follows the track (``[imu] rigid``) moves where it points all the way between two keyframes: to ``path_sd_m``
+    and ``path_sd_relative`` times the distance. At rest it turns and shifts less from keyframe to keyframe than a body
+    on springs.
     """
 
     lateral_sd_mps: Positive = 0.01
@@ -62,9 +65,13 @@ class MotionConfig(_Section):
     sd_per_speed: Positive = 1e-3
     robust_width: Positive = 3.0
     mount_sd_deg: Positive = 0.3
+    path_sd_m: Positive = 2e-5
+    path_sd_relative: Positive = 1e-5
     rest_speed_sd_mps: Positive = 1e-3
     rest_turn_sd_rad: Positive = 1e-4
     rest_shift_sd_m: Positive = 1e-3
+    rigid_rest_turn_sd_rad: Positive = 1e-5
+    rigid_rest_shift_sd_m: Positive = 2e-5
     min_rest_s: Positive = 3.0
 
 
@@ -84,7 +91,7 @@ class PositionConfig(_Section):
 
 class NoiseConfig(_Section):
     """Factors on the assumed sigmas: of the gyro's and the accelerometer's declared white noise, of the vehicle's
-    sideways motion, of the wheel's rolling, of GNSS positions.
+    sideways motion at an instant and along the path, of the wheel's rolling, of GNSS positions.
 
     ``adapt`` raises them to what the residuals show: the run is smoothed ``rounds`` times more.
     """
@@ -94,12 +101,13 @@ class NoiseConfig(_Section):
     gyro: Positive = 1.0
     accel: Positive = 1.0
     motion: Positive = 1.0
+    path: Positive = 1.0
     tach: Positive = 1.0
     gnss: Positive = 1.0
 
     def factors(self) -> dict[str, float]:
         """The factor of each group."""
-        return {"gyro": self.gyro, "accel": self.accel, "motion": self.motion, "tach": self.tach, "gnss": self.gnss}
+        return {name: getattr(self, name) for name in ("gyro", "accel", "motion", "path", "tach", "gnss")}
 
 
 class OutputConfig(_Section):

@@ -27,10 +27,11 @@ from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.imu import ImuNoise, bias_walk, imu_factors, preintegrate
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.frames import EARTH_RADIUS, Array, earth_rate_enu, normal_gravity, transport_rate
-from trackfg.inertial import Intervals, compress, intervals, means_around
+from trackfg.inertial import Intervals, compress, intervals, means_around, turning
 from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes
 from trackfg.recording import Recording
@@ -160,13 +161,24 @@ class _Layout:
         return np.array(self.recording.description.imu.lever_arm_m)
 
     @property
+    def _still(self) -> np.ndarray:
+        """Whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
+        resting = within(self.t, self.rests)
+        still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
+        return still
+
+    @property
     def _distance(self) -> Array:
         """Initial distance between keyframes, m, shape (n - 1,)."""
+        return np.diff(self._distance_at(self.t))
+
+    def _distance_at(self, t: Array) -> Array:
+        """Initial distance travelled, m: the wheel's, or the length of the initial path. Shape (m,) to (m,)."""
         if self.wheel is not None:
-            return np.diff(self.wheel.at(self.t))
+            return self.wheel.at(t)
         step = np.diff(self.path.p, axis=0)
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
-        return np.diff(np.interp(self.t, self.path.t, length))
+        return np.interp(t, self.path.t, length)
 
     def initial_states(self) -> States:
         n = len(self.t)
@@ -303,16 +315,31 @@ class _Layout:
         config, n = self.config.motion, len(self.t)
         k = np.arange(n)
         resting = within(self.t, self.rests)
-        still = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
         speed = np.abs(np.interp(self.t, self.path.t, self.path.speed))
         sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
         sigma = sigma * self.config.noise.motion
         huber = Loss("huber", config.robust_width)
+        rest = (config.rest_turn_sd_rad, config.rest_shift_sd_m)
+        if self.recording.description.imu.rigid:
+            rest = (config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
         return [
+            self._path(huber),
             non_holonomic(k, self._angular_rate(), self.lever_arm, sigma, huber),
             at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps, huber),
-            stays(np.flatnonzero(still), config.rest_turn_sd_rad, config.rest_shift_sd_m, huber),
+            stays(np.flatnonzero(self._still), *rest, huber),
         ]
+
+    def _path(self, loss: Loss) -> Family:
+        """For a sensor that follows the track, wherever it is not at rest and its record has no hole."""
+        config, distance = self.config.motion, np.abs(self._distance)
+        bridged = np.concatenate([[0], np.cumsum(self.data.bridged)])
+        whole = np.diff(bridged[self.edges]) == 0
+        k = np.flatnonzero(whole & ~self._still & self.recording.description.imu.rigid)
+        turned = turning(self.data, self.edges, self.path.bias(self.t).mean(axis=0), self._distance_at(self.data.edges))
+        bridge = self.noise.gyro * distance * np.sqrt(np.diff(self.t) / 12.0)
+        model = (config.path_sd_m + config.path_sd_relative * distance) * self.config.noise.path
+        sigma = np.hypot(model, bridge)[k, None].repeat(2, axis=1)
+        return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], self.lever_arm, sigma, loss)
 
     def _angular_rate(self) -> Array:
         """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""

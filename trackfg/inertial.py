@@ -110,3 +110,41 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
         velocity[live] += np.einsum("mij,mj->mi", R[live], change)
         R[live] = R[live] @ so3_exp(turn)
     return Increments(duration, so3_log(R) + duration[:, None] * gyro_bias, velocity)
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How the body turns between keyframes k and k + 1, relative to k: ``turn`` (m, 3, 3) over the whole interval, and
+    its ``mean`` and ``mean_by_time`` (weighted by the part of the interval's time gone by) over the length of the path.
+    """
+
+    turn: Array
+    mean: Array
+    mean_by_time: Array
+
+
+def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: Array) -> Turning:
+    """The gyro's attitude along each interval, averaged over the distance travelled.
+
+    ``keyframes`` (m + 1,) index ``data.edges``; ``gyro_bias`` (3,) rad/s is taken out; ``distance`` (n + 1,) m at the
+    edges. An interval without distance is averaged over time. The trapezoid rule at every sample.
+    """
+    first, counts = keyframes[:-1], np.diff(keyframes)
+    m, dt = len(first), data.durations
+    span, length = np.diff(data.edges[keyframes]), np.diff(distance[keyframes])
+    moving = np.abs(length) > 1e-3
+    R = np.tile(np.eye(3), (m, 1, 1))
+    mean, mean_by_time = np.zeros((2, m, 3, 3))
+    for i in range(int(counts.max(initial=0))):
+        live = np.flatnonzero(counts > i)
+        sample = first[live] + i
+        ahead = R[live] @ so3_exp((data.gyro[sample] - gyro_bias) * dt[sample, None])
+        by_length = (distance[sample + 1] - distance[sample]) / np.where(moving, length, 1.0)[live]
+        share = np.where(moving[live], by_length, dt[sample] / span[live])
+        before = ((data.edges[sample] - data.edges[first[live]]) / span[live])[:, None, None]
+        after = before + (dt[sample] / span[live])[:, None, None]
+        half = 0.5 * share[:, None, None]
+        mean[live] += half * (R[live] + ahead)
+        mean_by_time[live] += half * (before * R[live] + after * ahead)
+        R[live] = ahead
+    return Turning(R, mean, mean_by_time)

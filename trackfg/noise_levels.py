@@ -23,7 +23,7 @@ _LEAST_REDUNDANCY = 20.0
 
 _FAR_OFF = 2.0
 
-GROUPS = {"non-holonomic": "motion", "tach distance": "tach", "GNSS position": "gnss"}
+GROUPS = {"non-holonomic": "motion", "path": "path", "tach distance": "tach", "GNSS position": "gnss"}
 """Families whose level is judged, and the name of their group; the inertial factors are "gyro" and "accel"."""
 
 

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from trackfg.atomic_folder import replaced_folder
-from trackfg.description import Gnss, Laser, RecordingDescription, Table, Tach, Truth
+from trackfg.description import Gnss, RecordingDescription, Table, Tach, Truth
 from trackfg.description_reader import FILE_NAME, read_description
 from trackfg.errors import BadInputError
 from trackfg.recording import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
@@ -97,11 +97,10 @@ def canonical_description(recording: Recording, table_format: TableFormat = "par
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         frame = {"position": GNSS_COLUMNS[1:4], "sd": GNSS_COLUMNS[4:7], "frame": "local", "origin": origin}
         changes["gnss"] = gnss.model_copy(update={**clock, **frame, "file": f"gnss.{table_format}"})
+    places = _laser_places(recording, table_format)
     changes["laser"] = tuple(
-        laser.model_copy(
-            update={**clock, "file": _laser_file(i, table_format), "column": LASER_COLUMNS[1], "unit": "m"}
-        )
-        for i, laser in enumerate(_described_lasers(recording), start=1)
+        laser.model_copy(update={**clock, "file": places[laser.name][0], "column": places[laser.name][1], "unit": "m"})
+        for laser in given.laser
     )
     return given.model_copy(update=changes)
 
@@ -115,15 +114,29 @@ def _described(part: _Part | None, name: str) -> _Part:
     return part
 
 
-def _described_lasers(recording: Recording) -> tuple[Laser, ...]:
-    described = recording.description.laser
-    if {laser.name for laser in described} != set(recording.lasers):
+def _laser_places(recording: Recording, table_format: str) -> dict[str, tuple[str, str]]:
+    """By name, in the description's order: file and column of each laser. Lasers of the same times share a file."""
+    names = [laser.name for laser in recording.description.laser]
+    if set(names) != set(recording.lasers):
         raise BadInputError(f"the recording has the lasers {sorted(recording.lasers)} but describes others")
-    return described
-
-
-def _laser_file(number: int, table_format: str) -> str:
-    return f"laser_{number}.{table_format}"
+    together: list[list[str]] = []
+    for name in names:
+        table = recording.lasers[name]
+        if missing := [column for column in LASER_COLUMNS if column not in table.columns]:
+            raise BadInputError(f"laser {name!r}: the table to write lacks {', '.join(missing)}")
+        times = table["t_s"].to_numpy()
+        for others in together:
+            if np.array_equal(times, recording.lasers[others[0]]["t_s"].to_numpy()):
+                others.append(name)
+                break
+        else:
+            together.append([name])
+    places = {}
+    for number, group in enumerate(together, start=1):
+        for i, name in enumerate(group, start=1):
+            column = LASER_COLUMNS[1] if len(group) == 1 else f"displacement_{i}_m"
+            places[name] = (f"laser_{number}.{table_format}", column)
+    return {name: places[name] for name in names}
 
 
 def _pulse_counts(recording: Recording) -> pd.DataFrame | None:
@@ -151,8 +164,11 @@ def _tables(recording: Recording, table_format: str) -> dict[str, tuple[tuple[st
         tables[f"fixes.{table_format}"] = (FIX_COLUMNS, recording.fixes)
     if recording.gnss is not None:
         tables[f"gnss.{table_format}"] = (GNSS_COLUMNS, recording.gnss)
-    for i, laser in enumerate(_described_lasers(recording), start=1):
-        tables[_laser_file(i, table_format)] = (LASER_COLUMNS, recording.lasers[laser.name])
+    for name, (file, column) in _laser_places(recording, table_format).items():
+        time, displacement = LASER_COLUMNS
+        laser = recording.lasers[name]
+        columns, table = tables.get(file, ((time,), laser[[time]]))
+        tables[file] = ((*columns, column), table.assign(**{column: laser[displacement].to_numpy()}))
     return tables
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import Covariance, posterior_covariance
+from trackfg.covariance import Covariance, SquareRoot, posterior_covariance, square_root
 from trackfg.dense import dense_motion
 from trackfg.events import event_table
 from trackfg.factors.states import Kind
@@ -25,6 +25,7 @@ from trackfg.noise_levels import adapted, noise_findings, noise_ratios
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
+from trackfg.track_geometry import conventions, geometry_table
 from trackfg.trajectory import calibration_table, trajectory_table
 
 _DENSE_STEP_S = 0.02
@@ -70,6 +71,7 @@ class SmoothedStates:
     covariance: Covariance
     noise_ratios: dict[str, float]
     trajectory: pd.DataFrame
+    geometry: pd.DataFrame
     calibration: pd.DataFrame
     timings_s: dict[str, float]
 
@@ -84,39 +86,52 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     smoothed = smooth_states(recording, config, progress=progress)
     direction = recording.description.track.direction
     events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
-    return Result(smoothed.trajectory, events, _summary(recording, smoothed))
+    return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed))
 
 
 def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages = _Stages(progress)
-    problem, solution, covariance, ratios = _solved(recording, config, stages)
+    problem, solution, root, covariance, ratios = _solved(recording, config, stages)
     for _ in range(config.noise.rounds if config.noise.adapt else 0):
         before, config = config, adapted(config, ratios)
         changes = [b / a for a, b in zip(before.noise.factors().values(), config.noise.factors().values(), strict=True)]
         if max(abs(np.log(changes))) < _NOISE_SETTLED:
             break
-        problem, solution, covariance, ratios = _solved(recording, config, stages)
+        problem, solution, root, covariance, ratios = _solved(recording, config, stages)
+    track = recording.description.track
     with stages.stage("output"):
         clock = _clock(problem, config.output.rate_hz)
-        motion = dense_motion(problem, solution.states, _DENSE_STEP_S, clock).at(clock)
-        direction = recording.description.track.direction
-        trajectory = trajectory_table(problem, motion, solution.states, covariance, direction)
-        calibration = calibration_table(motion, solution.states, covariance)
-    return SmoothedStates(config, problem, solution, covariance, ratios, trajectory, calibration, stages.timings_s)
+        motion = dense_motion(problem, solution.states, _dense_step(solution, config.geometry.step_m), clock)
+        at_clock = motion.at(clock)
+        trajectory = trajectory_table(problem, at_clock, solution.states, covariance, track.direction)
+        calibration = calibration_table(at_clock, solution.states, covariance)
+    with stages.stage("geometry"):
+        meaning = conventions(config.geometry, track)
+        geometry = geometry_table(problem, motion, solution.states, covariance, root, track, meaning)
+    return SmoothedStates(
+        config, problem, solution, covariance, ratios, trajectory, geometry, calibration, stages.timings_s
+    )
 
 
 def _solved(
     recording: Recording, config: SmoothConfig, stages: _Stages
-) -> tuple[Problem, Solution, Covariance, dict[str, float]]:
+) -> tuple[Problem, Solution, SquareRoot, Covariance, dict[str, float]]:
     with stages.stage("graph"):
         problem = build_problem(recording, config)
     with stages.stage("solve") as report:
         solution = solve(problem, config.solver, report)
     with stages.stage("covariance"):
-        covariance = posterior_covariance(solution.bayes_net, len(problem.t))
+        root = square_root(solution.bayes_net, len(problem.t))
+        covariance = posterior_covariance(root)
         ratios = noise_ratios(problem, solution.states, covariance)
-    return problem, solution, covariance, ratios
+    return problem, solution, root, covariance, ratios
+
+
+def _dense_step(solution: Solution, step_m: float) -> float:
+    """Fine enough for a row per step of the geometry's grid at the highest speed, s."""
+    fastest = float(np.linalg.norm(solution.states.nav.v, axis=1).max())
+    return min(_DENSE_STEP_S, 0.8 * step_m / max(fastest, 1e-3))
 
 
 def _clock(problem: Problem, rate_hz: float) -> Array:
@@ -161,5 +176,6 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
+        geometry=conventions(smoothed.config.geometry, recording.description.track),
         findings=(*recording.findings, *_solver_findings(solution), *noise_findings(smoothed.noise_ratios)),
     )

@@ -1,8 +1,12 @@
 """The line against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import fresnel
+
+from trackfg.frames import matrix_from_rpy
 
 
 def test_circle_closes_and_has_its_radius(make_line):
@@ -84,3 +88,37 @@ def test_position_agrees_with_a_much_finer_integral(winding_ride):
     tangent = np.stack([np.cos(gamma) * np.cos(yaw), np.cos(gamma) * np.sin(yaw), np.sin(gamma)], axis=-1)
     total = np.sum(np.diff(s)[:, None, None] * tangent / 2, axis=(0, 1))
     np.testing.assert_allclose(line.position(np.array(2000.0)), total, atol=1e-9)
+
+
+def test_reversed_line_passes_the_same_places_the_other_way(winding_ride):
+    line = winding_ride.line
+    back = line.reversed()
+    # Off the kinks, where a derivative has two sides.
+    s = np.linspace(0, line.length_m, 2003)[1:-1] + 1e-3
+    mirrored = line.length_m - s
+    ends = np.array([0.0, line.length_m])
+    places = line.position(s) - line.position(ends[1])
+    np.testing.assert_allclose(back.position(mirrored), places, atol=1e-8)
+    np.testing.assert_allclose(back.position(ends[1]), -line.position(ends[1]), atol=1e-8)
+    there, turned = (matrix_from_rpy(*at.T) for at in (line.rpy(s), back.rpy(mirrored)))
+    np.testing.assert_allclose(turned, there @ np.diag([-1.0, -1.0, 1.0]), atol=1e-12)
+    np.testing.assert_allclose(back.curvature(mirrored), -line.curvature(s), atol=1e-15)
+    np.testing.assert_allclose(back.rpy_slopes(mirrored) * [1, 1, -1], line.rpy_slopes(s), atol=1e-15)
+
+
+def test_reversed_line_mirrors_limits_and_stations_and_reversing_twice_gives_it_back(make_line):
+    line = replace(
+        make_line([0, 100, 150, 500], [0, 0, 0.002, 0.002], cant=[0, 0, -0.05, -0.05], stations=[120.0, 400.0]),
+        limit_from_m=np.array([0.0, 100.0, 300.0]),
+        limit_mps=np.array([20.0, 15.0, 25.0]),
+    )
+    back = line.reversed()
+    np.testing.assert_allclose(back.stations_m, [100.0, 380.0])
+    np.testing.assert_allclose(back.limit_from_m, [0.0, 200.0, 400.0])
+    np.testing.assert_allclose(back.limit_mps, [25.0, 15.0, 20.0])
+    again = back.reversed()
+    s = np.linspace(0, 500, 77)
+    np.testing.assert_allclose(again.position(s), line.position(s), atol=1e-10)
+    np.testing.assert_allclose(again.rpy(s)[:, :2], line.rpy(s)[:, :2], atol=1e-15)
+    np.testing.assert_allclose(again.limit_from_m, line.limit_from_m)
+    np.testing.assert_allclose(again.stations_m, line.stations_m)

@@ -11,7 +11,9 @@ from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
+from trackfg.factors.rail import same_rail
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.frames import so3_exp
 
@@ -40,7 +42,17 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
     def sigma(m: int, d: int) -> np.ndarray:
         return rng.uniform(0.1, 2.0, (m, d))
 
+    def near_one(m: int) -> np.ndarray:
+        return so3_exp(0.3 * normal(m, 3))
+
     n, f, lever = KEYFRAMES, KEYFRAMES - 1, normal(3)
+
+    def rail_pairs(lead: np.ndarray, start: np.ndarray) -> tuple[Family, Family]:
+        m = len(lead)
+        share, seconds = rng.uniform(0.0, 1.0, m), rng.uniform(0.5, 2.0, m)
+        points, turns, detail = (normal(m, 3), normal(m, 3)), (near_one(m), near_one(m)), 0.01 * normal(m, 3)
+        return same_rail(lead, start, normal(m, 2, 3), *points, share, seconds, *turns, detail, sigma(m, 2), loss)
+
     return [
         non_holonomic(all_k, normal(n, 3), lever, sigma(n, 2), loss),
         at_rest(all_k, 0.01, loss),
@@ -52,9 +64,12 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         arc_length(first, lever, sigma(f, 1)),
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
+        follows_path(first, near_one(f), near_one(f) * 0.9, near_one(f) * 0.5, lever, sigma(f, 2), loss),
         prior(Kind.BIAS, all_k, normal(n, 6), sigma(n, 6)),
         prior(Kind.MOUNT, np.array([0]), normal(1, 2), sigma(1, 2)),
         prior(Kind.CLOCK, np.array([0]), normal(1, 3), sigma(1, 3)),
+        rail_pairs(first, first)[0],
+        rail_pairs(first[:-2], first[:-2] + 2)[1],
         nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9)),
     ]
 

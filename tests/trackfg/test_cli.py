@@ -20,7 +20,7 @@ from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
 from trackfg.results import Result
 
-COMMANDS = ("demo", "scenarios", "simulate", "check", "smooth")
+COMMANDS = ("demo", "scenarios", "simulate", "check", "smooth", "plot")
 MODULE = [sys.executable, "-m", "trackfg"]
 
 
@@ -277,3 +277,84 @@ def test_ctrl_c_at_many_moments(tmp_path: Path) -> None:
             process.communicate()
         assert process.returncode in (130, -signal.SIGINT)
         assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def result(make_result: Callable[..., Result], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_result(rows=300).write(tmp_path_factory.mktemp("results") / "run.v2")
+
+
+def test_plot_beside_the_result(run: Run, result: Path) -> None:
+    done = run("plot", result)
+    assert (done.status, done.err) == (0, "")
+    assert (result.parent / "run.v2.png").read_bytes().startswith(b"\x89PNG")
+    assert done.out == f"chart: {result.parent / 'run.v2.png'}\n"
+    Result.read(result)
+
+
+@pytest.mark.parametrize("suffix", ["svg", "html"])
+def test_plot_a_range_twice_the_same(run: Run, result: Path, tmp_path: Path, suffix: str) -> None:
+    a, b = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
+    for path in (a, b):
+        done = run(
+            "plot", result, "--from", 100, "--to", 200.5, "--limits", "cfr-213", "--level", "class 4", "-o", path
+        )
+        assert done.status == 0, done.err
+        assert "not drawn: warp" in done.err
+    assert a.read_bytes() == b.read_bytes()
+    text = a.read_text(encoding="utf-8")
+    if suffix == "html":
+        assert "100 to 200.5 m" in text
+        assert "class 4 31.75" in text
+        assert '"displaylogo": false' in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("-o", "chart.pdf"), "expected a file that ends in .png, .svg or .html"),
+        (("--from", 300, "--to", 200), "no geometry between 300 and 200 m: the result covers chainage 0.00 to"),
+        (("--from", 1e6), "no geometry from 1e+06 m on"),
+        (("--limits", "nowhere.toml"), "nowhere.toml: cannot be read"),
+        (("--limits", "cfr-213", "--level", "class 10"), "no limits of level 'class 10'"),
+        (("--level", "class 4"), "expected --limits too"),
+    ],
+)
+def test_plot_bad_input(
+    run: Run,
+    result: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[object, ...],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run("plot", result, *(() if "-o" in arguments else ("-o", "chart.png")), *arguments)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.startswith("trackfg: ")
+    assert expected in done.err
+    assert done.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_plot_never_into_the_result(run: Run, result: Path) -> None:
+    before = {path.name for path in result.iterdir()}
+    done = run("plot", result, "-o", result / "chart.png")
+    assert done.status == 2
+    assert "holds nothing but its own files" in done.err
+    assert {path.name for path in result.iterdir()} == before
+
+
+def test_plot_a_result_without_geometry(run: Run, make_result: Callable[..., Result], tmp_path: Path) -> None:
+    whole = make_result(rows=50)
+    replace(whole, geometry=whole.geometry.iloc[:0]).write(tmp_path / "out")
+    done = run("plot", tmp_path / "out", "--limits", "cfr-213")
+    assert done.status == 2
+    assert "no geometry to draw" in done.err
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_plot_no_result(run: Run, tmp_path: Path) -> None:
+    done = run("plot", tmp_path / "nowhere")
+    assert done.status == 2
+    assert "nowhere" in done.err

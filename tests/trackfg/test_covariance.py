@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import solve_triangular
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import Covariance, posterior_covariance
+from trackfg.covariance import Covariance, posterior_covariance, square_root
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph import Problem, build_problem
@@ -41,7 +41,7 @@ def solved(
     A, _ = linear.jacobian(ordering)
     R = np.linalg.qr(A, mode="r")
     root = solve_triangular(R, np.eye(len(R)))
-    ours = posterior_covariance(linear.eliminateSequential(ordering, gtsam.EliminateQR), n)
+    ours = posterior_covariance(square_root(linear.eliminateSequential(ordering, gtsam.EliminateQR), n))
     return Solved(n, root @ root.T, ours)
 
 

@@ -10,7 +10,9 @@ import pandas as pd
 import pytest
 
 import trackfg
-from trackfg.plot import BAND, extremes, plot_trajectory, sheet_of
+from trackfg.plot import plot_trajectory, sheet_of
+from trackfg.plot_sheet import BAND
+from trackfg.plot_thinning import extremes
 from trackfg.results import Result
 
 Make = Callable[..., Result]
@@ -40,6 +42,29 @@ def test_extremes_keep_every_peak_and_both_ends() -> None:
 
 def test_extremes_of_short_ones_are_all() -> None:
     assert extremes(np.array([3.0, 1.0, 2.0]), 400).tolist() == [0, 1, 2]
+
+
+def test_extremes_close_no_gap_and_open_none() -> None:
+    values = np.sin(np.arange(100_000) / 500.0)
+    gaps = [(10, 11), (40_000, 55_000), (70_100, 70_120), (70_130, 70_140), (99_990, 100_000)]
+    for start, end in gaps:
+        values[start:end] = np.nan
+    keep = extremes(values, 400)
+    shown = values[keep]
+    for start, end in gaps[:2]:  # alone in their stretches
+        between = shown[(keep >= start) & (keep < end)]
+        assert len(between) > 0
+        assert np.isnan(between).all()
+        assert {start - 1, end} <= set(keep)
+    joined = ~np.isnan(shown[1:]) & ~np.isnan(shown[:-1])
+    for before, after in zip(keep[:-1][joined], keep[1:][joined], strict=True):
+        assert after - before <= 500
+    assert len(keep) <= 6 * 400 + 2
+    assert np.nanmax(shown) == np.nanmax(values)
+
+
+def test_extremes_of_nothing_but_nan() -> None:
+    assert extremes(np.full(5000, np.nan), 400)[[0, -1]].tolist() == [0, 4999]
 
 
 def test_sheet_in_the_units_of_its_labels(result: Result, reference: pd.DataFrame) -> None:

@@ -203,6 +203,23 @@ def test_two_lasers_may_share_a_table(draft: Draft, tmp_path: Path) -> None:
     np.testing.assert_allclose(lasers["B"]["displacement_m"] - lasers["A-left-vertical"]["displacement_m"], 1e-3)
 
 
+def test_lasers_of_the_same_times_are_written_to_one_file(draft: Draft, tmp_path: Path) -> None:
+    draft["laser"]["b"] = draft["laser"]["a_lv"] + 1.0
+    first = draft.toml["laser"][0]
+    draft.toml["laser"] += [{**first, "name": "B", "column": "b"}, {**first, "name": "late", "time_offset_s": 0.01}]
+    recording = read_recording(draft.write(tmp_path / "rec"))
+    folder = write_recording(recording, tmp_path / "copy")
+    assert sorted(path.name for path in folder.glob("laser*")) == ["laser_1.parquet", "laser_2.parquet"]
+    again = read_recording(folder)
+    assert_same(recording, again)
+    places = [(laser.file, laser.column) for laser in again.description.laser]
+    assert places == [
+        ("laser_1.parquet", "displacement_1_m"),
+        ("laser_1.parquet", "displacement_2_m"),
+        ("laser_2.parquet", "displacement_m"),
+    ]
+
+
 @pytest.mark.parametrize(
     "written",
     ["t,wx\n 0.5 ,1\n1.5,2\n", "\ufefft,wx\n0.5,1e0\n1.5,2\n", 't,"wx"\r\n0.5,1\r\n\r\n1.5,"2"\r\n'],
@@ -382,6 +399,9 @@ def test_tables_that_do_not_fit_the_description_are_refused(recording: Recording
         write_recording(Recording(**parts | {"imu": recording.imu.drop(columns="fz_mps2")}), tmp_path / "a")
     with pytest.raises(BadInputError, match="lasers"):
         write_recording(Recording(**parts | {"lasers": {}}), tmp_path / "a")
+    timeless = {name: table.drop(columns="t_s") for name, table in recording.lasers.items()}
+    with pytest.raises(BadInputError, match="laser 'A-left-vertical': the table to write lacks t_s"):
+        write_recording(Recording(**parts | {"lasers": timeless}), tmp_path / "a")
     bare = recording.description.model_copy(update={"tach": None})
     with pytest.raises(BadInputError, match=r"no \[tach\]"):
         write_recording(Recording(**parts | {"description": bare}), tmp_path / "a")

@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import solve_triangular
 
 from trackfg.config import SmoothConfig, SolverConfig
-from trackfg.covariance import posterior_covariance
+from trackfg.covariance import posterior_covariance, square_root
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family
@@ -60,7 +60,7 @@ def moved(states: States, delta: np.ndarray) -> States:
 
 def difference_in_sigmas(a: States, b: States, solution: Solution) -> float:
     """The largest difference of any variable of two solutions, in its posterior sigmas."""
-    covariance = posterior_covariance(solution.bayes_net, len(a))
+    covariance = posterior_covariance(square_root(solution.bayes_net, len(a)))
     turn = so3_log(np.swapaxes(a.nav.R, 1, 2) @ b.nav.R)
     p, v = (np.einsum("mji,mj->mi", a.nav.R, y - x) for x, y in ((a.nav.p, b.nav.p), (a.nav.v, b.nav.v)))
     differences = {
@@ -112,7 +112,7 @@ def test_no_neighbour_is_cheaper(problem: Problem, solution: Solution) -> None:
     lowest = cost(problem, solution.states)
     assert solution.cost == pytest.approx(lowest, rel=1e-9)
     n = len(problem.t)
-    sd = np.sqrt(np.diagonal(posterior_covariance(solution.bayes_net, n).marginal, axis1=1, axis2=2))
+    sd = np.sqrt(np.diagonal(posterior_covariance(square_root(solution.bayes_net, n)).marginal, axis1=1, axis2=2))
     stacked = np.concatenate([sd[:, :KEYFRAME_DIM].ravel(), sd[0, KEYFRAME_DIM:]])
     for _ in range(20):
         delta = 0.1 * stacked * rng.normal(size=stacked.size)

@@ -1,0 +1,164 @@
+"""LandXML 1.2 files: opened safely, and read attribute by attribute with messages that say where.
+
+A file is data from anywhere: no document type, no entities, no network, and a limit on the size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+
+from trackfg.errors import BadInputError
+
+NAMESPACE = "http://www.landxml.org/schema/LandXML-1.2"
+_MOST_BYTES = 256 * 2**20
+
+
+@dataclass(frozen=True)
+class Node:
+    """An element of the file; ``what`` names it as messages do."""
+
+    element: Any
+    file: str
+    what: str
+
+    @property
+    def tag(self) -> str:
+        """The element's name without the namespace."""
+        return str(etree.QName(self.element).localname)
+
+    def error(self, problem: str) -> BadInputError:
+        """The error that names file, line, element and ``problem``."""
+        return BadInputError(f"{self.file}, line {self.element.sourceline}: {self.what}: {problem}")
+
+    def children(self, *tags: str) -> Iterator[Node]:
+        """Its child elements with one of these names; all of them where none is given."""
+        for child in self.element.iterchildren(f"{{{NAMESPACE}}}*"):
+            name = str(etree.QName(child).localname)
+            if not tags or name in tags:
+                yield Node(child, self.file, f"{self.what}, {name}")
+
+    def child(self, tag: str) -> Node | None:
+        """Its first child of this name."""
+        return next(self.children(tag), None)
+
+    def named(self, what: str) -> Node:
+        """The same element under another name in messages."""
+        return Node(self.element, self.file, what)
+
+    def text(self, attribute: str) -> str | None:
+        """An attribute, or None where it is absent."""
+        value = self.element.get(attribute)
+        return None if value is None else str(value).strip()
+
+    def choice(self, attribute: str, choices: tuple[str, ...]) -> str:
+        """A required attribute that is one of ``choices``."""
+        value = self.text(attribute)
+        if value not in choices:
+            problem = f"{attribute} is missing" if value is None else f"{attribute} is {value!r}"
+            raise self.error(f"{problem}: expected one of {', '.join(choices)}")
+        return value
+
+    def number(self, attribute: str, *, above: float = -math.inf) -> float:
+        """A required attribute that is a finite number above a bound."""
+        value = self.optional_number(attribute, above=above)
+        if value is None:
+            raise self.error(f"{attribute} is missing: expected {_bounded(above)}")
+        return value
+
+    def optional_number(self, attribute: str, *, above: float = -math.inf) -> float | None:
+        """As :meth:`number`, or None where the attribute is absent."""
+        text = self.text(attribute)
+        if text is None:
+            return None
+        value = _finite(text)
+        if value is None or value <= above:
+            raise self.error(f"{attribute} is {text!r}: expected {_bounded(above)}")
+        return value
+
+    def curvature(self, attribute: str) -> float:
+        """A required attribute that is a radius above zero, or INF, as curvature in its own unit."""
+        return 0.0 if (self.text(attribute) or "").upper() == "INF" else 1.0 / self.number(attribute, above=0.0)
+
+    def numbers(self, count: int) -> list[float]:
+        """The first ``count`` numbers of its text."""
+        words = (self.element.text or "").split()
+        values = [_finite(word) for word in words[:count]]
+        if len(values) < count or None in values:
+            raise self.error(f"its text is {' '.join(words)[:60]!r}: expected {count} numbers")
+        return [value for value in values if value is not None]
+
+
+def open_landxml(path: Path | str) -> Node:
+    """The root of a LandXML 1.2 file.
+
+    Raises :class:`BadInputError` for a file that cannot be read, is larger than 256 MiB, is not well-formed XML, has a
+    document type, or is not LandXML 1.2.
+    """
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if size > _MOST_BYTES:
+            wish = f"expected at most {_MOST_BYTES // 2**20} MiB: leave out surfaces and points"
+            raise BadInputError(f"{path}: it has {size / 2**20:.0f} MiB: {wish}")
+        content = path.read_bytes()
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a LandXML file") from error
+    parser = etree.XMLParser(
+        resolve_entities=False, load_dtd=False, no_network=True, dtd_validation=False, huge_tree=False,
+        remove_comments=True, remove_pis=True,
+    )  # fmt: skip
+    try:
+        root = etree.fromstring(content, parser)
+    except etree.XMLSyntaxError as error:
+        raise BadInputError(f"{path}: not well-formed XML: {error.msg}: expected a LandXML 1.2 file") from error
+    if root.getroottree().docinfo.doctype:
+        raise BadInputError(f"{path}: has a document type (DOCTYPE), which may define entities: remove it")
+    if root.tag != f"{{{NAMESPACE}}}LandXML":
+        name = etree.QName(root)
+        wish = f"expected LandXML of namespace {NAMESPACE!r}"
+        raise BadInputError(f"{path}: its root is {name.localname} of namespace {name.namespace!r}: {wish}")
+    node = Node(root, str(path), "LandXML")
+    if node.text("version") != "1.2":
+        raise node.error(f"version is {node.text('version')!r}: expected '1.2'")
+    return node
+
+
+@dataclass(frozen=True)
+class Units:
+    """Metres per unit of the file: of plan, heights and radii, and of cant."""
+
+    length_m: float
+    cant_m: float
+
+
+def read_units(root: Node) -> Units:
+    """From ``Units``: lengths in the linear unit; cant in millimetres (Metric) or inches (Imperial)."""
+    units = root.child("Units")
+    system = None if units is None else next(units.children("Metric", "Imperial"), None)
+    if system is None:
+        raise (units or root).error("the units are missing: expected Units with Metric or Imperial")
+    scales = _METRIC if system.tag == "Metric" else _IMPERIAL
+    unit = system.choice("linearUnit", tuple(scales))
+    return Units(scales[unit], 1e-3 if system.tag == "Metric" else 0.0254)
+
+
+_METRIC = {"meter": 1.0, "millimeter": 1e-3, "centimeter": 1e-2, "kilometer": 1e3}
+_IMPERIAL = {"foot": 0.3048, "USSurveyFoot": 1200.0 / 3937.0, "inch": 0.0254, "mile": 1609.344}
+
+
+def _finite(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _bounded(above: float) -> str:
+    return "a number" if above == -math.inf else f"a number above {above:g}"

@@ -1,0 +1,70 @@
+"""The shape of the path between two keyframes: a vehicle that follows the track moves where it points, all the time.
+
+``non_holonomic`` says so at an instant; this factor says it over a whole interval. With ``Delta(s)`` the attitude along
+the interval relative to its start, from the gyro, and ``f`` the direction of travel in body axes, the displacement in
+starting axes is parallel to
+
+    c = integral over the interval of Delta(s) f ds / length.
+
+The gyro's error is seen at the end, ``e = Log(Delta_T' R_k' R_k+1)``, and spread in proportion to time, as a constant
+bias would be, so ``c = C f + K (e x f)`` with ``C = mean of Delta`` and ``K = mean of (t/T) Delta`` over the length.
+What is left of the gyro's white noise is then a Brownian bridge, independent of what the inertial factor uses, so the
+gyro is counted once: its part of the sideways displacement has the variance ``N^2 length^2 T / 12``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.states import Kind, Nav
+from trackfg.frames import Array, skew, so3_log, so3_right_jacobian_inverse
+
+
+def _path(
+    first: Nav, second: Nav, mount: Array, turn: Array, mean: Array, mean_by_time: Array, lever_arm: Array
+) -> tuple[Array, tuple[Array, ...]]:
+    relative = np.swapaxes(first.R, 1, 2) @ second.R
+    chord = (second.p - np.einsum("mij,mj->mi", second.R, lever_arm)) - (
+        first.p - np.einsum("mij,mj->mi", first.R, lever_arm)
+    )
+    u = np.einsum("mji,mj->mi", first.R, chord)
+    e = so3_log(np.swapaxes(turn, 1, 2) @ relative)
+    R_bt, d_R_bt = mount_matrix(mount)
+    f, d_f = R_bt[:, :, 0], np.swapaxes(d_R_bt[:, :, :, 0], 1, 2)
+    c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", mean_by_time, np.cross(e, f))
+    slope = c[:, 1:] / c[:, :1]
+    residual = u[:, 1:] - slope * u[:, :1]
+
+    def across(derivative: Array) -> Array:
+        """Rows 2 and 3 less ``slope`` times row 1."""
+        return derivative[:, 1:] - slope[:, :, None] * derivative[:, :1]
+
+    inverse = so3_right_jacobian_inverse(e)
+    d_c_by_e = -mean_by_time @ skew(f)
+    share = (u[:, 0] / c[:, 0])[:, None, None]
+    by_e = -share * across(d_c_by_e @ inverse)
+    arm = skew(lever_arm)
+    m = len(u)
+    d_first, d_second = np.zeros((m, 2, 9)), np.zeros((m, 2, 9))
+    d_first[:, :, :3] = across(skew(u) - arm) - by_e @ np.swapaxes(relative, 1, 2)
+    d_first[:, :, 3:6] = across(np.broadcast_to(-np.eye(3), (m, 3, 3)))
+    d_second[:, :, :3] = across(relative @ arm) + by_e
+    d_second[:, :, 3:6] = across(relative)
+    d_mount = -share * across((mean + mean_by_time @ skew(e)) @ d_f)
+    return residual, (d_first, d_second, d_mount)
+
+
+def follows_path(
+    first: np.ndarray, turn: Array, mean: Array, mean_by_time: Array, lever_arm: Array, sigma: Array, loss: Loss | None
+) -> Family:
+    """From keyframe k to k + 1 the reference point moves where the vehicle points.
+
+    Residual (m): rows 2 and 3 of ``R_k' (q_k+1 - q_k)`` less ``c`` scaled to the same first row; ``q = p - R l``.
+    ``turn`` (m, 3, 3) is the gyro's rotation over the interval, ``mean`` and ``mean_by_time`` (m, 3, 3) are C and K,
+    ``lever_arm`` (3,) m. sigma (m, 2), m.
+    """
+    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.MOUNT, np.zeros_like(first)))
+    data = (turn, mean, mean_by_time, np.tile(lever_arm, (len(first), 1)))
+    return Family("path", _path, slots, data, sigma, loss)

@@ -1,0 +1,87 @@
+"""Twist, gradient and curvature over a base, cross-level and its conventions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from trackfg.errors import BadInputError
+from trackfg.geometry.cross_level import cross_level, in_convention, roll_of_cross_level, to_base
+from trackfg.geometry.curvature import (
+    curvature,
+    curvature_of_lateral,
+    curvature_of_lateral_response,
+    curvature_response,
+)
+from trackfg.geometry.gradient import gradient, gradient_response
+from trackfg.geometry.twist import twist, twist_response
+
+OPERATORS = {
+    "twist": (lambda y: twist(y, 0.25, 5.0), lambda w: twist_response(w, 5.0)),
+    "gradient": (lambda y: gradient(y, 0.25, 25.0), lambda w: gradient_response(w, 25.0)),
+    "curvature": (lambda y: curvature(y, 0.25, 10.0), lambda w: curvature_response(w, 10.0)),
+    "lateral": (lambda y: curvature_of_lateral(y, 0.25, 10.0), lambda w: curvature_of_lateral_response(w, 0.25, 10.0)),
+    "short": (lambda y: curvature_of_lateral(y, 0.25, 0.5), lambda w: curvature_of_lateral_response(w, 0.25, 0.5)),
+}
+
+
+@given(st.sampled_from(sorted(OPERATORS)), st.floats(0.6, 300.0))
+@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_wave_comes_out_with_the_response(
+    measured_response: Callable[..., np.ndarray], name: str, wavelength: float
+) -> None:
+    operator, response = OPERATORS[name]
+    np.testing.assert_allclose(measured_response(operator, wavelength, length_m=60.0), response(wavelength), atol=1e-10)
+
+
+def test_twist_is_blind_to_its_base_and_doubles_twice_it() -> None:
+    np.testing.assert_allclose(np.abs(twist_response([5.0, 2.5, 10.0], 5.0)), [0.0, 0.0, 2.0], atol=1e-12)
+    ramp = 1e-3 / 0.4 * np.arange(400) * 0.25  # 1 mm in 400 mm
+    np.testing.assert_allclose(twist(ramp, 0.25, 2.5)[10:], 2.5e-3 / 0.4)
+    with pytest.raises(BadInputError, match="base_m is 2.6 m"):
+        twist(ramp, 0.25, 2.6)
+
+
+def test_a_slope_and_a_circle_are_read_exactly() -> None:
+    x = np.arange(800) * 0.25
+    assert np.nanmax(np.abs(gradient(12e-3 * x + 40.0, 0.25) - 12e-3)) < 1e-12
+    assert np.nanmax(np.abs(curvature(x / 300.0 + 2.0, 0.25) - 1.0 / 300.0)) < 1e-12
+    assert np.nanmax(np.abs(curvature_of_lateral(0.5 * x**2 / 300.0, 0.25) - 1.0 / 300.0)) < 1e-9
+
+
+def test_curvature_of_heading_and_of_lateral_position_agree_on_long_waves() -> None:
+    wavelengths = np.geomspace(10.5, 500.0, 50)
+    w = 2.0 * np.pi / wavelengths
+    np.testing.assert_allclose(
+        curvature_of_lateral_response(wavelengths, 0.25), 1j * w * curvature_response(wavelengths), rtol=5e-3
+    )
+
+
+def test_cross_level_is_the_height_along_the_sleeper() -> None:
+    roll = np.arcsin(105.0 / 1067.0)
+    assert cross_level(roll, 1.067) == pytest.approx(0.105)
+    assert roll_of_cross_level(0.105, 1.067) == pytest.approx(roll)
+    assert to_base(0.105, 1.067, 1.5) == pytest.approx(cross_level(roll, 1.5))
+    assert np.isnan(roll_of_cross_level(2.0, 1.5))
+
+
+def test_signs_of_cross_level() -> None:
+    value = np.array([0.003, 0.080, -0.080])
+    np.testing.assert_array_equal(in_convention(value, "left-high"), value)
+    np.testing.assert_array_equal(in_convention(value, "right-high"), -value)
+    # straight, right-hand curve (left rail outer) with 5 mm too much, left-hand curve with 5 mm too much
+    by_inner = in_convention(value, "inner-rail", cant_m=[0.0, 0.075, -0.075], curvature_1pm=[0.0, -1e-3, 1e-3])
+    np.testing.assert_allclose(by_inner, [-0.003, 0.005, 0.005])
+
+
+def test_the_design_is_wanted_where_it_matters_and_only_there() -> None:
+    with pytest.raises(BadInputError, match="expected cant_m and curvature_1pm"):
+        in_convention(0.0, "inner-rail", cant_m=0.0)
+    with pytest.raises(BadInputError, match="expected neither"):
+        in_convention(0.0, "left-high", cant_m=0.0)
+    with pytest.raises(BadInputError, match="expected left-high, right-high or inner-rail"):
+        in_convention(0.0, "up")  # type: ignore[arg-type]

@@ -1,0 +1,63 @@
+"""Cross-level: the height of one rail over the other, ``base * sin(track roll)``, and the conventions for its sign.
+
+The base is the distance that cross-level refers to: 1.067 m or 1.5 m. ``sin`` and not ``tan``: the rails' distance is
+measured along the sleeper. The response is ``base`` at every wavelength (small roll).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+
+Convention = Literal["left-high", "right-high", "inner-rail"]
+"""What is positive: the left rail higher; the right rail higher; in curves the outer rail higher than designed."""
+
+
+def cross_level(roll_rad: ArrayLike, base_m: float) -> Array:
+    """Cross-level, m, left rail higher is positive, of track rolls (left side up positive). Any shape."""
+    return np.asarray(base_m * np.sin(np.asarray(roll_rad, dtype=np.float64)))
+
+
+def roll_of_cross_level(cross_level_m: ArrayLike, base_m: float) -> Array:
+    """The track roll, rad: inverse of :func:`cross_level`. NaN where the cross-level exceeds the base."""
+    ratio = np.asarray(cross_level_m, dtype=np.float64) / base_m
+    return np.asarray(np.arcsin(np.where(np.abs(ratio) <= 1.0, ratio, np.nan)))
+
+
+def to_base(cross_level_m: ArrayLike, from_base_m: float, to_base_m: float) -> Array:
+    """The same track's cross-level over another base: ``base2/base1`` times as much, exactly."""
+    return np.asarray(np.asarray(cross_level_m, dtype=np.float64) * (to_base_m / from_base_m))
+
+
+def in_convention(
+    cross_level_m: ArrayLike,
+    convention: Convention,
+    *,
+    cant_m: ArrayLike | None = None,
+    curvature_1pm: ArrayLike | None = None,
+) -> Array:
+    """A cross-level (left rail higher positive) in the sign of ``convention``.
+
+    ``"inner-rail"`` is the Japanese rule: the inner rail is the reference, more than the design cant is positive; on
+    straights the left rail is the reference, so that the right rail higher is positive. It needs the design's
+    ``cant_m`` (left rail higher positive) and ``curvature_1pm`` (left positive, 0 on straights). The other two are not
+    relative to a design. Raises ``BadInputError`` where the design is missing, or given to a convention that has none.
+    """
+    value = np.asarray(cross_level_m, dtype=np.float64)
+    if convention == "inner-rail":
+        if cant_m is None or curvature_1pm is None:
+            raise BadInputError("cross-level by the inner rail: expected cant_m and curvature_1pm of the design")
+        left_is_outer = np.asarray(curvature_1pm) < 0.0
+        return np.asarray(np.where(left_is_outer, 1.0, -1.0) * (value - np.asarray(cant_m, dtype=np.float64)))
+    if cant_m is not None or curvature_1pm is not None:
+        raise BadInputError(f"cross-level, {convention} positive: expected neither cant_m nor curvature_1pm")
+    if convention == "left-high":
+        return value.copy()
+    if convention == "right-high":
+        return np.asarray(-value)
+    raise BadInputError(f"convention is {convention!r}; expected left-high, right-high or inner-rail")

@@ -1,0 +1,139 @@
+"""Where a track geometry exceeds its limits, and which limits could not be judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+from trackfg.geometry.judged_quantities import Quantity, quantities, step_of
+from trackfg.geometry.limits import Limit
+from trackfg.geometry.statistics import peaks, section_statistics
+
+COLUMNS = (
+    "standard",
+    "level",
+    "parameter",
+    "column",
+    "kind",
+    "chainage_m",
+    "from_m",
+    "to_m",
+    "length_m",
+    "value_mm",
+    "limit_mm",
+    "speed_kmh",
+)
+
+_CURVE_MEAN_M = 50.0
+"""The curvature is averaged over this length before curve and tangent are told apart: irregularities bend the track
+too."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """``found``: one row per exceedance with :data:`COLUMNS`, by chainage. ``not_judged``: the limits that the table
+    does not suffice for, with the reason."""
+
+    found: pd.DataFrame
+    not_judged: tuple[tuple[Limit, str], ...]
+
+
+def exceedances(
+    geometry: pd.DataFrame,
+    limits: Iterable[Limit],
+    *,
+    speed_kmh: float | ArrayLike,
+    gauge_m: float | None = None,
+    curve_from_1pm: float = 1.0 / 5000.0,
+) -> Judgement:
+    """Hold a geometry table against limits.
+
+    ``geometry`` has ``chainage_m`` in equal steps and any columns that :mod:`trackfg.geometry.judged_quantities` names.
+    ``speed_kmh`` is the line's, one or one per row (NaN: no limit that has a speed applies). ``gauge_m`` is the nominal
+    gauge, for limits of gauge. Track is curved where ``curvature_1pm``, averaged over 50 m, exceeds ``curve_from_1pm``.
+
+    A peak is one row per run beyond the limit, with its largest value; a standard deviation or mean one row per section
+    of which at least half is judged, with the highest speed in it. Raises ``BadInputError`` for a table without
+    ``chainage_m`` or not in equal steps, and for speeds that do not fit it.
+    """
+    if "chainage_m" not in geometry:
+        raise BadInputError("geometry: no column 'chainage_m'; expected one")
+    chainage = geometry["chainage_m"].to_numpy(dtype=np.float64)
+    step = step_of(chainage)
+    speed = np.asarray(speed_kmh, dtype=np.float64)
+    if speed.ndim and speed.shape != chainage.shape:
+        raise BadInputError(f"speed_kmh has shape {speed.shape}; expected one number, or one per row ({len(chainage)})")
+    speed = np.broadcast_to(speed, chainage.shape)
+    to_left = _curved_to_left(geometry, step, curve_from_1pm)
+
+    tables, not_judged = [], []
+    for limit in limits:
+        if to_left is None and (limit.track != "any" or limit.parameter == "reverse_cross_level"):
+            not_judged.append((limit, "needs the column curvature_1pm, to tell curves from tangent track"))
+            continue
+        sides = np.zeros(len(chainage)) if to_left is None else to_left
+        judged = quantities(geometry, limit, sides, gauge_m)
+        if isinstance(judged, str):
+            not_judged.append((limit, judged))
+            continue
+        for quantity in judged:
+            place = np.rint((quantity.chainage_m - chainage[0]) / step).astype(np.int64)
+            nearest = np.minimum(place, len(chainage) - 1)
+            applies = _applies(limit, speed[nearest], sides[nearest])
+            tables.append(_judge(limit, quantity, applies, speed[nearest]))
+    tables = [table for table in tables if len(table)]
+    found = pd.concat(tables) if tables else pd.DataFrame(columns=list(COLUMNS))
+    return Judgement(found.sort_values("chainage_m", ignore_index=True, kind="stable"), tuple(not_judged))
+
+
+def _curved_to_left(geometry: pd.DataFrame, step: float, curve_from_1pm: float) -> Array | None:
+    """1 in left-hand curves, -1 in right-hand ones, 0 on tangent track; None without a curvature."""
+    if "curvature_1pm" not in geometry:
+        return None
+    window = 2 * round(_CURVE_MEAN_M / 2.0 / step) + 1
+    mean = geometry["curvature_1pm"].rolling(window, center=True, min_periods=1).mean().to_numpy(dtype=np.float64)
+    return np.asarray(np.where(np.abs(mean) > curve_from_1pm, np.sign(mean), 0.0))
+
+
+def _applies(limit: Limit, speed: Array, to_left: Array) -> np.ndarray:
+    """Where the limit's speeds and track hold."""
+    applies = np.ones(len(speed), dtype=bool)
+    if limit.speed_from_kmh is not None:
+        applies &= speed > limit.speed_from_kmh
+    if limit.speed_to_kmh is not None:
+        applies &= speed <= limit.speed_to_kmh
+    if limit.track != "any":
+        applies &= (to_left != 0.0) == (limit.track == "curved")
+    return applies
+
+
+def _judge(limit: Limit, quantity: Quantity, applies: np.ndarray, speed: Array) -> pd.DataFrame:
+    """The exceedances of one quantity."""
+    chainage = quantity.chainage_m
+    value = np.where(applies, quantity.value_mm, np.nan)
+    if limit.kind == "peak":
+        if quantity.one_sided:
+            value = np.where(value > 0.0, value, np.nan)
+        table = peaks(chainage, value, limit.value_mm).rename(columns={"value": "value_mm"})
+        table["speed_kmh"] = speed[np.searchsorted(chainage, table["chainage_m"])]
+    else:
+        table = section_statistics(chainage, value, section_m=limit.section_m)
+        table["value_mm"] = table["sd" if limit.kind == "sd" else "mean"]
+        size = table["value_mm"] if quantity.one_sided else table["value_mm"].abs()
+        half = 0.5 * limit.section_m / (chainage[1] - chainage[0])
+        table = table[(size > limit.value_mm) & (table["count"] >= half)].copy()
+        table["chainage_m"] = 0.5 * (table["from_m"] + table["to_m"])
+        table["length_m"] = limit.section_m
+        table["speed_kmh"] = [
+            speed[applies & (chainage >= begin) & (chainage < end)].max()
+            for begin, end in zip(table["from_m"], table["to_m"], strict=True)
+        ]
+    table["standard"], table["level"], table["parameter"] = limit.standard, limit.level, limit.parameter
+    table["column"], table["kind"], table["limit_mm"] = quantity.name, limit.kind, limit.value_mm
+    return table[list(COLUMNS)]

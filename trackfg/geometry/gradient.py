@@ -1,0 +1,25 @@
+"""Gradient over a base ``g``: ``(z(x + g/2) - z(x - g/2)) / g``, with the response ``2 i sin(W g/2) / g`` to the
+height; to the slope ``dz/dx`` itself it is ``sin(W g/2) / (W g/2)``, the moving average over the base.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trackfg.frames import Array
+from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
+
+
+def gradient(z: ArrayLike, step_m: float, base_m: float = 25.0) -> Array:
+    """Gradient, m/m, positive uphill, of heights (..., n) in m; NaN within half a base of an end.
+
+    Raises ``BadInputError`` where half the base is no whole multiple of ``step_m``.
+    """
+    half = steps(base_m / 2.0, step_m, "half of base_m")
+    return weighted_neighbours(z, {half: 1.0 / base_m, -half: -1.0 / base_m})
+
+
+def gradient_response(wavelength_m: ArrayLike, base_m: float = 25.0) -> np.ndarray:
+    """Complex response of :func:`gradient` to the height, 1/m."""
+    return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)

@@ -1,0 +1,63 @@
+"""Uniform profiles: lengths in steps, weighted sums of a few neighbours, and their responses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+
+_TOLERANCE = 1e-6
+"""Of a step: how far a length may be from a whole number of steps."""
+
+
+def steps(length_m: float, step_m: float, what: str) -> int:
+    """``length_m`` as a whole number of steps, at least one. Raises ``BadInputError`` that names ``what`` it is."""
+    if not (np.isfinite(step_m) and step_m > 0.0):
+        raise BadInputError(f"step_m is {step_m!r}; expected a length above 0")
+    count = round(length_m / step_m) if np.isfinite(length_m) else 0
+    if count < 1 or abs(length_m / step_m - count) > _TOLERANCE:
+        raise BadInputError(f"{what} is {length_m:g} m; expected a whole multiple of the step of {step_m:g} m")
+    return count
+
+
+def weighted_neighbours(y: ArrayLike, weights: Mapping[int, float]) -> Array:
+    """``sum_k weights[k] y[..., i + k]``, NaN where a neighbour is beyond an end. Shape (..., n) to the same."""
+    y = np.asarray(y, dtype=np.float64)
+    n = y.shape[-1]
+    first, stop = max(0, -min(weights)), n - max(0, *weights)
+    out = np.full(y.shape, np.nan)
+    if first >= stop:
+        return out
+    inside = out[..., first:stop]
+    inside[...] = 0.0
+    for offset, weight in weights.items():
+        inside += weight * y[..., first + offset : stop + offset]
+    return out
+
+
+def window_sums(y: Array, count: int) -> Array:
+    """Sums of ``count`` neighbours by repeated doubling: as exact as adding them one by one, and a NaN stays where it
+    is (a difference of cumulative sums would keep neither promise). Shape (..., n) to (..., n - count + 1).
+    """
+    length = y.shape[-1] - count + 1
+    if length < 1:
+        return np.empty((*y.shape[:-1], 0))
+    total = np.zeros((*y.shape[:-1], length))
+    block, width, done = y, 1, 0  # block[i] is the sum of `width` values from i on
+    while True:
+        if count & width:
+            total += block[..., done : done + length]
+            done += width
+        if done == count:
+            return total
+        block = block[..., :-width] + block[..., width:]
+        width *= 2
+
+
+def wave_number(wavelength_m: ArrayLike) -> Array:
+    """``W = 2 pi / wavelength``, rad/m; zero for an infinite wavelength."""
+    return np.asarray(2.0 * np.pi / np.asarray(wavelength_m, dtype=np.float64))

@@ -1,0 +1,170 @@
+"""From the columns of a geometry table to the quantity that a limit speaks of; or why that cannot be had.
+
+Used are the standard columns (``level_mm``, ``versine_level_mm``, ``cross_level_mm``, ``gauge_mm``, ...; each also for
+the rails, ``level_left_mm``), the design's ``cant_mm``, and *profiles*: ``profile_level_m`` and
+``profile_alignment_m``, height and lateral position, of the centre line or of a rail (``profile_level_left_m``). Only a
+profile has every wavelength: without one there is the D1 band and the 10 m chord and no other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+from trackfg.geometry.bands import BANDS, band_pass
+from trackfg.geometry.grid import steps, weighted_neighbours
+from trackfg.geometry.limits import Limit
+from trackfg.geometry.versines import uniformity_deviation, versine
+
+_SIDES = ("", "_left", "_right")
+_CHORD_OF_COLUMNS_M = 10.0
+_STEP_TOLERANCE = 1e-3
+"""Of a step: how far a row's chainage may be from its place on the grid."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is judged: its name, and its values in mm by chainage (n,). Only positive values can exceed where
+    ``one_sided``."""
+
+    name: str
+    chainage_m: Array
+    value_mm: Array
+    one_sided: bool = False
+
+
+def step_of(chainage_m: Array) -> float:
+    """The step of a uniform chainage. Raises ``BadInputError`` where it is not uniform, with the row."""
+    if len(chainage_m) < 2:
+        raise BadInputError(f"geometry with {len(chainage_m)} rows; expected at least 2")
+    step = float(chainage_m[-1] - chainage_m[0]) / (len(chainage_m) - 1)
+    uniform = chainage_m[0] + step * np.arange(len(chainage_m))
+    wrong = ~(np.abs(chainage_m - uniform) <= _STEP_TOLERANCE * step)
+    if step <= 0.0 or wrong.any():
+        row = int(np.argmax(wrong)) + 1
+        raise BadInputError(f"geometry, column 'chainage_m', data row {row}: expected rising in equal steps")
+    return round(step, 9)
+
+
+def quantities(table: pd.DataFrame, limit: Limit, curved_to_left: Array, gauge_m: float | None) -> list[Quantity] | str:
+    """What of the table the limit applies to; or in words what is missing.
+
+    ``curved_to_left`` (n,) is 1 in left-hand curves, -1 in right-hand ones and 0 on tangent track.
+    """
+    chainage = table["chainage_m"].to_numpy(dtype=np.float64)
+    step = step_of(chainage)
+
+    def column(name: str) -> Array | None:
+        return table[name].to_numpy(dtype=np.float64) if name in table else None
+
+    if limit.parameter in ("level", "alignment"):
+        try:
+            return _offsets(table, limit, chainage, step)
+        except BadInputError as error:
+            return str(error)
+    if limit.parameter == "runoff":
+        return "where the track was raised is not in a geometry table"
+    if limit.parameter in ("gauge_wide", "gauge_narrow"):
+        gauge = column("gauge_mm")
+        if gauge is None or gauge_m is None:
+            return "needs the column gauge_mm and the nominal gauge"
+        wide = gauge - 1000.0 * gauge_m
+        return [Quantity("gauge_mm", chainage, wide if limit.parameter == "gauge_wide" else -wide, one_sided=True)]
+    cross_level = column("cross_level_mm")
+    if cross_level is None:
+        return "needs the column cross_level_mm"
+    if limit.parameter == "reverse_cross_level":
+        return [Quantity("cross_level_mm", chainage, cross_level * curved_to_left, one_sided=True)]
+    if limit.parameter == "cross_level":
+        cant = column("cant_mm")
+        if cant is not None:
+            return [Quantity("cross_level_mm", chainage, cross_level - cant)]
+        if limit.track == "tangent":
+            return [Quantity("cross_level_mm", chainage, cross_level)]
+        return "needs the column cant_mm, the design's cross-level"
+    assert limit.base_m is not None  # by the schema, for twist and warp
+    if limit.parameter == "warp":
+        return [Quantity("cross_level_mm", chainage, _range_within(cross_level, step, limit.base_m))]
+    try:
+        base = steps(limit.base_m, step, "base_m")
+    except BadInputError as error:
+        return str(error)
+    return [Quantity("cross_level_mm", chainage, weighted_neighbours(cross_level, {0: 1.0, -base: -1.0}))]
+
+
+def _offsets(table: pd.DataFrame, limit: Limit, chainage: Array, step: float) -> list[Quantity] | str:
+    """Level and alignment, in a band or from a chord: of every profile there is, or else of the standard columns."""
+    found = []
+    for side in _SIDES:
+        name = f"profile_{limit.parameter}{side}_m"
+        if name in table:
+            profile = table[name].to_numpy(dtype=np.float64)
+            if limit.band is not None:
+                found.append(Quantity(name, chainage, 1000.0 * band_pass(profile, step, BANDS[limit.band])))
+            else:
+                found.append(_chord_offsets(name, chainage, profile, step, limit))
+    if found:
+        return found
+    if limit.band == "D1":
+        columns = [f"{limit.parameter}{side}_mm" for side in _SIDES]
+    elif limit.chord_m == _CHORD_OF_COLUMNS_M:
+        columns = [f"versine_{limit.parameter}{side}_mm" for side in _SIDES]
+    else:
+        return f"needs a column profile_{limit.parameter}_m (or of a rail): the other columns have not all wavelengths"
+    for name in columns:
+        if name in table:
+            value = table[name].to_numpy(dtype=np.float64)
+            if limit.uniformity:
+                value = uniformity_deviation(value, step, _CHORD_OF_COLUMNS_M)
+            found.append(Quantity(name, chainage, value))
+    return found or f"needs the column {columns[0]} or profile_{limit.parameter}_m"
+
+
+def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limit: Limit) -> Quantity:
+    """Versines, or their deviations from uniformity, of a chord of any length: where a quarter of it is no multiple of
+    the step (31 ft is 9.4488 m), on a slightly finer grid of which it is one."""
+    assert limit.chord_m is not None
+    quarter = limit.chord_m / 4.0
+    per_quarter = int(np.ceil(quarter / step - 1e-6))
+    if abs(per_quarter * step - quarter) > 1e-6 * step:
+        chainage, profile = _to_step(chainage, profile, quarter / per_quarter)
+        step = quarter / per_quarter
+    value = 1000.0 * versine(profile, step, limit.chord_m / 2.0, limit.chord_m / 2.0)
+    if limit.uniformity:
+        value = uniformity_deviation(value, step, limit.chord_m)
+    return Quantity(name, chainage, value)
+
+
+def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array]:
+    """A profile on another grid, by a cubic spline; NaN next to where it is NaN."""
+    from scipy.interpolate import CubicSpline
+
+    grid = chainage[0] + step * np.arange(int((chainage[-1] - chainage[0]) / step) + 1)
+    known = np.isfinite(profile)
+    if known.sum() < 4:
+        return grid, np.full(len(grid), np.nan)
+    filled = np.where(known, profile, np.interp(chainage, chainage[known], profile[known]))
+    values = CubicSpline(chainage, filled)(grid)
+    before = np.clip(np.searchsorted(chainage, grid, side="right") - 1, 0, len(chainage) - 2)
+    values[~(known[before] & known[before + 1])] = np.nan
+    return grid, values
+
+
+def _range_within(value: Array, step: float, length_m: float) -> Array:
+    """The greatest difference between two places less than ``length_m`` apart, centred; NaN where the window does not
+    fit or meets a hole."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    count = max(1, int(np.ceil(length_m / step - 1e-6)))  # places of which the outermost are less than that apart
+    holes = np.isnan(value)
+    filled = np.where(holes, 0.0, value)
+    out: Array = maximum_filter1d(filled, count) - minimum_filter1d(filled, count)
+    near = maximum_filter1d(holes, count)
+    near[: count // 2] = True
+    near[max(len(near) - (count - 1) // 2, 0) :] = True
+    out[near] = np.nan
+    return out

@@ -1,0 +1,162 @@
+"""Limit tables: what a standard, or a user, allows of which parameter at which speed. Read from TOML.
+
+    [[limits]]
+    standard = "our maintenance rule"
+    parameter = "level"
+    band = "D1"
+    level = "intervention"
+    speed_from_kmh = 80
+    speed_to_kmh = 120
+    kind = "peak"
+    value_mm = 12.0
+
+:func:`cfr_213` gives the tables of 49 CFR 213.63 and 213.327 (the law's inches as mm). Their levels are track classes;
+which class a line has follows from more than its speed, so no speed stands in them.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from trackfg.errors import BadInputError
+from trackfg.findings import did_you_mean
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+Parameter = Literal[
+    "level",
+    "alignment",
+    "cross_level",
+    "reverse_cross_level",
+    "twist",
+    "warp",
+    "gauge_wide",
+    "gauge_narrow",
+    "runoff",
+]
+
+
+class Limit(BaseModel):
+    """One entry of a limit table.
+
+    ``parameter``: ``level`` and ``alignment`` need a ``band`` (D0 to D3) or a symmetrical ``chord_m``, whose versine is
+    meant, or with ``uniformity`` its deviation from the mean of nine around it. ``twist`` is over ``base_m``; ``warp``
+    is the greatest difference of cross-level between any two places less than ``base_m`` apart; ``runoff`` the change
+    of height over ``base_m`` at the end of a raise. ``cross_level`` is relative to the design's cant, or to zero on
+    tangent track; ``reverse_cross_level`` is how much higher the inner rail of a curve is. ``gauge_wide`` and
+    ``gauge_narrow`` are relative to the nominal gauge.
+
+    ``kind``: the largest magnitude (``peak``), or the standard deviation or the mean's magnitude over sections of
+    ``section_m``. The limit holds for ``speed_from_kmh < speed <= speed_to_kmh``, and on ``tangent`` or ``curved``
+    track only where ``track`` says so.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    standard: Annotated[str, Field(min_length=1)]
+    parameter: Parameter
+    level: Annotated[str, Field(min_length=1)]
+    kind: Literal["peak", "sd", "mean"]
+    value_mm: Positive
+    band: Literal["D0", "D1", "D2", "D3"] | None = None
+    chord_m: Positive | None = None
+    uniformity: bool = False
+    base_m: Positive | None = None
+    speed_from_kmh: Annotated[float, Field(ge=0)] | None = None
+    speed_to_kmh: Positive | None = None
+    track: Literal["any", "tangent", "curved"] = "any"
+    section_m: Positive = 200.0
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> Self:
+        by_wavelength = self.parameter in ("level", "alignment")
+        given = (self.band is not None) + (self.chord_m is not None)
+        if given != by_wavelength:
+            wanted = "one of them" if by_wavelength else "neither"
+            raise ValueError(f"band and chord_m: expected {wanted} with parameter {self.parameter!r}")
+        over_base = self.parameter in ("twist", "warp", "runoff")
+        if over_base != (self.base_m is not None):
+            raise ValueError(
+                f"base_m: expected {'a length' if over_base else 'none'} with parameter {self.parameter!r}"
+            )
+        if self.uniformity and self.chord_m is None:
+            raise ValueError("uniformity: expected only with chord_m")
+        if (
+            self.speed_from_kmh is not None
+            and self.speed_to_kmh is not None
+            and self.speed_from_kmh >= self.speed_to_kmh
+        ):
+            raise ValueError("speed_from_kmh: expected below speed_to_kmh")
+        return self
+
+    def __str__(self) -> str:
+        where = [self.band, self.chord_m and f"{self.chord_m:g} m chord", self.base_m and f"over {self.base_m:g} m"]
+        words = [self.standard, self.level, self.parameter.replace("_", " "), *(str(w) for w in where if w)]
+        return ", ".join([*words, self.kind])
+
+
+class _LimitFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    limits: Annotated[tuple[Limit, ...], Field(min_length=1)]
+
+
+def read_limits(path: Path | str) -> tuple[Limit, ...]:
+    """The limits of a TOML file. Raises ``BadInputError`` that names file, entry, key and what was expected."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path}: cannot be read: {error}") from error
+    return _parse(text, str(path))
+
+
+def cfr_213() -> tuple[Limit, ...]:
+    """Track surface of classes 1 to 5 (49 CFR 213.63) and alinement of classes 6 to 9 (213.327)."""
+    resource = files("trackfg.geometry").joinpath("cfr_213.toml")
+    return _parse(resource.read_text(encoding="utf-8"), resource.name)
+
+
+def at_level(limits: Iterable[Limit], level: str) -> tuple[Limit, ...]:
+    """Those of one level, such as ``"class 4"``. Raises ``BadInputError`` where there are none."""
+    limits = tuple(limits)
+    chosen = tuple(limit for limit in limits if limit.level == level)
+    if not chosen:
+        known = ", ".join(dict.fromkeys(limit.level for limit in limits))
+        raise BadInputError(f"no limits of level {level!r}; expected one of {known}")
+    return chosen
+
+
+def _parse(text: str, file: str) -> tuple[Limit, ...]:
+    try:
+        return _LimitFile.model_validate(tomllib.loads(text)).limits
+    except tomllib.TOMLDecodeError as error:
+        raise BadInputError(f"{file}: not valid TOML: {error}") from error
+    except ValidationError as error:
+        raise BadInputError("; ".join(_sentence(detail, file) for detail in error.errors())) from error
+
+
+def _sentence(detail: ErrorDetails, file: str) -> str:
+    """What is wrong where, in the words of this format."""
+    loc: tuple[Any, ...] = detail["loc"]
+    place = [file]
+    if len(loc) > 1:
+        place.append(f"entry {int(loc[1]) + 1}")
+    if loc and isinstance(loc[-1], str):
+        place.append(f"key {loc[-1]}")
+    where = ", ".join(place)
+    if detail["type"] == "extra_forbidden":
+        known = list(Limit.model_fields) if len(loc) > 1 else ["limits"]
+        mend = did_you_mean(str(loc[-1]), known)
+        return f"{where}: unknown key; expected one of {', '.join(known)}" + (f". Mend: {mend}" if mend else "")
+    if detail["type"] == "missing":
+        return f"{where}: required key is missing"
+    if detail["type"] == "value_error":
+        return f"{where}, {detail['msg'].removeprefix('Value error, ')}"
+    return f"{where}: is {str(detail.get('input'))[:60]!r}; expected {detail['msg'].removeprefix('Input should be ')}"

@@ -1,0 +1,158 @@
+"""From samples at any places to a uniform step, neither inventing nor losing wavelengths.
+
+Samples taken at a steady rate lie close where the vehicle is slow and far apart where it is fast. In three steps:
+
+1. The samples are sorted and those within one cell (an eighth of a step) averaged, places and values alike. Where
+   neighbouring cells are both taken, a node is moved (along the local slope) off the cell's edge, so that no two nodes
+   are nearer than half a cell and noise is not differentiated.
+2. A cubic spline through the nodes is evaluated at every cell.
+3. A linear-phase low-pass (Kaiser window, 60 dB) that passes wavelengths above 3.2 steps and stops those below 2 steps
+   is applied and every eighth cell kept: what the new grid cannot show does not fold back into what it can.
+
+With a step of 0.25 m and samples up to 0.05 m apart, sines of 0.8 m and more come back within 0.5 % and those below 0.5
+m with at most 3 % of their amplitude (0.2 % above 0.25 m). With samples 0.1 m apart it is 1 % from 1 m up, with 0.2 m
+1 % from 1.5 m up: there the spline decides. :func:`resampling_response` is the low-pass's, which dense samples attain.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+from trackfg.geometry.grid import wave_number
+
+_CELLS = 8
+"""Cells per step."""
+_PASS_STEPS, _STOP_STEPS = 3.2, 2.0
+"""Edges of the low-pass, wavelengths in steps."""
+_ATTENUATION_DB = 60.0
+
+
+def resample(
+    chainage_m: ArrayLike, values: ArrayLike, step_m: float = 0.25, *, max_hole_m: float = 1.0
+) -> tuple[Array, Array]:
+    """Values (..., n) at places (n,), in any order, at whole multiples of ``step_m``: the grid (m,) and values (...,
+    m).
+
+    NaN where the low-pass reaches (2.4 m with 0.25 m) beyond an end, or into a hole: two samples more than
+    ``max_hole_m`` apart. A sample that is NaN in any row is left out. Raises ``BadInputError`` for fewer than four
+    samples that are apart, a place that is not finite, or shapes that do not fit.
+    """
+    if not 0.0 < step_m < np.inf:
+        raise BadInputError(f"step_m is {step_m!r}; expected a length above 0")
+    place, value = _checked(chainage_m, values)
+    cell = step_m / _CELLS
+    node, node_value = _nodes(place, value, cell)
+    if len(node) < 4:
+        raise BadInputError(f"{len(node)} samples that are apart; expected at least 4")
+
+    from scipy.interpolate import CubicSpline  # late: 0.2 s
+
+    taps = _low_pass()
+    reach = len(taps) // 2
+    first, last = int(np.ceil(node[0] / step_m)), int(np.floor(node[-1] / step_m))
+    grid: Array = step_m * np.arange(first, last + 1, dtype=np.float64)
+    out = np.full((*value.shape[:-1], len(grid)), np.nan)
+    if len(grid) == 0:
+        return grid, out
+    fine = np.arange(first * _CELLS - reach, last * _CELLS + reach + 1) * cell
+    fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
+    for row in np.ndindex(value.shape[:-1]):
+        spline = CubicSpline(node, node_value[row])
+        out[row] = _decimate(spline(fine), taps, len(grid))
+    reach_m = reach * cell
+    known = (grid - reach_m >= node[0] - 0.5 * cell) & (grid + reach_m <= node[-1] + 0.5 * cell)
+    for hole in np.flatnonzero(np.diff(node) > max_hole_m):
+        begin, end = np.searchsorted(grid, [node[hole] - reach_m, node[hole + 1] + reach_m], side="left")
+        known[begin:end] = False
+    out[..., ~known] = np.nan
+    return grid, out
+
+
+def resampling_response(wavelength_m: ArrayLike, step_m: float = 0.25) -> Array:
+    """Response of :func:`resample` where samples are dense, real: that of its low-pass."""
+    taps = _low_pass()
+    half = len(taps) // 2
+    phase = wave_number(wavelength_m)[..., None] * step_m / _CELLS * np.arange(1, half + 1)
+    return np.asarray(taps[half] + 2.0 * (np.cos(phase) @ taps[half + 1 :]))
+
+
+def resampling_reach_m(step_m: float = 0.25) -> float:
+    """How far :func:`resample` looks to either side of a place, m."""
+    return len(_low_pass()) // 2 * step_m / _CELLS
+
+
+def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
+    """Places and values, sorted, without those that are NaN in a row."""
+    place, value = np.asarray(chainage_m, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if place.ndim != 1 or value.shape[-1:] != place.shape:
+        raise BadInputError(f"{value.shape} values at {place.shape} places; expected one column of values per place")
+    if not np.isfinite(place).all():
+        raise BadInputError(f"chainage of sample {int(np.argmin(np.isfinite(place))) + 1} is not finite")
+    whole = np.isfinite(value).all(axis=tuple(range(value.ndim - 1)))
+    if not whole.all():
+        place, value = place[whole], value[..., whole]
+    if np.any(place[1:] < place[:-1]):
+        order = np.argsort(place, kind="stable")
+        place, value = place[order], value[..., order]
+    return place, value
+
+
+def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
+    """One node per cell that has samples, no two nearer than half a cell."""
+    number = np.floor(place / cell)
+    starts = np.flatnonzero(np.diff(number, prepend=np.nan) != 0.0)
+    if len(starts) < len(place):
+        counts = np.diff(starts, append=len(place))
+        origin = cell * number[starts]
+        offset = np.add.reduceat(place - np.repeat(origin, counts), starts) / counts
+        place, value = origin + offset, np.add.reduceat(value, starts, axis=-1) / counts
+    number = number[starts]
+    adjacent = np.diff(number) == 1.0
+    if len(place) < 3 or not adjacent.any():
+        return place, value
+    middle = (number + 0.5) * cell
+    low = np.where(np.concatenate([[False], adjacent]), middle - 0.25 * cell, -np.inf)
+    high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
+    moved = np.clip(place, low, high)
+    slope = np.empty_like(value)
+    slope[..., 1:-1] = (value[..., 2:] - value[..., :-2]) / (place[2:] - place[:-2])
+    slope[..., 0], slope[..., -1] = slope[..., 1], slope[..., -2]
+    return moved, value + slope * (moved - place)
+
+
+def _decimate(fine: Array, taps: Array, count: int) -> Array:
+    """The low-pass of ``fine`` (cells), at every step: one row of windows at a time would copy them all, so by
+    phases."""
+    length = len(taps) - 1 + (count - 1) * _CELLS + 1
+    rows = -(-length // _CELLS)
+    phases = np.zeros(rows * _CELLS)
+    phases[:length] = fine[:length]
+    by_step = phases.reshape(rows, _CELLS)
+    blocks = -(-len(taps) // _CELLS)
+    padded = np.zeros(blocks * _CELLS)
+    padded[: len(taps)] = taps
+    partial = by_step @ padded.reshape(blocks, _CELLS).T  # (rows, blocks): the part of block b in the output b rows up
+    out = np.zeros(count)
+    for block in range(blocks):
+        stop = min(count, rows - block)
+        out[:stop] += partial[block : block + stop, block]
+    return out
+
+
+@lru_cache(maxsize=1)
+def _low_pass() -> Array:
+    """Taps at the cells, symmetrical, of sum one (Kaiser's design rules)."""
+    pass_edge, stop_edge = 1.0 / (_PASS_STEPS * _CELLS), 1.0 / (_STOP_STEPS * _CELLS)  # cycles per cell
+    transition = 2.0 * np.pi * (stop_edge - pass_edge)
+    half = int(np.ceil((_ATTENUATION_DB - 7.95) / (2.285 * transition) / 2.0))
+    beta = 0.1102 * (_ATTENUATION_DB - 8.7)
+    cut = pass_edge + stop_edge  # twice the cut-off
+    taps = cut * np.sinc(cut * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
+    taps /= taps.sum()
+    taps.flags.writeable = False
+    return np.asarray(taps)
