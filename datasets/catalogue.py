@@ -1,64 +1,30 @@
-"""The built-in scenarios: a line, a driver and sensors, by name.
+"""The built-in scenarios, by name.
 
 The sensor grades are those of :mod:`trackfg.datasets.imu_grades`. See docs/datasets.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import replace
 
 from trackfg import units
 from trackfg.datasets.adhesion import AdhesionModel
+from trackfg.datasets.clocks import ClockModel, DropModel
 from trackfg.datasets.defects import Defect
-from trackfg.datasets.driving import Driver, Parked, Service, Shunting, SpeedRestrictions, Wandering
+from trackfg.datasets.driving import Parked, Service, Shunting, SpeedRestrictions, Wandering
 from trackfg.datasets.imu_errors import ImuModel
 from trackfg.datasets.imu_grades import ADIS16480, ADIS16495_1
 from trackfg.datasets.irregularities import IrregularityModel
-from trackfg.datasets.lasers import LaserModel, two_units
+from trackfg.datasets.lasers import two_units
 from trackfg.datasets.line_design import LineDesign
 from trackfg.datasets.motion import Limits
 from trackfg.datasets.odometer import TachModel
 from trackfg.datasets.positioning import BaliseModel, GnssModel
-from trackfg.datasets.vehicle import CarBody, Rigid, Vehicle
+from trackfg.datasets.scenario import Recorder, Scenario
+from trackfg.datasets.vehicle import CarBody, Rigid
 from trackfg.errors import BadInputError
 
 KMH = units.KMH
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """Everything that, with a seed, a run and a duration, makes a simulated run.
-
-    Without a latitude the Earth stands still, without irregularities the track lies as designed, without adhesion the
-    wheel rolls. Chainage is the origin's plus ``direction`` times the arc length. A line of ``length_m`` (or a little
-    more) is that of every run, else it is as long as the duration needs. With ``both_ways`` the odd runs go back.
-    """
-
-    name: str
-    summary: str
-    duration_s: float
-    line: LineDesign
-    driver: Driver
-    imu: ImuModel
-    tach: TachModel
-    irregularities: IrregularityModel | None = None
-    defects: tuple[Defect, ...] = ()
-    vehicle: Vehicle = field(default_factory=Rigid)
-    lasers: tuple[LaserModel, ...] = ()
-    adhesion: AdhesionModel | None = None
-    balises: BaliseModel | None = None
-    gnss: GnssModel | None = None
-    latitude_deg: float | None = None
-    chainage_origin_m: float = 0.0
-    direction: Literal[1, -1] = 1
-    length_m: float | None = None
-    both_ways: bool = False
-
-    @property
-    def georeferenced(self) -> bool:
-        """Whether the heading in ENU has a meaning."""
-        return self.gnss is not None or self.latitude_deg is not None
 
 
 def scenarios() -> dict[str, Scenario]:
@@ -176,6 +142,7 @@ def _all() -> list[Scenario]:
             gnss=GnssModel(sd_m=(1.0, 1.0, 2.0), antenna_m=(2.0, 0.0, 3.0)),
             latitude_deg=35.2,
         ),
+        _in_the_field(mainline),
         Scenario(
             name="trolley",
             summary="a measuring trolley pushed at 0.92 m/s on a canted line, at rest for the first minute",
@@ -203,7 +170,7 @@ def _all() -> list[Scenario]:
         ),
         _axle_box(),
         *_measuring_cars(),
-        _slippery_line(),
+        *_slippery_lines(),
         _shuttle(),
         replace(mainline, name="parked", summary="at rest all the time", duration_s=600.0, driver=Parked(place_m=50.0)),
         replace(
@@ -214,6 +181,31 @@ def _all() -> list[Scenario]:
             driver=Wandering(limits=service.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
         ),
     ]
+
+
+def _in_the_field(mainline: Scenario) -> Scenario:
+    """What recorders and receivers do to data outside a laboratory. All figures are assumed."""
+    return replace(
+        mainline,
+        name="mainline-field",
+        summary="the same train with GNSS among houses, clocks that drift and jitter, and recorders that lose rows",
+        duration_s=1800.0,
+        gnss=GnssModel(
+            sd_m=(1.0, 1.0, 2.0),
+            antenna_m=(2.0, 0.0, 3.0),
+            outages_per_hour=6.0,
+            multipath_sd_m=(1.5, 1.5, 3.0),
+            outlier_probability=0.005,
+        ),
+        recorders={
+            "imu": Recorder(ClockModel(jitter_sd_s=5e-5), DropModel(probability=1e-5)),
+            "tach": Recorder(
+                ClockModel(offset_s=0.08, drift=2e-5, jitter_sd_s=1e-3), DropModel(1e-4, bursts_per_hour=2.0)
+            ),
+            "gnss": Recorder(ClockModel(offset_s=0.12, jitter_sd_s=5e-3)),
+        },
+        latitude_deg=35.2,
+    )
 
 
 def _axle_box() -> Scenario:
@@ -239,6 +231,7 @@ def _axle_box() -> Scenario:
         imu=ImuModel(rate_hz=500.0, noise=ADIS16480.noise, response=ADIS16480.response),
         tach=TachModel(creep_density=1e-3),
         irregularities=WORN_TRACK,
+        flange_knocks=True,
         defects=tuple(
             Defect("twist", at_m=at, size_m=size, length_m=5.0)
             for at, size in ((80.0, 0.04), (140.0, -0.03), (220.0, 0.02), (290.0, -0.04), (380.0, 0.035))
@@ -284,12 +277,12 @@ def _measuring_cars() -> list[Scenario]:
     ]
 
 
-def _slippery_line() -> Scenario:
-    """A local train on wet rails, as in Iwata et al. on composite train positioning."""
-    return Scenario(
+def _slippery_lines() -> list[Scenario]:
+    """A local train on wet rails, as in Iwata et al. on composite train positioning: 44 slips and slides in 18 runs."""
+    wet = Scenario(
         name="slippery-line",
-        summary="a local train on 14.5 km of slippery rails, R 300-500: its wheels slip and slide; a balise every km",
-        duration_s=1500.0,
+        summary="a local train on 14.5 km, R 300-500, wet here and there: wheels slip and slide; a balise every km",
+        duration_s=1200.0,
         line=replace(
             MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 500.0), max_gradient=0.0159, station_spacing_m=1500.0
         ),
@@ -304,10 +297,20 @@ def _slippery_line() -> Scenario:
         tach=TachModel(wheel_diameter_m=0.816, pulses_per_rev=90.0, creep_density=1e-3),
         irregularities=GOOD_TRACK,
         vehicle=CarBody(),
-        adhesion=AdhesionModel(stretches_per_km=1.0),
+        adhesion=AdhesionModel(stretches_per_km=0.15, stretch_m=(100.0, 500.0), mu_factor=(0.05, 0.4)),
         balises=BaliseModel(spacing_m=1000.0, sd_m=0.1),
         length_m=14_500.0,
     )
+    leaves = AdhesionModel(stretches_per_km=1.0, stretch_m=(200.0, 800.0), mu_factor=(0.05, 0.3))
+    return [
+        wet,
+        replace(
+            wet,
+            name="slippery-line-leaves",
+            summary="the same line under leaves: some 30 events a run",
+            adhesion=leaves,
+        ),
+    ]
 
 
 def _shuttle() -> Scenario:
@@ -336,7 +339,7 @@ def _shuttle() -> Scenario:
         ),
         tach=TachModel(creep_density=1e-3),
         irregularities=GOOD_TRACK,
-        balises=BaliseModel(spacing_m=length_m, sd_m=0.1, places_m=(100.0, length_m - 100.0)),
+        balises=BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, length_m - 100.0)),
         length_m=length_m,
         both_ways=True,
     )

@@ -4,6 +4,9 @@
 * :class:`Wandering`: changes its speed now and then; from rest (a pushed trolley) or already under way.
 * :class:`Shunting`: to and fro between changing places, turning round at rest.
 * :class:`Parked`: stands.
+
+Only a service keeps to the line's limits; the others go at speeds of their own. After its last phase a motion goes on
+as that phase does: every one ends at rest or holding its speed.
 """
 
 from __future__ import annotations
@@ -14,18 +17,13 @@ from typing import Protocol
 import numpy as np
 
 from trackfg.datasets.line import Line
-from trackfg.datasets.motion import (
-    Limits,
-    Motion,
-    Phase,
-    change,
-    change_time,
-    motion,
-    rest,
-    reverse,
-    run,
-)
+from trackfg.datasets.motion import Limits, Motion, Phase, change, change_time, motion, rest, reverse, run
+from trackfg.datasets.random_spans import random_spans
+from trackfg.errors import BadInputError
 from trackfg.frames import Array
+
+_SLOWEST_MPS = 1.0
+_SHORTEST_SERVICE_M = 50.0
 
 
 class Driver(Protocol):
@@ -35,12 +33,15 @@ class Driver(Protocol):
         """How much line it may need."""
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
-        """A motion of at least ``duration_s``."""
+        """A motion of at least ``duration_s``, which begins as that of a shorter duration does.
+
+        Raises :class:`~trackfg.errors.BadInputError` where the line is too short for it.
+        """
 
 
 @dataclass(frozen=True)
 class SpeedRestrictions:
-    """Temporary ones: how many a kilometre, and ranges of their speed and their length."""
+    """Temporary ones: how many a kilometre between two of them, and ranges of their speed and their length."""
 
     per_km: float
     speed_mps: tuple[float, float]
@@ -48,14 +49,13 @@ class SpeedRestrictions:
 
     def impose(self, line: Line, rng: np.random.Generator) -> Line:
         """The line with restrictions at random places; where limits overlap, the lowest holds."""
-        count = rng.poisson(self.per_km * 1e-3 * line.length_m)
-        start = rng.uniform(0.0, line.length_m, count)
-        end = start + rng.uniform(*self.length_m, count)
-        speed = rng.uniform(*self.speed_mps, count)
-        places = np.unique(np.concatenate([line.limit_from_m, start, end]))
+        place_rng, speed_rng = rng.spawn(2)
+        spans = random_spans(1e-3 * self.per_km, self.length_m, line.length_m, place_rng)
+        speeds = speed_rng.uniform(*self.speed_mps, len(spans))
+        places = np.union1d(line.limit_from_m, spans)
         limit = line.limit_mps[np.searchsorted(line.limit_from_m, places, side="right") - 1]
-        for a, b, v in zip(start, end, speed, strict=True):
-            limit = np.where((places >= a) & (places < b), np.minimum(limit, v), limit)
+        for (start, end), speed in zip(spans, speeds, strict=True):
+            limit = np.where((places >= start) & (places < end), np.minimum(limit, speed), limit)
         return replace(line, limit_from_m=places, limit_mps=limit)
 
 
@@ -64,7 +64,8 @@ class Service:
     """Stands ``start_rest_s``, then goes from station to station, standing ``dwell_s`` (range) at each, and from the
     last one to ``start_m`` before the line's end, where it stays.
 
-    It goes at the line's limits times a factor drawn from ``hurry`` (range), but no slower than 1 m/s.
+    It goes at the line's limits, at most ``fastest_mps``, times a factor drawn from ``hurry`` (range), but no slower
+    than 1 m/s.
     """
 
     limits: Limits
@@ -81,11 +82,14 @@ class Service:
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
         """The seed of ``rng`` settles the factor, the restrictions and the dwell times."""
+        hurry = rng.uniform(*self.hurry)
         if self.restrictions is not None:
             line = self.restrictions.impose(line, rng)
-        if self.hurry != (1.0, 1.0):
-            line = replace(line, limit_mps=np.maximum(line.limit_mps * rng.uniform(*self.hurry), 1.0))
+        limit = np.maximum(hurry * np.minimum(line.limit_mps, self.fastest_mps), _SLOWEST_MPS)
+        line = replace(line, limit_mps=limit)
         phases, place, end = rest(self.start_rest_s), self.start_m, line.length_m - self.start_m
+        if end - place < _SHORTEST_SERVICE_M:
+            raise _too_short(line, 2.0 * self.start_m + _SHORTEST_SERVICE_M)
         stations = line.stations_m[(line.stations_m > self.start_m) & (line.stations_m < end)]
         for station in [*stations, end]:
             if _duration(phases) >= duration_s:
@@ -119,7 +123,7 @@ class Wandering:
             new_speed = rng.uniform(*self.speed_mps)
             phases += change(speed, new_speed, self.limits) + rest(rng.uniform(*self.hold_s))
             speed = new_speed
-        return motion(phases, self.start_m, start_speed)
+        return _within(line, motion(phases, self.start_m, start_speed), duration_s)
 
 
 @dataclass(frozen=True)
@@ -151,7 +155,7 @@ class Shunting:
             place += length if forward else -length
             # Turn round where there is room for it.
             forward = place - self.near_m < self.shortest_m or (not forward and place < self.far_m - self.shortest_m)
-        return motion(phases, self.near_m)
+        return _within(line, motion(phases, self.near_m), duration_s)
 
 
 @dataclass(frozen=True)
@@ -166,11 +170,24 @@ class Parked:
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
         """One phase."""
-        return motion(rest(duration_s), self.place_m)
+        return _within(line, motion(rest(duration_s), self.place_m), duration_s)
 
 
 def _duration(phases: list[Phase]) -> float:
     return sum(duration for duration, _ in phases)
+
+
+def _within(line: Line, motion: Motion, duration_s: float) -> Motion:
+    """The motion, if it stays on the line until ``duration_s``."""
+    turns = motion.breaks_s[motion.breaks_s < duration_s]
+    furthest = float(np.max(motion.distance(np.append(turns, duration_s))))
+    if furthest > line.length_m:
+        raise _too_short(line, furthest)
+    return motion
+
+
+def _too_short(line: Line, needed_m: float) -> BadInputError:
+    return BadInputError(f"the line is {line.length_m:.0f} m long: expected {needed_m:.0f} m or more, or a shorter run")
 
 
 def _stretches(line: Line, start: float, end: float) -> tuple[Array, Array]:

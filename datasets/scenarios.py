@@ -1,37 +1,37 @@
-"""Scenarios by name, and what makes one into a recording and its truth."""
+"""From a scenario to a recording and its truth."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 
-from trackfg.datasets import imu_errors, inertial_sensor, lasers, odometer, positioning, tables
-from trackfg.datasets.adhesion import draw_slip
-from trackfg.datasets.catalogue import Scenario, scenario, scenarios
+from trackfg.datasets import odometer, tables
+from trackfg.datasets.catalogue import scenario, scenarios
+from trackfg.datasets.flange import Flanging
 from trackfg.datasets.imu_errors import ImuErrors
 from trackfg.datasets.irregularities import Irregularities, draw_irregularities
 from trackfg.datasets.line_design import random_line
+from trackfg.datasets.line_file import GivenLine
+from trackfg.datasets.measuring import Sensor, Streams, measure
+from trackfg.datasets.positioning import BaliseModel
 from trackfg.datasets.ride import Ride
+from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.track import Track
 from trackfg.datasets.truth_geometry import truth_geometry
-from trackfg.description import RecordingDescription, Vector3
-from trackfg.description import Track as TrackDescription
+from trackfg.description import Vector3
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.recording import Recording
 from trackfg.recording_io import write_recording
 
-__all__ = ["Scenario", "Simulation", "scenario", "scenarios", "simulate", "truth_table"]
+__all__ = ["Scenario", "Simulation", "scenario", "scenarios", "simulate"]
 
 SHORTEST_S = 1.0
 _BEYOND_S = 0.25
-
-LONGITUDE_DEG = 139.0
-"""Where a scenario with a latitude has its origin, on the ellipsoid (gravity is that of height 0)."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,12 @@ def simulate(
 ) -> Simulation:
     """Simulate a scenario, by name or one of your own.
 
-    ``seed`` settles the track and ``run`` the driving and the sensors on it: runs of one seed are over one track. One
-    seed and run repeat to the bit, and track and driving are the same whether or not there is ``noise``. Without
-    noise the sensors are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses. A run starts at
-    the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give a heading a meaning. Raises
-    :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run or a duration below :data:`SHORTEST_S`.
+    ``seed`` settles the track and, with ``run``, the driving and the sensors on it: runs of one seed are over one
+    track. One seed and run repeat to the bit, and track and driving are the same whether or not there is ``noise``.
+    Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses.
+    A run starts at the origin of ENU. A drawn line starts with heading 0 where neither GNSS nor a latitude give the
+    heading a meaning; a given one has its own. Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a
+    negative run, a duration below :data:`SHORTEST_S`, and a line too short for the driver.
     """
     plan = scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name
     duration = plan.duration_s if duration_s is None else duration_s
@@ -90,98 +91,28 @@ def simulate(
         raise BadInputError(f"duration_s {duration}: expected {SHORTEST_S} s or more")
     if run < 0:
         raise BadInputError(f"run {run}: expected 0 or more")
-    line_rng, irregularity_rng = _streams(seed, (), 2)
-    drive_rng, imu_rng, tach_rng, balise_rng, gnss_rng, laser_rng = _streams(seed, (run,), 6)
-    sensor_rng = (imu_rng, tach_rng, balise_rng, gnss_rng, laser_rng) if noise else None
+    line_rng, irregularity_rng, flange_rng = _streams(seed, (0,), 3)
+    drive_rng, *sensor_rngs = _streams(seed, (1, run), 1 + len(get_args(Sensor)))
+    streams: Streams | None = dict(zip(get_args(Sensor), sensor_rngs, strict=True)) if noise else None
 
-    track, origin_m, direction = (
-        _track(plan, duration, line_rng, irregularity_rng),
-        plan.chainage_origin_m,
-        plan.direction,
-    )
+    track = _track(plan, duration, line_rng, irregularity_rng)
+    if plan.flange_knocks:
+        plan = replace(plan, vehicle=Flanging(plan.vehicle, seed=int(flange_rng.integers(2**63))))
     if plan.both_ways and run % 2 == 1:
-        origin_m, direction, track = origin_m + direction * track.line.length_m, -direction, track.reversed()
+        plan, track = _from_the_other_end(plan, track)
     motion = plan.driver.drive(track.line, duration, drive_rng)
     edges = tables.clock(duration, plan.imu.rate_hz)
     # The body's spline goes on beyond the recording, so that a longer run begins as a shorter one does.
     beyond = np.arange(len(edges) + round(_BEYOND_S * plan.imu.rate_hz)) / plan.imu.rate_hz
-    ride = Ride(track.line, motion, origin_m, direction, plan.vehicle.body_motion(track, motion, beyond))
-    return _measured(plan, track, ride, duration, edges, f"{plan.name}-seed{seed}-run{run}", sensor_rng, truth_rate_hz)
+    body = plan.vehicle.body_motion(track, motion, beyond)
+    ride = Ride(track.line, motion, plan.chainage_origin_m, plan.direction, body)
+    measured = measure(plan, track, ride, edges, f"{plan.name}-seed{seed}-run{run}", streams)
 
-
-def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Generator]:
-    return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed, spawn_key=key).spawn(count)]
-
-
-def _track(
-    plan: Scenario, duration_s: float, line_rng: np.random.Generator, irregularity_rng: np.random.Generator
-) -> Track:
-    heading = line_rng.uniform(-np.pi, np.pi)
-    length = plan.driver.furthest_m(duration_s) if plan.length_m is None else plan.length_m
-    line = random_line(plan.line, length, line_rng, start_yaw_rad=heading if plan.georeferenced else 0.0)
-    irregularities = (
-        Irregularities.none(line.length_m)
-        if plan.irregularities is None
-        else draw_irregularities(plan.irregularities, line.length_m, irregularity_rng, plan.defects)
-    )
-    return Track(line, irregularities, plan.line.gauge_m)
-
-
-def _measured(
-    plan: Scenario,
-    track: Track,
-    ride: Ride,
-    duration_s: float,
-    edges: Array,
-    name: str,
-    streams: tuple[np.random.Generator, ...] | None,
-    truth_rate_hz: float,
-) -> Simulation:
-    """What the sensors make of the ride; perfect ones without ``streams``."""
-    imu_rng, tach_rng, balise_rng, gnss_rng, laser_rng = streams or (None,) * 5
-    gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
-    errors = None if imu_rng is None else imu_errors.draw_errors(plan.imu, edges, imu_rng)
-    if errors is not None:
-        gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
-    wheel_scale, slips = 1.0, None
-    if tach_rng is None:
-        tach, tach_description = (
-            odometer.ideal_table(ride, plan.tach, duration_s),
-            odometer.ideal_description(plan.tach),
-        )
-    else:
-        scale_rng, slip_rng, pulse_rng = tach_rng.spawn(3)
-        wheel_scale = odometer.draw_scale(plan.tach, scale_rng)
-        slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
-        slips = None if slip is None else odometer.slip_table(ride, plan.tach, slip)
-        tach = odometer.pulse_table(ride, plan.tach, wheel_scale, duration_s, pulse_rng, slip)
-        tach_description = odometer.pulse_description(plan.tach)
-    fixes = None if plan.balises is None else positioning.balise_table(ride, plan.balises, duration_s, balise_rng)
-    gnss = None if plan.gnss is None else positioning.gnss_table(ride, plan.gnss, duration_s, gnss_rng)
-    on_earth = gnss is not None and plan.latitude_deg is not None
-    origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
-    recording = Recording(
-        description=RecordingDescription(
-            id=name + ("" if streams else "-noise-free"),
-            track=_track_description(plan, ride),
-            imu=tables.imu_description(plan.imu.noise, plan.imu.lever_arm_m, rigid=plan.vehicle.rigid),
-            tach=tach_description,
-            fixes=None if fixes is None or fixes.empty else tables.fixes_description(),
-            gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
-            laser=tuple(lasers.laser_description(model) for model in plan.lasers),
-        ),
-        imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),
-        tach=tach,
-        fixes=None if fixes is None or fixes.empty else fixes,
-        gnss=gnss,
-        lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
-        gnss_origin=origin,
-    )
-    t = tables.clock(duration_s, truth_rate_hz)
-    s = ride.motion.distance(ride.motion.breaks_s.clip(0.0, duration_s))
+    t = tables.clock(duration, truth_rate_hz)
+    s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration], duration))
     return Simulation(
-        recording=recording,
-        truth=truth_table(ride, t, odometer.worn_scale(ride, plan.tach, wheel_scale, t), edges, errors),
+        recording=measured.recording,
+        truth=_truth(ride, t, odometer.worn_scale(ride, plan.tach, measured.wheel_scale, t), edges, measured.errors),
         truth_geometry=truth_geometry(
             track,
             chainage_origin_m=ride.chainage_origin_m,
@@ -191,16 +122,62 @@ def _measured(
         ),
         track=track,
         ride=ride,
-        wheel_scale=wheel_scale,
-        tach_time_offset_s=0.0 if streams is None else plan.tach.clock_offset_s,
-        mount_rpy_rad=(0.0, 0.0, 0.0) if errors is None else errors.mount_rpy_rad,
-        slips=slips,
+        wheel_scale=measured.wheel_scale,
+        tach_time_offset_s=_tach_time_offset_s(plan) if noise else 0.0,
+        mount_rpy_rad=(0.0, 0.0, 0.0) if measured.errors is None else measured.errors.mount_rpy_rad,
+        slips=measured.slips,
     )
 
 
-def truth_table(ride: Ride, t: Array, wheel_scale: Array, edges: Array, errors: ImuErrors | None) -> pd.DataFrame:
+def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Generator]:
+    """Independent ones. No key may begin another: streams spawn further ones, and those would be the same."""
+    return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed, spawn_key=key).spawn(count)]
+
+
+def _track(
+    plan: Scenario, duration_s: float, line_rng: np.random.Generator, irregularity_rng: np.random.Generator
+) -> Track:
+    if isinstance(plan.line, GivenLine):
+        line = plan.line.line
+    else:
+        heading = line_rng.uniform(-np.pi, np.pi)
+        length = plan.driver.furthest_m(duration_s) if plan.length_m is None else plan.length_m
+        length = max([length, *(defect.extent_m[1] for defect in plan.defects)])
+        line = random_line(plan.line, length, line_rng, start_yaw_rad=heading if plan.georeferenced else 0.0)
+    irregularities = (
+        Irregularities.none(line.length_m)
+        if plan.irregularities is None
+        else draw_irregularities(plan.irregularities, line.length_m, irregularity_rng, plan.defects)
+    )
+    return Track(line, irregularities, plan.line.gauge_m)
+
+
+def _from_the_other_end(plan: Scenario, track: Track) -> tuple[Scenario, Track]:
+    """The same track, its chainage and its balises to who starts at its end."""
+    length = track.line.length_m
+    turned = replace(
+        plan,
+        chainage_origin_m=plan.chainage_origin_m + plan.direction * length,
+        direction=-1 if plan.direction == 1 else 1,
+        balises=None if plan.balises is None else _mirrored(plan.balises, length),
+    )
+    return turned, track.reversed()
+
+
+def _mirrored(balises: BaliseModel, length_m: float) -> BaliseModel:
+    places = np.array(balises.places_m) if balises.places_m else np.arange(0.0, length_m, balises.spacing_m)
+    return replace(balises, places_m=tuple((length_m - places[::-1]).tolist()))
+
+
+def _tach_time_offset_s(plan: Scenario) -> float:
+    recorder = plan.recorders.get("tach")
+    return plan.tach.clock_offset_s + (recorder.clock.offset_s if recorder else 0.0)
+
+
+def _truth(ride: Ride, t: Array, wheel_scale: Array, edges: Array, errors: ImuErrors | None) -> pd.DataFrame:
     """The truth at times ``t`` (n,), biases interpolated between the centres of the IMU's samples."""
-    speed = np.where(ride.motion.speed(t) == 0.0, 0.0, ride.speed_along_body(t))  # at rest is exactly at rest
+    # A body that still rocks on its springs after a stop has no speed: the vehicle is at rest, exactly.
+    speed = np.where(ride.motion.speed(t) == 0.0, 0.0, ride.speed_along_body(t))
     trajectory = tables.trajectory_table(t, ride.position(t), speed, ride.rpy(t))
     trajectory.insert(1, "chainage_m", ride.chainage(ride.motion.distance(t)))
     trajectory["wheel_scale"] = wheel_scale
@@ -210,14 +187,3 @@ def truth_table(ride: Ride, t: Array, wheel_scale: Array, edges: Array, errors: 
             bias = 0.0 if errors is None else np.interp(t, centres, getattr(errors, f"{sensor}_bias")[:, i])
             trajectory[f"{sensor}_bias_{axis}_{unit}"] = bias
     return trajectory
-
-
-def _track_description(plan: Scenario, ride: Ride) -> TrackDescription:
-    yaw = float(ride.rpy(np.zeros(1))[0, 2])
-    return TrackDescription(
-        gauge_m=plan.line.gauge_m,
-        cross_level_base_m=plan.line.cross_level_base_m,
-        direction=ride.direction,
-        latitude_deg=plan.latitude_deg,
-        heading_deg=None if plan.latitude_deg is None else (90.0 - np.degrees(yaw)) % 360.0,
-    )

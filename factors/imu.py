@@ -1,4 +1,4 @@
-"""The inertial factors: GTSAM's own preintegration and bias walk.
+"""The inertial factors: GTSAM's own preintegration.
 
 Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE Trans. Robotics 33 (2017), as
 implemented by GTSAM, with the Earth's rotation (``omegaCoriolis``) when latitude and heading are known. The residual of
@@ -57,19 +57,3 @@ def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> 
     index = np.arange(len(measurements) + 1)
     nav, bias = Kind.NAV.keys(index).tolist(), Kind.BIAS.keys(index).tolist()
     return [gtsam.ImuFactor2(nav[k], nav[k + 1], bias[k], pim) for k, pim in enumerate(measurements)]
-
-
-def bias_walk(duration: Array, accel_density: float, gyro_density: float) -> list[gtsam.BetweenFactorConstantBias]:
-    """The biases walk: residual B(k+1) - B(k), sigma density times the square root of ``duration`` (m,), s.
-
-    Densities in m/s^3/sqrt(Hz) and rad/s^2/sqrt(Hz).
-    """
-    index = np.arange(len(duration) + 1)
-    keys = Kind.BIAS.keys(index).tolist()
-    same = gtsam.imuBias.ConstantBias()
-    density = np.repeat([accel_density, gyro_density], 3)
-    sigmas = np.sqrt(duration)[:, None] * density
-    diagonal = gtsam.noiseModel.Diagonal.Sigmas
-    return [
-        gtsam.BetweenFactorConstantBias(keys[k], keys[k + 1], same, diagonal(sigma)) for k, sigma in enumerate(sigmas)
-    ]

@@ -9,6 +9,7 @@ kind       dim   content and tangent
 ``ODO``    4     along-track distance (m), wheel scale, wheel distance as the tach counts it (m), distance since the
                  previous keyframe (m)
 ``MOUNT``  2     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad)
+``IMU``    21    shared: scale factors and misalignments of the inertial sensor, as :mod:`trackfg.factors.bias` says
 ``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
                  middle of the run and its drift (s/s), the GNSS receiver's offset (s)
 =========  ====  =================================================================================================
@@ -36,6 +37,7 @@ class Kind(Enum):
     ODO = ("o", 4, False)
     MOUNT = ("m", 2, True)
     CLOCK = ("c", 3, True)
+    IMU = ("i", 21, True)
 
     def __init__(self, letter: str, dim: int, shared: bool) -> None:
         self.letter = letter
@@ -51,7 +53,7 @@ ELIMINATION_ORDER = (Kind.ODO, Kind.BIAS, Kind.NAV)
 """Within a keyframe: the order measured to be cheapest, the odometer (few neighbours) first."""
 
 KEYFRAME_DIM = sum(kind.dim for kind in ELIMINATION_ORDER)
-SHARED = (Kind.MOUNT, Kind.CLOCK)
+SHARED = (Kind.MOUNT, Kind.CLOCK, Kind.IMU)
 SHARED_DIM = sum(kind.dim for kind in SHARED)
 
 
@@ -93,13 +95,14 @@ def retract(value: Value, delta: Array) -> Value:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3)."""
+    """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3), imu (1, 21)."""
 
     nav: Nav
     bias: Array
     odo: Array
     mount: Array
     clock: Array
+    imu: Array
 
     def __len__(self) -> int:
         return len(self.nav)
@@ -112,6 +115,7 @@ class States:
             Kind.ODO: self.odo,
             Kind.MOUNT: self.mount,
             Kind.CLOCK: self.clock,
+            Kind.IMU: self.imu,
         }
         return values[kind]
 
@@ -124,8 +128,8 @@ class States:
             values.insert(nav[k], gtsam.NavState(attitude, self.nav.p[k], self.nav.v[k]))
             values.insert(bias[k], gtsam.imuBias.ConstantBias(self.bias[k, :3], self.bias[k, 3:]))
             values.insert(odo[k], self.odo[k])
-        values.insert(_shared_key(Kind.MOUNT), self.mount[0])
-        values.insert(_shared_key(Kind.CLOCK), self.clock[0])
+        for kind, value in ((Kind.MOUNT, self.mount), (Kind.CLOCK, self.clock), (Kind.IMU, self.imu)):
+            values.insert(_shared_key(kind), value[0])
         return values
 
     @staticmethod
@@ -136,9 +140,8 @@ class States:
         bias = np.array([values.atConstantBias(key).vector() for key in Kind.BIAS.keys(index).tolist()])
         odo = np.array([values.atVector(key) for key in Kind.ODO.keys(index).tolist()])
         nav = Nav(matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy(), matrices[:, :3, 4].copy())
-        mount = np.array([values.atVector(_shared_key(Kind.MOUNT))])
-        clock = np.array([values.atVector(_shared_key(Kind.CLOCK))])
-        return States(nav, bias, odo, mount, clock)
+        shared = (np.array([values.atVector(_shared_key(kind))]) for kind in SHARED)
+        return States(nav, bias, odo, *shared)
 
 
 def _shared_key(kind: Kind) -> int:

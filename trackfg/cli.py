@@ -87,18 +87,35 @@ def scenarios() -> None:
 def simulate(
     scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="One of `trackfg scenarios`.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.")],
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the sensor errors.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Another track, and all that runs on it.")] = 0,
+    run: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Another run on the same track: other driving, other sensor errors.")
+    ] = 0,
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Length in seconds, instead of the scenario's own.")
+    ] = None,
+    line: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Run on this line: a description (.toml) or LandXML (.xml).", show_default=False
+        ),
     ] = None,
 ) -> None:
     """Write the recording that a simulated vehicle would make, with the truth beside it."""
     from trackfg.atomic_folder import replaced_folder
+    from trackfg.datasets.line_file import read_line_file
+    from trackfg.datasets.scenarios import scenario as named
     from trackfg.datasets.scenarios import simulate as run_scenario
 
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise BadInputError(f"{out}: exists; recordings are never overwritten: choose another folder")
-    simulation = run_scenario(scenario, seed=seed, duration_s=duration)
+    plan = named(scenario)
+    if line is not None:
+        given = read_line_file(line)
+        for remark in given.remarks:
+            print(f"trackfg: note: {line}: {remark}", file=sys.stderr)
+        plan = plan.on(given)
+    simulation = run_scenario(plan, seed=seed, run=run, duration_s=duration)
     with replaced_folder(out) as new:
         simulation.write(new)
     print(f"recording: {out}")

@@ -26,9 +26,14 @@ class KeyframeConfig(_Section):
 
 
 class ImuConfig(_Section):
-    """Holes in the IMU's record: over one, the body may turn and accelerate as if by white noise of these densities
-    (rad/s and m/s^2 per sqrt(Hz)).
+    """What the recording does not declare of the IMU: how well its axes are aligned (what one feels of another's input)
+    and scaled, and how much the gyro feels of accelerations (rad/s per m/s^2). And holes in its record: over one, the body may turn and accelerate as if by white noise of these
+    densities (rad/s and m/s^2 per sqrt(Hz)).
     """
+
+    misalignment_sd_rad: Positive = 6e-4
+    scale_sd: Positive = 2e-3
+    g_sensitivity_sd: Positive = 1e-5
 
     bridge_gyro_white: Positive = 0.05
     bridge_accel_white: Positive = 0.5
@@ -73,6 +78,17 @@ class MotionConfig(_Section):
     rigid_rest_turn_sd_rad: Positive = 1e-5
     rigid_rest_shift_sd_m: Positive = 2e-5
     min_rest_s: Positive = 3.0
+
+
+class LaserConfig(_Section):
+    """Displacement sensors: readings are means over ``window_s``; two units see one place of a rail alike to
+    ``match_sd_m`` besides their own noise. Passes more than ``max_keyframes`` apart (a stop between) are not tied.
+    """
+
+    window_s: Positive = 0.04
+    match_sd_m: Positive = 1e-5
+    robust_width: Positive = 4.0
+    max_keyframes: Annotated[int, Field(gt=0)] = 16
 
 
 class PositionConfig(_Section):
@@ -162,6 +178,7 @@ class SmoothConfig(_Section):
     imu: ImuConfig = ImuConfig()
     tach: TachConfig = TachConfig()
     motion: MotionConfig = MotionConfig()
+    laser: LaserConfig = LaserConfig()
     position: PositionConfig = PositionConfig()
     noise: NoiseConfig = NoiseConfig()
     output: OutputConfig = OutputConfig()

@@ -28,7 +28,7 @@ _NAV = slice(offset_in_keyframe(Kind.NAV), offset_in_keyframe(Kind.NAV) + Kind.N
 class Covariance:
     """``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
 
-    d is 19 + 5, elimination order.
+    d is 19 + 26, elimination order.
     """
 
     marginal: Array
@@ -133,7 +133,7 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
-    """Tangent vectors (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, 24, count)."""
+    """Tangent vectors (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
     n, _, d = root.regression.shape
     samples = np.empty((n, _SIZE, count))
     noise = root.inverse @ rng.standard_normal((n, KEYFRAME_DIM, count))

@@ -1,8 +1,8 @@
 """From a recording to a factor graph with initial values.
 
 ==================  =============================================================================================
-native factors      inertial factors and bias walk, GTSAM's own
-families            priors, distance chain, tach, arc length, non-holonomic, standstill, fixes, GNSS
+native factors      inertial factors, GTSAM's own
+families            priors, bias walk, distance chain, tach, arc length, non-holonomic, standstill, fixes, GNSS
 ==================  =============================================================================================
 
 Each accelerometer sample is counted once: it is in the inertial factors, and no gravity factor uses it again. A
@@ -21,15 +21,16 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.description import Gnss
 from trackfg.errors import UnsolvableError
+from trackfg.factors.bias import bias_walk, response_sigmas, response_terms
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
-from trackfg.factors.imu import ImuNoise, bias_walk, imu_factors, preintegrate
+from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
 from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
-from trackfg.factors.states import Kind, Nav, States
+from trackfg.factors.states import SHARED, Kind, Nav, States
 from trackfg.frames import EARTH_RADIUS, Array, earth_rate_enu, normal_gravity, transport_rate
 from trackfg.inertial import Intervals, compress, intervals, means_around, turning
 from trackfg.initial import InitialPath, initial_path
@@ -84,6 +85,8 @@ class Problem:
     """White noise of the inertial samples as assumed in the graph."""
     edges: np.ndarray
     """The keyframes as indices into ``inertial.edges``, shape (n,)."""
+    response: Array
+    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
 
     def family(self, name: str) -> Family | None:
         """The family of that name, if the graph has it."""
@@ -113,7 +116,21 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     states = layout.initial_states()
     native = layout.native(states, speedless)
     families = layout.families(states, speedless)
-    return Problem(t, native, families, states, world, layout.lever_arm, rests, gaps, wheel, data, layout.noise, edges)
+    return Problem(
+        t=t,
+        native=native,
+        families=families,
+        initial=states,
+        world=world,
+        lever_arm=layout.lever_arm,
+        rests=rests,
+        gaps=gaps,
+        wheel=wheel,
+        inertial=data,
+        noise=layout.noise,
+        edges=edges,
+        response=layout.response,
+    )
 
 
 def _world(recording: Recording) -> World:
@@ -190,7 +207,8 @@ class _Layout:
         count = distance if self.wheel is None else self.wheel.at(self.t)
         start = self._start_distance(distance)
         odo = np.stack([start + distance, np.ones(n), count, np.diff(distance, prepend=0.0)], axis=1)
-        return States(Nav(R, p, self.path.velocity(self.t)), bias, odo, np.zeros((1, 2)), np.zeros((1, 3)))
+        nav, shared = Nav(R, p, self.path.velocity(self.t)), (np.zeros((1, kind.dim)) for kind in SHARED)
+        return States(nav, bias, odo, *shared)
 
     def _start_distance(self, distance: Array) -> float:
         """Where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
@@ -206,8 +224,8 @@ class _Layout:
         return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
 
     def native(self, states: States, speedless: bool) -> gtsam.NonlinearFactorGraph:
-        """Inertial factors and bias walk."""
-        noise, config = self.recording.description.imu.noise, self.config.imu
+        """Inertial factors."""
+        config = self.config.imu
         measured = replace(self.noise, accel=1e3) if speedless else self.noise
         gyro_bias = states.bias[:, 3:].mean(axis=0)
         bridge = ImuNoise(config.bridge_gyro_white, config.bridge_accel_white)
@@ -233,12 +251,30 @@ class _Layout:
             for k, (a, b) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True))
         ):
             graph.push_back(factor)
-        for between in bias_walk(np.diff(self.t), noise.accel_bias_walk, noise.gyro_bias_walk):
-            graph.push_back(between)
         return graph
 
+    @property
+    def response(self) -> Array:
+        """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
+        where none starts, nothing. Shape (n, 6, 21).
+        """
+        span = np.diff(self.t)[:, None]
+
+        def mean(samples: Array) -> Array:
+            total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
+            return np.diff(total[self.edges], axis=0) / span
+
+        terms = response_terms(mean(self.data.accel), mean(self.data.gyro) - self.path.bias(self.t[:-1]))
+        return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
+
+    def _bias_walk(self) -> Family:
+        noise = self.recording.description.imu.noise
+        density = np.repeat([noise.accel_bias_walk, noise.gyro_bias_walk], 3)
+        sigma = np.sqrt(np.diff(self.t))[:, None] * density
+        return bias_walk(np.arange(len(self.t) - 1), np.diff(self.response, axis=0), sigma)
+
     def families(self, states: States, speedless: bool) -> tuple[Family, ...]:
-        families = [*self._priors(states), *self._odometer()]
+        families = [*self._priors(states), self._bias_walk(), *self._odometer()]
         if speedless:
             families.append(self._tilt())
         else:
@@ -262,6 +298,8 @@ class _Layout:
         clock_sd = np.array(
             [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
         )
+        imu = config.imu
+        imu_sd = response_sigmas(imu.scale_sd, imu.misalignment_sd_rad, imu.g_sensitivity_sd)[None]
         mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
         return [
             nav_prior(first, states.nav[:1], nav_sd),
@@ -269,6 +307,7 @@ class _Layout:
             prior(Kind.ODO, first, states.odo[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
             prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
             prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
+            prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
         ]
 
     def _odometer(self) -> list[Family]:
@@ -396,13 +435,13 @@ class _Layout:
 def increment_starts(
     data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Split each keyframe interval into increments of at most about ``duration`` s, with boundaries on both sides of
-    each of ``times``.
+    """Split each keyframe interval into increments of at most ``duration`` s (but at least a sample each), with
+    boundaries on both sides of each of ``times``.
 
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.
     """
-    group = max(1, round(duration / float(np.median(data.durations))))
+    group = max(1, int(duration / float(np.median(data.durations)) + 1e-6))
     counts = -(-np.diff(edges) // group)
     offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])

@@ -1,231 +1,159 @@
-"""The smoothed run as profiles over the chainage, one per pass over the track, and how sure they are together.
+"""The smoothed run as profiles over the chainage, one per pass over the track.
 
-A pass is a stretch of the run between two changes of direction. On it every quantity is a function of the chainage,
-here on whole multiples of the grid's step, ascending, facing increasing chainage whichever way the vehicle went:
-
-* ``height`` z and ``lateral`` u of the track below the reference point, m; ``u'' = d(heading of the path)/dx``, so that
-  chords and bands of u are those of the alignment, in curves of any length;
-* ``heading`` of the vehicle, rad, and ``tilt``, the sine of its roll (positive: left side up).
-
-:func:`profile_samples` draws the errors of a stretch of these profiles from the joint posterior: the keyframes' errors
-as they belong together, and between keyframes the white noise of the inertial samples, pinned at both ends. An operator
-applied to the samples has its sigma as their spread, whatever its extent.
+On a pass every quantity is a function of the chainage, here on whole multiples of the grid's step, ascending, facing
+increasing chainage whichever way the vehicle went (:class:`Shapes`). A sensor that follows the track gives the track's
+shape by its own path and attitude; on springs, displacement sensors give it (:mod:`trackfg.rail_profile`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from trackfg.dense import DenseMotion
 from trackfg.factors.motion import mount_matrix
-from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.resampling import resample
 from trackfg.graph import Problem
-from trackfg.spans import true_runs
+from trackfg.passes import Pass, passes
+from trackfg.profile_samples import Points
+from trackfg.rails import Side
 
-_MOVED_M = 0.05
-"""Keyframes closer than this say nothing about the direction of travel."""
+SHORTEST_PASS_M = 10.0
 
-_SHORTEST_PASS_M = 10.0
 
-_BEAM_MODES = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671])
+@dataclass(frozen=True)
+class Shapes:
+    """Functions of the chainage, (..., n) each: values, or many samples of their errors at once.
+
+    ``height`` z and ``lateral`` u of the centre line, m; ``u'' = d(heading of the path)/dx``, so that chords and bands
+    of u are those of the alignment, in curves of any length. ``tilt``: the sine of the track's roll, positive with the
+    left rail up. ``heading``, rad. ``rails``: height and lateral of each, and ``gauge``, m, where sensors see them.
+    """
+
+    height: Array
+    lateral: Array
+    tilt: Array
+    heading: Array
+    rails: Mapping[Side, tuple[Array, Array]] = field(default_factory=dict)
+    gauge: Array | None = None
+
+
+@dataclass(frozen=True)
+class View:
+    """One sight of the track: the points it came from and the white noise that is in it, across and up, m (n,).
+
+    ``side`` is the rail, None for the path of the vehicle itself. ``below``: how much larger the noise is to a filter
+    that keeps long waves only, ``slope`` (rad/m): sigma of the heading per sigma across.
+    """
+
+    side: Side | None
+    points: Points
+    across_sd: Array
+    up_sd: Array
+    below: float = 1.0
+    slope: float = 0.0
 
 
 @dataclass(frozen=True)
 class Profile:
-    """One pass. ``cell`` (m,) is chainage over step, whole numbers ascending by one; the others are (m,) or (m, 3).
-
-    ``keyframe`` and ``fraction`` say when each place was passed; ``arm`` is the vector from the reference point to the
-    IMU in n, m; ``left`` the horizontal unit vector to the left of the path, facing increasing chainage.
-    """
+    """One pass. ``cell`` (n,) is chainage over step, whole numbers ascending by one; ``speed`` (n,) m/s."""
 
     cell: np.ndarray
-    height: Array
-    lateral: Array
-    heading: Array
-    tilt: Array
     speed: Array
-    axle: Array
-    arm: Array
-    left: Array
-    keyframe: np.ndarray
-    fraction: Array
+    shapes: Shapes
+    views: tuple[View, ...]
 
     def __len__(self) -> int:
         return len(self.cell)
 
 
 def profiles(problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float) -> list[Profile]:
-    """All passes, longest first; those too short to hold a chord are left out."""
-    found = [_profile(problem, motion, states, direction, step_m, *span) for span in _passes(states.odo[:, 0])]
-    return sorted((profile for profile in found if profile is not None), key=len, reverse=True)
+    """All passes of a sensor that follows the track; those too short to hold a chord are left out."""
+    found = [_profile(problem, motion, states, direction, step_m, stretch) for stretch in passes(states.odo[:, 0])]
+    return [profile for profile in found if profile is not None]
 
 
-def _passes(distance: Array) -> list[tuple[int, int, int]]:
-    """First and last keyframe of each pass and its sense."""
-    steps = np.diff(distance)
-    sense = np.where(np.abs(steps) > _MOVED_M, np.sign(steps), 0.0)
-    moving = np.flatnonzero(sense)
-    if moving.size == 0:
-        return []
-    filled = sense[moving[np.clip(np.searchsorted(moving, np.arange(len(sense)), side="right") - 1, 0, None)]]
-    runs = [(int(a), int(b), s) for s in (1, -1) for a, b in true_runs(filled == s)]
-    return sorted(runs)
+@dataclass(frozen=True)
+class Ascent:
+    """A pass's rows of dense motion in order of ascending chainage ``x`` (m,), and how to bring them to the grid."""
+
+    x: Array
+    rows: slice
+    backwards: bool
+
+    @classmethod
+    def of(cls, problem: Problem, motion: DenseMotion, stretch: Pass, direction: int, ahead_m: float = 0.0) -> Ascent:
+        """``ahead_m``: how far ahead of the reference point the place is that is passed."""
+        rows = stretch.rows(problem.t, motion.t)
+        x = direction * (motion.distance[rows] + ahead_m)
+        backwards = stretch.sense * direction < 0
+        return cls(x[::-1] if backwards else x, rows, backwards)
+
+    def sorted(self, values: Array) -> Array:
+        """Values of the pass's rows (m, ...) in order of chainage."""
+        return values[::-1] if self.backwards else values
+
+    def on(self, grid: Array, values: Array) -> Array:
+        """Slow values of the pass's rows (m, c) at places (n,), linearly. Shape (n, c)."""
+        place = np.maximum.accumulate(self.x)
+        return np.column_stack([np.interp(grid, place, column) for column in self.sorted(values).T])
 
 
 def _profile(
-    problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float, k0: int, k1: int, sense: int
+    problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float, stretch: Pass
 ) -> Profile | None:
-    rows = slice(*np.searchsorted(motion.t, [problem.t[k0], problem.t[k1] + 1e-9]))
-    nav, R_bt = motion.nav[rows], mount_matrix(states.mount)[0][0]
+    ascent = Ascent.of(problem, motion, stretch, direction)
+    if ascent.x[-1] - ascent.x[0] < SHORTEST_PASS_M:
+        return None
+    nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0][0]
     R = nav.R @ R_bt
     arm = nav.R @ problem.lever_arm
     position = nav.p - arm
-    x = direction * motion.distance[rows]
     forward, axle = R[:, :, 0], R[:, :, 1] * direction
-    speed = np.abs(np.sum(nav.v * forward, axis=1))
     heading = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    when = motion.keyframe[rows] + motion.fraction[rows]
-    order = slice(None, None, 1 if sense * direction > 0 else -1)
-    x, when = x[order], when[order]
-    if x[-1] - x[0] < _SHORTEST_PASS_M:
-        return None
-    shape = np.column_stack([position, heading, axle[:, 2]])[order]
-    grid, (east, north, height, heading, tilt) = resample(x, shape.T, step_m)
-    place = np.maximum.accumulate(x)
-    rest = np.column_stack([speed, axle, arm])[order]
-    at = np.column_stack([np.interp(grid, place, column) for column in rest.T])
-    moment = np.interp(grid, place, when)
-    k = np.clip(moment.astype(np.int64), k0, k1 - 1)
-
-    path = np.arctan2(np.diff(north), np.diff(east))
-    known = np.isfinite(path)
-    path[known] = np.unwrap(path[known])
-    path[~known] = 0.0 if not known.any() else np.interp(np.flatnonzero(~known), np.flatnonzero(known), path[known])
-    here = np.concatenate([path[:1], 0.5 * (path[1:] + path[:-1]), path[-1:]])
-    lateral = np.concatenate([[0.0], np.cumsum((path - path.mean()) * step_m)])
+    shape = ascent.sorted(np.column_stack([position, heading, axle[:, 2]]))
+    grid, (east, north, height, heading, tilt) = resample(ascent.x, shape.T, step_m)
+    lateral, left = lateral_of(east, north, step_m)
+    speed = np.abs(np.sum(nav.v * forward, axis=1))
+    points, speed = points_at(motion, stretch, ascent, grid, left, axle, arm, speed)
+    none = np.zeros(len(grid))
     return Profile(
         cell=np.rint(grid / step_m).astype(np.int64),
-        height=height,
-        lateral=np.where(np.isfinite(east), lateral, np.nan),
-        heading=heading,
-        tilt=tilt,
-        speed=at[:, 0],
-        axle=at[:, 1:4],
-        arm=at[:, 4:7],
-        left=np.column_stack([-np.sin(here), np.cos(here), np.zeros(len(here))]),
-        keyframe=k,
-        fraction=moment - k,
+        speed=speed,
+        shapes=Shapes(height, lateral, tilt, heading),
+        views=(View(None, points, none, none),),
     )
 
 
-@dataclass(frozen=True)
-class ProfileSamples:
-    """Errors drawn from the posterior, each (count, m): ``height``, ``lateral`` m, ``heading`` rad, ``tilt``."""
-
-    height: Array
-    lateral: Array
-    heading: Array
-    tilt: Array
-
-
-@dataclass(frozen=True)
-class PosteriorErrors:
-    """Samples of the keyframes' errors in n: position, velocity, attitude (n, 3, count); and for the noise in between,
-    normal draws for the beam's modes (n - 1, 2, modes, count) and where the bridges are drawn from.
-    """
-
-    position: Array
-    velocity: Array
-    attitude: Array
-    beam: Array
-    rng: np.random.Generator
-
-    @classmethod
-    def of(cls, states: States, samples: Array, rng: np.random.Generator) -> PosteriorErrors:
-        """From samples of the tangents (n, d, count)."""
-        at = offset_in_keyframe(Kind.NAV)
-        n, _, count = samples.shape
-        attitude, position, velocity = (states.nav.R @ samples[:, at + i : at + i + 3] for i in (0, 3, 6))
-        beam = rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count))
-        return cls(position, velocity, attitude, beam, rng)
+def points_at(
+    motion: DenseMotion,
+    stretch: Pass,
+    ascent: Ascent,
+    grid: Array,
+    left: Array,
+    axle: Array,
+    arm: Array,
+    speed: Array,
+) -> tuple[Points, Array]:
+    """When and where each place of the grid was passed, and how fast; the last three are at the pass's rows."""
+    when = motion.keyframe[ascent.rows] + motion.fraction[ascent.rows]
+    at = ascent.on(grid, np.column_stack([when, speed, axle, arm]))
+    k = np.clip(at[:, 0].astype(np.int64), stretch.first, stretch.last - 1)
+    return Points(keyframe=k, fraction=at[:, 0] - k, left=left, axle=at[:, 2:5], arm=at[:, 5:8]), at[:, 1]
 
 
-def profile_samples(problem: Problem, profile: Profile, rows: slice, errors: PosteriorErrors) -> ProfileSamples:
-    """The errors of some rows of a profile.
-
-    Position is carried between keyframes by the cubic of its end values and slopes, attitude linearly. In between, the
-    accelerometer's white noise N adds ``N T^1.5 sum phi_i(f) / beta_i^2 xi_i``, phi_i the modes of a clamped beam (the
-    doubly integrated noise, pinned in value and slope: three modes hold 98 % of it), and the gyro's a Brownian bridge.
-    """
-    k, f, count = profile.keyframe[rows], profile.fraction[rows], errors.position.shape[2]
-    span = np.diff(problem.t)[k][:, None]
-    left, axle, arm = profile.left[rows], profile.axle[rows], profile.arm[rows]
-    f1 = f[:, None]
-    weights = (
-        1.0 - 3.0 * f1**2 + 2.0 * f1**3,
-        3.0 * f1**2 - 2.0 * f1**3,
-        span * (f1 - 2.0 * f1**2 + f1**3),
-        span * (f1**3 - f1**2),
-    )
-
-    def along(direction: Array, samples: Array) -> Array:
-        return np.einsum("mi,mis->ms", direction, samples)
-
-    def position(direction: Array) -> Array:
-        """The error of the IMU's position in a direction (m, 3), carried from the keyframes."""
-        p, v = errors.position, errors.velocity
-        parts = (p[k], p[k + 1], v[k], v[k + 1])
-        return np.asarray(sum(w * along(direction, part) for w, part in zip(weights, parts, strict=True)))
-
-    def attitude(direction: Array) -> Array:
-        """The error of the attitude about a direction (m, 3), carried from the keyframes."""
-        return (1.0 - f1) * along(direction, errors.attitude[k]) + f1 * along(direction, errors.attitude[k + 1])
-
-    def shaken(axis: int) -> Array:
-        modes = problem.noise.accel * span**1.5 * _beam(f)
-        return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, axis]))
-
-    def turned() -> Array:
-        return problem.noise.gyro * _bridges(problem.t, k, f, count, errors.rng)
-
-    up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
-    forward = np.cross(left, up)
-    # The reference point is the IMU's position less the arm, which turns with the attitude.
-    height, across, ahead = (
-        position(direction) - (attitude(np.cross(arm, direction)) if arm.any() else 0.0)
-        for direction in (up, left, forward)
-    )
-    # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the same.
-    turn = np.diff(np.unwrap(np.arctan2(forward[:, 1], forward[:, 0])))[:, None]
-    bent = np.vstack([np.zeros((1, count)), np.cumsum(0.5 * turn * (ahead[1:] + ahead[:-1]), axis=0)])
-    return ProfileSamples(
-        height=(height + shaken(0)).T,
-        lateral=(across + bent + shaken(1)).T,
-        heading=(attitude(up) + turned()).T,
-        tilt=(attitude(np.cross(axle, up)) + turned()).T,  # d(axle) = phi x axle
-    )
-
-
-def _beam(f: Array) -> Array:
-    """Modes of a beam clamped at 0 and 1, unit norm, over beta^2. Shape (m,) to (m, modes)."""
-    b = _BEAM_MODES
-    x = f[:, None] * b
-    ratio = (np.cosh(b) - np.cos(b)) / (np.sinh(b) - np.sin(b))
-    return np.asarray((np.cosh(x) - np.cos(x) - ratio * (np.sinh(x) - np.sin(x))) / b**2)
-
-
-def _bridges(t: Array, keyframe: np.ndarray, fraction: Array, count: int, rng: np.random.Generator) -> Array:
-    """Brownian motion of unit density at the rows' times, pinned at every keyframe. Shape (m, count)."""
-    rows = t[keyframe] + fraction * np.diff(t)[keyframe]
-    low, high = keyframe.min(), keyframe.max() + 2
-    times = np.concatenate([t[low:high], rows])
-    order = np.argsort(times, kind="stable")
-    steps = np.sqrt(np.diff(times[order], prepend=times[order[0]]))[:, None] * rng.standard_normal((len(times), count))
-    free = np.empty_like(steps)
-    free[order] = np.cumsum(steps, axis=0)
-    pins, k, f = free[: high - low], keyframe - low, fraction[:, None]
-    return np.asarray(free[high - low :] - (1.0 - f) * pins[k] - f * pins[k + 1])
+def lateral_of(east: Array, north: Array, step_m: float) -> tuple[Array, Array]:
+    """u of a path given at every step (n,), and the horizontal unit vectors to its left (n, 3). NaN stays NaN in u."""
+    heading = np.arctan2(np.diff(north), np.diff(east))
+    known = np.isfinite(heading)
+    heading[known] = np.unwrap(heading[known])
+    index = np.arange(len(heading))
+    heading = np.interp(index, index[known], heading[known]) if known.any() else np.zeros(len(heading))
+    u = np.concatenate([[0.0], np.cumsum((heading - heading.mean()) * step_m)])
+    here = np.concatenate([heading[:1], 0.5 * (heading[1:] + heading[:-1]), heading[-1:]])
+    left = np.column_stack([-np.sin(here), np.cos(here), np.zeros(len(here))])
+    return np.where(np.isfinite(east), u, np.nan), left

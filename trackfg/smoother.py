@@ -8,20 +8,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, SquareRoot, posterior_covariance, square_root
-from trackfg.dense import dense_motion
+from trackfg.dense import DenseMotion, dense_motion
 from trackfg.events import event_table
-from trackfg.factors.states import Kind
+from trackfg.factors.states import Kind, States
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
 from trackfg.noise_levels import adapted, noise_findings, noise_ratios
+from trackfg.profile import Profile, profiles
+from trackfg.rail_profile import rail_profiles
+from trackfg.rails import SIDES, rail_views, tied_by_rails
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
@@ -105,10 +108,11 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
         motion = dense_motion(problem, solution.states, _dense_step(solution, config.geometry.step_m), clock)
         at_clock = motion.at(clock)
         trajectory = trajectory_table(problem, at_clock, solution.states, covariance, track.direction)
-        calibration = calibration_table(at_clock, solution.states, covariance)
+        calibration = calibration_table(problem, at_clock, solution.states, covariance)
     with stages.stage("geometry"):
         meaning = conventions(config.geometry, track)
-        geometry = geometry_table(problem, motion, solution.states, covariance, root, track, meaning)
+        shapes = _profiles(recording, problem, motion, solution.states, meaning.step_m)
+        geometry = geometry_table(problem, shapes, solution.states, covariance, root, meaning)
     return SmoothedStates(
         config, problem, solution, covariance, ratios, trajectory, geometry, calibration, stages.timings_s
     )
@@ -117,15 +121,35 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
 def _solved(
     recording: Recording, config: SmoothConfig, stages: _Stages
 ) -> tuple[Problem, Solution, SquareRoot, Covariance, dict[str, float]]:
+    views = rail_views(recording)
     with stages.stage("graph"):
         problem = build_problem(recording, config)
+        if views:
+            problem = tied_by_rails(problem, problem.initial, views, config.laser)
     with stages.stage("solve") as report:
         solution = solve(problem, config.solver, report)
+    if views:  # which readings saw one place is known better now
+        with stages.stage("solve") as report:
+            problem = tied_by_rails(replace(problem, initial=solution.states), solution.states, views, config.laser)
+            solution = solve(problem, config.solver, report)
     with stages.stage("covariance"):
         root = square_root(solution.bayes_net, len(problem.t))
         covariance = posterior_covariance(root)
         ratios = noise_ratios(problem, solution.states, covariance)
     return problem, solution, root, covariance, ratios
+
+
+def _profiles(
+    recording: Recording, problem: Problem, motion: DenseMotion, states: States, step_m: float
+) -> list[Profile]:
+    """What the run says of the track: nothing where nothing measures speed, or where the sensor is on springs alone."""
+    description = recording.description
+    direction, views = description.track.direction, rail_views(recording)
+    if recording.tach is None and recording.gnss is None:
+        return []
+    if {view.side for view in views} == set(SIDES):
+        return rail_profiles(problem, motion, states, direction, step_m, views)
+    return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []
 
 
 def _dense_step(solution: Solution, step_m: float) -> float:
@@ -159,7 +183,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
 
     return Summary(
         recording_id=recording.description.id,
-        configuration=smoothed.config.model_dump(),
+        configuration=smoothed.config.model_dump(mode="json"),
         solver=Solver(
             converged=solution.converged,
             reason=solution.reason,

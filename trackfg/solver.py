@@ -86,7 +86,7 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
             robust, families = True, problem.families
             cost = _cost(problem, families, states, values)
     stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
-    rows = 15 * (keyframes - 1) + sum(family.rows for family in families)
+    rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
     variables = sum(kind.dim for kind in ELIMINATION_ORDER) * keyframes + sum(kind.dim for kind in SHARED)
     return Solution(states, bayes_net, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
 

@@ -44,11 +44,16 @@ def trajectory_table(
     return pd.DataFrame(table)
 
 
-def calibration_table(motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
-    """One row per entry of ``motion``: wheel scale and biases, and their sigmas."""
-    odo, bias = covariance.of(Kind.ODO), covariance.of(Kind.BIAS)
-    values = np.column_stack([states.odo[:, 1], states.bias])
-    variance = np.column_stack([odo[:, 1, 1], np.diagonal(bias, axis1=1, axis2=2)])
+def calibration_table(problem: Problem, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
+    """One row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas."""
+    own = states.bias - problem.response @ states.imu[0]
+    J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
+    odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
+    J[:, 0, odo + 1] = 1.0
+    J[:, 1:, bias : bias + 6] = np.eye(6)
+    J[:, 1:, imu : imu + Kind.IMU.dim] = -problem.response
+    values = np.column_stack([states.odo[:, 1], own])
+    variance = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
     names = ["wheel_scale"]
     names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
     k, f = motion.keyframe, motion.fraction[:, None]

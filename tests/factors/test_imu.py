@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from trackfg.factors.imu import ImuNoise, bias_walk, imu_factors, preintegrate
+from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
 from trackfg.factors.states import Kind
 from trackfg.frames import earth_rate_enu, matrix_from_rpy, so3_exp, so3_log
 from trackfg.inertial import Increments, Intervals, compress
@@ -206,22 +206,3 @@ def test_factors_tie_neighbours_in_order() -> None:
     made = [preintegrate(parameters, np.zeros(6), x.duration, x.rotation, x.velocity) for _ in range(3)]
     nav, bias = NAV.keys(np.arange(4)).tolist(), BIAS.keys(np.arange(3)).tolist()
     assert [list(f.keys()) for f in imu_factors(made)] == [[nav[k], nav[k + 1], bias[k]] for k in range(3)]
-
-
-def test_bias_walk_sigma_is_density_times_root_of_duration() -> None:
-    duration = np.array([0.25, 1.0, 9.0])
-    factors = bias_walk(duration, accel_density=2e-5, gyro_density=3e-6)
-    keys = BIAS.keys(np.arange(4)).tolist()
-    for k, one in enumerate(factors):
-        assert list(one.keys()) == keys[k : k + 2]
-        expected = np.sqrt(duration[k]) * np.repeat([2e-5, 3e-6], 3)
-        np.testing.assert_allclose(one.noiseModel().sigmas(), expected, rtol=1e-12)
-    step = gtsam.Values()
-    step.insert(keys[0], gtsam.imuBias.ConstantBias())
-    step.insert(keys[1], gtsam.imuBias.ConstantBias(np.full(3, 1e-5), np.zeros(3)))
-    assert factors[0].error(step) == pytest.approx(0.5 * 3 * (1e-5 / 1e-5) ** 2)
-
-
-def test_increments_of_different_lengths_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"zip|broadcast|shape"):
-        preintegrate(NOISE.parameters(G, STILL), np.zeros(6), np.full(3, 0.02), np.zeros((2, 3)), np.zeros((3, 3)))

@@ -106,6 +106,60 @@ def test_simulate_is_reproducible(run: Run, tmp_path: Path) -> None:
     assert a == b != c
 
 
+def test_simulate_another_run_on_the_same_track(run: Run, tmp_path: Path) -> None:
+    for number in (0, 1):
+        done = run("simulate", "mainline", "-o", tmp_path / f"{number}", "--run", number, "--duration", 60)
+        assert done.status == 0, done.err
+    imu = [(tmp_path / f"{number}" / "imu.parquet").read_bytes() for number in (0, 1)]
+    assert imu[0] != imu[1]
+    track = [pd.read_parquet(tmp_path / f"{number}" / "truth_geometry.parquet") for number in (0, 1)]
+    both = track[0].merge(track[1], on="chainage_m", suffixes=("", "_again"))
+    assert len(both) > 100
+    assert both["gauge_mm"].equals(both["gauge_mm_again"].rename("gauge_mm"))
+
+
+@pytest.fixture
+def line_file(tmp_path: Path) -> Path:
+    path = tmp_path / "branch.toml"
+    path.write_text(
+        'format = "trackfg-line/1"\nid = "branch"\ngauge_m = 1.435\nstart_chainage_m = 5000\n'
+        "speed_limit = [{chainage_m = 5000, kmh = 60}]\n"
+        'element = [{type = "straight", length_m = 400}, {type = "curve", radius_m = 800, length_m = 300}]\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+def test_simulate_on_a_line_from_a_file(run: Run, tmp_path: Path, line_file: Path) -> None:
+    done = run("simulate", "mainline", "-o", tmp_path / "out", "--line", line_file, "--duration", 60)
+    assert done.status == 0
+    assert done.err == (
+        f"trackfg: note: {line_file}: the curvature jumps by +0.00125 1/m between elements 1 and 2 "
+        "(chainage 5400.000 m)\n"
+    )
+    assert trackfg.read_recording(tmp_path / "out").description.track.gauge_m == 1.435
+    assert pd.read_parquet(tmp_path / "out" / "truth.parquet")["chainage_m"][0] == 5050.0
+
+
+@pytest.mark.parametrize(
+    ("scenario", "name", "expected"),
+    [
+        ("no-stop", "branch.toml", "the line is 700 m long: expected"),
+        ("mainline", "nowhere.toml", "nowhere.toml: cannot be read"),
+        ("mainline", "nowhere.xml", "nowhere.xml"),
+        ("mainline", "branch.csv", "expected a line description (.toml) or LandXML (.xml)"),
+    ],
+)
+def test_simulate_on_a_line_that_does_not_do(
+    run: Run, tmp_path: Path, line_file: Path, scenario: str, name: str, expected: str
+) -> None:
+    done = run("simulate", scenario, "-o", tmp_path / "out", "--line", line_file.parent / name)
+    assert done.status == 2
+    assert expected in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "out").exists()
+
+
 def test_simulate_never_overwrites(run: Run, recording: Path) -> None:
     before = (recording / "recording.toml").read_bytes()
     done = run("simulate", "mainline", "-o", recording, "--duration", 20)

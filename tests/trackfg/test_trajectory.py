@@ -48,7 +48,7 @@ def states(gyro: np.ndarray) -> States:
     body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
     nav = Nav(R, 50 * rng.normal(size=(N, 3)), np.einsum("mij,mj->mi", R, body))
     odo = np.column_stack([np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N)])
-    return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)))
+    return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)), np.zeros((1, 21)))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def moved(states: States, column: int, step: float) -> States:
         rows = 1 if kind.shared else N
         parts[kind] = retract(states.of(kind), np.tile(delta[start : start + kind.dim], (rows, 1)))
         start += kind.dim
-    return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK)))  # type: ignore[arg-type]
+    return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK, Kind.IMU)))  # type: ignore[arg-type]
 
 
 def test_sigmas_equal_numerical_propagation(states: States, gyro: np.ndarray, covariance: Covariance) -> None:

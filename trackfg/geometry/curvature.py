@@ -1,10 +1,10 @@
 """Curvature over a base ``b``: the change of the heading over it, ``(heading(x + b/2) - heading(x - b/2)) / b``.
 
 Its response to the heading is ``2 i sin(W b/2) / b``; to the curvature itself it is ``sin(W b/2) / (W b/2)``, the
-moving average over the base. From the lateral profile ``u`` the heading is the central difference over ``2 h``, hence
-the response
+moving average over the base.
 
-    -2 sin(W b/2) sin(W h) / (b h)      to u.
+Where there is no heading but the lateral profile ``u``, whose readings have noise of their own, the heading is the
+slope of the cubic that fits ``u`` best within 1 m to either side (Savitzky and Golay, 1964).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
 
@@ -30,20 +31,30 @@ def curvature_response(wavelength_m: ArrayLike, base_m: float = 10.0) -> np.ndar
     return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)
 
 
-def curvature_of_lateral(u: ArrayLike, step_m: float, base_m: float = 10.0) -> Array:
-    """Curvature, 1/m, of lateral positions (..., n) in m, positive to the left; NaN within ``b/2 + h`` of an end.
+def heading_of_lateral(u: ArrayLike, step_m: float, half_m: float = 1.0) -> Array:
+    """Heading, rad, of lateral positions (..., n) in m; NaN within ``half_m`` of an end.
 
-    Raises ``BadInputError`` where half the base is no whole multiple of ``step_m``.
+    Raises ``BadInputError`` where ``half_m`` is no whole multiple of ``step_m``, or of fewer than two steps.
     """
-    half = steps(base_m / 2.0, step_m, "half of base_m")
-    weight = 1.0 / (2.0 * step_m * base_m)
-    weights = {half + 1: weight, -half - 1: weight}
-    for offset in (half - 1, 1 - half):  # both fall on 0 where the base is two steps
-        weights[offset] = weights.get(offset, 0.0) - weight
-    return weighted_neighbours(u, weights)
+    return weighted_neighbours(u, dict(_slope_weights(step_m, half_m)))
 
 
-def curvature_of_lateral_response(wavelength_m: ArrayLike, step_m: float, base_m: float = 10.0) -> Array:
-    """Response of :func:`curvature_of_lateral`, real, 1/m^2."""
+def heading_of_lateral_response(wavelength_m: ArrayLike, step_m: float, half_m: float = 1.0) -> np.ndarray:
+    """Complex response of :func:`heading_of_lateral` to u, 1/m."""
     W = wave_number(wavelength_m)
-    return np.asarray(-2.0 * np.sin(W * base_m / 2.0) * np.sin(W * step_m) / (base_m * step_m))
+    return np.asarray(sum(weight * np.exp(1j * W * k * step_m) for k, weight in _slope_weights(step_m, half_m)))
+
+
+def heading_noise(step_m: float, half_m: float = 1.0) -> float:
+    """Sigma of the heading, rad, for independent errors of 1 m in u."""
+    return float(np.sqrt(sum(weight**2 for _, weight in _slope_weights(step_m, half_m))))
+
+
+def _slope_weights(step_m: float, half_m: float) -> list[tuple[int, float]]:
+    """Weights of the neighbours in the slope, at the middle, of the cubic fitted by least squares."""
+    half = steps(half_m, step_m, "half_m")
+    if half < 2:
+        raise BadInputError(f"half_m is {half_m:g} m; expected two steps of {step_m:g} m or more")
+    k = np.arange(-half, half + 1)
+    slope = np.linalg.pinv(np.vander(k * step_m, 4, increasing=True))[1]
+    return list(zip(k.tolist(), slope.tolist(), strict=True))

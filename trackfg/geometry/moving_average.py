@@ -5,7 +5,7 @@ Japanese track recording cars show level less its 24 m moving average, and align
 the two samples at its ends half, so that the window is exactly ``M`` long and centred:
 
     sampled:      sin(W M/2) / (N tan(W h/2))          as realised
-    continuous:   sin(W M/2) / (W M/2)                 limit of small steps; 24 m at 0.25 m: equal to 1e-4 above 8 m
+    continuous:   sin(W M/2) / (W M/2)                 limit of small steps; 24 m at 0.25 m: equal to 1e-3 above 8 m
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ Samples taken at a steady rate lie close where the vehicle is slow and far apart
 
 With a step of 0.25 m and samples up to 0.05 m apart, sines of 0.8 m and more come back within 0.5 % and those below 0.5
 m with at most 3 % of their amplitude (0.2 % above 0.25 m). With samples 0.1 m apart it is 1 % from 1 m up, with 0.2 m
-1 % from 1.5 m up: there the spline decides. :func:`resampling_response` is the low-pass's, which dense samples attain.
+1 % from 2 m up: there the spline decides. :func:`resampling_response` is the low-pass's, which dense samples attain.
 """
 
 from __future__ import annotations

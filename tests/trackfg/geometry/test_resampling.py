@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -15,8 +17,10 @@ def places(length_m: float, spacing_m: float, seed: int = 0) -> np.ndarray:
     return x + np.random.default_rng(seed).normal(0.0, max(0.2 * spacing_m, 1e-3), len(x))
 
 
-@pytest.mark.parametrize("spacing", [0.002, 0.01, 0.03, 0.05, 0.1])
-@pytest.mark.parametrize("wavelength", [1.0, 1.7, 5.0, 25.0, 100.0])
+@pytest.mark.parametrize(
+    ("spacing", "wavelength"),
+    [*itertools.product((0.002, 0.01, 0.03, 0.05, 0.1), (1.0, 1.7, 5.0, 25.0, 100.0)), (0.2, 2.0), (0.2, 5.0)],
+)
 def test_waves_from_one_metre_keep_amplitude_and_phase(spacing: float, wavelength: float) -> None:
     x = places(60.0, spacing)
     grid, out = resample(x, np.sin(2.0 * np.pi * x / wavelength + 0.4))

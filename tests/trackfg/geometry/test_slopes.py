@@ -13,9 +13,10 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level, in_convention, roll_of_cross_level, to_base
 from trackfg.geometry.curvature import (
     curvature,
-    curvature_of_lateral,
-    curvature_of_lateral_response,
     curvature_response,
+    heading_noise,
+    heading_of_lateral,
+    heading_of_lateral_response,
 )
 from trackfg.geometry.gradient import gradient, gradient_response
 from trackfg.geometry.twist import twist, twist_response
@@ -24,8 +25,8 @@ OPERATORS = {
     "twist": (lambda y: twist(y, 0.25, 5.0), lambda w: twist_response(w, 5.0)),
     "gradient": (lambda y: gradient(y, 0.25, 25.0), lambda w: gradient_response(w, 25.0)),
     "curvature": (lambda y: curvature(y, 0.25, 10.0), lambda w: curvature_response(w, 10.0)),
-    "lateral": (lambda y: curvature_of_lateral(y, 0.25, 10.0), lambda w: curvature_of_lateral_response(w, 0.25, 10.0)),
-    "short": (lambda y: curvature_of_lateral(y, 0.25, 0.5), lambda w: curvature_of_lateral_response(w, 0.25, 0.5)),
+    "heading": (lambda y: heading_of_lateral(y, 0.25), lambda w: heading_of_lateral_response(w, 0.25)),
+    "short": (lambda y: heading_of_lateral(y, 0.25, 0.5), lambda w: heading_of_lateral_response(w, 0.25, 0.5)),
 }
 
 
@@ -42,7 +43,7 @@ def test_twist_is_blind_to_its_base_and_doubles_twice_it() -> None:
     np.testing.assert_allclose(np.abs(twist_response([5.0, 2.5, 10.0], 5.0)), [0.0, 0.0, 2.0], atol=1e-12)
     ramp = 1e-3 / 0.4 * np.arange(400) * 0.25  # 1 mm in 400 mm
     np.testing.assert_allclose(twist(ramp, 0.25, 2.5)[10:], 2.5e-3 / 0.4)
-    with pytest.raises(BadInputError, match="base_m is 2.6 m"):
+    with pytest.raises(BadInputError, match=r"base_m is 2\.6 m"):
         twist(ramp, 0.25, 2.6)
 
 
@@ -50,15 +51,22 @@ def test_a_slope_and_a_circle_are_read_exactly() -> None:
     x = np.arange(800) * 0.25
     assert np.nanmax(np.abs(gradient(12e-3 * x + 40.0, 0.25) - 12e-3)) < 1e-12
     assert np.nanmax(np.abs(curvature(x / 300.0 + 2.0, 0.25) - 1.0 / 300.0)) < 1e-12
-    assert np.nanmax(np.abs(curvature_of_lateral(0.5 * x**2 / 300.0, 0.25) - 1.0 / 300.0)) < 1e-9
+    assert np.nanmax(np.abs(curvature(heading_of_lateral(0.5 * x**2 / 300.0, 0.25), 0.25) - 1.0 / 300.0)) < 1e-9
 
 
-def test_curvature_of_heading_and_of_lateral_position_agree_on_long_waves() -> None:
-    wavelengths = np.geomspace(10.5, 500.0, 50)
-    w = 2.0 * np.pi / wavelengths
-    np.testing.assert_allclose(
-        curvature_of_lateral_response(wavelengths, 0.25), 1j * w * curvature_response(wavelengths), rtol=5e-3
-    )
+def test_the_heading_of_a_lateral_position_is_its_slope_down_to_4_m() -> None:
+    wavelengths = np.geomspace(4.0, 500.0, 50)
+    slope = heading_of_lateral_response(wavelengths, 0.25)
+    np.testing.assert_allclose(slope, 2j * np.pi / wavelengths, rtol=0.02)
+
+
+def test_noise_of_the_heading() -> None:
+    noise = np.random.default_rng(0).standard_normal(100_000)
+    heading = heading_of_lateral(noise, 0.25)
+    assert np.nanstd(heading) == pytest.approx(heading_noise(0.25), rel=0.02)
+    assert heading_noise(0.25) < 0.5 * np.sqrt(0.5) / 0.25
+    with pytest.raises(BadInputError, match="two steps"):
+        heading_of_lateral(noise, 0.25, 0.25)
 
 
 def test_cross_level_is_the_height_along_the_sleeper() -> None:

@@ -74,7 +74,7 @@ def test_the_chord_must_fit_the_profile_and_the_step() -> None:
     assert np.isnan(v[:, :10]).all()
     assert np.isnan(v[:, 30:]).all()
     assert (v[:, 10:30] == 0.0).all()
-    with pytest.raises(BadInputError, match="behind_m is 4.7244 m"):
+    with pytest.raises(BadInputError, match=r"behind_m is 4\.7244 m"):
         versine(np.zeros(100), 0.25, 31 * FOOT / 2, 31 * FOOT / 2)
 
 

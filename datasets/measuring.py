@@ -1,0 +1,141 @@
+"""What a scenario's sensors and recorders make of a ride."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.datasets import imu_errors, inertial_sensor, lasers, odometer, positioning, tables
+from trackfg.datasets.adhesion import draw_slip
+from trackfg.datasets.clocks import dropped, stamped
+from trackfg.datasets.imu_errors import ImuErrors
+from trackfg.datasets.ride import Ride
+from trackfg.datasets.scenario import Scenario, TableName
+from trackfg.datasets.track import Track
+from trackfg.description import RecordingDescription, Tach
+from trackfg.description import Track as TrackDescription
+from trackfg.frames import Array
+from trackfg.recording import Recording
+
+Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders"]
+Streams = Mapping[Sensor, np.random.Generator]
+
+LONGITUDE_DEG = 139.0
+"""Where a scenario with a latitude has its origin, on the ellipsoid (gravity is that of height 0)."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A recording and what was drawn for it; ``errors`` and ``slips`` are None where there are none."""
+
+    recording: Recording
+    errors: ImuErrors | None
+    wheel_scale: float
+    slips: pd.DataFrame | None
+
+
+def measure(plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, streams: Streams | None) -> Measurement:
+    """The recording of a ride over ``track``, perfect without ``streams``, from t = 0 to the last of ``edges``.
+
+    ``edges`` (n + 1,) are those of the IMU's intervals.
+    """
+    duration_s = float(edges[-1])
+    gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
+    errors = None if streams is None else imu_errors.draw_errors(plan.imu, edges, streams["imu"])
+    if errors is not None:
+        gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
+    wheel = _wheel(plan, ride, duration_s, None if streams is None else streams["tach"])
+    fixes, gnss = _positions(plan, ride, duration_s, streams)
+    laser_rng = None if streams is None else streams["lasers"]
+    on_earth = gnss is not None and plan.latitude_deg is not None
+    origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
+    recording = Recording(
+        description=RecordingDescription(
+            id=name if streams else f"{name}-noise-free",
+            track=_track_description(plan, track, ride),
+            imu=tables.imu_description(plan.imu.noise, plan.imu.lever_arm_m, rigid=plan.vehicle.rigid),
+            tach=wheel.description,
+            fixes=None if fixes is None else tables.fixes_description(),
+            gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
+            laser=tuple(lasers.laser_description(model) for model in plan.lasers),
+        ),
+        imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),
+        tach=wheel.table,
+        fixes=fixes,
+        gnss=gnss,
+        lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
+        gnss_origin=origin,
+    )
+    if streams is not None:
+        recording = _recorded(plan, recording, streams["recorders"])
+    return Measurement(recording, errors, wheel.scale, wheel.slips)
+
+
+@dataclass(frozen=True)
+class _Wheel:
+    table: pd.DataFrame
+    description: Tach
+    scale: float = 1.0
+    slips: pd.DataFrame | None = None
+
+
+def _wheel(plan: Scenario, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> _Wheel:
+    if rng is None:
+        return _Wheel(odometer.ideal_table(ride, plan.tach, duration_s), odometer.ideal_description(plan.tach))
+    scale_rng, slip_rng, pulse_rng = rng.spawn(3)
+    scale = odometer.draw_scale(plan.tach, scale_rng)
+    slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
+    return _Wheel(
+        odometer.pulse_table(ride, plan.tach, scale, duration_s, pulse_rng, slip),
+        odometer.pulse_description(plan.tach),
+        scale,
+        None if slip is None else odometer.slip_table(ride, plan.tach, slip),
+    )
+
+
+def _positions(
+    plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None
+) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
+    """The tables of balises and of GNSS; a run that passes no balise has no table of them."""
+    balise_rng, gnss_rng = (None, None) if streams is None else (streams["balises"], streams["gnss"])
+    fixes = None if plan.balises is None else positioning.balise_table(ride, plan.balises, duration_s, balise_rng)
+    gnss = None if plan.gnss is None else positioning.gnss_table(ride, plan.gnss, duration_s, gnss_rng)
+    return None if fixes is None or fixes.empty else fixes, gnss
+
+
+def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) -> Recording:
+    """The recording as its recorders stamp and keep the rows."""
+    seeds: dict[TableName, int] = dict(
+        zip(("imu", "tach", "fixes", "gnss", "lasers"), rng.integers(2**63, size=5).tolist(), strict=True)
+    )
+
+    def kept(name: TableName, table: pd.DataFrame) -> pd.DataFrame:
+        recorder = plan.recorders[name]
+        # From the same seed each time: lasers that share their times go on sharing them.
+        clock_rng, drop_rng = np.random.default_rng(seeds[name]).spawn(2)
+        return dropped(stamped(table, recorder.clock, clock_rng), recorder.drops, drop_rng)
+
+    single: tuple[TableName, ...] = ("imu", "tach", "fixes", "gnss")
+    changed = {
+        name: kept(name, table)
+        for name in single
+        if name in plan.recorders and (table := getattr(recording, name)) is not None
+    }
+    if "lasers" in plan.recorders:
+        changed["lasers"] = {name: kept("lasers", table) for name, table in recording.lasers.items()}
+    return replace(recording, **changed)
+
+
+def _track_description(plan: Scenario, track: Track, ride: Ride) -> TrackDescription:
+    yaw = float(ride.rpy(np.zeros(1))[0, 2])
+    return TrackDescription(
+        gauge_m=track.gauge_m,
+        cross_level_base_m=track.line.cross_level_base_m,
+        direction=ride.direction,
+        latitude_deg=plan.latitude_deg,
+        heading_deg=None if plan.latitude_deg is None else (90.0 - np.degrees(yaw)) % 360.0,
+    )

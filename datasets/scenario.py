@@ -1,0 +1,85 @@
+"""What a scenario is: everything that, with a seed, a run and a duration, makes a simulated run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from trackfg.datasets.adhesion import AdhesionModel
+from trackfg.datasets.clocks import ClockModel, DropModel
+from trackfg.datasets.defects import Defect
+from trackfg.datasets.driving import Driver
+from trackfg.datasets.imu_errors import ImuModel
+from trackfg.datasets.irregularities import IrregularityModel
+from trackfg.datasets.lasers import LaserModel
+from trackfg.datasets.line_design import LineDesign
+from trackfg.datasets.line_file import GivenLine
+from trackfg.datasets.odometer import TachModel
+from trackfg.datasets.positioning import BaliseModel, GnssModel
+from trackfg.datasets.vehicle import Rigid, Vehicle
+
+TableName = Literal["imu", "tach", "fixes", "gnss", "lasers"]
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """What records one table: its clock, and the rows that it loses. It adds to the sensor's own delay, if any."""
+
+    clock: ClockModel = field(default_factory=ClockModel)
+    drops: DropModel = field(default_factory=DropModel)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A line, its condition, a vehicle with its driver, and sensors.
+
+    ``line`` is drawn within the ranges of a design, ``length_m`` long or as long as the duration needs, or is given.
+    Without irregularities the track lies as designed; without adhesion the wheel rolls; without a latitude the Earth
+    stands still. ``recorders`` are those of the tables whose stamps are wrong or whose rows get lost. With
+    ``flange_knocks`` the wheels strike the outer rail of curves below R 400 (:mod:`trackfg.datasets.flange`).
+    Chainage is the origin's plus ``direction`` times the arc length; with ``both_ways`` the odd runs go back.
+    """
+
+    name: str
+    summary: str
+    duration_s: float
+    line: LineDesign | GivenLine
+    driver: Driver
+    imu: ImuModel
+    tach: TachModel
+    irregularities: IrregularityModel | None = None
+    defects: tuple[Defect, ...] = ()
+    vehicle: Vehicle = field(default_factory=Rigid)
+    flange_knocks: bool = False
+    lasers: tuple[LaserModel, ...] = ()
+    adhesion: AdhesionModel | None = None
+    balises: BaliseModel | None = None
+    gnss: GnssModel | None = None
+    recorders: Mapping[TableName, Recorder] = field(default_factory=dict)
+    latitude_deg: float | None = None
+    chainage_origin_m: float = 0.0
+    direction: Literal[1, -1] = 1
+    length_m: float | None = None
+    both_ways: bool = False
+
+    @property
+    def georeferenced(self) -> bool:
+        """Whether the heading in ENU has a meaning."""
+        return self.gnss is not None or self.latitude_deg is not None
+
+    def on(self, given: GivenLine) -> Scenario:
+        """The same on a given line, whose gauge, base of the cross-level, chainage and heading come with it.
+
+        Irregularities come along; defects and balises at places of the old line do not: balises come at their spacing.
+        """
+        return replace(
+            self,
+            name=f"{self.name}-on-{given.name}",
+            line=given,
+            chainage_origin_m=given.chainage_origin_m,
+            direction=1,
+            length_m=None,
+            defects=(),
+            balises=None if self.balises is None else replace(self.balises, places_m=()),
+        )

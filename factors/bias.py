@@ -1,0 +1,51 @@
+"""The inertial sensor's biases, and how it answers to turning and to acceleration.
+
+The bias that an inertial factor sees is that of its interval: the sensor's own, which walks, and what scale factors,
+axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
+force f. With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row,
+
+    accelerometer:  own + A (f_x, f_y)
+    gyro:           own + W w + G (f_x, f_y).
+
+What the sensor feels of gravity along z hardly changes: it is a bias.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Slot
+from trackfg.factors.states import Kind
+from trackfg.frames import Array
+
+
+def response_terms(force: Array, rate: Array) -> Array:
+    """The derivative of the added bias by the calibration, for mean forces and rates (m, 3). Shape (m, 6, 21)."""
+    out = np.zeros((len(rate), 6, Kind.IMU.dim))
+    for axis in range(3):
+        out[:, axis, 2 * axis : 2 * axis + 2] = force[:, :2]
+        out[:, 3 + axis, 6 + 3 * axis : 9 + 3 * axis] = rate
+        out[:, 3 + axis, 15 + 2 * axis : 17 + 2 * axis] = force[:, :2]
+    return out
+
+
+def response_sigmas(scale: float, misalignment: float, g_sensitivity: float) -> Array:
+    """Prior sigmas of the calibration: of A and W scale factors on the diagonal, else misalignment (rad); of G."""
+    askew = np.where(np.eye(3) > 0, scale, misalignment)
+    return np.concatenate([askew[:, :2].ravel(), askew.ravel(), np.full(6, g_sensitivity)])
+
+
+def _walk(first: Array, second: Array, calibration: Array, change: Array) -> tuple[Array, tuple[Array, ...]]:
+    residual = second - first - np.einsum("mij,mj->mi", change, calibration)
+    same = np.tile(np.eye(6), (len(first), 1, 1))
+    return residual, (-same, same, -change)
+
+
+def bias_walk(first: np.ndarray, change: Array, sigma: Array) -> Family:
+    """The sensor's own biases walk.
+
+    Residual: ``b_k+1 - b_k`` less what the calibration explains, accelerometer (m/s^2), then gyro (rad/s). ``change``
+    (m, 6, 21) is how :func:`response_terms` change from interval k to k + 1. sigma (m, 6).
+    """
+    slots = (Slot(Kind.BIAS, first), Slot(Kind.BIAS, first + 1), Slot(Kind.IMU, np.zeros_like(first)))
+    return Family("bias walk", _walk, slots, (change,), sigma)

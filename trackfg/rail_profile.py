@@ -1,0 +1,113 @@
+"""Both rails' profiles over the chainage, from displacement sensors on a vehicle on springs.
+
+Each unit's points of a rail are brought from the body into n by the smoothed motion, and to the grid by the unit's own
+chainage, which is the vehicle's plus its place along the vehicle. Where several units saw a rail their mean counts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.dense import DenseMotion
+from trackfg.factors.states import States
+from trackfg.frames import Array
+from trackfg.geometry.curvature import heading_noise, heading_of_lateral
+from trackfg.geometry.resampling import resample
+from trackfg.graph import Problem
+from trackfg.passes import Pass, passes
+from trackfg.profile import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, points_at
+from trackfg.rails import SIDES, RailView, Side
+
+_KEPT = 0.78
+"""Variance of resampled independent readings times their number per step, as measured: the low-pass has 0.81 of the
+band that the grid can show."""
+
+_SLOWEST_MPS = 0.05
+_SLOPE_M = 1.0
+"""The heading is the slope of a cubic fitted within this to either side."""
+
+
+def rail_profiles(
+    problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float, views: list[RailView]
+) -> list[Profile]:
+    """All passes on which both rails were seen; those too short to hold a chord are left out."""
+    found = [
+        _profile(problem, motion, direction, step_m, views, stretch)
+        for stretch in passes(states.odo[:, 0])
+        if problem.t[stretch.last] > problem.t[stretch.first]
+    ]
+    return [profile for profile in found if profile is not None]
+
+
+def _profile(
+    problem: Problem, motion: DenseMotion, direction: int, step_m: float, views: list[RailView], stretch: Pass
+) -> Profile | None:
+    seen = [_seen(problem, motion, direction, step_m, view, stretch) for view in views]
+    first = max(cell[0] for cell, _, _ in seen)
+    last = min(cell[-1] for cell, _, _ in seen)
+    if (last - first) * step_m < SHORTEST_PASS_M:
+        return None
+    cell = np.arange(first, last + 1)
+    by_side: dict[Side, Array] = {}
+    for side in SIDES:
+        own = [points[:, first - cells[0] : last - cells[0] + 1] for cells, points, view in seen if view.side == side]
+        by_side[side] = np.mean(own, axis=0)
+    # Facing increasing chainage: against it, what is left of the vehicle is right.
+    left, right = by_side["left"], by_side["right"]
+    if direction < 0:
+        left, right = right, left
+    centre, apart = 0.5 * (left + right), left - right
+    gauge = np.linalg.norm(apart, axis=0)
+    lateral, leftward = lateral_of(centre[0], centre[1], step_m)
+    rails: dict[Side, tuple[Array, Array]] = {
+        "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
+        "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
+    }
+    made = [_view(problem, motion, direction, step_m, view, stretch, cell * step_m, leftward) for view in views]
+    return Profile(
+        cell=cell,
+        speed=made[0][1],
+        shapes=Shapes(
+            centre[2], lateral, apart[2] / gauge, heading_of_lateral(lateral, step_m, _SLOPE_M), rails, gauge
+        ),
+        views=tuple(view for view, _ in made),
+    )
+
+
+def _seen(
+    problem: Problem, motion: DenseMotion, direction: int, step_m: float, view: RailView, stretch: Pass
+) -> tuple[np.ndarray, Array, RailView]:
+    """The rail in n on the grid: cells (n,), points (3, n)."""
+    ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
+    nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
+    body = view.points(t, _row_s(motion)) - problem.lever_arm
+    points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
+    grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
+    return np.rint(grid / step_m).astype(np.int64), values, view
+
+
+def _view(
+    problem: Problem,
+    motion: DenseMotion,
+    direction: int,
+    step_m: float,
+    view: RailView,
+    stretch: Pass,
+    grid: Array,
+    leftward: Array,
+) -> tuple[View, Array]:
+    ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
+    nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
+    arm = -np.einsum("mij,mj->mi", nav.R, view.points(t, _row_s(motion)) - problem.lever_arm)
+    speed = np.abs(np.sum(nav.v * nav.R[:, :, 0], axis=1))
+    points, speed = points_at(motion, stretch, ascent, grid, leftward, nav.R[:, :, 1] * direction, arm, speed)
+    across, up = view.sd(0.0)
+    readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
+    share = np.sqrt(_KEPT / readings)
+    side: Side = view.side if direction > 0 else ("right" if view.side == "left" else "left")
+    return View(side, points, across * share, up * share, _KEPT**-0.5, heading_noise(step_m, _SLOPE_M)), speed
+
+
+def _row_s(motion: DenseMotion) -> float:
+    """What a row of dense motion stands for, s: the mean over it uses every reading."""
+    return float(np.median(np.diff(motion.t)))
