@@ -57,7 +57,12 @@ def measure(plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, s
         description=RecordingDescription(
             id=name if streams else f"{name}-noise-free",
             track=_track_description(plan, track, ride),
-            imu=tables.imu_description(plan.imu.noise, plan.imu.lever_arm_m, rigid=plan.vehicle.rigid),
+            imu=tables.imu_description(
+                plan.imu.noise,
+                plan.imu.lever_arm_m,
+                rigid=plan.vehicle.rigid,
+                mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,
+            ),
             tach=wheel.description,
             fixes=None if fixes is None else tables.fixes_description(),
             gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
@@ -114,20 +119,21 @@ def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) ->
     )
 
     def kept(name: TableName, table: pd.DataFrame) -> pd.DataFrame:
-        recorder = plan.recorders[name]
+        recorder = plan.recorders.get(name)
+        if recorder is None:
+            return table
         # From the same seed each time: lasers that share their times go on sharing them.
         clock_rng, drop_rng = np.random.default_rng(seeds[name]).spawn(2)
         return dropped(stamped(table, recorder.clock, clock_rng), recorder.drops, drop_rng)
 
-    single: tuple[TableName, ...] = ("imu", "tach", "fixes", "gnss")
-    changed = {
-        name: kept(name, table)
-        for name in single
-        if name in plan.recorders and (table := getattr(recording, name)) is not None
-    }
-    if "lasers" in plan.recorders:
-        changed["lasers"] = {name: kept("lasers", table) for name, table in recording.lasers.items()}
-    return replace(recording, **changed)
+    return replace(
+        recording,
+        imu=kept("imu", recording.imu),
+        tach=None if recording.tach is None else kept("tach", recording.tach),
+        fixes=None if recording.fixes is None else kept("fixes", recording.fixes),
+        gnss=None if recording.gnss is None else kept("gnss", recording.gnss),
+        lasers={name: kept("lasers", table) for name, table in recording.lasers.items()},
+    )
 
 
 def _track_description(plan: Scenario, track: Track, ride: Ride) -> TrackDescription:

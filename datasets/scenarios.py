@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.datasets import odometer, tables
+from trackfg.datasets.body_motion import BodyMotion
 from trackfg.datasets.catalogue import scenario, scenarios
 from trackfg.datasets.flange import Flanging
 from trackfg.datasets.imu_errors import ImuErrors
@@ -17,6 +18,7 @@ from trackfg.datasets.irregularities import Irregularities, draw_irregularities
 from trackfg.datasets.line_design import random_line
 from trackfg.datasets.line_file import GivenLine
 from trackfg.datasets.measuring import Sensor, Streams, measure
+from trackfg.datasets.motion import Motion
 from trackfg.datasets.positioning import BaliseModel
 from trackfg.datasets.ride import Ride
 from trackfg.datasets.scenario import Scenario
@@ -81,9 +83,9 @@ def simulate(
     ``seed`` settles the track and, with ``run``, the driving and the sensors on it: runs of one seed are over one
     track. One seed and run repeat to the bit, and track and driving are the same whether or not there is ``noise``.
     Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses.
-    A run starts at the origin of ENU. A drawn line starts with heading 0 where neither GNSS nor a latitude give the
-    heading a meaning; a given one has its own. Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a
-    negative run, a duration below :data:`SHORTEST_S`, and a line too short for the driver.
+    A run starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
+    Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run, a duration below
+    :data:`SHORTEST_S`, and a line too short for the driver.
     """
     plan = scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name
     duration = plan.duration_s if duration_s is None else duration_s
@@ -105,6 +107,8 @@ def simulate(
     # The body's spline goes on beyond the recording, so that a longer run begins as a shorter one does.
     beyond = np.arange(len(edges) + round(_BEYOND_S * plan.imu.rate_hz)) / plan.imu.rate_hz
     body = plan.vehicle.body_motion(track, motion, beyond)
+    if not plan.georeferenced:
+        track = _facing_east(track, motion, body)
     ride = Ride(track.line, motion, plan.chainage_origin_m, plan.direction, body)
     measured = measure(plan, track, ride, edges, f"{plan.name}-seed{seed}-run{run}", streams)
 
@@ -143,13 +147,19 @@ def _track(
         heading = line_rng.uniform(-np.pi, np.pi)
         length = plan.driver.furthest_m(duration_s) if plan.length_m is None else plan.length_m
         length = max([length, *(defect.extent_m[1] for defect in plan.defects)])
-        line = random_line(plan.line, length, line_rng, start_yaw_rad=heading if plan.georeferenced else 0.0)
+        line = random_line(plan.line, length, line_rng, start_yaw_rad=heading)
     irregularities = (
         Irregularities.none(line.length_m)
         if plan.irregularities is None
         else draw_irregularities(plan.irregularities, line.length_m, irregularity_rng, plan.defects)
     )
     return Track(line, irregularities, plan.line.gauge_m)
+
+
+def _facing_east(track: Track, motion: Motion, body: BodyMotion) -> Track:
+    """The track turned as a whole so that the body starts with yaw 0. It sits askew on rough rails by some 1e-4 rad."""
+    yaw = float(Ride(track.line, motion, body=body).rpy(np.zeros(()))[2])
+    return replace(track, line=replace(track.line, start_yaw_rad=track.line.start_yaw_rad - yaw))
 
 
 def _from_the_other_end(plan: Scenario, track: Track) -> tuple[Scenario, Track]:

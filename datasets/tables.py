@@ -60,7 +60,9 @@ def trajectory_table(t_s: Array, enu_m: Array, speed_mps: Array, rpy_rad: Array)
     return _table(TRAJECTORY_COLUMNS, t_s, *enu_m.T, speed_mps, roll, pitch, np.unwrap(yaw))
 
 
-def imu_description(noise: ImuNoise, lever_arm_m: Vector3 = (0.0, 0.0, 0.0), *, rigid: bool) -> Imu:
+def imu_description(
+    noise: ImuNoise, lever_arm_m: Vector3 = (0.0, 0.0, 0.0), *, rigid: bool, mount_roll_sd_rad: float = 0.0
+) -> Imu:
     """What ``recording.toml`` says of a canonical ``imu`` table."""
     _, wx, wy, wz, fx, fy, fz = IMU_COLUMNS
     return Imu(
@@ -71,6 +73,7 @@ def imu_description(noise: ImuNoise, lever_arm_m: Vector3 = (0.0, 0.0, 0.0), *, 
         noise=noise,
         lever_arm_m=lever_arm_m,
         rigid=rigid,
+        mount_roll_sd_deg=float(np.degrees(mount_roll_sd_rad)),
     )
 
 

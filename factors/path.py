@@ -39,7 +39,7 @@ def _path(
 
     def across(derivative: Array) -> Array:
         """Rows 2 and 3 less ``slope`` times row 1."""
-        return derivative[:, 1:] - slope[:, :, None] * derivative[:, :1]
+        return np.asarray(derivative[:, 1:] - slope[:, :, None] * derivative[:, :1])
 
     inverse = so3_right_jacobian_inverse(e)
     d_c_by_e = -mean_by_time @ skew(f)

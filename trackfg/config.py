@@ -27,13 +27,13 @@ class KeyframeConfig(_Section):
 
 class ImuConfig(_Section):
     """What the recording does not declare of the IMU: how well its axes are aligned (what one feels of another's input)
-    and scaled, and how much the gyro feels of accelerations (rad/s per m/s^2). And holes in its record: over one, the body may turn and accelerate as if by white noise of these
-    densities (rad/s and m/s^2 per sqrt(Hz)).
+    and scaled, and how much the gyro feels of accelerations (rad/s per m/s^2). And holes in its record: over one, the
+    body may turn and accelerate as if by white noise of these densities (rad/s and m/s^2 per sqrt(Hz)).
     """
 
     misalignment_sd_rad: Positive = 6e-4
     scale_sd: Positive = 2e-3
-    g_sensitivity_sd: Positive = 1e-5
+    g_sensitivity_sd: Positive = 2e-5
 
     bridge_gyro_white: Positive = 0.05
     bridge_accel_white: Positive = 0.5

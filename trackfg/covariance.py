@@ -53,24 +53,27 @@ class Covariance:
 
 @dataclass(frozen=True)
 class SquareRoot:
-    """The Bayes net as arrays: ``inverse`` (n, 19, 19) R^-1, ``regression`` (n, 19, d + 9 (w - 1)) A, and R^-1 of s."""
+    """The Bayes net as arrays: ``inverse`` (n, 19, 19) R^-1, ``regression`` (n, 19, d + 9 (w - 1)) A, and R^-1 of s.
+
+    ``ahead`` (n,): how many navigation states after x_{k+1} the recursion has to carry at k, because an earlier
+    keyframe has them as parents: 0 along a chain.
+    """
 
     inverse: Array
     regression: Array
     shared_inverse: Array
+    ahead: np.ndarray
 
-    @property
-    def reach(self) -> int:
-        """How many keyframes on the furthest parent of a keyframe is."""
-        return 1 + (self.regression.shape[2] - _SIZE) // Kind.NAV.dim
+    def parents(self, k: int) -> int:
+        """The size of y_k as far as it is carried."""
+        return _SIZE + Kind.NAV.dim * int(self.ahead[k])
 
-    @property
-    def kept(self) -> np.ndarray:
-        """Which of y_k are in y_{k-1} behind x_k: s and the navigation states of k + 1 to k + w - 1."""
-        nav = np.arange(_NAV.start, _NAV.stop)
-        later = [_SIZE + Kind.NAV.dim * m + np.arange(Kind.NAV.dim) for m in range(self.reach - 2)]
-        shared = np.arange(KEYFRAME_DIM, _SIZE)
-        return np.concatenate([shared, nav, *later]) if self.reach > 1 else shared
+    def kept(self, k: int) -> np.ndarray:
+        """Which entries of y_k are in y_{k-1} behind x_k: s, and the navigation states from k + 1 on."""
+        count = int(self.ahead[k - 1]) if k > 0 else 0
+        nav = np.arange(_NAV.start, _NAV.stop)[: Kind.NAV.dim * min(count, 1)]
+        later = _SIZE + np.arange(Kind.NAV.dim * max(count - 1, 0))
+        return np.concatenate([np.arange(KEYFRAME_DIM, _SIZE), nav, later])
 
 
 def square_root(bayes_net: gtsam.GaussianBayesNet, keyframes: int) -> SquareRoot:
@@ -85,9 +88,13 @@ def square_root(bayes_net: gtsam.GaussianBayesNet, keyframes: int) -> SquareRoot
 
     conditionals = [bayes_net.at(i) for i in range(bayes_net.size())]
     families = [[columns[key] for key in list(conditional.keys())] for conditional in conditionals]
-    reach = max(max(parent[0] - own[0] for parent in (own, *parents)) for own, *parents in families if own[0] >= 0)
+    last = np.arange(1, keyframes + 1)
+    for own, *parents in families:
+        if own[0] >= 0:
+            last[own[0]] = max([last[own[0]], *(parent[0] for parent in parents)])
+    ahead = np.maximum.accumulate(last) - np.arange(keyframes) - 1
     R = np.zeros((keyframes, KEYFRAME_DIM, KEYFRAME_DIM))
-    S = np.zeros((keyframes, KEYFRAME_DIM, _SIZE + Kind.NAV.dim * (max(reach, 1) - 1)))
+    S = np.zeros((keyframes, KEYFRAME_DIM, _SIZE + Kind.NAV.dim * int(ahead.max())))
     shared_R = np.zeros((SHARED_DIM, SHARED_DIM))
     for conditional, ((k, row, dim), *parents) in zip(conditionals, families, strict=True):
         rows = slice(row, row + dim)
@@ -106,51 +113,45 @@ def square_root(bayes_net: gtsam.GaussianBayesNet, keyframes: int) -> SquareRoot
                 if other > k + 1:
                     column = column - _NAV.start + _SIZE + Kind.NAV.dim * (other - k - 2)
                 S[k, rows, column : column + width] = block
-    inverse = np.linalg.inv(R)
-    return SquareRoot(inverse, -inverse @ S, np.linalg.inv(shared_R))
+    inverse = np.asarray(np.linalg.inv(R), dtype=np.float64)
+    return SquareRoot(inverse, -inverse @ S, np.asarray(np.linalg.inv(shared_R), dtype=np.float64), ahead)
 
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
     """Run the recursion. Cost is linear in the number of keyframes."""
-    n, _, d = root.regression.shape
+    n = len(root.inverse)
     spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
     marginal, cross = np.zeros((n, _SIZE, _SIZE)), np.zeros((n, _SIZE, _SIZE))
-    window = np.zeros((d, d))
+    window = np.zeros((root.parents(n - 1), root.parents(n - 1)))
     window[KEYFRAME_DIM:_SIZE, KEYFRAME_DIM:_SIZE] = root.shared_inverse @ root.shared_inverse.T
-    kept, size = root.kept, KEYFRAME_DIM + len(root.kept)
     for k in range(n - 1, -1, -1):
-        ahead = root.regression[k] @ window
-        new = np.zeros((d, d))
-        new[:KEYFRAME_DIM, :KEYFRAME_DIM] = ahead @ root.regression[k].T + spread[k]
-        new[:KEYFRAME_DIM, KEYFRAME_DIM:size] = ahead[:, kept]
-        new[KEYFRAME_DIM:size, :KEYFRAME_DIM] = ahead[:, kept].T
-        new[KEYFRAME_DIM:size, KEYFRAME_DIM:size] = window[np.ix_(kept, kept)]
+        A, kept = root.regression[k, :, : len(window)], root.kept(k)
+        ahead = A @ window
         cross[k, :KEYFRAME_DIM] = ahead[:, :_SIZE]
         cross[k, KEYFRAME_DIM:] = window[KEYFRAME_DIM:_SIZE, :_SIZE]
-        window = 0.5 * (new + new.T)
+        own = ahead @ A.T + spread[k]
+        window = np.block([[own, ahead[:, kept]], [ahead[:, kept].T, window[np.ix_(kept, kept)]]])
+        window = 0.5 * (window + window.T)
         marginal[k] = window[:_SIZE, :_SIZE]
     return Covariance(marginal, _gain(root, marginal, cross))
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
     """Tangent vectors (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
-    n, _, d = root.regression.shape
+    n = len(root.inverse)
     samples = np.empty((n, _SIZE, count))
     noise = root.inverse @ rng.standard_normal((n, KEYFRAME_DIM, count))
-    window = np.zeros((d, count))
+    window = np.zeros((root.parents(n - 1), count))
     window[KEYFRAME_DIM:_SIZE] = root.shared_inverse @ rng.standard_normal((SHARED_DIM, count))
-    kept, size = root.kept, KEYFRAME_DIM + len(root.kept)
     for k in range(n - 1, -1, -1):
-        new = np.zeros((d, count))
-        new[:KEYFRAME_DIM] = root.regression[k] @ window + noise[k]
-        new[KEYFRAME_DIM:size] = window[kept]
-        window = new
+        own = root.regression[k, :, : len(window)] @ window + noise[k]
+        window = np.concatenate([own, window[root.kept(k)]])
         samples[k] = window[:_SIZE]
     return samples
 
 
 def _gain(root: SquareRoot, marginal: Array, cross: Array) -> Array:
-    if root.reach == 1:
+    if not root.ahead.any():
         gain = np.zeros((len(marginal) - 1, _SIZE, _SIZE))
         gain[:, :KEYFRAME_DIM] = root.regression[:-1]
         gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(SHARED_DIM)

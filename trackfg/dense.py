@@ -68,22 +68,23 @@ def dense_motion(problem: Problem, states: States, step_s: float, times: Array |
     R, p, v, d = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty(m)
     body_R, body_p, body_v = states.nav.R[:-1].copy(), states.nav.p[:-1].copy(), states.nav.v[:-1].copy()
     body_d = np.zeros(n)
-    bias = states.bias[:-1]
+    keyframe = np.repeat(np.arange(n), counts)
+    dt = increments.duration[:, None]
+    turned = so3_exp(increments.rotation - states.bias[keyframe, 3:] * dt)
+    levelled = so3_exp(-turning[keyframe] * dt)
+    pushed = increments.velocity - states.bias[keyframe, :3] * dt
     for i in range(int(counts.max())):
         live = np.flatnonzero(counts > i)
         row = first[live] + i
         R[row], p[row], v[row], d[row] = body_R[live], body_p[live], body_v[live], body_d[live]
-        dt = increments.duration[row][:, None]
-        turn = increments.rotation[row] - bias[live, 3:] * dt
-        push = np.einsum("mij,mj->mi", body_R[live], increments.velocity[row] - bias[live, :3] * dt)
-        faster = body_v[live] + push + (gravity - np.cross(earth + turning[live], body_v[live])) * dt
-        step = 0.5 * (body_v[live] + faster) * dt
+        push = np.einsum("mij,mj->mi", body_R[live], pushed[row])
+        faster = body_v[live] + push + (gravity - np.cross(earth + turning[live], body_v[live])) * dt[row]
+        step = 0.5 * (body_v[live] + faster) * dt[row]
         body_d[live] += np.sum(step * body_R[live][:, :, 0], axis=1)
         body_p[live] += step
         body_v[live] = faster
-        body_R[live] = so3_exp(-turning[live] * dt) @ body_R[live] @ so3_exp(turn)
+        body_R[live] = levelled[row] @ body_R[live] @ turned[row]
 
-    keyframe = np.repeat(np.arange(n), counts)
     t = problem.inertial.edges[starts[:-1]]
     span = np.diff(problem.t)[keyframe]
     f = (t - problem.t[keyframe]) / span
@@ -94,7 +95,7 @@ def dense_motion(problem: Problem, states: States, step_s: float, times: Array |
     p += left_p * (3 * F**2 - 2 * F**3) + left_v * span[:, None] * (F**3 - F**2)
     v += left_p * (6 * F - 6 * F**2) / span[:, None] + left_v * (3 * F**2 - 2 * F)
     distance = states.odo[keyframe, 0] + d + f * (np.diff(states.odo[:, 0]) - body_d)[keyframe]
-    rate = increments.rotation / increments.duration[:, None] - bias[keyframe, 3:]
+    rate = increments.rotation / dt - states.bias[keyframe, 3:]
 
     last = states.nav[len(states) - 1 :]
     return DenseMotion(

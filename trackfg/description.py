@@ -63,7 +63,7 @@ class Imu(Table):
     """The inertial sensor: columns, units, axes, mounting and noise.
 
     ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
-    body).
+    body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
     """
 
     stamp: Literal["start", "centre", "end"] = "centre"
@@ -74,6 +74,7 @@ class Imu(Table):
     axes: str = "FLU"
     rigid: bool = True
     mount_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    mount_roll_sd_deg: Annotated[float, Field(ge=0)] = 0.0
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
     noise: ImuNoise = ImuNoise()
 

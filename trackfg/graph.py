@@ -85,6 +85,8 @@ class Problem:
     """White noise of the inertial samples as assumed in the graph."""
     edges: np.ndarray
     """The keyframes as indices into ``inertial.edges``, shape (n,)."""
+    mount_roll_sd: float
+    """Uncertainty of the mounting's roll, rad."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
 
@@ -129,6 +131,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
         inertial=data,
         noise=layout.noise,
         edges=edges,
+        mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
         response=layout.response,
     )
 
@@ -187,7 +190,7 @@ class _Layout:
     @property
     def _distance(self) -> Array:
         """Initial distance between keyframes, m, shape (n - 1,)."""
-        return np.diff(self._distance_at(self.t))
+        return np.asarray(np.diff(self._distance_at(self.t)))
 
     def _distance_at(self, t: Array) -> Array:
         """Initial distance travelled, m: the wheel's, or the length of the initial path. Shape (m,) to (m,)."""
@@ -195,7 +198,7 @@ class _Layout:
             return self.wheel.at(t)
         step = np.diff(self.path.p, axis=0)
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
-        return np.interp(t, self.path.t, length)
+        return np.asarray(np.interp(t, self.path.t, length))
 
     def initial_states(self) -> States:
         n = len(self.t)
@@ -262,7 +265,7 @@ class _Layout:
 
         def mean(samples: Array) -> Array:
             total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
-            return np.diff(total[self.edges], axis=0) / span
+            return np.asarray(np.diff(total[self.edges], axis=0) / span)
 
         terms = response_terms(mean(self.data.accel), mean(self.data.gyro) - self.path.bias(self.t[:-1]))
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])

@@ -98,6 +98,9 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
     """
     first, counts = starts[:-1], np.diff(starts)
     duration = np.diff(data.edges[starts])
+    if counts.max(initial=0) <= 1:
+        turn, change = (data.gyro[first] - gyro_bias) * duration[:, None], data.accel[first] * duration[:, None]
+        return Increments(duration, data.gyro[first] * duration[:, None], change + 0.5 * np.cross(turn, change))
     R = np.tile(np.eye(3), (len(first), 1, 1))
     velocity = np.zeros((len(first), 3))
     dt = data.durations

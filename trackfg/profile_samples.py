@@ -87,7 +87,7 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
     )
 
     def along(direction: Array, samples: Array) -> Array:
-        return np.einsum("mi,mis->ms", direction, samples)
+        return np.asarray(np.einsum("mi,mis->ms", direction, samples))
 
     def position(direction: Array) -> Array:
         """The error of the IMU's position in a direction (m, 3), carried from the keyframes."""
@@ -97,14 +97,15 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
 
     def attitude(direction: Array) -> Array:
         """The error of the attitude about a direction (m, 3), carried from the keyframes."""
-        return (1.0 - f1) * along(direction, errors.attitude[k]) + f1 * along(direction, errors.attitude[k + 1])
+        before, after = along(direction, errors.attitude[k]), along(direction, errors.attitude[k + 1])
+        return np.asarray((1.0 - f1) * before + f1 * after)
 
     def shaken(axis: int) -> Array:
         modes = problem.noise.accel * span**1.5 * _beam(f)
         return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, axis]))
 
     def turned() -> Array:
-        return problem.noise.gyro * _bridges(problem.t, k, f, count, errors.rng)
+        return np.asarray(problem.noise.gyro * _bridges(problem.t, k, f, count, errors.rng))
 
     up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
     forward = np.cross(left, up)
@@ -114,7 +115,7 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
         if not arm.any():
             return position(direction)
         lever = np.cross(arm, direction)
-        return position(direction) - attitude(lever) + np.linalg.norm(lever, axis=1)[:, None] * turned()
+        return np.asarray(position(direction) - attitude(lever) + np.linalg.norm(lever, axis=1)[:, None] * turned())
 
     height, across, ahead = (at_point(direction) for direction in (up, left, forward))
     # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the same.

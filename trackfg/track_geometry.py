@@ -9,7 +9,6 @@ longest pass counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,14 +36,14 @@ _SAMPLES = 64
 _COARSEST_M = 1.25
 """The sampled errors are smooth below this: the white noise of the inertial samples was integrated."""
 
-_AVERAGED_M = 25.0
-"""Sigmas are averaged over this: 64 samples alone know a sigma to 9 %."""
+_AVERAGED_M = 10.0
+"""Sigmas are averaged over this: 64 samples alone know a sigma to 9 %. Near a stop they change within some metres."""
 
 _CHUNK_M = 10_000.0
 
-_SHORT_WAVES = 5e-3
-"""1/m^2: what the heading of a lateral profile misses of waves below 5 m in curvature, per alignment there is (rms over
-``_TYPICAL_M``), as measured on tracks of the German spectra.
+_SHORT_WAVES = 0.05
+"""rad/m: what the heading of a lateral profile misses of waves below 5 m, per alignment there is (rms over
+``_TYPICAL_M``), as measured on tracks of the German spectra, and at both ends of the curvature's base.
 """
 _TYPICAL_M = 200.0
 
@@ -73,7 +72,7 @@ def geometry_table(
         return pd.DataFrame(columns=names, dtype=np.float64)
     rng = np.random.default_rng(0)
     errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
-    variance = keyframe_variances(states, covariance, problem.lever_arm)
+    variance = keyframe_variances(states, covariance, problem.lever_arm, problem.mount_roll_sd)
     tables: list[pd.DataFrame] = []
     taken = np.zeros(0, dtype=np.int64)
     for profile in sorted(passes, key=len, reverse=True):
@@ -99,12 +98,16 @@ class _Columns:
         profile, step = self.profile, self.meaning.step_m
         place = {"chainage_m": profile.cell * step, "speed_mps": profile.speed}
         values = self._points(profile.shapes, step) | self._bands(profile.shapes, step)
-        sigmas = self._sampled() | self._marginal()
+        sigmas = {**self._sampled(), **self._marginal()}
         if profile.shapes.rails:
-            short = _SHORT_WAVES * np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
-            sigmas["curvature_1pm"] = np.hypot(sigmas["curvature_1pm"], short)
-        known = {name: np.where(np.isnan(values.get(name, place.get(name))), np.nan, sd) for name, sd in sigmas.items()}
-        return place | values | {f"{name}_sd": sd for name, sd in known.items()}
+            short = np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
+            missed = _SHORT_WAVES * short / self.meaning.curvature_base_m
+            sigmas["curvature_1pm"] = np.hypot(sigmas["curvature_1pm"], missed)
+            offset = 1e3 * self.meaning.cross_level_base_m * self.problem.mount_roll_sd
+            sigmas["cross_level_mm"] = np.hypot(sigmas["cross_level_mm"], offset)
+        columns = place | values
+        known = {f"{name}_sd": np.where(np.isnan(columns[name]), np.nan, sd) for name, sd in sigmas.items()}
+        return columns | known
 
     def _points(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
         """What needs one place or a few, in the columns' units, from shapes (..., n)."""
@@ -142,7 +145,7 @@ class _Columns:
             sigmas["cross_level_mm"] = 1e3 * self.meaning.cross_level_base_m * np.sqrt(roll)
         return sigmas
 
-    def _sampled(self) -> Mapping[str, Array]:
+    def _sampled(self) -> dict[str, Array]:
         """Sigmas on every so-many-th row, by chunks that overlap by the operators' reach, brought to all rows."""
         rows, every = len(self.profile), self._stride
         step = every * self.meaning.step_m

@@ -31,7 +31,7 @@ def trajectory_table(
     at_reference = np.einsum("mji,mj->mi", nav.R, nav.v) - np.cross(motion.gyro, lever_arm)
     columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
 
-    variance = keyframe_variances(states, covariance, lever_arm)
+    variance = keyframe_variances(states, covariance, lever_arm, problem.mount_roll_sd)
     k, f = motion.keyframe, motion.fraction[:, None]
     bridge = np.diff(problem.t)[k] * motion.fraction * (1.0 - motion.fraction)
     between = variance[k] * (1.0 - f) + variance[k + 1] * f
@@ -64,10 +64,15 @@ def calibration_table(problem: Problem, motion: DenseMotion, states: States, cov
     return pd.DataFrame(table)
 
 
-def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array) -> Array:
-    """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`."""
+def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array, mount_roll_sd: float = 0.0) -> Array:
+    """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`.
+
+    ``mount_roll_sd``, rad, is what nobody knows of the mounting's roll: it is in the vehicle's roll as it is.
+    """
     J = _jacobian(states.nav, states.mount, lever_arm)
-    return np.asarray(np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True))
+    variance = np.asarray(np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True))
+    variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
+    return variance
 
 
 def _jacobian(nav: Nav, mount: Array, lever_arm: Array) -> Array:

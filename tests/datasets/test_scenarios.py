@@ -97,8 +97,12 @@ def test_runs_of_one_seed_are_over_one_track():
         datasets.simulate("mainline", seed=seed, run=run, duration_s=100.0) for seed, run in ((1, 0), (1, 1), (2, 0))
     )
     s = np.linspace(0.0, 1500.0, 500)
-    assert np.array_equal(first.track.centre(s), second.track.centre(s))
-    assert not np.allclose(first.track.centre(s), other.track.centre(s))
+    for function in ("curvature", "cant", "grade"):
+        ours, again, others = (getattr(run.track.line, function)(s) for run in (first, second, other))
+        assert np.array_equal(ours, again)
+        assert not np.array_equal(ours, others)
+    assert np.array_equal(first.track.irregularities.at(s), second.track.irregularities.at(s))
+    assert not np.array_equal(first.track.irregularities.at(s), other.track.irregularities.at(s))
     assert not first.truth["chainage_m"].equals(second.truth["chainage_m"])
     assert first.wheel_scale != second.wheel_scale
     assert not first.recording.imu.equals(second.recording.imu)
@@ -168,9 +172,9 @@ def test_heading_and_origin_are_declared_where_there_is_a_latitude():
     assert georeferenced.recording.gnss_origin[0] == track.latitude_deg
     local = datasets.simulate("mainline", duration_s=30.0)
     assert local.recording.gnss_origin is None
-    assert local.track.line.yaw(np.zeros(())) == 0.0
-    # As far as the rails deviate where the train stands.
-    assert local.truth["yaw_rad"][0] == pytest.approx(0.0, abs=3e-3)
+    assert local.truth["yaw_rad"][0] == pytest.approx(0.0, abs=1e-12)
+    back = datasets.simulate("shuttle", run=1, duration_s=30.0)
+    assert back.truth["yaw_rad"][0] == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["mainline", "measuring-car", "shunting"])
@@ -249,7 +253,9 @@ def test_a_scenario_on_a_given_line(make_line):
     assert there.recording.description.id == "shuttle-on-branch-seed0-run0"
     assert there.recording.description.track.gauge_m == 1.435
     assert there.truth["chainage_m"][0] == 12_050.0
-    assert there.truth["yaw_rad"][0] == pytest.approx(0.5, abs=3e-3)
+    assert there.truth["yaw_rad"][0] == pytest.approx(0.0, abs=1e-12)  # without GNSS a heading means nothing
+    with_gnss = datasets.simulate(scenario("mainline-gnss").on(given), duration_s=60.0)
+    assert with_gnss.truth["yaw_rad"][0] == pytest.approx(0.5, abs=3e-3)
     assert back.truth["chainage_m"][0] == 14_950.0
     # Balises stay where they are, whichever way they are passed: every kilometre.
     for run in (there, back):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,9 @@ import pytest
 import tomli_w
 
 from trackfg.config import GeometryConfig, SmoothConfig
-from trackfg.datasets.scenarios import Simulation, simulate
+from trackfg.datasets.imu_errors import ImuResponse
+from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
+from trackfg.datasets.vehicle import Rigid
 from trackfg.factors.states import States
 from trackfg.findings import Finding
 from trackfg.graph import Problem
@@ -274,16 +276,49 @@ def make_draft(make_run: Callable[..., dict[str, pd.DataFrame]]) -> Callable[...
     return make
 
 
+def as_designed(plan: Scenario) -> Scenario:
+    """The scenario with its track as designed, a vehicle that follows it exactly, an IMU with no errors but noise and
+    bias, and recorders that keep time: what the smoother models exactly."""
+    return replace(
+        plan,
+        irregularities=None,
+        defects=(),
+        vehicle=Rigid(),
+        flange_knocks=False,
+        imu=replace(plan.imu, response=ImuResponse()),
+        recorders={},
+    )
+
+
 @pytest.fixture(scope="session")
 def simulated() -> Callable[..., Simulation]:
-    """``simulate``, each run made once. Nobody may change its tables."""
+    """``simulate`` in the world as designed, each run made once. Nobody may change its tables."""
+
+    def run(name: str, **options: Any) -> Simulation:
+        return simulate(as_designed(scenario(name)), **options)
+
+    return functools.cache(run)
+
+
+@pytest.fixture(scope="session")
+def simulated_in_full() -> Callable[..., Simulation]:
+    """``simulate`` with rough track, springs and every error of the sensors, each run made once."""
     return functools.cache(simulate)
 
 
 @pytest.fixture(scope="session")
 def smoothed(simulated: Callable[..., Simulation]) -> Callable[..., SmoothedStates]:
-    """The smoothed states of an undamaged simulated run with the default configuration, each solved once."""
+    """The smoothed states of a simulated run as designed, with the default configuration, each solved once."""
+    return _smoothing(simulated)
 
+
+@pytest.fixture(scope="session")
+def smoothed_in_full(simulated_in_full: Callable[..., Simulation]) -> Callable[..., SmoothedStates]:
+    """Likewise in the full world."""
+    return _smoothing(simulated_in_full)
+
+
+def _smoothing(simulated: Callable[..., Simulation]) -> Callable[..., SmoothedStates]:
     def run(name: str, **options: Any) -> SmoothedStates:
         return smooth_states(simulated(name, **options).recording, SmoothConfig())
 

@@ -65,7 +65,7 @@ def test_the_engine_lists_every_setting_with_its_default() -> None:
     assert len(listed) == len(rows)
     defaults = {
         f"{section}.{key}": value
-        for section, keys in SmoothConfig().model_dump().items()
+        for section, keys in SmoothConfig().model_dump(mode="json").items()
         for key, value in keys.items()
     }
     assert listed == defaults

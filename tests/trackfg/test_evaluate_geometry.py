@@ -199,22 +199,24 @@ def test_bands_weigh_every_place_alike() -> None:
 
 
 @pytest.mark.parametrize(
-    "scenario",
+    ("name", "options"),
     [
-        {"name": "shunting", "seed": 1, "duration_s": 240.0},  # to and fro over one place
-        {"name": "shuttle", "seed": 0, "run": 1, "duration_s": 200.0},  # in falling chainage
+        ("shunting", {"seed": 1, "duration_s": 240.0}),  # to and fro over one place
+        ("shuttle", {"seed": 0, "run": 1, "duration_s": 200.0}),  # in falling chainage
     ],
-    ids=lambda scenario: scenario["name"],
 )
 def test_the_smoother_is_scored_at_every_row(
-    scenario: dict[str, Any], simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates]
+    name: str,
+    options: dict[str, Any],
+    simulated: Callable[..., Simulation],
+    smoothed: Callable[..., SmoothedStates],
 ) -> None:
-    run, estimate = simulated(**scenario), smoothed(**scenario)
+    run, estimate = simulated(name, **options), smoothed(name, **options)
     errors = geometry_errors(estimate.geometry, estimate.trajectory, run.truth, run.truth_geometry)
     rows = estimate.geometry.notna()
     assert (errors["twist_mm"].notna() == rows["twist_mm"]).mean() > 0.99
     scores = score_run(errors)
     scores = scores[scores["from_kmh"].isna()].set_index("quantity")
-    for name in ("twist_mm", "versine_level_mm", "versine_alignment_mm"):
-        assert 0.7 < scores.loc[name, "ratio"] < 1.4
-        assert scores.loc[name, "rms"] < 0.25
+    for quantity in ("twist_mm", "versine_level_mm", "versine_alignment_mm"):
+        assert 0.7 < scores.loc[quantity, "ratio"] < 1.4
+        assert scores.loc[quantity, "rms"] < 0.25
