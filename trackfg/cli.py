@@ -150,7 +150,7 @@ def smooth(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Smooth a recording: trajectory, events and summary, each with its uncertainty.
+    """Smooth a recording: trajectory, track geometry and events, each with its uncertainty, and a summary.
 
     An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as it is.
     """

@@ -175,4 +175,11 @@ class RecordingDescription(Model):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"two lasers have the name {name!r}: expected a different one each")
+        sights = [(laser.position_m[0], laser.axis, laser.rail) for laser in value]
+        for laser, (along, axis, rail) in zip(value, sights, strict=True):
+            if sights.count((along, axis, rail)) > 1:
+                raise ValueError(
+                    f"laser {laser.name!r}: another one at x = {along:g} m measures the {rail} rail along {axis} too; "
+                    "expected one of each"
+                )
         return value

@@ -2,7 +2,7 @@
 
 ==================  =============================================================================================
 native factors      inertial factors, GTSAM's own
-families            priors, bias walk, distance chain, tach, arc length, non-holonomic, standstill, fixes, GNSS
+families            priors, bias walk, distance chain, tach, arc length, path, non-holonomic, standstill, fixes, GNSS
 ==================  =============================================================================================
 
 Each accelerometer sample is counted once: it is in the inertial factors, and no gravity factor uses it again. A

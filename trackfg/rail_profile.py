@@ -98,7 +98,9 @@ def _view(
 ) -> tuple[View, Array]:
     ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
     nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
-    arm = -np.einsum("mij,mj->mi", nav.R, view.points(t, _row_s(motion)) - problem.lever_arm)
+    body = view.points(t, _row_s(motion))
+    body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
+    arm = -np.einsum("mij,mj->mi", nav.R, body - problem.lever_arm)
     speed = np.abs(np.sum(nav.v * nav.R[:, :, 0], axis=1))
     points, speed = points_at(motion, stretch, ascent, grid, leftward, nav.R[:, :, 1] * direction, arm, speed)
     across, up = view.sd(0.0)

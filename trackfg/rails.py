@@ -33,6 +33,9 @@ _DENSE_STEP_S = 0.02
 _NOTHING_M = 1e3
 """Sigma of a direction in which a unit has no sensor."""
 
+_HOLE_READINGS = 3.5
+"""A silence of as many readings is a hole."""
+
 _APART_M = 0.2
 """Keyframes closer than this see the same place again."""
 
@@ -49,14 +52,19 @@ class Channel:
     @property
     def rate_hz(self) -> float:
         """Readings a second."""
-        return float((len(self.t) - 1) / (self.t[-1] - self.t[0]))
+        return 1.0 / float(np.median(np.diff(self.t)))
 
     def mean(self, t: Array, window_s: float) -> Array:
-        """Means over ``window_s`` around ``t`` (m,), cut off at the record's ends."""
+        """Means over ``window_s`` around ``t`` (m,); NaN beyond the record's ends and in its holes."""
         low, high = (np.clip(t + shift, self.t[0], self.t[-1]) for shift in (-0.5 * window_s, 0.5 * window_s))
         total = np.interp(high, self.t, self.integral) - np.interp(low, self.t, self.integral)
         at = np.interp(t, self.t, self.displacement)
-        return np.where(high > low, total / np.where(high > low, high - low, 1.0), at)
+        mean = np.where(high > low, total / np.where(high > low, high - low, 1.0), at)
+        near = np.searchsorted(self.t, t).clip(1, len(self.t) - 1)
+        before, after = self.t[near - 1], self.t[near]
+        longest = _HOLE_READINGS / self.rate_hz
+        known = (after - before <= longest) & (t >= before - longest) & (t <= after + longest)
+        return np.where(known, mean, np.nan)
 
     def mean_sd(self, window_s: float) -> float:
         """Sigma of such a mean, the noise of the readings being independent, m."""
@@ -92,12 +100,6 @@ class RailView:
     def rate_hz(self) -> float:
         """Readings a second of the slower of its sensors."""
         return min(channel.rate_hz for channel in (self.lateral, self.vertical) if channel is not None)
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """When there are readings of all its sensors, s."""
-        channels = [channel for channel in (self.lateral, self.vertical) if channel is not None]
-        return max(channel.t[0] for channel in channels), min(channel.t[-1] for channel in channels)
 
 
 def rail_views(recording: Recording) -> list[RailView]:
@@ -161,18 +163,17 @@ def _pair(
     fresh = np.concatenate([[True], np.floor(place[1:] / _APART_M) > np.floor(place[:-1] / _APART_M)])
     t = np.interp(place, gone, motion.t[rows], right=np.nan)
     seen = np.isfinite(t) & fresh
-    for view, at in ((leading, problem.t[own]), (trailing, t)):
-        first, last = view.span
-        seen &= (at >= first) & (at <= last)
     k, t = own[seen], t[seen]
     j = np.clip(np.searchsorted(problem.t, t, side="right") - 1, 0, len(problem.t) - 2)
-    near = j - k < config.max_keyframes
-    k, t, j = k[near], t[near], j[near]
+    window = config.window_s
+    lead, trail = leading.points(problem.t[k], window), trailing.points(t, window)
+    kept = (j - k < config.max_keyframes) & np.isfinite(lead).all(axis=1) & np.isfinite(trail).all(axis=1)
+    k, t, j, lead, trail = k[kept], t[kept], j[kept], lead[kept], trail[kept]
     if k.size == 0:
         return ()
     h, T = (t - problem.t[j]) / (problem.t[j + 1] - problem.t[j]), problem.t[j + 1] - problem.t[j]
 
-    at, window = motion.at(t), config.window_s
+    at = motion.at(t)
     start, end = states.nav[j], states.nav[j + 1]
     # Detail and turning are those of the motion at these states, which closes at both ends.
     back = np.swapaxes(start.R, 1, 2)
@@ -195,8 +196,8 @@ def _pair(
         first=k,
         start=j,
         across=_across(at.nav.p - states.nav.p[k]),
-        lead=leading.points(problem.t[k], window) - arm,
-        trail=trailing.points(t, window) - arm,
+        lead=lead - arm,
+        trail=trail - arm,
         fraction=h,
         interval=T,
         turned=back @ at.nav.R,
@@ -211,19 +212,20 @@ def _held(problem: Problem, states: States, view: RailView, config: LaserConfig)
     """At rest a unit goes on seeing one place: what the body shifts on its springs shows."""
     inside = [k[:-1] for k in (np.flatnonzero(within(problem.t, rest[None])) for rest in problem.rests) if k.size > 1]
     k = np.concatenate([np.zeros(0, dtype=np.int64), *inside])
-    first, last = view.span
-    k = k[(problem.t[k] >= first) & (problem.t[k + 1] <= last)]
+    window = config.window_s
+    points = view.points(problem.t, window)
+    k = k[np.isfinite(points[k]).all(axis=1) & np.isfinite(points[k + 1]).all(axis=1)]
     if k.size == 0:
         return ()
     start, end = states.nav[k], states.nav[k + 1]
-    back, m, window = np.swapaxes(start.R, 1, 2), len(k), config.window_s
+    back, m = np.swapaxes(start.R, 1, 2), len(k)
     noise = np.sqrt(2.0) * np.array(view.sd(window))
     return same_rail(
         first=k,
         start=k,
         across=_across(start.R[:, :, 0]),
-        lead=view.points(problem.t[k], window) - problem.lever_arm,
-        trail=view.points(problem.t[k + 1], window) - problem.lever_arm,
+        lead=points[k] - problem.lever_arm,
+        trail=points[k + 1] - problem.lever_arm,
         fraction=np.ones(m),
         interval=problem.t[k + 1] - problem.t[k],
         turned=back @ end.R,

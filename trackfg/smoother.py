@@ -1,6 +1,7 @@
 """The batch smoother: recording in, result out.
 
-recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, events, summary
+recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, geometry, events and
+summary
 """
 
 from __future__ import annotations
@@ -82,8 +83,8 @@ class SmoothedStates:
 def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress: Progress | None = None) -> Result:
     """Estimate the whole run from all its measurements.
 
-    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance" and "output" go on. Raises
-    ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
+    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "output", "geometry" go on.
+    Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
     """
     config = config or SmoothConfig()
     smoothed = smooth_states(recording, config, progress=progress)
