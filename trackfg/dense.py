@@ -14,8 +14,8 @@ import numpy as np
 
 from trackfg.factors.states import Nav, States
 from trackfg.frames import Array, so3_exp, so3_log, transport_rate
-from trackfg.graph import Problem, increment_starts
-from trackfg.inertial import compress
+from trackfg.graph import Problem
+from trackfg.inertial import compress, increment_starts
 
 
 @dataclass(frozen=True)

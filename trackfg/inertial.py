@@ -151,3 +151,23 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
         mean_by_time[live] += half * (before * R[live] + after * ahead)
         R[live] = ahead
     return Turning(R, mean, mean_by_time)
+
+
+def increment_starts(
+    data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Split each keyframe interval into increments of at most ``duration`` s (but at least a sample each), with
+    boundaries on both sides of each of ``times``.
+
+    Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
+    position of its first increment in that list.
+    """
+    group = max(1, int(duration / float(np.median(data.durations)) + 1e-6))
+    counts = -(-np.diff(edges) // group)
+    offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])
+    if times is not None:
+        before = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
+        after = np.minimum(before + 1, len(data))
+        starts = np.unique(np.concatenate([starts, before, after[data.edges[before] < times - 1e-9]]))
+    return starts, np.searchsorted(starts, edges)

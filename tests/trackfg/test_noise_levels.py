@@ -45,4 +45,4 @@ def test_sigmas_declared_too_small_are_found(simulated: Callable[..., Simulation
 def test_levels_never_go_below_what_is_declared() -> None:
     config = SmoothConfig(noise=NoiseConfig(gyro=3.0))
     factors = adapted(config, {"gyro": 0.5, "accel": 0.1, "gnss": 2.0}).noise.factors()
-    assert factors == {"gyro": 1.5, "accel": 1.0, "motion": 1.0, "tach": 1.0, "gnss": 2.0}
+    assert factors == {"gyro": 1.5, "accel": 1.0, "motion": 1.0, "path": 1.0, "tach": 1.0, "gnss": 2.0}

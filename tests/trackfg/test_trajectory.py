@@ -12,6 +12,7 @@ import pytest
 
 from trackfg.covariance import Covariance
 from trackfg.dense import DenseMotion
+from trackfg.factors.bias import response_terms
 from trackfg.factors.imu import ImuNoise
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import (
@@ -22,6 +23,7 @@ from trackfg.factors.states import (
     Kind,
     Nav,
     States,
+    offset_in_keyframe,
     retract,
 )
 from trackfg.frames import matrix_from_rpy, rpy_from_matrix
@@ -29,7 +31,9 @@ from trackfg.trajectory import QUANTITIES, calibration_table, keyframe_variances
 
 N = 7
 LEVER = np.array([1.5, -0.4, 0.8])
-PROBLEM: Any = SimpleNamespace(t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1))
+PROBLEM: Any = SimpleNamespace(
+    t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1), mount_roll_sd=0.0
+)
 DIM = KEYFRAME_DIM + SHARED_DIM
 
 
@@ -107,6 +111,16 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
 
 
+def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    surveyed = quantities(states, gyro, covariance)
+    problem: Any = SimpleNamespace(**{**vars(PROBLEM), "mount_roll_sd": 2e-3})
+    unknown = trajectory_table(problem, at_keyframes(states, gyro), states, covariance, 1)
+    np.testing.assert_allclose(unknown["roll_rad_sd"], np.hypot(surveyed["roll_rad_sd"], 2e-3))
+    pd.testing.assert_frame_equal(unknown.drop(columns="roll_rad_sd"), surveyed.drop(columns="roll_rad_sd"))
+
+
 def test_position_and_speed_are_those_of_the_reference_point(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
@@ -147,13 +161,21 @@ def test_calibration_interpolates_values_and_variances(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
     half = replace(at_keyframes(states, gyro), fraction=np.append(np.full(N - 1, 0.5), 1.0))
-    table = calibration_table(half, states, covariance)
+    response = response_terms(*np.random.default_rng(8).normal(size=(2, N, 3)))
+    response[-1] = 0.0
+    found = replace(states, imu=1e-3 * np.random.default_rng(9).normal(size=(1, Kind.IMU.dim)))
+    table = calibration_table(SimpleNamespace(response=response), half, found, covariance)  # type: ignore[arg-type]
     np.testing.assert_allclose(table["wheel_scale"], 1.01)
-    middle = 0.5 * (states.bias[1:] + states.bias[:-1])
+    # The sensor's own bias is what the calibration does not explain of the interval's.
+    own = states.bias - np.einsum("nij,j->ni", response, found.imu[0])
+    middle = 0.5 * (own[1:] + own[:-1])
     columns = [f"accel_bias_{a}_mps2" for a in "xyz"] + [f"gyro_bias_{a}_radps" for a in "xyz"]
     np.testing.assert_allclose(table[columns].to_numpy()[:-1], middle)
     np.testing.assert_allclose(table[columns].to_numpy()[-1], states.bias[-1])
-    variance = np.diagonal(covariance.of(Kind.BIAS), axis1=1, axis2=2)
+    J = np.zeros((N, 6, DIM))
+    bias, imu = offset_in_keyframe(Kind.BIAS), offset_in_keyframe(Kind.IMU)
+    J[:, :, bias : bias + 6], J[:, :, imu : imu + Kind.IMU.dim] = np.eye(6), -response
+    variance = np.diagonal(J @ covariance.marginal @ np.swapaxes(J, 1, 2), axis1=1, axis2=2)
     sd = table[[f"{c}_sd" for c in columns]].to_numpy()
     np.testing.assert_allclose(sd[:-1] ** 2, 0.5 * (variance[1:] + variance[:-1]))
     np.testing.assert_allclose(table["wheel_scale_sd"].iloc[-1] ** 2, covariance.of(Kind.ODO)[-1, 1, 1])

@@ -1,0 +1,126 @@
+"""What the factors of one graph are made from: the recording, where its keyframes are, and a first guess of the run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.factors.bias import response_terms
+from trackfg.factors.imu import ImuNoise
+from trackfg.factors.states import SHARED, Nav, States
+from trackfg.frames import Array, earth_rate_enu, normal_gravity
+from trackfg.inertial import Intervals
+from trackfg.initial import InitialPath
+from trackfg.recording import Recording
+from trackfg.spans import within
+from trackfg.units import STANDARD_GRAVITY
+from trackfg.wheel import Wheel
+
+
+@dataclass(frozen=True)
+class World:
+    """Gravity (m/s^2) and the Earth's rotation in n (rad/s, (3,)), zero where latitude is not known."""
+
+    gravity: float
+    earth_rate: Array
+    start_yaw: float
+
+
+def world_of(recording: Recording) -> World:
+    """Gravity, the Earth's rotation and the heading at the start, as far as the recording tells."""
+    track = recording.description.track
+    latitude = track.latitude_deg if recording.gnss_origin is None else float(recording.gnss_origin[0])
+    height = 0.0 if recording.gnss_origin is None else float(recording.gnss_origin[2])
+    gravity = STANDARD_GRAVITY if latitude is None else normal_gravity(latitude, height)
+    georeferenced = recording.gnss_origin is not None or track.heading_deg is not None
+    start_yaw = 0.0 if track.heading_deg is None else np.pi / 2.0 - np.radians(track.heading_deg)
+    if latitude is None:
+        return World(gravity, np.zeros(3), start_yaw)
+    rate = earth_rate_enu(latitude)
+    if not georeferenced:
+        rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
+    return World(gravity, rate, start_yaw)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Keyframes at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""
+
+    recording: Recording
+    config: SmoothConfig
+    world: World
+    data: Intervals
+    wheel: Wheel | None
+    rests: Array
+    path: InitialPath
+    edges: np.ndarray
+    t: Array
+
+    @property
+    def lever_arm(self) -> Array:
+        """The IMU's position in the vehicle, m, shape (3,)."""
+        return np.array(self.recording.description.imu.lever_arm_m)
+
+    @property
+    def still(self) -> np.ndarray:
+        """Whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
+        resting = within(self.t, self.rests)
+        still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
+        return still
+
+    @property
+    def distance(self) -> Array:
+        """Initial distance between keyframes, m, shape (n - 1,)."""
+        return np.asarray(np.diff(self.distance_at(self.t)))
+
+    def distance_at(self, t: Array) -> Array:
+        """Initial distance travelled, m: the wheel's, or the length of the initial path. Shape (m,) to (m,)."""
+        if self.wheel is not None:
+            return self.wheel.at(t)
+        step = np.diff(self.path.p, axis=0)
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
+        return np.asarray(np.interp(t, self.path.t, length))
+
+    @property
+    def noise(self) -> ImuNoise:
+        """White noise of the inertial samples as assumed: the declared one times its level."""
+        declared, level = self.recording.description.imu.noise, self.config.noise
+        return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+
+    @property
+    def response(self) -> Array:
+        """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
+        where none starts, nothing. Shape (n, 6, 21).
+        """
+        span = np.diff(self.t)[:, None]
+
+        def mean(samples: Array) -> Array:
+            total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
+            return np.asarray(np.diff(total[self.edges], axis=0) / span)
+
+        terms = response_terms(mean(self.data.accel), mean(self.data.gyro) - self.path.bias(self.t[:-1]))
+        return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
+
+    def initial_states(self) -> States:
+        """The first guess of every variable."""
+        n = len(self.t)
+        R = self.path.attitude(self.t)
+        p = self.path.position(self.t) + R @ self.lever_arm
+        bias = np.zeros((n, 6))
+        bias[:, 3:] = self.path.bias(self.t)
+        distance = np.concatenate([[0.0], np.cumsum(self.distance)])
+        count = distance if self.wheel is None else self.wheel.at(self.t)
+        start = self._start_distance(distance)
+        odo = np.stack([start + distance, np.ones(n), count, np.diff(distance, prepend=0.0)], axis=1)
+        nav, shared = Nav(R, p, self.path.velocity(self.t)), (np.zeros((1, kind.dim)) for kind in SHARED)
+        return States(nav, bias, odo, *shared)
+
+    def _start_distance(self, distance: Array) -> float:
+        """Where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
+        fixes = self.recording.fixes
+        if fixes is None or fixes.empty:
+            return 0.0
+        at_first = np.interp(fixes["t_s"].iloc[0], self.t, distance)
+        return float(self.recording.description.track.direction * fixes["chainage_m"].iloc[0] - at_first)

@@ -1,0 +1,56 @@
+"""How the vehicle can move: the factors of a graph that say it follows the track, or rests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.motion import at_rest, non_holonomic, stays
+from trackfg.factors.path import follows_path
+from trackfg.frames import Array
+from trackfg.inertial import means_around, turning
+from trackfg.layout import Layout
+from trackfg.spans import within
+
+_RATE_WINDOW_S = 0.1
+"""The body rate of a keyframe is a mean over this."""
+
+
+def motion(layout: Layout) -> list[Family]:
+    """No sideways velocity, no motion at rest; a sensor that follows the track moves where it points all the way."""
+    config, n = layout.config.motion, len(layout.t)
+    k = np.arange(n)
+    resting = within(layout.t, layout.rests)
+    speed = np.abs(np.interp(layout.t, layout.path.t, layout.path.speed))
+    sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
+    sigma = sigma * layout.config.noise.motion
+    huber = Loss("huber", config.robust_width)
+    rest = (config.rest_turn_sd_rad, config.rest_shift_sd_m)
+    if layout.recording.description.imu.rigid:
+        rest = (config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
+    return [
+        _path(layout, huber),
+        non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
+        at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps, huber),
+        stays(np.flatnonzero(layout.still), *rest, huber),
+    ]
+
+
+def _path(layout: Layout, loss: Loss) -> Family:
+    """For a sensor that follows the track, wherever it is not at rest and its record has no hole."""
+    config, distance = layout.config.motion, np.abs(layout.distance)
+    bridged = np.concatenate([[0], np.cumsum(layout.data.bridged)])
+    whole = np.diff(bridged[layout.edges]) == 0
+    k = np.flatnonzero(whole & ~layout.still & layout.recording.description.imu.rigid)
+    turned = turning(
+        layout.data, layout.edges, layout.path.bias(layout.t).mean(axis=0), layout.distance_at(layout.data.edges)
+    )
+    bridge = layout.noise.gyro * distance * np.sqrt(np.diff(layout.t) / 12.0)
+    model = (config.path_sd_m + config.path_sd_relative * distance) * layout.config.noise.path
+    sigma = np.hypot(model, bridge)[k, None].repeat(2, axis=1)
+    return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], layout.lever_arm, sigma, loss)
+
+
+def _angular_rate(layout: Layout) -> Array:
+    """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""
+    return means_around(layout.t, _RATE_WINDOW_S, layout.data.edges, layout.data.gyro) - layout.path.bias(layout.t)

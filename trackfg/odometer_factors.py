@@ -1,0 +1,57 @@
+"""The odometer's factors of a graph: distance, wheel, arc length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.layout import Layout
+from trackfg.spans import within
+
+_DISTANCE_SD_M = 1e-5
+_ARC_SD_M = 2e-4
+_ARC_SD_RELATIVE = 1e-5
+_MOVED_SD_M = 1e4
+"""For an interval in which the wheel says nothing: any distance."""
+
+
+def odometer(layout: Layout) -> list[Family]:
+    """Distance adds up, is the length of the path, and is what the wheel rolls, where there is one."""
+    config, k = layout.config.tach, np.arange(len(layout.t) - 1)
+    distance = np.abs(layout.distance)
+    chain_sd = np.stack([np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1)
+    families = [
+        distance_chain(k, chain_sd),
+        arc_length(k, layout.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
+    ]
+    if layout.wheel is None:
+        return [*families, tach_distance(k, np.full((k.size, 1), _MOVED_SD_M), None)]
+    variance = config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+    if layout.wheel.integrates_speed:
+        moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
+        variance = variance + config.speed_noise_mps**2 * np.diff(layout.t) * moving
+    silent = ~(layout.wheel.covers(layout.t[:-1]) & layout.wheel.covers(layout.t[1:]))
+    if layout.wheel.integrates_speed:
+        variance = np.where(silent, _MOVED_SD_M**2, variance)
+    sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
+    families.append(tach_distance(k, sigma, Loss("cauchy", config.robust_width, huber_at_start=True)))
+    read = _readable(layout)
+    count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
+    since = layout.t[read] - 0.5 * (layout.t[0] + layout.t[-1])
+    families.append(tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd)))
+    return families
+
+
+def _readable(layout: Layout) -> np.ndarray:
+    """Keyframes with a tach reading of their own: a count that has not moved since the last reading says nothing
+    new, its rounding error is the same one."""
+    assert layout.wheel is not None
+    covered = np.flatnonzero(layout.wheel.covers(layout.t))
+    count = layout.wheel.at(layout.t[covered])
+    if covered.size == 0:
+        return covered
+    grid = np.floor(count / max(layout.wheel.quantum, 1e-9))
+    fresh = np.concatenate([[True], grid[1:] != grid[:-1]])
+    readable: np.ndarray = covered[fresh]
+    return readable
