@@ -4,7 +4,7 @@ Noise-free: each scenario with perfect sensors, error of the smoother against tr
 Coverage: many seeds of a scenario, the share of samples at which truth lies within 1.96 sigma, and the rms of
 error / sigma. Samples of one run are correlated, so the share is given with its standard error over seeds.
 
-    python tools/consistency.py [--seeds 50] [--duration 600] [--jobs 2] [--defaults]
+    python tools/consistency.py [--seeds 50] [--duration 600] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -16,17 +16,10 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from trackfg.config import MotionConfig, SmoothConfig
+from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
 from trackfg.smoother import smooth_states
 from trackfg.trajectory import QUANTITIES
-
-WORLD = SmoothConfig(
-    motion=MotionConfig(lateral_sd_mps=2e-3, vertical_sd_mps=2e-3, sd_per_speed=1e-4, rest_turn_sd_rad=1e-5)
-)
-"""Sensor noise as declared, motion as this world has it: its vehicle neither sways on its track nor rocks at rest. The
-default settings allow for both, and pitch and the vertical gyro bias are then better than their sigmas (--defaults).
-"""
 
 NOISE_FREE = ("mainline", "mainline-gnss", "trolley", "shunting")
 COVERED = ("mainline", "mainline-gnss", "trolley")
@@ -38,12 +31,10 @@ STATES = (
 )
 
 
-def errors(
-    scenario: str, seed: int, duration_s: float, noise: bool, config: SmoothConfig
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def errors(scenario: str, seed: int, duration_s: float, noise: bool) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """(error, sigma) of every state along one simulated run."""
     run = simulate(scenario, seed=seed, duration_s=duration_s, noise=noise)
-    smoothed = smooth_states(run.recording, config)
+    smoothed = smooth_states(run.recording, SmoothConfig())
     estimate = pd.concat([smoothed.trajectory, smoothed.calibration.drop(columns="t_s")], axis=1)
     # Truth has a row at each whole multiple of its own finer clock.
     truth = run.truth
@@ -57,9 +48,9 @@ def errors(
     return out
 
 
-def _statistics(seed: int, scenario: str, duration_s: float, config: SmoothConfig) -> dict[str, tuple[float, float]]:
+def _statistics(seed: int, scenario: str, duration_s: float) -> dict[str, tuple[float, float]]:
     """Share of covered samples and mean square of error / sigma, per state."""
-    z = {name: e / sd for name, (e, sd) in errors(scenario, seed, duration_s, noise=True, config=config).items()}
+    z = {name: e / sd for name, (e, sd) in errors(scenario, seed, duration_s, noise=True).items()}
     return {name: (float(np.mean(np.abs(v) < 1.96)), float(np.mean(v * v))) for name, v in z.items()}
 
 
@@ -67,7 +58,7 @@ def noise_free(duration_s: float) -> pd.DataFrame:
     """Largest errors with perfect sensors: attitude (rad) and distance (mm per km run)."""
     rows = []
     for scenario in NOISE_FREE:
-        found = errors(scenario, 0, duration_s, noise=False, config=SmoothConfig())
+        found = errors(scenario, 0, duration_s, noise=False)
         chainage = np.abs(found["chainage_m"][0])
         run = simulate(scenario, seed=0, duration_s=duration_s, noise=False).truth["chainage_m"]
         length_km = np.abs(np.diff(run)).sum() / 1e3
@@ -82,12 +73,10 @@ def noise_free(duration_s: float) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def coverage(scenario: str, seeds: int, duration_s: float, jobs: int, config: SmoothConfig) -> pd.DataFrame:
+def coverage(scenario: str, seeds: int, duration_s: float, jobs: int) -> pd.DataFrame:
     """Per state: per cent of samples within 1.96 sigma, its standard error over seeds, rms of error / sigma."""
     with ProcessPoolExecutor(jobs) as pool:
-        runs = list(
-            pool.map(partial(_statistics, scenario=scenario, duration_s=duration_s, config=config), range(seeds))
-        )
+        runs = list(pool.map(partial(_statistics, scenario=scenario, duration_s=duration_s), range(seeds)))
     rows = []
     for name in STATES:
         share = np.array([run[name][0] for run in runs])
@@ -108,15 +97,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--duration", type=float, default=600.0, help="seconds of each run")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--defaults", action="store_true", help="default motion sigmas instead of the world's")
     arguments = parser.parse_args()
-    config = SmoothConfig() if arguments.defaults else WORLD
     with pd.option_context("display.width", 140, "display.float_format", "{:.3g}".format):
         print("Noise-free: largest error along the run")
         print(noise_free(arguments.duration).to_string(index=False))
         for scenario in COVERED:
             print(f"\n{scenario}: {arguments.seeds} seeds of {arguments.duration:g} s")
-            table = coverage(scenario, arguments.seeds, arguments.duration, arguments.jobs, config)
+            table = coverage(scenario, arguments.seeds, arguments.duration, arguments.jobs)
             print(table.to_string(index=False))
 
 
