@@ -11,10 +11,12 @@ import pytest
 from scipy.linalg import solve_triangular
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import Covariance, posterior_covariance, square_root
+from trackfg.covariance import Covariance, SquareRoot, posterior_covariance, posterior_samples, square_root
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph import Problem, build_problem
+from trackfg.rails import rail_views, tied_by_rails
+from trackfg.recording import Recording
 from trackfg.solver import chain_ordering
 
 
@@ -22,27 +24,47 @@ class Solved(NamedTuple):
     keyframes: int
     dense: np.ndarray
     """The whole covariance, keyframe by keyframe, shared variables last."""
+    information: np.ndarray
+    """Its inverse's square root, upper triangular."""
+    root: SquareRoot
     ours: Covariance
 
 
-@pytest.fixture(scope="module", params=["trolley", "mainline-gnss"])
-def solved(
-    request: pytest.FixtureRequest,
-    simulated: Callable[..., Simulation],
-    linearized: Callable[[Problem, States], gtsam.GaussianFactorGraph],
-) -> Solved:
-    problem = build_problem(
-        simulated(request.param, seed=2, duration_s=65.0 if request.param == "trolley" else 45.0).recording,
-        SmoothConfig(),
-    )
+Linearized = Callable[[Problem, States], gtsam.GaussianFactorGraph]
+
+
+def problem_of(recording: Recording) -> Problem:
+    """With the factors of its lasers, if it has any."""
+    problem, config = build_problem(recording, SmoothConfig()), SmoothConfig()
+    views = rail_views(recording)
+    return tied_by_rails(problem, problem.initial, views, config.laser) if views else problem
+
+
+def solved_of(recording: Recording, linearized: Linearized) -> Solved:
+    problem = problem_of(recording)
     n = len(problem.t)
     ordering = chain_ordering(n)
     linear = linearized(problem, problem.initial)
     A, _ = linear.jacobian(ordering)
     R = np.linalg.qr(A, mode="r")
-    root = solve_triangular(R, np.eye(len(R)))
-    ours = posterior_covariance(square_root(linear.eliminateSequential(ordering, gtsam.EliminateQR), n))
-    return Solved(n, root @ root.T, ours)
+    inverse = solve_triangular(R, np.eye(len(R)))
+    root = square_root(linear.eliminateSequential(ordering, gtsam.EliminateQR), n)
+    return Solved(n, inverse @ inverse.T, R, root, posterior_covariance(root))
+
+
+@pytest.fixture(scope="module")
+def far_reaching(simulated_in_full: Callable[..., Simulation], linearized: Linearized) -> Solved:
+    """A car that gathers speed: its two units of lasers tie keyframes that are up to several apart."""
+    return solved_of(simulated_in_full("measuring-car", seed=2, duration_s=42.0).recording, linearized)
+
+
+@pytest.fixture(scope="module", params=["trolley", "mainline-gnss", "measuring-car"])
+def solved(request: pytest.FixtureRequest, simulated: Callable[..., Simulation], linearized: Linearized) -> Solved:
+    if request.param == "measuring-car":
+        far: Solved = request.getfixturevalue("far_reaching")
+        return far
+    duration_s = 65.0 if request.param == "trolley" else 45.0
+    return solved_of(simulated(request.param, seed=2, duration_s=duration_s).recording, linearized)
 
 
 def block(solved: Solved, i: int, j: int) -> np.ndarray:
@@ -68,9 +90,46 @@ def test_marginals_equal_the_dense_inverse(solved: Solved) -> None:
 
 
 def test_cross_covariances_of_any_two_keyframes(solved: Solved) -> None:
+    """Along a chain; where factors tie keyframes further apart those of neighbours."""
     last = solved.keyframes - 1
-    for i, j in [(0, 1), (0, last), (3, 3), (5, 17), (last - 1, last), (last // 2, last)]:
+    pairs = [(0, 1), (0, last), (3, 3), (5, 17), (last - 1, last), (last // 2, last)]
+    if solved.root.ahead.any():
+        pairs = [(k, k + 1) for k in range(last)]
+    for i, j in pairs:
         assert_same(solved.ours.between(i, j), block(solved, i, j), block(solved, i, i), block(solved, j, j))
+
+
+def test_lasers_tie_keyframes_that_are_no_neighbours(far_reaching: Solved) -> None:
+    """As far ahead as the car takes to run the 5 m between its units; fewer as it gathers speed; none at the end."""
+    ahead = far_reaching.root.ahead
+    assert 3 <= ahead.max() <= 16
+    assert ahead.argmax() < ahead.size // 2
+    assert ahead[-1] == 0
+    # A window is carried until its last keyframe is reached.
+    assert (np.diff(ahead) >= -1).all()
+
+
+def test_samples_have_the_posterior_covariance(solved: Solved) -> None:
+    """All keyframes and the shared variables together: R times a sample is white, whatever the condition of R."""
+    count, n = 600, solved.keyframes
+    samples = posterior_samples(solved.root, count, np.random.default_rng(0))
+    assert samples.shape == (n, KEYFRAME_DIM + SHARED_DIM, count)
+    shared = samples[:, KEYFRAME_DIM:]
+    np.testing.assert_array_equal(shared, np.broadcast_to(shared[0], shared.shape))
+    stacked = np.concatenate([samples[:, :KEYFRAME_DIM].reshape(-1, count), shared[0]])
+    white = solved.information @ stacked
+    variance = white.var(axis=1)
+    assert variance.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2.0 / white.size) + 1e-3)
+    assert np.abs(variance - 1.0).max() < 6 * np.sqrt(2.0 / count)
+    correlation = np.corrcoef(white) - np.eye(len(white))
+    assert np.abs(correlation).max() < 6.5 / np.sqrt(count)
+    marginal = samples.std(axis=2) / np.sqrt(np.diagonal(solved.ours.marginal, axis1=1, axis2=2))
+    assert np.abs(marginal - 1.0).max() < 6 / np.sqrt(2 * count)
+
+
+def test_samples_repeat_with_their_generator(far_reaching: Solved) -> None:
+    one, again = (posterior_samples(far_reaching.root, 5, np.random.default_rng(7)) for _ in range(2))
+    np.testing.assert_array_equal(one, again)
 
 
 @pytest.mark.parametrize("kind", Kind)

@@ -10,18 +10,28 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from pydantic import ValidationError
 
 from trackfg import atomic_folder
 from trackfg.errors import BadInputError
-from trackfg.results import FILES, TRAJECTORY_COLUMNS, Estimate, Result, refuse_foreign_folder
+from trackfg.results import (
+    FILES,
+    RAIL_COLUMNS,
+    TRAJECTORY_COLUMNS,
+    Estimate,
+    GeometryConventions,
+    Result,
+    refuse_foreign_folder,
+)
 
 Make = Callable[..., Result]
 
 
 def assert_same(a: Result, b: Result) -> None:
     pd.testing.assert_frame_equal(a.trajectory, b.trajectory)
+    pd.testing.assert_frame_equal(a.geometry, b.geometry)
     pd.testing.assert_frame_equal(a.events, b.events, check_dtype=False)
     assert a.summary == b.summary
 
@@ -50,6 +60,29 @@ def test_what_is_written_is_read(make_result: Make, tmp_path: Path) -> None:
     folder = result.write(tmp_path / "parents" / "are made" / "out")
     assert {path.name for path in folder.iterdir()} == set(FILES)
     assert_same(Result.read(folder), result)
+
+
+def test_geometry_file_says_what_its_columns_mean(make_result: Make, tmp_path: Path) -> None:
+    """So that the file can be passed on by itself: conventions under the key "trackfg", pandas' own beside them."""
+    result = make_result()
+    folder = result.write(tmp_path / "out")
+    metadata = pq.read_schema(folder / "geometry.parquet").metadata
+    assert GeometryConventions.model_validate_json(metadata[b"trackfg"]) == result.summary.geometry
+    assert json.loads(metadata[b"trackfg"])["facing"] == "increasing chainage"
+    assert b"pandas" in metadata
+    pd.testing.assert_frame_equal(pd.read_parquet(folder / "geometry.parquet"), result.geometry)
+
+
+def test_rails_are_either_there_or_not(make_result: Make, tmp_path: Path) -> None:
+    result = make_result()
+    assert not result.has_rails
+    with_rails = result.geometry.assign(**dict.fromkeys(RAIL_COLUMNS, 1.0))
+    back = Result.read(Result(result.trajectory, with_rails, result.events, result.summary).write(tmp_path / "out"))
+    assert back.has_rails
+    pd.testing.assert_frame_equal(back.geometry, with_rails)
+    for wrong in (with_rails.drop(columns=RAIL_COLUMNS[-1]), result.geometry.drop(columns="twist_mm_sd")):
+        with pytest.raises(ValueError, match="expected"):
+            Result(result.trajectory, wrong, result.events, result.summary)
 
 
 def test_no_events(make_result: Make, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
+from trackfg.factors.states import Kind
 from trackfg.inertial import intervals
 from trackfg.initial import initial_path
 from trackfg.recording import Recording
@@ -111,9 +112,9 @@ def test_places_at_rest_are_honest(
 ) -> None:
     options = {"seed": 3, "duration_s": TOTAL_S}
     result = smoothed(name, **options)
-    ratio = errors(simulated(name, **options), result.trajectory) / result.trajectory[[f"{c}_sd" for c in ALL]].set_axis(
-        list(ALL), axis=1
-    )
+    ratio = errors(simulated(name, **options), result.trajectory) / result.trajectory[
+        [f"{c}_sd" for c in ALL]
+    ].set_axis(list(ALL), axis=1)
     assert ratio.loc[at_rest(result), ["chainage_m", *PLACE]].abs().max().max() < 5.0
 
 
@@ -137,6 +138,24 @@ def test_full_world_is_solved_honestly(
     result = smoothed_in_full(name, **options)
     assert result.solution.converged
     assert_honest(simulated_in_full(name, **options), result)
+
+
+def test_scale_factors_and_misalignments_are_found(simulated: Callable[..., Simulation]) -> None:
+    """A gyro that turns 0.3 % too far and feels its yaw in roll by 1 mrad: both show in curves."""
+    run = simulated("mainline-gnss", seed=2, duration_s=300.0)
+    imu, gyro = run.recording.imu.copy(), ["wx_radps", "wy_radps", "wz_radps"]
+    W = np.zeros((3, 3))
+    W[2, 2], W[0, 2] = 3e-3, 1e-3
+    imu[gyro] = imu[gyro].to_numpy() @ (np.eye(3) + W).T
+    result = solved(replace(run.recording, imu=imu))
+    found = result.solution.states.imu[0, 6:15].reshape(3, 3)
+    sd = np.sqrt(np.diagonal(result.covariance.of(Kind.IMU)[0]))[6:15].reshape(3, 3)
+    prior = SmoothConfig().imu
+    assert sd[0, 2] < 0.7 * prior.misalignment_sd_rad
+    assert sd[2, 2] < 0.9 * prior.scale_sd
+    for row, column in ((2, 2), (0, 2)):
+        assert abs(found[row, column] - W[row, column]) < 3.5 * sd[row, column]
+    assert_honest(run, result)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -281,11 +300,14 @@ def test_same_recording_gives_the_same_result(simulated: Callable[..., Simulatio
 
 
 @pytest.mark.slow
-def test_coverage_over_seeds(simulated: Callable[..., Simulation]) -> None:
-    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 300 s."""
+def test_coverage_over_seeds(simulated_in_full: Callable[..., Simulation]) -> None:
+    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 300 s in the full world.
+
+    In the world as designed roll would be covered too often: its sigma holds misalignments that are not there.
+    """
     inside: dict[str, list[float]] = {column: [] for column in ("roll_rad", "speed_mps", "chainage_m")}
     for seed in range(20):
-        run = simulated("trolley", seed=seed, duration_s=300.0)
+        run = simulated_in_full("trolley", seed=seed, duration_s=300.0)
         trajectory = solved(run.recording).trajectory
         error = errors(run, trajectory)
         for column, shares in inside.items():
