@@ -28,6 +28,9 @@ from trackfg import frames
 from trackfg.description import ImuNoise, Vector3
 from trackfg.frames import Array
 
+_NEARLY_NONE = 1e-7
+"""What is declared of an error that is not there: sigmas are positive."""
+
 
 @dataclass(frozen=True)
 class ImuResponse:
@@ -61,6 +64,19 @@ class ImuModel:
     mount_sd_rad: float = 0.0
     mount_roll_sd_rad: float = 0.0
     response: ImuResponse = ImuResponse()
+
+    @property
+    def declared_noise(self) -> ImuNoise:
+        """What a data sheet would say of it: the noise, and how well scale factors and axes are calibrated."""
+        response = self.response
+        calibration = {
+            "gyro_scale_sd": response.gyro_scale_sd,
+            "accel_scale_sd": response.accel_scale_sd,
+            "misalignment_sd_rad": max(response.gyro_misalignment_sd_rad, response.accel_misalignment_sd_rad),
+            "g_sensitivity_sd": response.g_sensitivity_sd,
+        }
+        known = {name: max(float(sd), _NEARLY_NONE) for name, sd in calibration.items()}
+        return self.noise.model_copy(update=known)
 
 
 @dataclass(frozen=True)

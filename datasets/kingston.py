@@ -45,6 +45,10 @@ NOISE = ImuNoise(
     accel_bias_walk=1e-5,
     gyro_bias_sd=2e-5,
     accel_bias_sd=0.01,
+    gyro_scale_sd=1e-4,
+    accel_scale_sd=1e-4,
+    misalignment_sd_rad=1e-4,
+    g_sensitivity_sd=1e-6,
 )
 
 _FILES = ("f_w_IMSseconds_dt.mat", "CarChip_Speed_interpolated.mat", "BESTPOS.mat", "BESTGPSPOS.mat", "INSPVA.mat")

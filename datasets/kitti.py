@@ -58,6 +58,10 @@ def _noise() -> ImuNoise:
         accel_bias_walk=table["AccelerometerBiasSigma"],
         gyro_bias_sd=5e-4,
         accel_bias_sd=0.1,
+        gyro_scale_sd=1e-4,
+        accel_scale_sd=1e-4,
+        misalignment_sd_rad=1e-4,
+        g_sensitivity_sd=1e-6,
     )
 
 

@@ -58,7 +58,7 @@ def measure(plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, s
             id=name if streams else f"{name}-noise-free",
             track=_track_description(plan, track, ride),
             imu=tables.imu_description(
-                plan.imu.noise,
+                plan.imu.declared_noise,
                 plan.imu.lever_arm_m,
                 rigid=plan.vehicle.rigid,
                 mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,

@@ -29,10 +29,10 @@ def response_terms(force: Array, rate: Array) -> Array:
     return out
 
 
-def response_sigmas(scale: float, misalignment: float, g_sensitivity: float) -> Array:
+def response_sigmas(accel_scale: float, gyro_scale: float, misalignment: float, g_sensitivity: float) -> Array:
     """Prior sigmas of the calibration: of A and W scale factors on the diagonal, else misalignment (rad); of G."""
-    askew = np.where(np.eye(3) > 0, scale, misalignment)
-    return np.concatenate([askew[:, :2].ravel(), askew.ravel(), np.full(6, g_sensitivity)])
+    A, W = (np.where(np.eye(3) > 0, scale, misalignment) for scale in (accel_scale, gyro_scale))
+    return np.concatenate([A[:, :2].ravel(), W.ravel(), np.full(6, g_sensitivity)])
 
 
 def _walk(first: Array, second: Array, calibration: Array, change: Array) -> tuple[Array, tuple[Array, ...]]:

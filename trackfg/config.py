@@ -26,14 +26,9 @@ class KeyframeConfig(_Section):
 
 
 class ImuConfig(_Section):
-    """What the recording does not declare of the IMU: how well its axes are aligned (what one feels of another's input)
-    and scaled, and how much the gyro feels of accelerations (rad/s per m/s^2). And holes in its record: over one, the
-    body may turn and accelerate as if by white noise of these densities (rad/s and m/s^2 per sqrt(Hz)).
+    """Holes in the IMU's record: over one, the body may turn and accelerate as if by white noise of these densities
+    (rad/s and m/s^2 per sqrt(Hz)).
     """
-
-    misalignment_sd_rad: Positive = 6e-4
-    scale_sd: Positive = 2e-3
-    g_sensitivity_sd: Positive = 2e-5
 
     bridge_gyro_white: Positive = 0.05
     bridge_accel_white: Positive = 0.5
@@ -75,6 +70,7 @@ class MotionConfig(_Section):
     rest_speed_sd_mps: Positive = 1e-3
     rest_turn_sd_rad: Positive = 1e-4
     rest_shift_sd_m: Positive = 1e-3
+    rigid_rest_speed_sd_mps: Positive = 1e-5
     rigid_rest_turn_sd_rad: Positive = 1e-5
     rigid_rest_shift_sd_m: Positive = 2e-5
     min_rest_s: Positive = 3.0

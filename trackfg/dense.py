@@ -1,9 +1,9 @@
 """The smoothed motion between keyframes.
 
 From each keyframe the inertial increments are integrated with the smoothed bias to the next one; what is left over
-there is spread over the interval: the rotation in proportion to time, position and velocity by the cubic that has the
-required end values and slopes. The result passes through every keyframe's smoothed state and has the inertial sensor's
-detail in between.
+there is spread over the interval: the rotation in proportion to time, position, velocity and distance by the cubic that
+has the required end values and slopes. The result passes through every keyframe's smoothed state and has the inertial
+sensor's detail in between.
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ def dense_motion(problem: Problem, states: States, step_s: float, times: Array |
     R = R @ so3_exp(left_R * F)
     p += left_p * (3 * F**2 - 2 * F**3) + left_v * span[:, None] * (F**3 - F**2)
     v += left_p * (6 * F - 6 * F**2) / span[:, None] + left_v * (3 * F**2 - 2 * F)
-    distance = states.odo[keyframe, 0] + d + f * (np.diff(states.odo[:, 0]) - body_d)[keyframe]
+    left_d = (np.diff(states.odo[:, 0]) - body_d)[keyframe]
+    left_speed = np.sum((states.nav.v[1:] - body_v) * states.nav.R[1:, :, 0], axis=1)[keyframe]
+    distance = states.odo[keyframe, 0] + d + left_d * (3 * f**2 - 2 * f**3) + left_speed * span * (f**3 - f**2)
     rate = increments.rotation / dt - states.bias[keyframe, 3:]
 
     last = states.nav[len(states) - 1 :]

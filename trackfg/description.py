@@ -49,7 +49,9 @@ class Track(Model):
 
 
 class ImuNoise(Model):
-    """Continuous-time densities and initial sigmas, SI (see the recording format for each unit)."""
+    """Continuous-time densities, sigmas of initial biases, and how well the sensor is calibrated: scale factors, axes
+    (what one feels of another's input), what the gyro feels of accelerations. SI (see the recording format).
+    """
 
     gyro_white: Positive = 1e-4
     accel_white: Positive = 2e-3
@@ -57,6 +59,10 @@ class ImuNoise(Model):
     accel_bias_walk: Positive = 1e-5
     gyro_bias_sd: Positive = 1e-3
     accel_bias_sd: Positive = 0.03
+    gyro_scale_sd: Positive = 1e-3
+    accel_scale_sd: Positive = 1e-3
+    misalignment_sd_rad: Positive = 6e-4
+    g_sensitivity_sd: Positive = 2e-5
 
 
 class Imu(Table):

@@ -135,8 +135,8 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     clock_sd = np.array(
         [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
     )
-    imu = config.imu
-    imu_sd = response_sigmas(imu.scale_sd, imu.misalignment_sd_rad, imu.g_sensitivity_sd)[None]
+    calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
+    imu_sd = response_sigmas(*calibration)[None]
     mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
     return [
         nav_prior(first, states.nav[:1], nav_sd),

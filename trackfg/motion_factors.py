@@ -25,14 +25,14 @@ def motion(layout: Layout) -> list[Family]:
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
     sigma = sigma * layout.config.noise.motion
     huber = Loss("huber", config.robust_width)
-    rest = (config.rest_turn_sd_rad, config.rest_shift_sd_m)
+    still = (config.rest_speed_sd_mps, config.rest_turn_sd_rad, config.rest_shift_sd_m)
     if layout.recording.description.imu.rigid:
-        rest = (config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
+        still = (config.rigid_rest_speed_sd_mps, config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
     return [
         _path(layout, huber),
         non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
-        at_rest(np.flatnonzero(resting), config.rest_speed_sd_mps, huber),
-        stays(np.flatnonzero(layout.still), *rest, huber),
+        at_rest(np.flatnonzero(resting), still[0], huber),
+        stays(np.flatnonzero(layout.still), *still[1:], huber),
     ]
 
 

@@ -20,8 +20,9 @@ def trajectory_table(
 ) -> pd.DataFrame:
     """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
 
-    Sigmas are those of the keyframes on either side, their variances interpolated in time; speed and attitude have in
-    between what the white ``noise`` of the inertial samples adds, a Brownian bridge. Yaw is in (-pi, pi].
+    Sigmas are those of the keyframes on either side, their variances interpolated in time, and what the white ``noise``
+    of the inertial samples adds in between: to speed and attitude a Brownian bridge, to place and chainage that bridge
+    integrated and pinned in slope too; and what their speeds' errors do to the cubic between. Yaw is in (-pi, pi].
     """
     R_bt = mount_matrix(states.mount)[0][0]
     nav = motion.nav
@@ -35,6 +36,9 @@ def trajectory_table(
     k, f = motion.keyframe, motion.fraction[:, None]
     bridge = np.diff(problem.t)[k] * motion.fraction * (1.0 - motion.fraction)
     between = variance[k] * (1.0 - f) + variance[k + 1] * f
+    span, h = np.diff(problem.t)[k], motion.fraction
+    swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
+    between[:, :4] += (noise.accel**2 * bridge**3 / 3.0 + swing)[:, None]
     between[:, 4] += noise.accel**2 * bridge
     between[:, 5:8] += noise.gyro**2 * bridge[:, None]
     sigma = np.sqrt(between)

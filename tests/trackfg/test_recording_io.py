@@ -198,15 +198,24 @@ def test_an_origin_may_be_chosen_and_local_positions_stay(draft: Draft, tmp_path
 
 def test_two_lasers_may_share_a_table(draft: Draft, tmp_path: Path) -> None:
     draft["laser"]["b"] = draft["laser"]["a_lv"] + 1.0
-    draft.toml["laser"].append({**draft.toml["laser"][0], "name": "B", "column": "b"})
+    draft.toml["laser"].append({**draft.toml["laser"][0], "name": "B", "column": "b", "rail": "right"})
     lasers = read_recording(draft.write(tmp_path / "rec")).lasers
     np.testing.assert_allclose(lasers["B"]["displacement_m"] - lasers["A-left-vertical"]["displacement_m"], 1e-3)
+
+
+def test_two_lasers_at_one_place_on_one_rail_are_refused(draft: Draft, tmp_path: Path) -> None:
+    draft.toml["laser"].append({**draft.toml["laser"][0], "name": "B"})
+    with pytest.raises(BadInputError, match=r"another one at x = 5 m measures the left rail along z too"):
+        read_recording(draft.write(tmp_path / "rec"))
 
 
 def test_lasers_of_the_same_times_are_written_to_one_file(draft: Draft, tmp_path: Path) -> None:
     draft["laser"]["b"] = draft["laser"]["a_lv"] + 1.0
     first = draft.toml["laser"][0]
-    draft.toml["laser"] += [{**first, "name": "B", "column": "b"}, {**first, "name": "late", "time_offset_s": 0.01}]
+    draft.toml["laser"] += [
+        {**first, "name": "B", "column": "b", "rail": "right"},
+        {**first, "name": "late", "time_offset_s": 0.01, "position_m": [-5.0, 0.5, 0.0]},
+    ]
     recording = read_recording(draft.write(tmp_path / "rec"))
     folder = write_recording(recording, tmp_path / "copy")
     assert sorted(path.name for path in folder.glob("laser*")) == ["laser_1.parquet", "laser_2.parquet"]
@@ -283,8 +292,8 @@ def recordings(draw: st.DrawFn) -> Recording:
         fixes=Fixes(file="-"),
         gnss=Gnss(file="-", position=("a", "b", "c"), sd=("d", "e", "f")),
         laser=tuple(
-            Laser(name=name, file="-", column="-", position_m=(0, 0, 0), axis="y", rail="left", sd_m=1e-4)
-            for name in names
+            Laser(name=name, file="-", column="-", position_m=(float(i), 0, 0), axis="y", rail="left", sd_m=1e-4)
+            for i, name in enumerate(names)
         ),
     )
     origin = draw(st.none() | st.tuples(st.floats(-90, 90), st.floats(-180, 180), finite).map(np.array))

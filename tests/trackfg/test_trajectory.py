@@ -105,7 +105,11 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     shifted = replace(keyframes, fraction=np.append(np.full(N - 1, 0.25), 1.0))
     table = trajectory_table(PROBLEM, shifted, states, covariance, 1)
     expected = 0.75 * variance[:-1] + 0.25 * variance[1:]
-    # What the white noise of the samples adds at a quarter of 2 s: a Brownian bridge.
+    # What the white noise of the samples adds at a quarter of 2 s: a Brownian bridge; to places its pinned integral,
+    # and what the speeds at both ends do to the cubic between them.
+    bridge, swing = 2.0 * 0.25 * 0.75, (2.0 * 0.25 * 0.75) ** 2
+    speeds = swing * (0.75**2 * variance[:-1, 4] + 0.25**2 * variance[1:, 4])
+    expected[:, :4] += (PROBLEM.noise.accel**2 * bridge**3 / 3.0 + speeds)[:, None]
     expected[:, 4] += PROBLEM.noise.accel**2 * 2.0 * 0.25 * 0.75
     expected[:, 5:] += PROBLEM.noise.gyro**2 * 2.0 * 0.25 * 0.75
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
