@@ -145,7 +145,8 @@ def test_sigmas_and_sizes_are_positive_and_finite(value: float) -> None:
 
 
 def test_lasers_have_names_of_their_own() -> None:
-    assert len(RecordingDescription(id="x", imu=imu(), laser=(laser("a"), laser("b"))).laser) == 2
+    other = laser("b").model_copy(update={"rail": "right"})
+    assert len(RecordingDescription(id="x", imu=imu(), laser=(laser("a"), other)).laser) == 2
     with pytest.raises(ValidationError, match="two lasers have the name 'a'"):
         RecordingDescription(id="x", imu=imu(), laser=(laser("a"), laser("a")))
 
