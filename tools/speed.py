@@ -4,7 +4,7 @@ Measured in one run on one machine, so that ratios hold:
 
 1. the whole ``trackfg smooth`` process on a simulated hour, and on four hours;
 2. the same factors given to GTSAM's LevenbergMarquardtOptimizer;
-3. the same data given to python-ins' feedback filter (``pip install python-ins``; left out where it is not installed).
+3. the same data given to python-ins' feedback filter (``pip install "trackfg[peers]"``; left out without it).
 
     python tools/speed.py [--repeats 3] [--hours 1] [--write docs/performance.md]
 
@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from speed_peers import (
-    FILTER_RATE_HZ,
     CholeskyOutcome,
     FilterTimes,
     OptimiserTimes,
@@ -33,6 +32,7 @@ from speed_peers import (
 from speed_process import ProcessUse, measure_smooth
 
 from trackfg.config import KeyframeConfig
+from trackfg.peers.python_ins import VELOCITY_HZ
 from trackfg.results import versions
 
 LONGER = 4
@@ -213,8 +213,8 @@ With MULTIFRONTAL_CHOLESKY, GTSAM's default, and the same ordering the {OPTIMISE
 
 def _filter_text(times: FilterTimes | None) -> str:
     if times is None:
-        return "Not measured: `pip install python-ins`."
-    return f"""Its feedback extended Kalman filter with body velocities from the tachometer at {FILTER_RATE_HZ:g} Hz,
+        return 'Not measured: `pip install "trackfg[peers]"`.'
+    return f"""Its feedback extended Kalman filter with body velocities from the tachometer at {VELOCITY_HZ:g} Hz,
 twice as often as trackfg has keyframes and cheaper for it than more; noise densities as declared. It does not estimate
 the wheel's scale and is given the true one, and the true attitude at the start. The Earth turns in this run, because
 python-ins always models that.

@@ -8,33 +8,29 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from typing import TypeVar
 
 import gtsam
 import numpy as np
-import pandas as pd
 
+from trackfg.baselines.attitude import motion_of
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
+from trackfg.peers.installed import is_installed
+from trackfg.peers.python_ins import Start, feedback_filter
 from trackfg.smoother import smooth_states
 from trackfg.solver import chain_ordering, solve
 
 LATITUDE_DEG = 35.2
 """python-ins always models the Earth's rotation, so the Earth of the simulation has to turn."""
 
-FILTER_RATE_HZ = 2.0
-"""Body velocities per second: about twice as often as trackfg has keyframes. More of them cost the filter more."""
-
 SETTLED_S = 60.0
 """Left out of the attitude errors, for the filter to settle."""
 
 T = TypeVar("T")
-
-_FLU_TO_FRD = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -168,7 +164,7 @@ def compare_filter(run: Simulation, repeats: int) -> FilterTimes | None:
     What the filter cannot estimate, it is given: the true wheel scale, and the true attitude at the start. The filter
     runs once, after a short run that has its integrator compiled.
     """
-    if find_spec("pyins") is None:
+    if not is_installed("python-ins"):
         return None
     recording, samples = run.recording, len(run.recording.imu)
     smoother_s, smoothed = _fastest(lambda: smooth_states(recording, SmoothConfig()), repeats)
@@ -185,41 +181,22 @@ def compare_filter(run: Simulation, repeats: int) -> FilterTimes | None:
 
 def _filtered_roll(run: Simulation, until_s: float) -> tuple[Array, Array]:
     """Times and roll (rad) of python-ins' feedback filter with body velocities from the tach, up to ``until_s``."""
-    from pyins import filters, inertial_sensor, measurements, strapdown
-
-    recording, noise = run.recording, run.recording.description.imu.noise
-    used = recording.imu["t_s"].to_numpy() <= until_s
-    t = recording.imu["t_s"].to_numpy()[used]
-    imu = pd.DataFrame(
-        np.hstack([recording.gyro[used] * _FLU_TO_FRD, recording.accel[used] * _FLU_TO_FRD]),
-        index=t,
-        columns=[f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"],
+    imu, start = run.recording.imu, run.truth.iloc[0]
+    recording = replace(run.recording, imu=imu[imu["t_s"] <= until_s])
+    filtered = feedback_filter(
+        recording,
+        motion_of(recording, remove_static_bias=False),
+        Start(
+            geodetic=np.array([LATITUDE_DEG, 0.0, 0.0]),
+            rpy=start[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy(dtype=np.float64),
+            place_sd_m=1e-3,
+            tilt_sd_rad=np.radians(1.0),
+            yaw_sd_rad=np.radians(0.1),
+        ),
+        gyro_bias_sd=recording.description.imu.noise.gyro_bias_sd,
+        wheel_scale=run.wheel_scale,
     )
-    start = run.truth.iloc[0]
-    attitude = np.degrees([start["roll_rad"], -start["pitch_rad"], 0.5 * np.pi - start["yaw_rad"]])
-    initial = pd.Series(
-        [LATITUDE_DEG, 0.0, 0.0, 0.0, 0.0, 0.0, *attitude],
-        index=["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"],
-        name=t[0],
-    )
-    tach = recording.tach
-    assert tach is not None
-    clock = np.arange(np.ceil(t[0] + 0.25), t[-1] - 0.25, 1.0 / FILTER_RATE_HZ)
-    rolled = [np.interp(clock + shift, tach["t_s"], tach["distance_m"]) for shift in (-0.25, 0.25)]
-    speed = run.wheel_scale * (rolled[1] - rolled[0]) / 0.5
-    velocity = pd.DataFrame({"VX": speed, "VY": 0.0, "VZ": 0.0}, index=clock)
-    result = filters.run_feedback_filter(
-        initial,
-        position_sd=1e-3,
-        velocity_sd=1e-2,
-        level_sd=1.0,
-        azimuth_sd=0.1,
-        increments=strapdown.compute_increments_from_imu(imu, "rate"),
-        gyro_model=inertial_sensor.EstimationModel(noise.gyro_bias_sd, noise.gyro_white, noise.gyro_bias_walk),
-        accel_model=inertial_sensor.EstimationModel(noise.accel_bias_sd, noise.accel_white, noise.accel_bias_walk),
-        measurements=[measurements.BodyVelocity(velocity, 0.03)],
-    )
-    return result.trajectory.index.to_numpy(), np.radians(result.trajectory["roll"].to_numpy())
+    return filtered.t, filtered.rpy[:, 0]
 
 
 def _cross_level_error_mm(run: Simulation, t: Array, roll: Array) -> float:

@@ -16,7 +16,6 @@ Columns carry their unit as suffix; the 1-sigma of column ``x`` is column ``x_sd
 from __future__ import annotations
 
 import io
-import json
 import os
 import platform
 from dataclasses import dataclass
@@ -29,9 +28,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from trackfg.atomic_folder import recover, replaced_folder
+from trackfg.atomic_folder import replaced_folder
 from trackfg.errors import BadInputError
 from trackfg.findings import Finding
+from trackfg.own_folder import FolderKind
 
 _STATES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
@@ -80,6 +80,9 @@ _TRAJECTORY, _GEOMETRY, _EVENTS, _SUMMARY = FILES = (
     "events.csv",
     "summary.json",
 )
+
+
+RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES)
 
 
 class _Model(BaseModel):
@@ -190,7 +193,7 @@ class Result:
         :class:`BadInputError` if ``folder`` holds anything but a result.
         """
         folder = Path(folder)
-        refuse_foreign_folder(folder)
+        RESULT_FOLDER.refuse_foreign(folder)
         with replaced_folder(folder) as new:
             self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
             pq.write_table(self._geometry_file(), new / _GEOMETRY)
@@ -207,7 +210,7 @@ class Result:
     def read(cls, folder: str | os.PathLike[str]) -> Result:
         """Read a result, also while another process replaces it. Raises :class:`BadInputError` if it is not one."""
         folder = Path(folder)
-        content = _read_whole(folder)
+        content = RESULT_FOLDER.read(folder)
         try:
             return cls(
                 trajectory=pd.read_parquet(io.BytesIO(content[_TRAJECTORY])),
@@ -222,65 +225,3 @@ class Result:
             )
         except (ValueError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error
-
-
-def refuse_foreign_folder(folder: str | os.PathLike[str]) -> None:
-    """Raise :class:`BadInputError` unless :meth:`Result.write` may replace ``folder``: absent, empty or a result.
-
-    A result with the user's own files beside it is refused too, because they would be lost with it.
-    """
-    folder = Path(folder)
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise BadInputError(f"{folder}: is a file; expected a folder for the result")
-    names = {path.name for path in folder.iterdir()}
-    if not names:
-        return
-    if not _is_result(folder):
-        raise BadInputError(f"{folder}: exists and is not a trackfg result; it is left alone: choose another folder")
-    if foreign := sorted(names - set(FILES)):
-        raise BadInputError(
-            f"{folder}: holds {', '.join(foreign)} beside the result, which replacing it would delete; "
-            "move what is yours or choose another folder"
-        )
-
-
-def _is_result(folder: Path) -> bool:
-    """Whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
-    try:
-        content = json.loads((folder / _SUMMARY).read_bytes())
-    except (OSError, ValueError):
-        return False
-    return isinstance(content, dict) and str(content.get("format", "")).startswith("trackfg-result/")
-
-
-def _read_whole(folder: Path) -> dict[str, bytes]:
-    """The files of one result. An open folder stays the same one whatever happens to its name, so all files come from
-    it; if it is deleted meanwhile, its successor is read instead.
-    """
-    while True:
-        recover(folder)
-        try:
-            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        except OSError as error:
-            raise BadInputError(f"{folder}: expected a folder with a trackfg result: {error.strerror}") from error
-        try:
-            return {name: _read_in(descriptor, name) for name in FILES}
-        except FileNotFoundError as error:
-            if _still_there(folder, descriptor):
-                raise BadInputError(f"{folder}: {error.filename} is missing; expected a trackfg result") from error
-        finally:
-            os.close(descriptor)
-
-
-def _read_in(folder: int, name: str) -> bytes:
-    with open(os.open(name, os.O_RDONLY, dir_fd=folder), "rb") as file:
-        return file.read()
-
-
-def _still_there(folder: Path, descriptor: int) -> bool:
-    try:
-        return os.path.samestat(folder.stat(), os.fstat(descriptor))
-    except FileNotFoundError:
-        return False

@@ -19,11 +19,11 @@ from trackfg.errors import BadInputError
 from trackfg.results import (
     FILES,
     RAIL_COLUMNS,
+    RESULT_FOLDER,
     TRAJECTORY_COLUMNS,
     Estimate,
     GeometryConventions,
     Result,
-    refuse_foreign_folder,
 )
 
 Make = Callable[..., Result]
@@ -163,7 +163,7 @@ def test_own_files_in_a_result_are_not_lost(make_result: Make, tmp_path: Path) -
     folder = make_result().write(tmp_path / "out")
     (folder / "notes.txt").write_text("mine")
     with pytest.raises(BadInputError, match=r"notes\.txt"):
-        refuse_foreign_folder(folder)
+        RESULT_FOLDER.refuse_foreign(folder)
     with pytest.raises(BadInputError, match=r"notes\.txt"):
         make_result().write(folder)
     assert (folder / "notes.txt").read_text() == "mine"

@@ -1,0 +1,227 @@
+"""What the attitude baselines share: samples freed of their static bias, the wheel's place and speed, and their tables.
+
+Axes and signs are those of trackfg throughout: FLU, roll with the left side up, pitch nose-down. The samples stand at
+the middles of intervals laid edge to edge, holes bridged. The tachometer counts whole pulses, so its distance is
+averaged over 0.5 s (which moves a place by ``a w^2 / 24``, 3 mm at 0.3 m/s^2); the speed is the slope of that average.
+
+The *static bias* is the gyro's mean over the standstill at the start: what a rate sensor shows at rest is its zero. The
+Earth's rate is in that mean, in the direction that the vehicle starts with. Of an accelerometer's bias the part along
+the vertical shows, as the length of the specific force less gravity; it would scale every roll, by 0.5 % for 0.05
+m/s^2. The part across does not show on a track of unknown cross-level: it stays in as a constant offset of the roll.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.baselines.result import BaselineResult, filled, no_events
+from trackfg.errors import BadInputError
+from trackfg.frames import Array, normal_gravity
+from trackfg.geometry.resampling import resample
+from trackfg.geometry.twist import twist
+from trackfg.inertial import Intervals, intervals
+from trackfg.passes import Pass, passes
+from trackfg.recording import Recording
+from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.standstill import find_standstills
+from trackfg.units import STANDARD_GRAVITY
+from trackfg.wheel import read_wheel
+
+STEP_M = 0.25
+TWIST_BASE_M = 5.0
+_TRAJECTORY_S = 0.1
+_PLACE_OVER_S = 0.5
+_MAX_TACH_GAP_S = 2.0
+_AT_THE_START_S = 5.0
+_TILT_OVER_S = 1.0
+_SHORTEST_PASS_M = 10.0
+_PASS_STEP_S = 1.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """n samples: time ``t`` and duration ``dt``, s; ``gyro`` rad/s less ``static_bias`` (3,); ``accel`` m/s^2, (n, 3),
+    less ``excess``, m/s^2, of its z axis; signed nominal ``distance``, m, and ``speed``, m/s, of the wheel; ``start``
+    (n,) of bool, the samples of the standstill at the start, or of the first second where there is none;
+    ``standstill_s``, how long that standstill is.
+    """
+
+    t: Array
+    dt: Array
+    gyro: Array
+    accel: Array
+    distance: Array
+    speed: Array
+    static_bias: Array
+    excess: float
+    start: np.ndarray
+    standstill_s: float
+
+    @property
+    def sampling_s(self) -> float:
+        """The sampling interval, s."""
+        return float(np.median(self.dt))
+
+    def without_centripetal(self) -> Array:
+        """Specific force less ``w x v`` of the forward speed v, ``(0, v wz, -v wy)``: in a curve ``v^2/R`` sideways.
+
+        Shape (n, 3), m/s^2.
+        """
+        out = self.accel.copy()
+        out[:, 1] -= self.speed * self.gyro[:, 2]
+        out[:, 2] += self.speed * self.gyro[:, 1]
+        return out
+
+
+def motion_of(recording: Recording, *, remove_static_bias: bool) -> Motion:
+    """The samples of a recording. Without a standstill at the start there is no static bias to remove.
+
+    Raises ``BadInputError`` where there is no tachometer: it tells place and speed.
+    """
+    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
+    if wheel is None:
+        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
+    data = intervals(recording)
+    t = 0.5 * (data.edges[1:] + data.edges[:-1])
+    span = _standstill_at_start(recording, data)
+    rest = (t >= span[0]) & (t <= span[1])
+    rested = float(span[1] - span[0])
+    bias, excess = np.zeros(3), 0.0
+    if remove_static_bias and rested > 0.0:
+        bias = data.gyro[rest].mean(axis=0)
+        excess = float(np.linalg.norm(data.accel[rest].mean(axis=0))) - _gravity(recording)
+    distance, speed = _place_and_speed(t, wheel.at(t))
+    return Motion(
+        t=t,
+        dt=data.durations,
+        gyro=data.gyro - bias,
+        accel=data.accel - np.array([0.0, 0.0, excess]),
+        distance=distance,
+        speed=speed,
+        static_bias=bias,
+        excess=excess,
+        start=rest if rested > 0.0 else t <= t[0] + _TILT_OVER_S,
+        standstill_s=rested,
+    )
+
+
+def roll_and_pitch(accel: Array) -> tuple[Array, Array]:
+    """Tilt of a vehicle at rest, rad, from its specific force (..., 3): with ``f = R^T (0, 0, g)``,
+
+    roll = atan(fy / fz), pitch = atan(-fx / sqrt(fy^2 + fz^2)).
+    """
+    fx, fy, fz = accel[..., 0], accel[..., 1], accel[..., 2]
+    return np.arctan2(fy, fz), np.arctan2(-fx, np.hypot(fy, fz))
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """What a baseline says at every sample, (n,) each: ``roll``, rad; ``cross_level``, m, left of the *vehicle* higher
+    positive; ``pitch`` and the sigmas of roll and pitch, rad, where it has any.
+    """
+
+    roll: Array
+    cross_level: Array
+    pitch: Array | None = None
+    roll_sd: Array | None = None
+    pitch_sd: Array | None = None
+
+
+def tables(
+    name: str, recording: Recording, motion: Motion, attitude: Attitude, parameters: dict[str, float | str | bool]
+) -> BaselineResult:
+    """The result: trajectory at 10 Hz, cross-level and twist per 0.25 m of chainage, the longest pass over a place.
+
+    The sigma of the cross-level is ``base`` times that of the roll. A sensor on springs has a roll of its own: its
+    geometry is empty.
+    """
+    shared: dict[str, float | str | bool] = {"standstill_s": motion.standstill_s}
+    shared |= {f"static_bias_{axis}_radps": float(b) for axis, b in zip("xyz", motion.static_bias, strict=True)}
+    shared["static_excess_z_mps2"] = motion.excess
+    return BaselineResult(
+        name=name,
+        trajectory=_trajectory(recording, motion, attitude),
+        geometry=_geometry(recording, motion, attitude)
+        if recording.description.imu.rigid
+        else filled(GEOMETRY_COLUMNS, {}),
+        events=no_events(),
+        parameters=parameters | shared,
+    )
+
+
+def _place_and_speed(t: Array, distance: Array) -> tuple[Array, Array]:
+    """Mean and slope of the distance, m and m/s, over ``_PLACE_OVER_S`` around each sample, less near the ends."""
+    n = len(t)
+    half = max(1, round(0.5 * _PLACE_OVER_S / float(np.median(np.diff(t)))))
+    i = np.arange(n)
+    inside = np.minimum(half, np.minimum(i, n - 1 - i))  # symmetrical: a place at steady speed does not move
+    total = np.concatenate([[0.0], np.cumsum(distance)])
+    place = (total[i + inside + 1] - total[i - inside]) / (2 * inside + 1)
+    low, high = np.maximum(i - half, 0), np.minimum(i + half, n - 1)
+    return place, (distance[high] - distance[low]) / (t[high] - t[low])
+
+
+def _gravity(recording: Recording) -> float:
+    """At the recording's latitude, the standard one where that is not known."""
+    latitude = recording.description.track.latitude_deg
+    return STANDARD_GRAVITY if latitude is None else normal_gravity(latitude)
+
+
+def _standstill_at_start(recording: Recording, data: Intervals) -> Array:
+    """Start and end, s, of the standstill that the run begins with; both the start of the run where it has none."""
+    start = data.edges[0]
+    spans = find_standstills(recording)
+    if len(spans) and spans[0, 0] <= start + _AT_THE_START_S:
+        return np.asarray(spans[0])
+    return np.array([start, start])
+
+
+def _trajectory(recording: Recording, motion: Motion, attitude: Attitude) -> pd.DataFrame:
+    t = np.arange(motion.t[0], motion.t[-1], _TRAJECTORY_S)
+    known = {
+        "chainage_m": recording.description.track.direction * motion.distance,
+        "speed_mps": motion.speed,
+        "roll_rad": attitude.roll,
+        "roll_rad_sd": attitude.roll_sd,
+        "pitch_rad": attitude.pitch,
+        "pitch_rad_sd": attitude.pitch_sd,
+    }
+    at = {column: np.interp(t, motion.t, values) for column, values in known.items() if values is not None}
+    return filled(TRAJECTORY_COLUMNS, {"t_s": t, **at})
+
+
+def _geometry(recording: Recording, motion: Motion, attitude: Attitude) -> pd.DataFrame:
+    every = max(1, round(_PASS_STEP_S / motion.sampling_s))
+    found = passes(motion.distance[::every])
+    of_passes = [_of_pass(recording, motion, attitude, one, every) for one in found]
+    known = [table for table in of_passes if table is not None]
+    if not known:
+        return filled(GEOMETRY_COLUMNS, {})
+    known.sort(key=len, reverse=True)  # the longest pass comes first
+    joined = pd.concat(known, ignore_index=True)
+    return joined.drop_duplicates("chainage_m").sort_values("chainage_m", ignore_index=True)
+
+
+def _of_pass(recording: Recording, motion: Motion, attitude: Attitude, one: Pass, every: int) -> pd.DataFrame | None:
+    """The geometry table of one pass, facing increasing chainage; None for one that is too short."""
+    track = recording.description.track
+    last = len(motion.t) if (one.last + 1) * every >= len(motion.t) else one.last * every + 1
+    rows = slice(one.first * every, last)
+    if np.ptp(motion.distance[rows]) < _SHORTEST_PASS_M:
+        return None
+    values = [track.direction * attitude.cross_level[rows], motion.speed[rows]]
+    if attitude.roll_sd is not None:
+        values.append(track.cross_level_base_m * attitude.roll_sd[rows])
+    grid, at = resample(track.direction * motion.distance[rows], np.stack(values), STEP_M)
+    columns = {
+        "chainage_m": grid,
+        "speed_mps": at[1],
+        "cross_level_mm": 1e3 * at[0],
+        "twist_mm": 1e3 * twist(at[0], STEP_M, TWIST_BASE_M),
+    }
+    if attitude.roll_sd is not None:
+        columns["cross_level_mm_sd"] = 1e3 * at[2]
+    return filled(GEOMETRY_COLUMNS, columns)

@@ -1,0 +1,117 @@
+"""Cross-level by a complementary filter: Naganuma and Uematsu, Central Japan Railway.
+
+Roll from the accelerometer below a crossover frequency and from the gyro above it. The paper's equations, with the
+angle ``r`` of the accelerometer, the rate ``omega`` about the forward axis and the sampling interval ``dt``:
+
+    (1)  r = atan(a_y / sqrt(a_x^2 + a_z^2))
+    (2)  Theta(s) = (R(s) + T Omega(s)) / (1 + T s)
+    (4)  theta(k) = alpha (theta(k-1) + omega(k) dt) + (1 - alpha) r(k),   alpha = T / (T + dt)
+
+(4) is (2) with the backward difference ``s = (1 - z^-1)/dt``. T = 12.5 s: crossover at 1/(2 pi T) = 0.0127 Hz, at the
+paper's 200 Hz alpha = 0.99960. The cross-level is ``base * sin(theta)``. Signs are those of trackfg: a_y to the left,
+roll with the left side up.
+
+Its comparators are the accelerometer alone, low-passed (figure 1; the paper does not say how: here a Butterworth
+filter, run both ways), and the gyro alone, integrated and less its straight line over time (figure 2).
+
+What the paper does not print and this adds:
+
+- the static bias is removed, of the gyro (0.2 deg/s would be T * 0.2 deg/s = 65 mm of cross-level on 1.5 m) and of the
+  accelerometer's vertical axis (0.05 m/s^2 would scale every cross-level by 0.5 %, 0.9 mm of 180 mm);
+- (1) takes the acceleration ``v^2/R`` in a curve for tilt. ``v omega_z`` is taken out of a_y first. Not so with
+  ``as_printed``; at the paper's 0.92 m/s and R = 400 m it is 0.3 mm.
+
+What stays as in the paper: ``omega`` is the rate about the sensor's own axis, which is the roll's rate on a level track
+only; on a gradient ``i`` in a curve roll is off by ``T v i / R``. The accelerometer's bias is a constant cross-level.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.signal import butter, detrend, lfilter, sosfiltfilt
+
+from trackfg.baselines.attitude import Attitude, motion_of, tables
+from trackfg.baselines.result import BaselineResult
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+from trackfg.geometry.cross_level import cross_level
+from trackfg.recording import Recording
+
+Method = Literal["complementary", "accelerometer", "gyro"]
+
+
+def run(
+    recording: Recording,
+    *,
+    method: Method = "complementary",
+    T_s: float = 12.5,
+    low_pass_hz: float | None = 0.5,
+    detrended: bool = True,
+    remove_static_bias: bool = True,
+    centripetal: bool | None = None,
+    as_printed: bool = False,
+) -> BaselineResult:
+    """Roll, cross-level and twist of a recording.
+
+    ``T_s`` is for the complementary filter, ``low_pass_hz`` for the accelerometer alone (None: unfiltered),
+    ``detrended`` for the gyro alone. ``centripetal``: take ``v omega_z`` out of a_y; by default unless ``as_printed``.
+    Raises ``BadInputError`` without a tachometer and for parameters that make no filter.
+    """
+    centripetal = not as_printed if centripetal is None else centripetal
+    motion = motion_of(recording, remove_static_bias=remove_static_bias)
+    dt = motion.sampling_s
+    if method not in get_args(Method):
+        raise BadInputError(f"method is {method!r}; expected {', '.join(get_args(Method))}")
+    if not 0.0 < T_s < np.inf:
+        raise BadInputError(f"T_s is {T_s!r}; expected a time above 0")
+    if low_pass_hz is not None and not 0.0 < low_pass_hz < 0.5 / dt:
+        raise BadInputError(f"low_pass_hz is {low_pass_hz!r}; expected a frequency below {0.5 / dt:g} Hz, or None")
+
+    force = motion.without_centripetal() if centripetal else motion.accel
+    r = accelerometer_roll(force)
+    turned = motion.gyro[:, 0] * motion.dt
+    start = float(accelerometer_roll(force[motion.start].mean(axis=0)))
+    parameters: dict[str, float | str | bool] = {
+        "method": method,
+        "remove_static_bias": remove_static_bias,
+        "as_printed": as_printed,
+    }
+    if method == "complementary":
+        roll = complementary_roll(r, turned, smoothing(T_s, dt), start)
+        parameters |= {"T_s": T_s, "alpha": smoothing(T_s, dt), "centripetal": centripetal}
+    elif method == "accelerometer":
+        roll = r if low_pass_hz is None else _low_passed(r, low_pass_hz, dt)
+        parameters |= {"low_pass_hz": np.inf if low_pass_hz is None else low_pass_hz, "centripetal": centripetal}
+    else:
+        roll = start + np.cumsum(turned)
+        roll = detrend(roll) if detrended else roll
+        parameters |= {"detrended": detrended}
+    base = recording.description.track.cross_level_base_m
+    attitude = Attitude(roll=roll, cross_level=cross_level(roll, base))
+    return tables("complementary", recording, motion, attitude, parameters)
+
+
+def smoothing(T_s: float, dt: float) -> float:
+    """``alpha = T / (T + dt)``."""
+    return T_s / (T_s + dt)
+
+
+def accelerometer_roll(accel: Array) -> Array:
+    """Equation (1), rad, of specific forces (..., 3): the inclination of the y axis."""
+    return np.asarray(np.arctan2(accel[..., 1], np.hypot(accel[..., 0], accel[..., 2])))
+
+
+def complementary_roll(r: Array, turned: Array, alpha: float, start: float) -> Array:
+    """Equation (4), rad, from the accelerometer's angles ``r`` and the angles ``turned`` (omega dt) of every sample.
+
+    Both (n,), rad; ``start`` is theta before the first sample.
+    """
+    theta, _ = lfilter([1.0], [1.0, -alpha], alpha * turned + (1.0 - alpha) * r, zi=[alpha * start])
+    return np.asarray(theta)
+
+
+def _low_passed(x: Array, cut_hz: float, dt: float) -> Array:
+    sos = butter(2, cut_hz, fs=1.0 / dt, output="sos")
+    return np.asarray(sosfiltfilt(sos, x, padlen=min(len(x) - 1, round(3.0 / (cut_hz * dt)))))

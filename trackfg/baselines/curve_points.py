@@ -1,0 +1,183 @@
+"""Curves as virtual balises: finding known curves again in the measured curvature, and checking that they are the ones.
+
+A curve's points are, in the order of travel (the paper's table 1): start of the entry straight's check; its end, where
+the transition begins; where the curvature passes the lower limit upwards, and downwards; where the exit straight
+begins; end of its check. The position is corrected at the point where the curvature falls below the lower limit, by
+what the table says of it less what the odometer does, if all diagnostics are passed:
+
+1. the entry straight is as long as the table's (20 m): the curvature counts as straight over that distance;
+2. the curvature has the sign of the curve, and nowhere exceeds its value by more than 20 %;
+3. between the crossings of the lower limit, 20 % below the curve's value, lies the table's length, to a tolerance;
+4. the exit straight is as long as the table's.
+
+There is no correction where a slip was detected on the way, or where the train was slower than 10 km/h. The paper gives
+neither the tolerance of 3 nor the curvature that counts as straight: 20 m and 1/2000 m are assumed.
+
+The measured curvature is the yaw rate over the speed, both averaged over the same 3 s, which is the heading's change
+over the distance of those 3 s; it is held to be that in the middle of this distance.
+
+Source: Iwata, Yamamichi, Sugiyama and Kitano, section 3.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.frames import Array
+from trackfg.spans import true_runs
+from trackfg.units import KMH
+
+
+@dataclass(frozen=True)
+class CurvePoints:
+    """One curve of the table, facing increasing chainage: ascending chainages, m; curvature 1/m, left positive."""
+
+    start_m: float
+    entry_m: float
+    enter_m: float
+    leave_m: float
+    exit_m: float
+    end_m: float
+    curvature_1pm: float
+
+    @property
+    def length_m(self) -> float:
+        """Between the crossings of the lower limit."""
+        return self.leave_m - self.enter_m
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """Limits: ``margin`` above and below the curve's value, lengths in m, the slowest speed in km/h."""
+
+    margin: float = 0.2
+    straight_1pm: float = 1.0 / 2000.0
+    length_tolerance_m: float = 20.0
+    slowest_kmh: float = 10.0
+    search_m: float = 100.0
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What became of one curve: ``left`` is the sample at which its end was passed, ``checked`` that at which the exit
+    straight was; ``refused`` says why there is no ``correction_m``, and is empty if there is one.
+    """
+
+    left: int
+    checked: int
+    place_m: float
+    correction_m: float
+    refused: str
+
+
+def curve_table(
+    chainage_m: Array,
+    curvature_1pm: Array,
+    *,
+    straight_m: float = 20.0,
+    widest_radius_m: float = 600.0,
+    limits: Diagnostics | None = None,
+) -> list[CurvePoints]:
+    """The curves of a line that make good points, from its curvature (n,) over ascending chainage (n,).
+
+    Those sharper than ``widest_radius_m``, to one side only, with ``straight_m`` of straight before and after. The
+    value of a curve is the median of what is within 10 % of its peak.
+    """
+    limits = limits or Diagnostics()
+    bends = true_runs(np.abs(curvature_1pm) >= limits.straight_1pm)
+    points = []
+    for n, (first, stop) in enumerate(bends):
+        entry, leaving = float(chainage_m[first]), float(chainage_m[stop - 1])
+        before = float(chainage_m[bends[n - 1][1] - 1] if n else chainage_m[0])
+        after = float(chainage_m[bends[n + 1][0]] if n + 1 < len(bends) else chainage_m[-1])
+        bend = curvature_1pm[first:stop]
+        if entry - before < straight_m or after - leaving < straight_m or np.any(np.sign(bend) != np.sign(bend[0])):
+            continue
+        size = np.abs(bend)
+        value = float(np.median(size[size >= 0.9 * size.max()]))
+        crossings = true_runs(size >= (1.0 - limits.margin) * value)
+        if value < 1.0 / widest_radius_m or len(crossings) != 1:
+            continue
+        i, j = first + crossings[0][0], first + crossings[0][1] - 1
+        level = (1.0 - limits.margin) * value
+        points.append(
+            CurvePoints(
+                start_m=entry - straight_m,
+                entry_m=entry,
+                enter_m=_crossing(chainage_m, np.abs(curvature_1pm), i - 1, level),
+                leave_m=_crossing(chainage_m, np.abs(curvature_1pm), j, level),
+                exit_m=leaving,
+                end_m=leaving + straight_m,
+                curvature_1pm=value * float(np.sign(bend[0])),
+            )
+        )
+    return points
+
+
+def find_curve(
+    curve: CurvePoints,
+    place: Array,
+    curvature: Array,
+    speed: Array,
+    slipping: np.ndarray,
+    direction: int,
+    limits: Diagnostics,
+) -> Sighting | None:
+    """Look for a curve where the odometer says it should be, ``search_m`` to either side; None if the run passed no
+    such curve there (or only part of it).
+
+    ``place`` (n,) is the odometer's chainage, m; ``curvature`` (n,) 1/m facing increasing chainage; ``speed`` m/s and
+    ``slipping``, of bool. A run against increasing chainage enters where the table has the curve's end.
+    """
+    ends = curve.start_m - limits.search_m, curve.end_m + limits.search_m
+    rows = np.flatnonzero((place >= ends[0]) & (place <= ends[1]))
+    if rows.size < 3:
+        return None
+    rows = np.arange(rows[0], rows[-1] + 1)
+    size = curvature[rows] * np.sign(curve.curvature_1pm)
+    limit = (1.0 - limits.margin) * abs(curve.curvature_1pm)
+    above = true_runs(np.abs(size) >= limit)
+    if len(above) == 0:
+        return None
+    longest = above[np.argmax(above[:, 1] - above[:, 0])]
+    i, j = int(longest[0]), int(longest[1]) - 1
+    if i == 0 or j + 1 >= len(rows):
+        return None
+    gone = direction * place[rows]
+    enter = _crossing(gone, np.abs(size), i - 1, limit)
+    leave = _crossing(gone, np.abs(size), j, limit)
+    straight = np.abs(size) < limits.straight_1pm
+    before, after = true_runs(straight[:i]), j + 1 + true_runs(straight[j + 1 :])
+    entry = float(gone[before[-1][1] - 1] - gone[before[-1][0]]) if len(before) else 0.0
+    leaving = float(gone[after[0][1] - 1] - gone[after[0][0]]) if len(after) else 0.0
+    straights = (curve.entry_m - curve.start_m, curve.end_m - curve.exit_m)
+    needed_before, needed_after = straights if direction > 0 else straights[::-1]
+
+    reached = gone >= (gone[after[0][0]] if len(after) else gone[j]) + needed_after
+    checked = int(rows[np.argmax(reached)]) if reached.any() else int(rows[-1])
+    began = int(rows[np.searchsorted(gone, (gone[before[-1][1] - 1] if len(before) else gone[i]) - needed_before)])
+    way = slice(began, checked + 1)
+    reasons = [
+        (entry < needed_before, f"entry straight of {entry:.0f} m"),
+        (size[i : j + 1].mean() < 0.0, "curve to the other side"),
+        (np.abs(size).max(initial=0.0) > (1.0 + limits.margin) * abs(curve.curvature_1pm), "curvature above the limit"),
+        (abs(leave - enter - curve.length_m) > limits.length_tolerance_m, f"length of {leave - enter:.0f} m"),
+        (leaving < needed_after, f"exit straight of {leaving:.0f} m"),
+        (bool(slipping[way].any()), "slip or slide on the way"),
+        (float(speed[way].min()) < limits.slowest_kmh * KMH, "too slow"),
+    ]
+    known = curve.leave_m if direction > 0 else curve.enter_m
+    return Sighting(
+        left=int(rows[j]),
+        checked=checked,
+        place_m=direction * leave,
+        correction_m=known - direction * leave,
+        refused=", ".join(text for bad, text in reasons if bad),
+    )
+
+
+def _crossing(x: Array, y: Array, i: int, level: float) -> float:
+    """Where ``y``, straight between samples i and i + 1, is at ``level``."""
+    return float(x[i] + (level - y[i]) / (y[i + 1] - y[i]) * (x[i + 1] - x[i]))

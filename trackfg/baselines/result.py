@@ -1,0 +1,78 @@
+"""What a baseline gives back: the smoother's tables, as far as the paper's system knows them."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from trackfg.atomic_folder import replaced_folder
+from trackfg.own_folder import FolderKind
+from trackfg.results import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS, versions
+
+_TRAJECTORY, _GEOMETRY, _EVENTS, _HEAD = FILES = (
+    "trajectory.parquet",
+    "geometry.parquet",
+    "events.csv",
+    "baseline.json",
+)
+_FORMAT = "trackfg-baseline/1"
+BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FILES)
+
+
+@dataclass(frozen=True)
+class BaselineResult:
+    """``trajectory``, ``geometry`` and ``events`` have the columns of :mod:`trackfg.results`, NaN where the system says
+    nothing; sigmas only where it has any. ``parameters`` are those it ran with.
+
+    Raises ``ValueError`` for other columns.
+    """
+
+    name: str
+    trajectory: pd.DataFrame
+    geometry: pd.DataFrame
+    events: pd.DataFrame
+    parameters: dict[str, float | str | bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for table, columns in (
+            (self.trajectory, TRAJECTORY_COLUMNS),
+            (self.geometry, GEOMETRY_COLUMNS),
+            (self.events, EVENT_COLUMNS),
+        ):
+            if tuple(table.columns[: len(columns)]) != columns:
+                raise ValueError(f"{self.name}: columns {list(table.columns)}: expected {list(columns)}")
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """Write the tables, and ``baseline.json`` with name and parameters, replacing an earlier one in one step.
+
+        Raises :class:`BadInputError` if ``folder`` holds anything but a baseline's result.
+        """
+        folder = Path(folder)
+        BASELINE_FOLDER.refuse_foreign(folder)
+        about = {"format": _FORMAT, "name": self.name, "parameters": self.parameters, "versions": versions()}
+        with replaced_folder(folder) as new:
+            self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
+            self.geometry.to_parquet(new / _GEOMETRY, index=False)
+            self.events.to_csv(new / _EVENTS, index=False)
+            (new / _HEAD).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+        return folder
+
+
+def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFrame:
+    """A table with these columns: what is known, and NaN for the rest. Raises ``ValueError`` for an unknown name."""
+    if unknown := sorted(set(known) - set(columns)):
+        raise ValueError(f"{', '.join(unknown)}: not among {', '.join(columns)}")
+    rows = len(next(iter(known.values()))) if known else 0
+    return pd.DataFrame({name: known.get(name, np.full(rows, np.nan)) for name in columns})
+
+
+def no_events() -> pd.DataFrame:
+    """An event table without rows."""
+    return pd.DataFrame(
+        {name: pd.Series(dtype="str" if name in ("kind", "detail") else "float64") for name in EVENT_COLUMNS}
+    )
