@@ -12,7 +12,6 @@ from trackfg.datasets.adhesion import AdhesionModel
 from trackfg.datasets.clocks import ClockModel, DropModel
 from trackfg.datasets.defects import Defect
 from trackfg.datasets.driving import Parked, Service, Shunting, SpeedRestrictions, Wandering
-from trackfg.datasets.imu_errors import ImuModel
 from trackfg.datasets.imu_grades import ADIS16480, ADIS16495_1
 from trackfg.datasets.irregularities import IrregularityModel
 from trackfg.datasets.lasers import two_units
@@ -109,7 +108,7 @@ def _all() -> list[Scenario]:
         duration_s=3600.0,
         line=MAIN_LINE,
         driver=service,
-        imu=ImuModel(rate_hz=200.0, noise=ADIS16495_1.noise, response=ADIS16495_1.response),
+        imu=ADIS16495_1.imu(200.0),
         tach=TachModel(creep_density=1e-3),
         irregularities=GOOD_TRACK,
         balises=BaliseModel(spacing_m=5000.0, sd_m=0.3),
@@ -128,7 +127,7 @@ def _all() -> list[Scenario]:
             start_rest_s=20.0,
             dwell_s=(10.0, 25.0),
         ),
-        imu=ImuModel(rate_hz=200.0, noise=ADIS16495_1.noise, response=ADIS16495_1.response),
+        imu=ADIS16495_1.imu(200.0),
         tach=TachModel(signed=True, creep_density=1e-3),
         irregularities=WORN_TRACK,
         balises=BaliseModel(spacing_m=200.0, sd_m=0.3),
@@ -155,7 +154,7 @@ def _all() -> list[Scenario]:
                 start_rest_s=60.0,
                 start_m=5.0,
             ),
-            imu=ImuModel(rate_hz=200.0, noise=ADIS16480.noise, response=ADIS16480.response),
+            imu=ADIS16480.imu(200.0),
             tach=TachModel(pulses_per_rev=1000.0, wheel_diameter_m=0.2, scale_sd=0.003),
             irregularities=GOOD_TRACK,
             vehicle=Rigid(wheelbase_m=0.5),
@@ -228,7 +227,7 @@ def _axle_box() -> Scenario:
             start_rest_s=20.0,
             start_m=30.0,
         ),
-        imu=ImuModel(rate_hz=500.0, noise=ADIS16480.noise, response=ADIS16480.response),
+        imu=ADIS16480.imu(500.0),
         tach=TachModel(creep_density=1e-3),
         irregularities=WORN_TRACK,
         flange_knocks=True,
@@ -256,9 +255,7 @@ def _measuring_cars() -> list[Scenario]:
             hurry=(0.7, 1.0),
             restrictions=SpeedRestrictions(per_km=0.4, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 250.0)),
         ),
-        imu=ImuModel(
-            rate_hz=200.0, noise=ADIS16495_1.noise, response=ADIS16495_1.response, lever_arm_m=(0.0, 0.0, 0.6)
-        ),
+        imu=replace(ADIS16495_1.imu(200.0), lever_arm_m=(0.0, 0.0, 0.6)),
         tach=TachModel(creep_density=1e-3, rate_hz=100.0),
         irregularities=GOOD_TRACK,
         vehicle=CarBody(),
@@ -293,7 +290,7 @@ def _slippery_lines() -> list[Scenario]:
             start_rest_s=30.0,
             dwell_s=(20.0, 40.0),
         ),
-        imu=ImuModel(rate_hz=100.0, noise=ADIS16480.noise, response=ADIS16480.response, lever_arm_m=(0.0, 0.0, 1.2)),
+        imu=replace(ADIS16480.imu(100.0), lever_arm_m=(0.0, 0.0, 1.2)),
         tach=TachModel(wheel_diameter_m=0.816, pulses_per_rev=90.0, creep_density=1e-3),
         irregularities=GOOD_TRACK,
         vehicle=CarBody(),
@@ -330,13 +327,7 @@ def _shuttle() -> Scenario:
             hurry=(0.5, 1.0),
             restrictions=SpeedRestrictions(per_km=0.1, speed_mps=(15 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
         ),
-        imu=ImuModel(
-            rate_hz=200.0,
-            noise=ADIS16495_1.noise,
-            response=ADIS16495_1.response,
-            mount_sd_rad=5e-4,
-            mount_roll_sd_rad=1e-3,
-        ),
+        imu=replace(ADIS16495_1.imu(200.0), mount_sd_rad=5e-4, mount_roll_sd_rad=1e-3),
         tach=TachModel(creep_density=1e-3),
         irregularities=GOOD_TRACK,
         balises=BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, length_m - 100.0)),

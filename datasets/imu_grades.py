@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg import units
-from trackfg.datasets.imu_errors import ImuResponse
+from trackfg.datasets.imu_errors import ImuModel, ImuResponse
 from trackfg.description import ImuNoise
 
 _DEG = np.pi / 180.0
@@ -30,6 +30,10 @@ class ImuGrade:
 
     noise: ImuNoise
     response: ImuResponse
+
+    def imu(self, rate_hz: float) -> ImuModel:
+        """A sensor of this grade at the reference point."""
+        return ImuModel(rate_hz=rate_hz, noise=self.noise, response=self.response)
 
 
 ADIS16480 = ImuGrade(

@@ -51,14 +51,14 @@ class Track:
 
     def rpy(self, s: Array) -> Array:
         """Roll, pitch and yaw of the track, rad. Shape (...) to (..., 3)."""
-        forward, left, up = self._tangent(s)
+        forward, left, up = self.tangent(s)
         pitch = -np.arctan2(up, np.hypot(forward, left))
         yaw = self.line.yaw(s) + np.arctan2(left, forward)
         return np.stack([np.arcsin(self._roll_sine(s)), pitch, yaw], axis=-1)
 
     def rpy_slopes(self, s: Array) -> Array:
         """Derivatives of :meth:`rpy` by ``s``, rad/m; at a kink of the line, those to its right. (...) to (..., 3)."""
-        forward, left, up = self._tangent(s)
+        forward, left, up = self.tangent(s)
         d_forward, d_left, d_up = self._tangent_slopes(s)
         flat = np.hypot(forward, left)
         d_flat = (forward * d_forward + left * d_left) / flat
@@ -81,7 +81,7 @@ class Track:
 
         Positive to the left, rad; small, so that they can be integrated over any distance. Shape (...) to (..., 3).
         """
-        tangent = np.stack(self._tangent(s), axis=-1)
+        tangent = np.stack(self.tangent(s), axis=-1)
         delta = np.arctan2(tangent[..., 1], tangent[..., 0])
         roll, pitch, _ = _columns(self.rpy(s))
         axle = _axle(roll, pitch, delta)
@@ -91,19 +91,19 @@ class Track:
         paths = np.stack([tangent, tangent + half, tangent - half], axis=-2)
         return np.asarray(np.arctan2(paths[..., 1], paths[..., 0]))
 
-    def reversed(self) -> Track:
-        """The same track to who comes from its other end; its ENU has its origin there."""
-        return Track(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
-
-    def _tangent(self, s: Array) -> tuple[Array, Array, Array]:
-        """Derivative of the centre line: forward, left, up. Shapes (...)."""
+    def tangent(self, s: Array) -> tuple[Array, Array, Array]:
+        """``t``, the derivative of the centre line: forward, left, up of the designed heading. Shapes (...)."""
         gamma = self.line.grade(s)
         d_level, d_alignment, _, _ = _columns(self.irregularities.at(s, 1))
         forward = np.cos(gamma) - self.irregularities.at(s)[..., 1] * self.line.curvature(s)
         return forward, d_alignment, np.sin(gamma) + d_level
 
+    def reversed(self) -> Track:
+        """The same track to who comes from its other end; its ENU has its origin there."""
+        return Track(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
+
     def _tangent_slopes(self, s: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of the components of :meth:`_tangent`. Shapes (...)."""
+        """Derivatives of the components of :meth:`tangent`. Shapes (...)."""
         gamma, d_gamma = self.line.grade(s), self.line.grade(s, 1)
         alignment, d_alignment = self.irregularities.at(s)[..., 1], self.irregularities.at(s, 1)[..., 1]
         dd_level, dd_alignment, _, _ = _columns(self.irregularities.at(s, 2))

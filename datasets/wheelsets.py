@@ -61,11 +61,7 @@ class Wheelsets:
 
     def tangent(self) -> Array:
         """Pose of what follows the track's centre line in one point: as :func:`chord`, of length 0. Shape (n, 6)."""
-        line, s = self._track.line, self._s
-        gamma, here = line.grade(s), self.at(0.0)
-        level_slope, alignment_slope = self._track.irregularities.at(s, 1)[:, :2].T
-        forward = np.cos(gamma) - here[:, 1] * line.curvature(s)
-        return np.column_stack([here, *_along(forward, alignment_slope, np.sin(gamma) + level_slope)])
+        return np.column_stack([self.at(0.0), *_along(*self._track.tangent(self._s))])
 
 
 def chord(front: Array, rear: Array) -> Array:

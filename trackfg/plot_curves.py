@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 
 from trackfg.frames import Array
+from trackfg.geometry.curves import curve_sense, mean_curvature
 from trackfg.spans import true_runs
 
-_SMOOTH_M = 50.0
-"""Irregularities of the alignment bend the track by as much as a wide curve does; over this length they do not."""
-
-_LEAST_CURVATURE_1PM = 1.0 / 5000.0
 _STRAIGHT_1PM = 1e-4
 _LEAST_LENGTH_M = 40.0
 _BODY = 0.8
@@ -27,34 +23,19 @@ def sense_and_radius(curvature_1pm: float) -> str:
     return f"{'left' if curvature_1pm > 0.0 else 'right'} R {1.0 / abs(curvature_1pm):.0f} m"
 
 
-def curve_sense(chainage_m: Array, curvature_1pm: Array) -> Array:
-    """Per row of a table on a uniform grid: 1 in a curve to the left, -1 to the right, 0 on straight track, each
-    where the curvature averaged over 50 m is sharper than 5 km or not; NaN where it was not measured.
-    """
-    mean = _mean(chainage_m, curvature_1pm)
-    sense: Array = np.where(np.abs(mean) > _LEAST_CURVATURE_1PM, np.sign(mean), 0.0)
-    return np.where(np.isnan(curvature_1pm), np.nan, sense)
-
-
 def curves(chainage_m: Array, curvature_1pm: Array) -> list[tuple[float, float, str]]:
     """Start, end (m) and :func:`sense_and_radius` of each curve, the longest first.
 
     The table is on a uniform grid. The radius is the median one of the curve's sharpest part.
     """
-    mean = _mean(chainage_m, curvature_1pm)
+    mean = mean_curvature(chainage_m, curvature_1pm)
     sense = curve_sense(chainage_m, curvature_1pm)
+    measured = ~np.isnan(curvature_1pm)
     found = []
     for side in (1.0, -1.0):
-        for start, end in true_runs(sense == side):
+        for start, end in true_runs((sense == side) & measured):
             along, bend = chainage_m[start:end], np.abs(mean[start:end])
             if along[-1] - along[0] >= _LEAST_LENGTH_M:
                 circle = curvature_1pm[start:end][bend >= _BODY * bend.max()]
                 found.append((float(along[0]), float(along[-1]), sense_and_radius(float(np.median(circle)))))
     return sorted(found, key=lambda curve: curve[0] - curve[1])
-
-
-def _mean(chainage_m: Array, curvature_1pm: Array) -> Array:
-    if len(chainage_m) < 2:
-        return curvature_1pm
-    rows = 2 * round(_SMOOTH_M / 2.0 / (chainage_m[1] - chainage_m[0])) + 1
-    return pd.Series(curvature_1pm).rolling(rows, center=True, min_periods=1).mean().to_numpy(dtype=np.float64)

@@ -17,13 +17,22 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
+from trackfg.geometry_channels import (
+    COMMON,
+    CROSS_LEVEL,
+    CURVATURE,
+    Channel,
+    base_of,
+    centre_or_rails,
+    channel_extent,
+    channel_values,
+)
 from trackfg.plot_curves import curves, sense_and_radius
 from trackfg.plot_file import draw, picture_path
-from trackfg.plot_scale import common_zero, extent, symmetric, with_limits, with_margin
+from trackfg.plot_scale import common_zero, symmetric, with_limits, with_margin
 from trackfg.plot_sheet import BAND, BLUE, ORANGE, Curve, Limit, Panel, Sheet
 from trackfg.plot_thinning import extremes
 from trackfg.results import GeometryConventions, Result
-from trackfg.units import KMH
 
 STRETCHES = 2000
 """More than a sheet has columns of pixels."""
@@ -49,46 +58,6 @@ class LimitLine:
     label: str
     chainage_m: Array
     value: Array
-
-
-@dataclass(frozen=True)
-class _Channel:
-    """A column as a panel. ``least``: half of what the axis spans at least; ``deviation``: zero is in the middle.
-
-    ``twin``: the column of the other rail, shown on the same scale.
-    """
-
-    column: str
-    label: str
-    unit: str
-    least: float
-    deviation: bool = False
-    scale: float = 1.0
-    share: float = 1.0
-    twin: str | None = None
-
-
-_CENTRE = (
-    _Channel("level_mm", "level", "mm", 1.0, deviation=True),
-    _Channel("alignment_mm", "alignment", "mm", 1.0, deviation=True),
-)
-_RAILS = (
-    _Channel("level_left_mm", "level\nleft rail", "mm", 1.0, deviation=True, twin="level_right_mm"),
-    _Channel("level_right_mm", "level\nright rail", "mm", 1.0, deviation=True, twin="level_left_mm"),
-    _Channel("alignment_left_mm", "alignment\nleft rail", "mm", 1.0, deviation=True, twin="alignment_right_mm"),
-    _Channel("alignment_right_mm", "alignment\nright rail", "mm", 1.0, deviation=True, twin="alignment_left_mm"),
-    _Channel("gauge_mm", "gauge", "mm", 1.0),
-)
-_CROSS_LEVEL = _Channel("cross_level_mm", "cross-level", "mm", 1.0)
-_COMMON = (
-    _CROSS_LEVEL,
-    _Channel("twist_mm", "twist", "mm", 1.0, deviation=True),
-    _Channel("versine_level_mm", "versine\nlevel", "mm", 1.0, deviation=True),
-    _Channel("versine_alignment_mm", "versine\nalignment", "mm", 1.0),
-    _Channel("gradient_permille", "gradient", "‰", 1.0, share=0.7),
-    _Channel("speed_mps", "speed", "km/h", 10.0, scale=1.0 / KMH, share=0.7),
-)
-_CURVATURE = _Channel("curvature_1pm", "curvature", "1/km", 0.1, scale=1000.0, share=1.6)
 
 
 def plot_geometry(
@@ -117,7 +86,7 @@ def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, lim
     unit, x_scale = ("km", 1e-3) if end - start > _LONG_M else ("m", 1.0)
     conventions = result.summary.geometry
     chart = _Chart(table, x_scale, conventions, tuple(limits))
-    channels = (*(_RAILS if result.has_rails else _CENTRE), *_COMMON)
+    channels = (*centre_or_rails(result.geometry), *COMMON)
     thinned = len(table) > 2 * STRETCHES
     return Sheet(
         title=f"{result.summary.recording_id}   {_place(start, unit)} to {_place(end, unit)} {unit}",
@@ -155,18 +124,15 @@ class _Chart:
     conventions: GeometryConventions
     limits: tuple[LimitLine, ...]
 
-    def panel(self, channel: _Channel) -> Panel:
+    def panel(self, channel: Channel) -> Panel:
         curve = self._curve(channel, BLUE)
         limits = tuple(
             Limit(line.label, self.x_scale * line.chainage_m, channel.scale * line.value)
             for line in self.limits
             if line.column == channel.column
         )
-        base = 1000.0 * self.conventions.gauge_m if channel.column == "gauge_mm" else 0.0
-        low, high = self._extent(channel, base)
-        if channel.twin:
-            other = self._extent(replace(channel, column=channel.twin), base)
-            low, high = min(low, other[0]), max(high, other[1])
+        base = base_of(channel, self.conventions)
+        low, high = channel_extent(self.table, channel, base)
         same_scale = [line.value for line in self.limits if line.column in (channel.column, channel.twin)]
         low, high = with_limits(low, high, base, channel.scale * np.concatenate([[], *same_scale]))
         if channel.deviation:
@@ -182,11 +148,11 @@ class _Chart:
 
     def foot(self) -> Panel:
         """Curvature, and over it the cross-level upside down: where cant fits the curve the two run together."""
-        curvature = self._curve(_CURVATURE, BLUE)
+        curvature = self._curve(CURVATURE, BLUE)
         curvature = replace(curvature, notes=tuple(sense_and_radius(y / 1000.0) for y in curvature.y))
-        cant = replace(self._curve(_CROSS_LEVEL, ORANGE), half_band=None)
-        low, high = self._extent(_CROSS_LEVEL, 0.0)
-        bend, lean = common_zero(self._extent(_CURVATURE, 0.0), (-high, -low))
+        cant = replace(self._curve(CROSS_LEVEL, ORANGE), half_band=None)
+        low, high = channel_extent(self.table, CROSS_LEVEL, 0.0)
+        bend, lean = common_zero(channel_extent(self.table, CURVATURE, 0.0), (-high, -low))
         bend, lean = with_margin(*bend), with_margin(*lean)
         headroom = 0.2  # for the marks
         bend_high, lean_high = (high + headroom * (high - low) for low, high in (bend, lean))
@@ -196,21 +162,12 @@ class _Chart:
             y_range=(bend[0], bend_high),
             base=0.0,
             marks=self._marks(),
-            share=_CURVATURE.share,
+            share=CURVATURE.share,
             over=Panel("cross-level, mm\n(right, reversed)", (cant,), y_range=(-lean[0], -lean_high)),
         )
 
-    def _values(self, channel: _Channel) -> tuple[Array, Array]:
-        values = channel.scale * self.table[channel.column].to_numpy()
-        name = f"{channel.column}_sd"
-        sigmas = channel.scale * self.table[name].to_numpy() if name in self.table else np.zeros(len(values))
-        return values, sigmas
-
-    def _extent(self, channel: _Channel, base: float) -> tuple[float, float]:
-        return extent(*self._values(channel), base, channel.least)
-
-    def _curve(self, channel: _Channel, colour: str) -> Curve:
-        values, sigmas = self._values(channel)
+    def _curve(self, channel: Channel, colour: str) -> Curve:
+        values, sigmas = channel_values(self.table, channel)
         keep = extremes(values, STRETCHES)
         x = self.x_scale * self.table["chainage_m"].to_numpy()[keep]
         band = BAND * sigmas[keep] if f"{channel.column}_sd" in self.table else None

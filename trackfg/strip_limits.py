@@ -16,8 +16,8 @@ import numpy as np
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.geometry.bands import BANDS
+from trackfg.geometry.curves import curve_sense
 from trackfg.geometry.limits import Limit
-from trackfg.plot_curves import curve_sense
 from trackfg.results import GeometryConventions, Result
 from trackfg.strip_chart import LimitLine
 
@@ -33,7 +33,8 @@ def limit_lines(
     if result.geometry.empty:
         return [], Counter()
     chainage = result.geometry["chainage_m"].to_numpy()
-    sense = curve_sense(chainage, result.geometry["curvature_1pm"].to_numpy())
+    curvature = result.geometry["curvature_1pm"].to_numpy()
+    sense = np.where(np.isnan(curvature), np.nan, curve_sense(chainage, curvature))
     conventions = result.summary.geometry
     lines: list[LimitLine] = []
     left_out: Counter[str] = Counter()

@@ -265,7 +265,7 @@ def test_a_scenario_on_a_given_line(make_line):
 
 @pytest.mark.parametrize("name", ["mainline", "no-stop", "shunting", "trolley", "parked"])
 def test_a_line_too_short_is_refused(name, make_line):
-    short = GivenLine("stub", make_line([0, 40], [0, 0]), gauge_m=1.067)
+    short = GivenLine("siding", make_line([0, 40], [0, 0]), gauge_m=1.067)
     with pytest.raises(BadInputError, match="the line is 40 m long: expected"):
         datasets.simulate(scenario(name).on(short), duration_s=300.0)
 

@@ -8,24 +8,10 @@ from trackfg.datasets.irregularities import KNOT_M, Irregularities, Irregularity
 from trackfg.datasets.track import Track
 from trackfg.datasets.truth_geometry import truth_geometry
 from trackfg.datasets.wavelength_band import d1_gain
+from trackfg.results import GEOMETRY_COLUMNS, RAIL_COLUMNS
 
 BASE_M = 1.067
-COLUMNS = [
-    "chainage_m",
-    "curvature_1pm",
-    "gradient_permille",
-    "cross_level_mm",
-    "twist_mm",
-    "level_mm",
-    "alignment_mm",
-    "versine_level_mm",
-    "versine_alignment_mm",
-    "level_left_mm",
-    "level_right_mm",
-    "alignment_left_mm",
-    "alignment_right_mm",
-    "gauge_mm",
-]
+COLUMNS = [c for c in GEOMETRY_COLUMNS + RAIL_COLUMNS if not c.endswith("_sd") and c != "speed_mps"]
 
 
 def waves(length_m, wavelength_m, amplitudes_m):

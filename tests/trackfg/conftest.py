@@ -80,6 +80,12 @@ def make_result() -> Callable[..., Result]:
     return make
 
 
+@pytest.fixture(scope="session")
+def result(make_result: Callable[..., Result]) -> Result:
+    """1498 m, a curve to the left from about 250 to 1250 m. Nobody may change its tables."""
+    return make_result(rows=1000)
+
+
 def _made_up_geometry(trajectory: pd.DataFrame) -> pd.DataFrame:
     """A curve to the left with cant in the middle of the run, waves of 20 m, sigmas of 0.1 of each column's unit."""
     chainage = np.arange(0.0, trajectory["chainage_m"].iloc[-1], 0.25)

@@ -20,11 +20,6 @@ SPANS = ((20.0, 30.0), (60.0, 70.0))
 
 
 @pytest.fixture(scope="module")
-def result(make_result: Make) -> Result:
-    return make_result(rows=1000)
-
-
-@pytest.fixture(scope="module")
 def reference(result: Result) -> pd.DataFrame:
     shift = pd.Series({"t_s": 0.0, "east_m": 3.0, "north_m": 4.0})
     return result.trajectory[["t_s", "east_m", "north_m"]].iloc[::10] + shift

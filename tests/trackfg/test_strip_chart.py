@@ -11,18 +11,14 @@ import pandas as pd
 import pytest
 
 import trackfg
-from trackfg.plot_curves import curve_sense, curves, sense_and_radius
+from trackfg.geometry.curves import curve_sense
+from trackfg.plot_curves import curves, sense_and_radius
 from trackfg.plot_scale import common_zero, extent, with_limits
 from trackfg.plot_sheet import Panel, Sheet, limit_labels
 from trackfg.results import RAIL_COLUMNS, Result
 from trackfg.strip_chart import LimitLine, geometry_sheet
 
 Make = Callable[..., Result]
-
-
-@pytest.fixture(scope="module")
-def result(make_result: Make) -> Result:
-    return make_result(rows=1000)
 
 
 @pytest.fixture(scope="module")

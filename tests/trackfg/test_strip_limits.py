@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +10,6 @@ from trackfg.geometry.limits import Limit, cfr_213
 from trackfg.results import RAIL_COLUMNS, Result
 from trackfg.strip_chart import LimitLine
 from trackfg.strip_limits import limit_lines
-
-Make = Callable[..., Result]
-
-
-@pytest.fixture(scope="module")
-def result(make_result: Make) -> Result:
-    """1498 m, a curve to the left from about 250 to 1250 m."""
-    return make_result(rows=1000)
 
 
 @pytest.fixture(scope="module")

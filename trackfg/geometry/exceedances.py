@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
+from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense
 from trackfg.geometry.judged_quantities import Quantity, quantities, step_of
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.statistics import peaks, section_statistics
@@ -30,10 +31,6 @@ COLUMNS = (
     "speed_kmh",
 )
 
-_CURVE_MEAN_M = 50.0
-"""The curvature is averaged over this length before curve and tangent are told apart: irregularities bend the track
-too."""
-
 
 @dataclass(frozen=True)
 class Judgement:
@@ -50,7 +47,7 @@ def exceedances(
     *,
     speed_kmh: float | ArrayLike,
     gauge_m: float | None = None,
-    curve_from_1pm: float = 1.0 / 5000.0,
+    curve_from_1pm: float = CURVED_FROM_1PM,
 ) -> Judgement:
     """Hold a geometry table against limits.
 
@@ -70,7 +67,9 @@ def exceedances(
     if speed.ndim and speed.shape != chainage.shape:
         raise BadInputError(f"speed_kmh has shape {speed.shape}; expected one number, or one per row ({len(chainage)})")
     speed = np.broadcast_to(speed, chainage.shape)
-    to_left = _curved_to_left(geometry, step, curve_from_1pm)
+    to_left = None
+    if "curvature_1pm" in geometry:
+        to_left = curve_sense(chainage, geometry["curvature_1pm"].to_numpy(dtype=np.float64), curve_from_1pm)
 
     tables, not_judged = [], []
     for limit in limits:
@@ -90,15 +89,6 @@ def exceedances(
     tables = [table for table in tables if len(table)]
     found = pd.concat(tables) if tables else pd.DataFrame(columns=list(COLUMNS))
     return Judgement(found.sort_values("chainage_m", ignore_index=True, kind="stable"), tuple(not_judged))
-
-
-def _curved_to_left(geometry: pd.DataFrame, step: float, curve_from_1pm: float) -> Array | None:
-    """1 in left-hand curves, -1 in right-hand ones, 0 on tangent track; None without a curvature."""
-    if "curvature_1pm" not in geometry:
-        return None
-    window = 2 * round(_CURVE_MEAN_M / 2.0 / step) + 1
-    mean = geometry["curvature_1pm"].rolling(window, center=True, min_periods=1).mean().to_numpy(dtype=np.float64)
-    return np.asarray(np.where(np.abs(mean) > curve_from_1pm, np.sign(mean), 0.0))
 
 
 def _applies(limit: Limit, speed: Array, to_left: Array) -> np.ndarray:
