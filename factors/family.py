@@ -16,12 +16,17 @@ from typing import Any
 
 import gtsam
 import numpy as np
+from scipy.special import expit
 
 from trackfg.factors.states import Kind, Nav, States, Value, retract
 from trackfg.frames import Array
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
 """``evaluate(*values, *data) -> (residual (m, d), one Jacobian (m, d, dim) per slot)``."""
+
+
+OUTLIER_SIGMAS = 1e3
+"""How wide outliers are taken to spread under the loss ``"switch"``: finite, lest nothing hold what they measure."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,12 @@ class Slot:
 class Loss:
     """A robust loss with tuning constant ``width``, in sigmas.
 
-    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go. While
-    the values are far from the solution there is no loss at all, or Huber's where errors are too many and too large.
+    ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go;
+    ``"switch"`` is the negative logarithm of a mixture, of the measurement's own normal distribution and of one
+    :data:`OUTLIER_SIGMAS` as wide, which are equally likely at the width: below it errors count in full, beyond it they
+    count for nothing, so that many of one sign do not pull together. Its weight is all but the probability that the
+    error is the measurement's own (a switch variable, averaged over). While the values are far from the solution there
+    is no loss at all, or Huber's where errors are too many and too large.
     """
 
     kind: str
@@ -59,13 +68,26 @@ class Loss:
         """The weight of a whitened residual of this norm: rho'(e)/e."""
         if self.kind == "huber":
             return np.minimum(1.0, self.width / np.maximum(norm, 1e-12))
+        if self.kind == "switch":
+            outlier = expit(-0.5 * self.width**2 + 0.5 * (1.0 - OUTLIER_SIGMAS**-2) * norm**2)
+            return np.asarray(1.0 - outlier * (1.0 - OUTLIER_SIGMAS**-2))
         return 1.0 / (1.0 + (norm / self.width) ** 2)
+
+    def to_gtsam(self) -> gtsam.noiseModel.mEstimator.Base:
+        """The same loss for GTSAM's own optimisers."""
+        losses = gtsam.noiseModel.mEstimator
+        if self.kind == "switch":
+            return losses.Custom(lambda e: float(self.weight(np.array(e))), lambda e: float(self.cost(np.array(e))))
+        return (losses.Huber if self.kind == "huber" else losses.Cauchy).Create(self.width)
 
     def cost(self, norm: Array) -> Array:
         """rho(e), which is e^2/2 for small e."""
         c = self.width
         if self.kind == "huber":
             return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
+        if self.kind == "switch":
+            outlier = -0.5 * c**2 - 0.5 * (norm / OUTLIER_SIGMAS) ** 2
+            return np.asarray(np.log1p(np.exp(-0.5 * c**2)) - np.logaddexp(-0.5 * norm**2, outlier))
         return 0.5 * c**2 * np.log1p((norm / c) ** 2)
 
 
@@ -172,9 +194,7 @@ class Family:
 
         model: gtsam.noiseModel.Base = gtsam.noiseModel.Diagonal.Sigmas(self.sigma[i])
         if self.loss is not None:
-            losses = gtsam.noiseModel.mEstimator
-            loss = losses.Huber if self.loss.kind == "huber" else losses.Cauchy
-            model = gtsam.noiseModel.Robust.Create(loss.Create(self.loss.width), model)
+            model = gtsam.noiseModel.Robust.Create(self.loss.to_gtsam(), model)
         return gtsam.CustomFactor(model, [slot.keys[0] for slot in one.slots], error)
 
     def _evaluated(self, values: Sequence[Value]) -> tuple[Array, tuple[Array, ...]]:

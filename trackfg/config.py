@@ -35,18 +35,20 @@ class ImuConfig(_Section):
 
 
 class TachConfig(_Section):
-    """The wheel: creep (m per sqrt(m) rolled), noise of a speed signal (m/s in 1 s), walk of the scale.
+    """The wheel: creep (m per sqrt(m) rolled) and the part of it that goes with driving and braking (share of the
+    distance per g of force), noise of a speed signal (m/s in 1 s), walk of the scale.
 
     The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's.
-    ``robust_width`` is where, in sigmas, a wheel that does not roll begins to lose its weight.
+    ``robust_width`` is where, in sigmas, a wheel slips as likely as it rolls.
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
+    creep_per_traction: Positive = 0.1
     speed_noise_mps: Positive = 0.1
     scale_walk_per_sqrt_m: Positive = 1e-7
     clock_offset_sd_s: Positive = 0.1
     clock_drift_sd: Positive = 1e-4
-    robust_width: Positive = 4.0
+    robust_width: Positive = 3.0
     max_gap_s: Positive = 5.0
 
 
@@ -77,14 +79,19 @@ class MotionConfig(_Section):
 
 
 class LaserConfig(_Section):
-    """Displacement sensors: readings are means over ``window_s``; two units see one place of a rail alike to
-    ``match_sd_m`` besides their own noise. Passes more than ``max_keyframes`` apart (a stop between) are not tied.
+    """Displacement sensors: what two units saw of a rail is the same, on the mean over up to ``window_m`` of it, to
+    ``match_sd_m`` besides their own noise; at rest readings are means over ``rest_window_s``. Passes more than
+    ``max_keyframes`` apart (a stop between) are not tied. With lasers keyframes are placed at least as densely as
+    ``keyframe_interval_s`` and ``keyframe_distance_m`` say, since the rails tie the motion at keyframes.
     """
 
-    window_s: Positive = 0.04
+    window_m: Positive = 4.0
+    rest_window_s: Positive = 0.04
     match_sd_m: Positive = 1e-5
     robust_width: Positive = 4.0
     max_keyframes: Annotated[int, Field(gt=0)] = 16
+    keyframe_interval_s: Positive = 0.5
+    keyframe_distance_m: Positive = 5.0
 
 
 class PositionConfig(_Section):

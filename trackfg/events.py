@@ -50,12 +50,18 @@ def event_table(problem: Problem, states: States, covariance: Covariance, direct
 def _slips(
     problem: Problem, wheel: Family, states: States, covariance: Covariance
 ) -> list[tuple[float, float, float, float]]:
-    """Runs of intervals in which the wheel did not roll: start, end, distance removed and its sigma."""
+    """Runs of intervals in which the wheel did not roll: start, end, distance removed and its sigma.
+
+    A slip begins and ends between keyframes: an interval beside an outlier belongs to it if its wheel erred the same
+    way by more than its sigma.
+    """
     outlier = wheel.weights(states) < _OUTLIER_WEIGHT
-    residual = wheel.residual(states)[:, 0]
+    residual, sigma = wheel.residual(states)[:, 0], wheel.sigma[:, 0]
     return [
         (problem.t[i], problem.t[j], float(residual[i:j].sum()), _distance_sd(covariance, int(i), int(j)))
-        for i, j in true_runs(outlier)
+        for way in (1.0, -1.0)
+        for i, j in true_runs(way * residual > sigma)
+        if outlier[i:j].any()
     ]
 
 

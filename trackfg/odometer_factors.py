@@ -1,4 +1,13 @@
-"""The odometer's factors of a graph: distance, wheel, arc length."""
+"""The odometer's factors of a graph: distance, wheel, arc length.
+
+A wheel that drives or brakes creeps: on the stable side of its creep curve by a share of the distance that is about
+proportional to the force that it transmits, some 1 % at the top of the curve. The force per mass, in g, is what the
+accelerometer shows forwards (acceleration and gradient together), so that over a distance d with the mean force f
+
+    variance = (creep sqrt(d))^2 + (creep_per_traction |f| / g  d)^2.
+
+What is left beyond is slip, and the loss switches the wheel off there.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +15,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.frames import Array
 from trackfg.layout import Layout
 from trackfg.spans import within
 
@@ -27,7 +37,10 @@ def odometer(layout: Layout) -> list[Family]:
     ]
     if layout.wheel is None:
         return [*families, tach_distance(k, np.full((k.size, 1), _MOVED_SD_M), None)]
-    variance = config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+    variance = (
+        config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+        + (config.creep_per_traction * np.abs(_mean_force(layout)) / layout.world.gravity * distance) ** 2
+    )
     if layout.wheel.integrates_speed:
         moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
         variance = variance + config.speed_noise_mps**2 * np.diff(layout.t) * moving
@@ -35,12 +48,18 @@ def odometer(layout: Layout) -> list[Family]:
     if layout.wheel.integrates_speed:
         variance = np.where(silent, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
-    families.append(tach_distance(k, sigma, Loss("cauchy", config.robust_width, huber_at_start=True)))
+    families.append(tach_distance(k, sigma, Loss("switch", config.robust_width, huber_at_start=True)))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
     since = layout.t[read] - 0.5 * (layout.t[0] + layout.t[-1])
     families.append(tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd)))
     return families
+
+
+def _mean_force(layout: Layout) -> Array:
+    """Mean forward specific force between keyframes, m/s^2. Shape (n - 1,)."""
+    gained = np.concatenate([[0.0], np.cumsum(layout.data.accel[:, 0] * layout.data.durations)])
+    return np.asarray(np.diff(gained[layout.edges]) / np.diff(layout.t))
 
 
 def _readable(layout: Layout) -> np.ndarray:

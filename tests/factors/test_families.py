@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trackfg.factors.bias import bias_walk
-from trackfg.factors.family import Family, Loss, check_jacobians
+from trackfg.factors.family import OUTLIER_SIGMAS, Family, Loss, check_jacobians
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.motion import at_rest, non_holonomic, stays
@@ -101,7 +101,26 @@ def test_checker_finds_a_wrong_jacobian() -> None:
         check_jacobians(Family(good.name, wrong, good.slots, good.data, good.sigma), random_states(0))
 
 
-@pytest.mark.parametrize("loss", [None, Loss("huber", 1.3), Loss("cauchy", 2.0)], ids=["plain", "huber", "cauchy"])
+LOSSES = (Loss("huber", 1.3), Loss("cauchy", 2.0), Loss("switch", 2.0))
+
+
+@pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: loss.kind)
+def test_weight_is_the_slope_of_the_loss_over_the_error_and_1_for_small_ones(loss: Loss) -> None:
+    error, step = np.concatenate([np.linspace(0.05, 10.0, 200), [50.0, 500.0]]), 1e-5
+    slope = (loss.cost(error + step) - loss.cost(error - step)) / (2.0 * step)
+    np.testing.assert_allclose(loss.weight(error) * error, slope, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(loss.cost(np.array([0.0, 0.1])), [0.0, 0.005], rtol=0.2, atol=1e-12)
+
+
+def test_switch_leaves_outliers_no_pull_but_holds_what_they_measure() -> None:
+    loss = Loss("switch", 3.0)
+    assert loss.weight(np.array([3.0]))[0] == pytest.approx(0.5, abs=1e-4)
+    assert loss.weight(np.array([1.0]))[0] > 0.97
+    assert 40.0 * loss.weight(np.array([40.0]))[0] < 1e-4
+    np.testing.assert_allclose(loss.weight(np.array([10.0, 1e3, 1e6])), OUTLIER_SIGMAS**-2)
+
+
+@pytest.mark.parametrize("loss", [None, *LOSSES], ids=lambda loss: "plain" if loss is None else loss.kind)
 @pytest.mark.parametrize("i", range(len(NAMES)), ids=NAMES)
 def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
     states = random_states(3, 0.3)
