@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from trackfg.config import SmoothConfig
+from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.bias import response_sigmas
 from trackfg.factors.family import Family
@@ -83,9 +83,8 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
     path = initial_path(recording, data, wheel, rests, world.earth_rate, world.start_yaw)
     gaps = data.gaps()
-    edges = place_keyframes(
-        data.edges, path.t, path.speed, rests, _required_times(recording, gaps, rests), config.keyframes
-    )
+    required = _required_times(recording, gaps, rests)
+    edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
     layout = Layout(recording, config, world, data, wheel, rests, path, edges, t)
     states = layout.initial_states()
@@ -107,6 +106,18 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
         mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
         response=layout.response,
     )
+
+
+def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:
+    """Lasers want keyframes closer together: at them the rails tie the motion."""
+    wanted, laser = config.keyframes, config.laser
+    if not recording.description.laser:
+        return wanted
+    closer = {
+        "interval_s": min(wanted.interval_s, laser.keyframe_interval_s),
+        "distance_m": min(wanted.distance_m, laser.keyframe_distance_m),
+    }
+    return wanted.model_copy(update=closer)
 
 
 def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
