@@ -33,9 +33,10 @@ from rich.progress import track as progress_over
 from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.truth_geometry import truth_geometry
-from trackfg.evaluate_geometry import geometry_errors, quantities, score_bands, score_run, score_runs
+from trackfg.evaluate_geometry import geometry_errors
 from trackfg.repeatability import section_repeatability
 from trackfg.results import RAIL_COLUMNS
+from trackfg.scores import quantities, score_bands, score_run, score_runs
 from trackfg.smoother import smooth_states
 
 DURATIONS_S = {

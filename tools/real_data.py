@@ -19,13 +19,15 @@ import pandas as pd
 from trackfg.config import NoiseConfig, PositionConfig, SmoothConfig
 from trackfg.datasets import comma2k19, kingston, kitti
 from trackfg.datasets.real_run import RealRun
-from trackfg.demo import OUTAGES, SETTINGS
-from trackfg.evaluate import horizontal_errors, score_outages, withhold
+from trackfg.evaluate import Span, horizontal_errors, score_outages, withhold
 from trackfg.recording import Recording
 from trackfg.results import Result
+from trackfg.scores import rms
 from trackfg.smoother import smooth
 
 ADAPT = SmoothConfig(noise=NoiseConfig(adapt=True))
+OUTAGES: tuple[Span, ...] = tuple((start, start + 30.0) for start in (60.0, 150.0, 240.0, 330.0, 400.0))
+"""Where the KITTI drive loses its positions, s after its start."""
 MULTIPATH = PositionConfig(gnss_correlation_s=30.0)
 
 
@@ -34,7 +36,7 @@ def score_kitti() -> None:
     drive = kitti.load().recording
     assert drive.gnss is not None
     kept, _ = withhold(drive.gnss, OUTAGES)
-    for label, config in (("noise levels from the residuals", SETTINGS), ("noise levels as declared", SmoothConfig())):
+    for label, config in (("noise levels from the residuals", ADAPT), ("noise levels as declared", SmoothConfig())):
         result = smooth(replace(drive, gnss=kept), config)
         print(f"\nKITTI, {label} [horizontal rms 1.4 m; straight lines 51 m]")
         scores = score_outages(result.trajectory, drive.gnss, OUTAGES)
@@ -61,7 +63,7 @@ def score_kingston(folder: Path) -> None:
     correlated = ADAPT.model_copy(update={"position": MULTIPATH})
     blunt = ADAPT.model_copy(update={"position": PositionConfig(robust=False)})
     errors = horizontal_errors(_as_trajectory(gps.recording.gnss), gps.reference)["error_m"]
-    print(f"\nKingston, GPS alone against the reference: rms {_rms(errors):.2f} m, max {errors.max():.1f} m")
+    print(f"\nKingston, GPS alone against the reference: rms {rms(errors):.2f} m, max {errors.max():.1f} m")
     _report_kingston("GPS only, robust", gps, everything, ADAPT)
     _report_kingston("GPS only, robust, its errors taken to last 30 s", gps, everything, correlated)
     _report_kingston("GPS only, not robust", gps, everything, blunt)
@@ -82,11 +84,11 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
     bias, sd = summary.gyro_bias_radps.value[2], summary.gyro_bias_radps.sd[2]
     ratio = float(np.sqrt(np.mean(errors["error_m"] ** 2) / np.mean(errors["sd_m"] ** 2)))
     print(f"\nKingston, {label}")
-    rms, largest = _rms(errors["error_m"]), errors["error_m"].max()
-    print(f"  horizontal: rms {rms:.2f} m, max {largest:.1f} m, rms / sigma {ratio:.2f}")
+    error_rms, largest = rms(errors["error_m"]), errors["error_m"].max()
+    print(f"  horizontal: rms {error_rms:.2f} m, max {largest:.1f} m, rms / sigma {ratio:.2f}")
     print(
         f"  roll sd {np.degrees(roll.std()):.3f} deg, pitch sd {np.degrees(pitch.std()):.3f} deg [0.05], "
-        f"yaw rms {np.degrees(_rms(yaw)):.2f} deg [0.4]"
+        f"yaw rms {np.degrees(rms(yaw)):.2f} deg [0.4]"
     )
     print(
         f"  wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, "
@@ -143,10 +145,6 @@ def _angle_error(result: Result, reference: pd.DataFrame, name: str) -> np.ndarr
     trajectory = result.trajectory
     estimate = np.interp(reference["t_s"], trajectory["t_s"], np.unwrap(trajectory[name]))
     return (estimate - reference[name].to_numpy() + np.pi) % (2.0 * np.pi) - np.pi
-
-
-def _rms(x: np.ndarray | pd.Series) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))
 
 
 def main() -> None:

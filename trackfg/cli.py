@@ -61,17 +61,18 @@ def trackfg(
 def demo(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder to write.")] = Path("trackfg-demo"),
 ) -> None:
-    """Smooth a real drive with its satellite positions withheld for 30 s five times, and show the errors there."""
+    """Simulate a measuring car, smooth its recording, and compare the published systems with it, against the truth."""
     from trackfg import report_tables
-    from trackfg.demo import PAGE, PICTURE, RECORDING, RESULT, run_demo
+    from trackfg.demo import CONTENT, run_demo
 
     with _progress() as progress:
         done = run_demo(out, progress=progress)
     _warn_unless_converged(done.result)
-    _print(report_tables.outages(done.outages))
+    for table in report_tables.comparison(done.comparison.about):
+        _print(table)
     _print(report_tables.summary(done.result))
-    for name, what in ((RECORDING, "recording"), (RESULT, "result"), (PICTURE, "picture"), (PAGE, "page")):
-        print(f"{what + ':':11}{done.folder / name}")
+    for name in CONTENT:
+        print(done.folder / name)
 
 
 @app.command(epilog="Example: trackfg scenarios")
@@ -157,10 +158,10 @@ def smooth(
     from trackfg import report_tables
     from trackfg.config import SmoothConfig
     from trackfg.recording_io import read_recording
-    from trackfg.results import refuse_foreign_folder
+    from trackfg.results import RESULT_FOLDER
     from trackfg.smoother import smooth as run_smoother
 
-    refuse_foreign_folder(out)
+    RESULT_FOLDER.refuse_foreign(out)
     settings = SmoothConfig.from_toml(config) if config else None
     with _progress() as progress:
         result = run_smoother(read_recording(recording), settings, progress=progress)
@@ -171,6 +172,85 @@ def smooth(
     else:
         _print(report_tables.summary(result))
         print(f"result: {out}")
+
+
+@app.command(epilog="Example: trackfg baseline complementary run1 -o out1-complementary")
+def baseline(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of `trackfg estimators`.", show_default=False)],
+    recording: RecordingFolder,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for its tables.", show_default=False)],
+    as_printed: Annotated[
+        bool, typer.Option("--as-printed", help="With the equations as the paper prints them, errors included.")
+    ] = False,
+) -> None:
+    """Run one published system on a recording: trajectory, geometry and events, as far as it knows them."""
+    from trackfg.baselines.result import BASELINE_FOLDER
+    from trackfg.estimators import estimator
+    from trackfg.recording_io import read_recording
+
+    run = estimator(name, as_printed=as_printed)
+    BASELINE_FOLDER.refuse_foreign(out)
+    run(read_recording(recording)).write(out)
+    print(f"result: {out}")
+
+
+@app.command(epilog="Example: trackfg estimators")
+def estimators() -> None:
+    """List the smoother, the published systems, and other packages where they are installed."""
+    from trackfg import report_tables
+    from trackfg.estimators import estimators as all_estimators
+
+    _print(report_tables.estimators(all_estimators()))
+
+
+@app.command(epilog="Example: trackfg compare run1 -o comparison")
+def compare(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")],
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(metavar="[REC...]", help="Folders of recordings.", show_default=False)
+    ] = None,
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scenario",
+            metavar="NAME",
+            help="A scenario to simulate, or j-turn; may be given again. A standard set if there is no REC either.",
+            show_default=False,
+        ),
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Length of every simulated run, s.", show_default=False),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
+
+    Against the truth where there is one; recordings without are held against the first of them. An earlier comparison
+    in OUT is replaced in one step.
+    """
+    import os
+
+    from trackfg import report_tables
+    from trackfg.compare import cases_of
+    from trackfg.compare import compare as run_comparison
+    from trackfg.comparison import COMPARISON_FOLDER
+
+    COMPARISON_FOLDER.refuse_foreign(out)
+    cases = cases_of(recordings or (), scenarios or (), seeds=seeds, duration_s=duration)
+    with _progress() as progress:
+        result = run_comparison(cases, jobs=jobs or os.cpu_count() or 1, progress=progress)
+    result.write(out)
+    if json:
+        print(result.about.model_dump_json(indent=2))
+        return
+    for table in report_tables.comparison(result.about):
+        _print(table)
+    print(f"comparison: {out}")
 
 
 @app.command(epilog="Example: trackfg plot out1 --from 12000 --to 14000 -o chart.html")
@@ -212,6 +292,29 @@ def plot(
     content = Result.read(result)
     lines = _limit_lines(content, limits, level, line_speed)
     print(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
+
+
+@app.command(epilog="Example: trackfg report out1 --recording run1")
+def report(
+    folder: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Folder of a result or a comparison.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="Page: .html. OUT.html if absent.", show_default=False),
+    ] = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="REC", help="The recording of the result, to show its truth and the errors.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
+    from trackfg.report import write_report
+
+    whole = folder.resolve()
+    print(f"report: {write_report(folder, out or whole.parent / f'{whole.name}.html', recording=recording)}")
 
 
 def _limit_lines(result: Result, source: str | None, level: str | None, line_speed: float | None) -> list[LimitLine]:

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.frames import Array, matrix_from_rpy
+from trackfg.scores import rms
 
 Span = tuple[float, float]
 """Start and end of a span of time, s: the start belongs to it, the end does not."""
@@ -82,15 +83,11 @@ def score_outages(
             "start_s": start,
             "end_s": end,
             "positions": len(errors),
-            "rms_m": _rms(errors["error_m"].to_numpy()),
+            "rms_m": rms(errors["error_m"].to_numpy()),
             "max_m": float(errors["error_m"].max()),
             "mean_sd_m": float(errors["sd_m"].mean()),
-            "straight_rms_m": _rms(straight_line_errors(kept, withheld)),
+            "straight_rms_m": rms(straight_line_errors(kept, withheld)),
         }
 
     kept, _ = withhold(gnss, spans)
     return pd.DataFrame([*(score([span], *span) for span in spans), score(spans, np.nan, np.nan)])
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -14,22 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 from scipy.interpolate import make_interp_spline
 
 from trackfg.frames import Array
+from trackfg.scores import PLACE, quantities
 from trackfg.spans import true_runs
-from trackfg.units import KMH
 
-_PLACE = ("chainage_m", "speed_mps")
 _DEGREE = 5
-COVERED = float(stats.norm.ppf(0.975))
-"""Half the width of the interval that holds 95 %, in sigmas."""
-
-
-def quantities(geometry: pd.DataFrame) -> list[str]:
-    """The columns of a geometry table that have a sigma, but for the chainage."""
-    return [name for name in map(str, geometry) if f"{name}_sd" in geometry and name not in _PLACE]
 
 
 def geometry_errors(
@@ -45,7 +36,7 @@ def geometry_errors(
     chainage = geometry["chainage_m"].to_numpy(dtype=np.float64)
     place = chainage - _chainage_errors(trajectory, truth, chainage)
     true_chainage = truth_geometry["chainage_m"].to_numpy(dtype=np.float64)
-    columns = {name: geometry[name].to_numpy(dtype=np.float64) for name in _PLACE}
+    columns = {name: geometry[name].to_numpy(dtype=np.float64) for name in PLACE}
     for name in quantities(geometry):
         if name in truth_geometry:
             true = spline_at(true_chainage, truth_geometry[name].to_numpy(dtype=np.float64), place)
@@ -98,97 +89,3 @@ def _passes(chainage: Array) -> list[tuple[int, int]]:
     last_moving = np.clip(np.searchsorted(moving, np.arange(len(sense)), side="right") - 1, 0, None)
     sense = sense[moving[last_moving]]
     return [span for way in (1.0, -1.0) for span in true_runs(sense == way)]
-
-
-def score_run(errors: pd.DataFrame, band_kmh: float = 10.0) -> pd.DataFrame:
-    """One run's scores from :func:`geometry_errors`: a row per quantity for all of it, and one per speed band.
-
-    Columns: ``quantity``; ``from_kmh`` (NaN in the row for all); ``places``, the number of rows that have an error;
-    ``rms``, of the error; ``sd``, of the error about its mean over the whole run (the constant offset removed, in every
-    band the same one); ``max``, of its magnitude; ``mean_sd``, the sigmas' mean; ``ratio``, the rms of error / sigma;
-    ``coverage``, the share of errors within 1.96 sigma. An absent quantity has one row, with no places.
-    """
-    speed = np.floor(errors["speed_mps"].to_numpy() / (band_kmh * KMH))
-    rows = []
-    for name in quantities(errors):
-        error, sd = errors[name].to_numpy(), errors[f"{name}_sd"].to_numpy()
-        known = np.isfinite(error) & np.isfinite(sd)
-        error, sd, band = error[known], sd[known], speed[known]
-        offset = float(error.mean()) if error.size else np.nan
-        rows.append({"quantity": name, "from_kmh": np.nan, **_statistics(error, sd, offset)})
-        rows += [
-            {"quantity": name, "from_kmh": band_kmh * b, **_statistics(error[band == b], sd[band == b], offset)}
-            for b in np.unique(band)
-        ]
-    return pd.DataFrame(rows)
-
-
-def _statistics(error: Array, sd: Array, offset: float) -> dict[str, float]:
-    if error.size == 0:
-        return {"places": 0, **dict.fromkeys(("rms", "sd", "max", "mean_sd", "ratio", "coverage"), np.nan)}
-    return {
-        "places": error.size,
-        "rms": _rms(error),
-        "sd": _rms(error - offset),
-        "max": float(np.abs(error).max()),
-        "mean_sd": float(sd.mean()),
-        "ratio": _rms(error / sd),
-        "coverage": float(np.mean(np.abs(error) <= COVERED * sd)),
-    }
-
-
-def score_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """The scores of many runs (rows of :func:`score_run` under each other), one row per quantity.
-
-    ``runs``, how many have the quantity; ``rms, sd, mean_sd, coverage``: the mean over runs of each run's; ``max`` over
-    all; ``ratio``: over all, every run with one weight; ``rms_margin, sd_margin, coverage_margin``: half the width of
-    the 95 % interval of the mean (Student's t over runs, which are independent; places of one run are not), NaN for one
-    run.
-    """
-    rows = []
-    for name, scores in runs[runs["from_kmh"].isna()].groupby("quantity", sort=False):
-        known = scores[scores["places"] > 0]
-        row = {"quantity": name, "runs": len(known)}
-        for statistic in ("rms", "sd", "mean_sd", "coverage"):
-            row[statistic] = known[statistic].mean()
-            if statistic != "mean_sd":
-                row[f"{statistic}_margin"] = _margin(known[statistic].to_numpy())
-        rows.append({**row, "max": known["max"].max(), "ratio": _mean_square_root(known["ratio"])})
-    return pd.DataFrame(rows)
-
-
-def score_bands(runs: pd.DataFrame) -> pd.DataFrame:
-    """The scores of many runs by speed band, every place with one weight: a row per quantity and band.
-
-    Columns ``quantity, from_kmh, places, rms, sd, max, mean_sd, ratio, coverage`` as in :func:`score_run`.
-    """
-    rows = []
-    banded = runs[runs["from_kmh"].notna()]
-    for (name, band), scores in banded.groupby(["quantity", "from_kmh"], sort=False):
-        weight = scores["places"].to_numpy()
-        rows.append(
-            {
-                "quantity": name,
-                "from_kmh": band,
-                "places": int(weight.sum()),
-                **{s: _mean_square_root(scores[s], weight) for s in ("rms", "sd", "ratio")},
-                **{s: float(np.average(scores[s], weights=weight)) for s in ("mean_sd", "coverage")},
-                "max": scores["max"].max(),
-            }
-        )
-    columns = ["quantity", "from_kmh", "places", "rms", "sd", "max", "mean_sd", "ratio", "coverage"]
-    return pd.DataFrame(rows, columns=columns).sort_values(["quantity", "from_kmh"], ignore_index=True)
-
-
-def _margin(values: Array) -> float:
-    if len(values) < 2:
-        return np.nan
-    return float(stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values)))
-
-
-def _mean_square_root(values: pd.Series[float], weights: Array | None = None) -> float:
-    return float(np.sqrt(np.average(np.square(values), weights=weights))) if len(values) else np.nan
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -26,7 +26,15 @@ from trackfg.recording_tables import Columns, Tables
 from trackfg.recording_writer import write_recording
 from trackfg.table_file import TableFile, open_table, resolve_inside
 
-__all__ = ["LoadedRecording", "load", "read_recording", "read_truth", "read_truth_geometry", "write_recording"]
+__all__ = [
+    "LoadedRecording",
+    "has_truth",
+    "load",
+    "read_recording",
+    "read_truth",
+    "read_truth_geometry",
+    "write_recording",
+]
 
 
 @dataclass(frozen=True)
@@ -134,6 +142,13 @@ def _message(found: list[Finding], path: Path | str) -> str:
     if more == 0:
         return str(found[0])
     return f"{found[0]} ({more} more error{'s' if more > 1 else ''}: `trackfg check {path}` lists all)"
+
+
+def has_truth(path: Path | str) -> bool:
+    """Whether the recording declares a truth. Raises :class:`BadInputError` where its description cannot be read."""
+    read = read_description(path)
+    _raise_first(list(read.findings))
+    return "truth" in read.parts
 
 
 def read_truth(path: Path | str) -> pd.DataFrame:

@@ -32,8 +32,8 @@ _FULL_SHARE = 0.9
 def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0.0, within_m: float) -> float:
     """The shift ``d``, m, for which ``run`` at ``chainage + d`` agrees best with ``reference`` at ``chainage``.
 
-    Both have ``chainage_m`` on whole multiples of one step, and :data:`ALIGNED_BY`. Sought within ``about_m`` +-
-    ``within_m``. NaN where they have no place in common.
+    Both have ``chainage_m`` on whole multiples of one step, and at least one of :data:`ALIGNED_BY`. Sought within
+    ``about_m`` +- ``within_m``. NaN where they have no place in common.
     """
     step = _step(run)
     middle, reach = round(about_m / step), round(within_m / step)
@@ -41,11 +41,13 @@ def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0
     first, count = _cells(reference, step)[0], int(np.ptp(_cells(reference, step))) + 1
     mean_square = np.zeros(len(lags))
     for name in ALIGNED_BY:
+        if not all(name in table and table[name].notna().any() for table in (reference, run)):
+            continue
         here = _on_cells(reference, name, first, count, step)
         there = _on_cells(run, name, first + int(lags[0]), count + 2 * reach, step)
         squares = np.array([_mean_square(there[k : k + count] - here) for k in range(len(lags))])
         mean_square += squares / _mean_square(here - _mean(here))
-    if not np.isfinite(mean_square).any():
+    if not mean_square.any() or not np.isfinite(mean_square).any():
         return np.nan
     k = int(np.nanargmin(mean_square))
     beside = mean_square[max(k - 1, 0) : k + 2]

@@ -13,29 +13,16 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from trackfg.comparison import QUANTITIES, REFERENCE, About, Case, Row
 from trackfg.findings import Finding
 from trackfg.results import Estimate, Result, VectorEstimate
 
 if TYPE_CHECKING:
     from trackfg.check import CheckReport
+    from trackfg.estimators import Estimator
 
+_BEATING = "bold yellow"
 _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
-
-
-def outages(scores: pd.DataFrame) -> RenderableType:
-    """The table of :func:`trackfg.evaluate.score_outages`."""
-    table = _table("Horizontal error at the withheld positions, m")
-    for heading in ("outage, s", "positions", "rms", "max", "mean 1 sigma", "straight line, rms"):
-        table.add_column(heading, justify="right")
-    for start, end, positions, *errors in scores.itertuples(index=False, name=None):
-        every = math.isnan(start)
-        table.add_row(
-            "all" if every else f"{start:.0f} - {end:.0f}",
-            str(positions),
-            *(f"{error:.2f}" for error in errors),
-            style="bold" if every else "",
-        )
-    return table
 
 
 def scenarios(summaries: Mapping[str, str]) -> RenderableType:
@@ -46,6 +33,107 @@ def scenarios(summaries: Mapping[str, str]) -> RenderableType:
     for name, text in summaries.items():
         table.add_row(Text(name), Text(text))
     return table
+
+
+def estimators(known: Mapping[str, Estimator]) -> RenderableType:
+    """Name, title and source of each estimator."""
+    table = _table("Estimators")
+    table.add_column("name", no_wrap=True)
+    for heading in ("what it is", "source", "judged by"):
+        table.add_column(heading)
+    for name, one in known.items():
+        table.add_row(Text(name), Text(one.title), Text(one.source), Text(", ".join(one.tasks)))
+    return table
+
+
+def comparison(about: About) -> Iterator[RenderableType]:
+    """A table per case and task, the best estimator of each quantity first, and one per quantity by speed.
+
+    Last what was left out, and why.
+    """
+    for case in about.cases:
+        rows = [row for row in about.rows if row.case == case.name]
+        for task in dict.fromkeys(row.task for row in rows):
+            of_task = [row for row in rows if row.task == task]
+            yield _task_table(case, task, [row for row in of_task if row.from_kmh is None])
+            banded = [row for row in of_task if row.from_kmh is not None]
+            for quantity in dict.fromkeys(row.quantity for row in banded):
+                yield _speed_table(case, quantity, [row for row in banded if row.quantity == quantity])
+    if about.left_out:
+        table = _table("Left out")
+        for heading in ("case", "estimator", "why"):
+            table.add_column(heading, overflow="fold")
+        alike: dict[tuple[str, str], list[str]] = {}
+        for one in about.left_out:
+            alike.setdefault((one.case, one.reason), []).append(one.estimator)
+        for (name, reason), names in alike.items():
+            table.add_row(Text(name), Text(", ".join(names)), Text(reason))
+        yield table
+
+
+def _task_table(case: Case, task: str, rows: Sequence[Row]) -> RenderableType:
+    runs = f"{len(case.seeds)} runs" if len(case.seeds) > 1 else "1 run"
+    against = "" if case.basis == "truth" else ", difference from the first recording"
+    table = _table(f"{case.name}, {task}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
+    table.add_column("")
+    for heading in ("error", "±", "largest", "coverage, %", "error / smoother's", "s / km"):
+        table.add_column(heading, justify="right")
+    for quantity in dict.fromkeys(row.quantity for row in rows):
+        table.add_section()
+        table.add_row(Text(_labelled(quantity), style="bold"))
+        for row in rows:
+            if row.quantity == quantity:
+                table.add_row(*_score_cells(row), style=_BEATING if row.beats_the_smoother else "")
+    return _explained(table, rows)
+
+
+def _score_cells(row: Row) -> Iterator[Text]:
+    def number(value: float | None, digits: str = ".3g") -> str:
+        return "" if value is None else f"{value:{digits}}"
+
+    interval = row.to_smoother_interval
+    ratio = number(row.to_smoother) + (f" ({interval[0]:.2g} - {interval[1]:.2g})" if interval else "")
+    yield Text(("! " if row.beats_the_smoother else "  ") + row.estimator)
+    yield Text(number(row.error))
+    yield Text(number(row.error_margin, ".2g"))
+    yield Text(number(row.largest))
+    yield Text(number(None if row.coverage is None else 100.0 * row.coverage, ".1f"))
+    yield Text(ratio)
+    yield Text(number(row.seconds_per_km, ".2g"))
+
+
+def _speed_table(case: Case, quantity: str, rows: Sequence[Row]) -> RenderableType:
+    """Error of each estimator in each band of speed."""
+    names = list(dict.fromkeys(row.estimator for row in rows))
+    names.sort(key=lambda name: name != REFERENCE)
+    table = _table(f"{case.name}, {_labelled(quantity)}, by speed")
+    table.add_column("from km/h", justify="right")
+    for name in names:
+        table.add_column(name, justify="right")
+    cells = {(row.from_kmh, row.estimator): row for row in rows}
+    for band in sorted({row.from_kmh for row in rows if row.from_kmh is not None}):
+        of_band = [cells.get((band, name)) for name in names]
+        table.add_row(Text(f"{band:g}"), *(_band_cell(row) for row in of_band))
+    return _explained(table, rows)
+
+
+def _band_cell(row: Row | None) -> Text:
+    if row is None:
+        return Text("")
+    if row.beats_the_smoother:
+        return Text(f"! {row.error:.3g}", style=_BEATING)
+    return Text(f"{row.error:.3g}")
+
+
+def _explained(table: Table, rows: Sequence[Row]) -> Table:
+    if any(row.beats_the_smoother for row in rows):
+        table.caption, table.caption_justify = "! beats the smoother", "left"
+    return table
+
+
+def _labelled(quantity: str) -> str:
+    meaning = QUANTITIES[quantity]
+    return ", ".join(filter(None, (meaning.label, meaning.unit)))
 
 
 def findings(found: Sequence[Finding]) -> RenderableType:

@@ -20,7 +20,7 @@ from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
 from trackfg.results import Result
 
-COMMANDS = ("demo", "scenarios", "simulate", "check", "smooth", "plot")
+COMMANDS = ("demo", "scenarios", "simulate", "check", "smooth", "estimators", "baseline", "compare", "plot", "report")
 MODULE = [sys.executable, "-m", "trackfg"]
 
 
@@ -286,6 +286,89 @@ def test_a_result_that_did_not_converge_says_so(
     monkeypatch.setattr("trackfg.smoother.smooth", lambda *_, **__: make_result(solver=solver))
     done = run("smooth", recording, "-o", tmp_path / "out")
     assert (done.status, done.err) == (0, "trackfg: warning: not converged: 30 iterations\n")
+
+
+def test_estimators(run: Run) -> None:
+    done = run("estimators")
+    assert done.status == 0
+    assert "adaptive-ekf" in done.out
+    assert "JP7628028B2" in done.out
+
+
+def test_baseline(run: Run, recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = run("baseline", "complementary", recording, "-o", out, "--as-printed")
+    assert (done.status, done.err) == (0, "")
+    assert pd.read_parquet(out / "geometry.parquet")["cross_level_mm"].notna().any()
+    about = json.loads((out / "baseline.json").read_text())
+    assert about["parameters"]["as_printed"] is True
+    assert run("baseline", "gyro", recording, "-o", out).status == 0  # its own folder may be replaced
+
+
+def test_baseline_bad_input(run: Run, recording: Path, tmp_path: Path) -> None:
+    unknown = run("baseline", "kalman", recording, "-o", tmp_path / "out")
+    assert unknown.status == 2
+    assert "no estimator 'kalman'; expected one of smoother, complementary" in unknown.err
+    without = run("baseline", "mid-chord", recording, "-o", tmp_path / "out")
+    assert without.status == 2
+    assert "lasers" in without.err
+    foreign = run("baseline", "gyro", recording, "-o", recording)
+    assert foreign.status == 2
+    assert "is not a trackfg baseline's result" in foreign.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare(run: Run, recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = run("compare", recording, "--scenario", "j-turn", "--seeds", 2, "--jobs", 1, "-o", out)
+    assert (done.status, done.err) == (0, "")
+    assert "twist, mm" in done.out
+    assert "j-turn, friction: 2 runs" in done.out
+    assert "Left out" in done.out
+    about = json.loads((out / "comparison.json").read_text())
+    assert {row["case"] for row in about["rows"]} == {"mainline-seed1-run0", "j-turn"}
+    assert len(pd.read_parquet(out / "comparison.parquet")) > 20
+    again = run("compare", "--scenario", "j-turn", "--seeds", 1, "--json", "-o", out)
+    assert json.loads(again.out)["cases"][0]["seeds"] == [0]
+
+
+def test_compare_bad_input(run: Run, recording: Path, tmp_path: Path) -> None:
+    unknown = run("compare", "--scenario", "mainlin", "-o", tmp_path / "out")
+    assert unknown.status == 2
+    assert "mainlin" in unknown.err
+    foreign = run("compare", recording, "-o", recording)
+    assert foreign.status == 2
+    assert "is not a trackfg comparison" in foreign.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_report(run: Run, recording: Path, tmp_path: Path) -> None:
+    assert run("smooth", recording, "-o", tmp_path / "out").status == 0
+    done = run("report", tmp_path / "out", "--recording", recording)
+    assert (done.status, done.err) == (0, "")
+    assert done.out == f"report: {tmp_path / 'out.html'}\n"
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert "Errors of the geometry" in page
+    assert f"--recording {recording}" in page
+    other = run("report", tmp_path / "out", "-o", tmp_path / "deep" / "a.html")
+    assert other.status == 0
+    assert "Errors of the geometry" not in (tmp_path / "deep" / "a.html").read_text(encoding="utf-8")
+
+
+def test_report_of_a_comparison(run: Run, tmp_path: Path) -> None:
+    assert run("compare", "--scenario", "j-turn", "--seeds", 1, "--jobs", 1, "-o", tmp_path / "cmp").status == 0
+    done = run("report", tmp_path / "cmp")
+    assert (done.status, done.err) == (0, "")
+    assert "Where a published system beats the smoother" in (tmp_path / "cmp.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("what", ["recording", "nothing"])
+def test_report_of_something_else(run: Run, recording: Path, tmp_path: Path, what: str) -> None:
+    done = run("report", recording if what == "recording" else tmp_path / "nothing", "-o", tmp_path / "a.html")
+    assert done.status == 2
+    assert "expected a folder that trackfg wrote: a result (summary.json) or a comparison" in done.err
+    assert len(done.err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_on_a_terminal(recording: Path, tmp_path: Path) -> None:

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.evaluate import horizontal_errors, score_outages, straight_line_errors, withhold
+from trackfg.config import NoiseConfig, SmoothConfig
+from trackfg.datasets import kitti
+from trackfg.evaluate import Span, horizontal_errors, score_outages, straight_line_errors, withhold
 from trackfg.results import TRAJECTORY_COLUMNS
+from trackfg.smoother import smooth
 
 
 def trajectory(**columns: object) -> pd.DataFrame:
@@ -64,3 +69,17 @@ def test_scores_per_outage_and_for_all() -> None:
     np.testing.assert_allclose(scores["mean_sd_m"], 5.0)
     np.testing.assert_allclose(scores["straight_rms_m"], 0.0, atol=1e-12)
     assert np.isnan(scores["start_s"].iloc[-1])
+
+
+def test_the_smoother_bridges_outages_of_a_real_drive() -> None:
+    """KITTI, IMU and 1 Hz positions, 30 s without them five times; what was withheld was not seen."""
+    drive = kitti.load().recording
+    assert drive.gnss is not None
+    outages: list[Span] = [(start, start + 30.0) for start in (60.0, 150.0, 240.0, 330.0, 400.0)]
+    kept, _ = withhold(drive.gnss, outages)
+    result = smooth(replace(drive, gnss=kept), SmoothConfig(noise=NoiseConfig(adapt=True)))
+    assert result.summary.solver.converged
+    every = score_outages(result.trajectory, drive.gnss, outages).iloc[-1]
+    assert every["positions"] == 150
+    assert every["rms_m"] < 3.0
+    assert every["straight_rms_m"] > 40.0
