@@ -1,0 +1,212 @@
+"""What the charts of a page show, and how they reach it: as JSON that ``page.js`` draws with plotly.
+
+:class:`Strips` are panels of long curves over a common axis, thinned to the pixels of the screen when they are drawn
+and again after every zoom. Of a long curve the browser unpacks a view first, and every row when all charts are drawn
+or one is zoomed. :class:`Figure` is anything else: a plotly figure as it is.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from trackfg.frames import Array
+from trackfg.plot_sheet import BAND
+from trackfg.plot_thinning import extremes
+from trackfg.report.columns import Column, Difference, packed
+
+TRUTH_COLOUR = "#f0b429"
+VIEW_STRETCHES = 1200
+"""More than a chart has columns of pixels."""
+
+_SHORT = 4
+PALETTE = (
+    "#c45a00",
+    "#2f855a",
+    "#8e44ad",
+    "#c0392b",
+    "#0f8b8d",
+    "#9a6b00",
+    "#d0518f",
+    "#5a6b2f",
+    "#51607a",
+    "#7a4a3a",
+    "#3d8bd4",
+    "#b5651d",
+    "#1f9d55",
+    "#6b4bbf",
+    "#e0607e",
+    "#7f8c1a",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A curve over ``x``, ascending, broken where ``y`` has no value. ``sigma``: its 1-sigma, drawn as a band of 95 %.
+
+    The band lies about the curve, or ``band_about_zero``. ``wide``: drawn below all others, to be seen beside them.
+    ``shown``: at first, before the reader chooses in the legend. Lines of one name are one entry of the legend.
+    """
+
+    name: str
+    colour: str
+    x: Column
+    y: Column | Difference
+    sigma: Column | None = None
+    band_about_zero: bool = False
+    wide: bool = False
+    shown: bool = True
+
+
+@dataclass(frozen=True)
+class View:
+    """The rows of a line that its picture needs while the whole of it is shown."""
+
+    x: Column
+    y: Column
+    sigma: Column | None
+
+    def columns(self) -> Iterator[Column]:
+        """Two or three."""
+        yield from (self.x, self.y)
+        if self.sigma is not None:
+            yield self.sigma
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines in one unit. ``y_range``: what is shown at first; ``base``: where a line marks zero.
+
+    ``marks`` are start, end and text of what is named along the axis; ``share`` the height against other panels.
+    """
+
+    label: str
+    unit: str
+    lines: tuple[Line, ...]
+    y_range: tuple[float, float] | None = None
+    base: float | None = None
+    marks: tuple[tuple[float, float, str], ...] = ()
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the axis that is shaded."""
+
+    start: float
+    end: float
+    colour: str
+
+
+@dataclass(frozen=True)
+class Strips:
+    """Panels from top to bottom over one axis ``x_label`` in ``x_unit``."""
+
+    x_label: str
+    x_unit: str
+    x_range: tuple[float, float]
+    panels: tuple[Panel, ...]
+    spans: tuple[Span, ...] = ()
+    legend: bool = False
+
+    @cached_property
+    def views(self) -> dict[Line, View | None]:
+        """The first view of every line, None where that is all of it."""
+        return {line: _view(line) for panel in self.panels for line in panel.lines}
+
+    def columns(self) -> Iterator[Column]:
+        """Every column that is drawn."""
+        for line, view in self.views.items():
+            yield line.x
+            yield from (line.y.first, line.y.second) if isinstance(line.y, Difference) else (line.y,)
+            if line.sigma is not None:
+                yield line.sigma
+            if view is not None:
+                yield from view.columns()
+
+    def spec(self, number: dict[Column, int]) -> dict[str, Any]:
+        """For ``page.js``; ``number`` says which column of the page is which."""
+
+        def reference(y: Column | Difference) -> Any:
+            return [number[y.first], number[y.second]] if isinstance(y, Difference) else number[y]
+
+        def data(drawn: Line | View) -> dict[str, Any]:
+            sigma = None if drawn.sigma is None else number[drawn.sigma]
+            return {"x": number[drawn.x], "y": reference(drawn.y), "sigma": sigma}
+
+        return {
+            "kind": "strips",
+            "x": {"label": plain(self.x_label), "unit": self.x_unit, "range": list(self.x_range)},
+            "band": BAND,
+            "legend": self.legend,
+            "spans": [[span.start, span.end, span.colour] for span in self.spans],
+            "panels": [
+                {
+                    "label": plain(panel.label).replace("\n", "<br>"),
+                    "unit": panel.unit,
+                    "range": None if panel.y_range is None else list(panel.y_range),
+                    "base": panel.base,
+                    "share": panel.share,
+                    "marks": [[start, end, plain(text)] for start, end, text in panel.marks],
+                    "lines": [
+                        {
+                            "name": plain(line.name),
+                            "colour": line.colour,
+                            "all": data(line),
+                            "view": None if (view := self.views[line]) is None else data(view),
+                            "aboutZero": line.band_about_zero,
+                            "wide": line.wide,
+                            "shown": line.shown,
+                        }
+                        for line in panel.lines
+                    ],
+                }
+                for panel in self.panels
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A plotly figure: its traces, its layout, and its height in pixels. Texts from data go through :func:`plain`."""
+
+    traces: tuple[dict[str, Any], ...]
+    layout: dict[str, Any]
+    height: int
+
+    def columns(self) -> Iterator[Column]:
+        """None: its numbers are in its traces."""
+        yield from ()
+
+    def spec(self, number: dict[Column, int]) -> dict[str, Any]:
+        """For ``page.js``."""
+        return {"kind": "figure", "traces": list(self.traces), "layout": self.layout, "height": self.height}
+
+
+Chart = Strips | Figure
+
+
+def _view(line: Line) -> View | None:
+    if len(line.x.numbers) <= _SHORT * VIEW_STRETCHES:
+        return None
+    y = line.y.numbers
+    rows = extremes(y, VIEW_STRETCHES)
+    sigma = None if line.sigma is None else packed(line.sigma.numbers[rows], line.sigma.step)
+    return View(packed(line.x.numbers[rows], line.x.step), packed(y[rows], line.y.step), sigma)
+
+
+def whole_range(*axes: Array) -> tuple[float, float]:
+    """From the least to the greatest of some axes; one unit wide where all are at one place."""
+    values = np.concatenate(axes)
+    low, high = float(values.min()), float(values.max())
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def plain(text: str) -> str:
+    """A text that plotly shows as it is: it takes tags for markup, links among them."""
+    return html.escape(text, quote=False)

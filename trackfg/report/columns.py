@@ -1,0 +1,107 @@
+"""Long columns of numbers inside a page: every row, in about a byte each.
+
+Values are whole multiples of a decimal step. Their first or second differences (whichever are smaller) are small where
+a curve is smooth; written with the sign in the lowest bit and as planes of bytes, lowest first, most planes are all
+zeros, which deflate packs into nothing. The text of a column is the base64 of the zlib stream of
+
+    plane 0, ..., plane ``planes`` - 1, and where ``gaps`` is set one byte per row that is 1 where there is no value
+
+and ``page.js`` undoes it. A gap repeats the value before it.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trackfg.frames import Array
+
+_OF_SIGMA, _OF_RANGE, _OF_SIZE = 20.0, 1e5, 200.0
+_LARGEST = 2**28
+"""Whole numbers up to this have second differences of 32 bits."""
+
+_SQUEEZE = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """``numbers`` rounded to multiples of ``step``; ``order`` of the differences. No column equals another."""
+
+    numbers: Array
+    step: float
+    order: int
+    planes: int
+    gaps: bool
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """``first - second``, row by row, taken when it is drawn."""
+
+    first: Column
+    second: Column
+
+    @property
+    def numbers(self) -> Array:
+        """As it is drawn, but for the rounding."""
+        return self.first.numbers - self.second.numbers
+
+    @property
+    def step(self) -> float:
+        """That of the coarser one."""
+        return max(self.first.step, self.second.step)
+
+
+def packed_value(values: Array, sigmas: Array | None = None) -> Column:
+    """Values (n,) to a twentieth of their median sigma, or where there is none to 1e-5 of their range."""
+    finite = values[np.isfinite(values)]
+    known = np.empty(0) if sigmas is None else sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
+    if known.size:
+        return packed(values, float(np.median(known)) / _OF_SIGMA)
+    return packed(values, float(np.ptp(finite)) / _OF_RANGE if finite.size else 1.0)
+
+
+def packed_sigma(sigmas: Array) -> Column:
+    """Sigmas (n,) to half a percent of their lower quartile."""
+    known = sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
+    return packed(sigmas, float(np.quantile(known, 0.25)) / _OF_SIZE if known.size else 1.0)
+
+
+def packed(values: Array, accuracy: float) -> Column:
+    """Values (n,), not finite where there is none, to the largest power of ten that is not above ``accuracy``.
+
+    To a coarser one where the numbers would not fit.
+    """
+    gap = ~np.isfinite(values)
+    filled = _filled(values, gap)
+    largest = float(np.abs(filled).max(initial=0.0))
+    exponent = np.floor(np.log10(accuracy)) if accuracy > 0.0 else -np.inf
+    if largest > 0.0:
+        exponent = max(exponent, np.ceil(np.log10(largest / _LARGEST)))
+    step = 10.0 ** float(exponent) if np.isfinite(exponent) else 1.0
+    whole = np.rint(filled / step).astype(np.int64)
+    once = np.diff(whole, prepend=0)
+    twice = np.diff(once, prepend=0)
+    order, differences = (1, once) if np.abs(once).sum() <= np.abs(twice).sum() else (2, twice)
+    folded = ((differences << 1) ^ (differences >> 63)).astype("<u4")
+    planes = int(np.ceil(max(int(folded.max(initial=0)).bit_length(), 1) / 8))
+    content = folded.view(np.uint8).reshape(-1, 4)[:, :planes].T.tobytes()
+    if gap.any():
+        content += gap.astype(np.uint8).tobytes()
+    text = base64.b64encode(zlib.compress(content, _SQUEEZE)).decode("ascii")
+    return Column(values, step, order, planes, bool(gap.any()), text)
+
+
+def _filled(values: Array, gap: NDArray[np.bool_]) -> Array:
+    """Without gaps: each repeats the value before it, one at the start the first there is."""
+    known = np.flatnonzero(~gap)
+    if known.size == 0:
+        return np.zeros(len(values))
+    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
+    filled: Array = values[known[np.clip(before, 0, None)]]
+    return filled

@@ -1,0 +1,261 @@
+"""The charts of a comparison: curves of one run of each case, errors by speed, and run times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.comparison import BAND_KMH, QUANTITIES, REFERENCE, TRUTH, Comparison
+from trackfg.comparison import Row as Score
+from trackfg.frames import Array
+from trackfg.plot_scale import extent, with_margin
+from trackfg.plot_sheet import BAND, BLUE
+from trackfg.report.charts import PALETTE, TRUTH_COLOUR, Figure, Line, Panel, Strips, plain, whole_range
+from trackfg.report.columns import Column, packed, packed_sigma
+from trackfg.report.geometry_charts import chainage_axis
+
+_OF_SIZE = 100.0
+_PLACE, _INSTANT = 1e-3, 1e-3
+_LEAST = 1.0
+_LEAST_BANDS = 2
+_ROBUST = 0.995
+"""An error axis holds this share of the errors of the estimators that are shown at first."""
+
+_GRID = "#e3e8ed"
+_BAR_PX = 26
+
+
+@dataclass(frozen=True)
+class CaseCurves:
+    """The curves of the first run of a case: geometry and its errors over chainage, errors over time; each may lack."""
+
+    geometry: Strips | None
+    errors: Strips | None
+    over_time: Strips | None
+
+
+def colours(names: Iterable[str]) -> dict[str, str]:
+    """One for each estimator, the same in every chart."""
+    others = [name for name in names if name != REFERENCE]
+    return {REFERENCE: BLUE} | {name: PALETTE[i % len(PALETTE)] for i, name in enumerate(others)}
+
+
+def case_curves(comparison: Comparison, case: str, colour: Mapping[str, str]) -> CaseCurves:
+    """All that the comparison keeps of a case."""
+    scored: dict[str, list[str]] = {}
+    for row in comparison.about.rows:
+        if row.case == case and row.from_kmh is None:
+            scored.setdefault(row.quantity, []).append(row.estimator)
+    best = {REFERENCE, TRUTH}
+    for ranked in scored.values():
+        best |= set([name for name in ranked if name != REFERENCE][:1])
+    geometry, over_time = (_of_case(table, case) for table in (comparison.geometry, comparison.positions))
+    chart = _Chart(scored, best, colour)
+    values, errors = chart.over_chainage(geometry) if geometry else (None, None)
+    return CaseCurves(values, errors, chart.over_time(over_time) if over_time else None)
+
+
+def _of_case(table: pd.DataFrame, case: str) -> dict[str, pd.DataFrame]:
+    """The case's table of each estimator."""
+    if "case" not in table:
+        return {}
+    return {str(name): rows for name, rows in table[table["case"] == case].groupby("estimator", sort=False)}
+
+
+@dataclass(frozen=True)
+class _Chart:
+    """``scored``: the estimators of each quantity, the best first; ``best``: those that are shown at first."""
+
+    scored: Mapping[str, list[str]]
+    best: set[str]
+    colour: Mapping[str, str]
+
+    def over_chainage(self, tables: Mapping[str, pd.DataFrame]) -> tuple[Strips | None, Strips | None]:
+        """Values with the truth, and errors."""
+        every = [table["chainage_m"].to_numpy() for table in tables.values()]
+        unit, scale = chainage_axis(np.concatenate(every))
+        x = {name: packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE) for name, table in tables.items()}
+        x_range = whole_range(*(scale * chainage for chainage in every))
+        label = f"chainage, {unit}"
+        values = [panel for quantity in QUANTITIES if (panel := self._values(tables, x, quantity))]
+        errors = [panel for quantity in QUANTITIES if (panel := self._errors(tables, x, quantity, "_error"))]
+        return (
+            Strips(label, unit, x_range, tuple(values), legend=True) if values else None,
+            Strips(label, unit, x_range, tuple(errors), legend=True) if errors else None,
+        )
+
+    def over_time(self, tables: Mapping[str, pd.DataFrame]) -> Strips | None:
+        """Errors."""
+        x = {name: packed(table["t_s"].to_numpy(), _INSTANT) for name, table in tables.items()}
+        x_range = whole_range(*(table["t_s"].to_numpy() for table in tables.values()))
+        panels = [panel for quantity in QUANTITIES if (panel := self._errors(tables, x, quantity, ""))]
+        if not panels:
+            return None
+        return Strips("time, s", "s", x_range, tuple(panels), legend=True)
+
+    def _values(self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str) -> Panel | None:
+        known = self._known(tables, quantity, quantity)
+        if not set(known) - {TRUTH}:
+            return None
+        lines = tuple(
+            Line(
+                name,
+                TRUTH_COLOUR if name == TRUTH else self.colour[name],
+                x[name],
+                _packed(values),
+                wide=name == TRUTH,
+                shown=name in self.best,
+            )
+            for name, values in known.items()
+        )
+        guide = next(known[name] for name in (TRUTH, REFERENCE, *known) if name in known)
+        return _panel(quantity, lines, with_margin(*extent(guide, np.zeros(len(guide)), 0.0, _LEAST)))
+
+    def _errors(
+        self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str, suffix: str
+    ) -> Panel | None:
+        """The smoother's with the band that it claims; where an unknown offset is not scored it is not drawn either."""
+        known = self._known(tables, quantity, quantity + suffix)
+        known.pop(TRUTH, None)
+        if not known:
+            return None
+        centred = QUANTITIES[quantity].statistic == "sd"
+        if centred:
+            known = {name: values - np.nanmean(values) for name, values in known.items()}
+        lines, sizes = [], []
+        for name, values in known.items():
+            band = None
+            if name == REFERENCE:
+                sigmas = tables[name][f"{quantity}_sd"].to_numpy(dtype=np.float64)
+                sigmas = sigmas[np.isfinite(sigmas)]
+                if sigmas.size:
+                    band = packed_sigma(tables[name][f"{quantity}_sd"].to_numpy(dtype=np.float64))
+                    sizes.append(BAND * float(np.quantile(sigmas, _ROBUST)))
+            if name in self.best:
+                sizes.append(float(np.nanquantile(np.abs(values), _ROBUST)))
+            shown = name in self.best
+            line = Line(name, self.colour[name], x[name], _packed(values), band, band_about_zero=True, shown=shown)
+            lines.append(line)
+        reach = max(sizes, default=0.0) or 1.0
+        return _panel(quantity, tuple(lines), with_margin(-reach, reach), centred=centred)
+
+    def _known(self, tables: Mapping[str, pd.DataFrame], quantity: str, column: str) -> dict[str, Array]:
+        """The truth, and who is scored for the quantity (everybody in a case without scores), where they have it."""
+        known = {}
+        for name, table in tables.items():
+            if column not in table or not (name == TRUTH or not self.scored or name in self.scored.get(quantity, ())):
+                continue
+            values = table[column].to_numpy(dtype=np.float64)
+            if np.isfinite(values).any():
+                known[name] = values
+        return known
+
+
+def _panel(quantity: str, lines: tuple[Line, ...], y_range: tuple[float, float], *, centred: bool = False) -> Panel:
+    meaning = QUANTITIES[quantity]
+    label = meaning.label.partition(",")[0].replace(" of ", "\nof ").replace(" along ", "\nalong ")
+    if centred:
+        label += "\nless its mean"
+    return Panel(label, meaning.unit, lines, y_range, base=0.0, share=1.25)
+
+
+def _packed(values: Array) -> Column:
+    """To a hundredth of the usual size."""
+    known = np.abs(values[np.isfinite(values)])
+    known = known[known > 0.0]
+    return packed(values, float(np.median(known)) / _OF_SIZE if known.size else 1.0)
+
+
+def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Figure | None:
+    """Error over speed of what is scored by speed, one line per estimator, on a logarithmic scale."""
+    banded = [row for row in rows if row.case == case and row.from_kmh is not None]
+    quantities = list(dict.fromkeys(row.quantity for row in banded))
+    if len({row.from_kmh for row in banded}) < _LEAST_BANDS:
+        return None
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {
+        "grid": {"rows": 1, "columns": len(quantities), "pattern": "independent", "xgap": 0.12},
+        "legend": {"orientation": "h", "x": 0, "y": 1.04, "yanchor": "bottom"},
+        "margin": {"l": 70, "r": 20, "t": 60, "b": 50},
+        "hovermode": "closest",
+        "showlegend": True,
+    }
+    named: set[str] = set()
+    for number, quantity in enumerate(quantities, start=1):
+        axis = "" if number == 1 else str(number)
+        layout[f"xaxis{axis}"] = {"title": {"text": "speed, km/h"}, "gridcolor": _GRID, "rangemode": "tozero"}
+        layout[f"yaxis{axis}"] = {
+            "title": {"text": f"error of {QUANTITIES[quantity].label}, {QUANTITIES[quantity].unit}"},
+            "type": "log",
+            "gridcolor": _GRID,
+            "dtick": "D2",
+            "exponentformat": "none",
+        }
+        for name in colour:
+            found = sorted(
+                (row for row in banded if row.quantity == quantity and row.estimator == name and row.error > 0.0),
+                key=lambda row: row.from_kmh or 0.0,
+            )
+            if not found:
+                continue
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "lines+markers",
+                    "name": plain(name),
+                    "legendgroup": plain(name),
+                    "showlegend": name not in named,
+                    "x": [(row.from_kmh or 0.0) + BAND_KMH / 2.0 for row in found],
+                    "y": [float(f"{row.error:.4g}") for row in found],
+                    "line": {"color": colour[name], "width": 3 if name == REFERENCE else 1.5},
+                    "marker": {"size": 5},
+                    "xaxis": f"x{axis}",
+                    "yaxis": f"y{axis}",
+                    "hovertemplate": "%{x:.1f} km/h: %{y:.3g} "
+                    + QUANTITIES[quantity].unit
+                    + f"<extra>{plain(name)}</extra>",
+                }
+            )
+            named.add(name)
+    return Figure(tuple(traces), layout, height=430)
+
+
+def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None:
+    """Seconds per kilometre of each estimator, its median over the cases, on a logarithmic scale."""
+    times: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if row.seconds_per_km is not None and row.seconds_per_km > 0.0:
+            times.setdefault(row.estimator, {})[row.case] = row.seconds_per_km
+    if not times:
+        return None
+    typical = sorted(((float(np.median(list(cases.values()))), name) for name, cases in times.items()), reverse=True)
+    trace = {
+        "type": "bar",
+        "orientation": "h",
+        "y": [plain(name) for _, name in typical],
+        "x": [float(f"{seconds:.4g}") for seconds, _ in typical],
+        "text": [f"{seconds:.3g}" for seconds, _ in typical],
+        "textposition": "outside",
+        "cliponaxis": False,
+        "marker": {"color": [colour[name] for _, name in typical]},
+        "hoverinfo": "skip",
+    }
+    lowest = np.floor(np.log10(typical[-1][0]))
+    highest = np.ceil(np.log10(typical[0][0]))
+    layout = {
+        "xaxis": {
+            "type": "log",
+            "title": {"text": "s per km"},
+            "gridcolor": _GRID,
+            "dtick": 1,
+            "range": [float(lowest), float(max(highest, lowest + 1.0)) + 0.1],
+            "exponentformat": "none",
+        },
+        "yaxis": {"automargin": True, "ticklabelstandoff": 8},
+        "margin": {"l": 90, "r": 50, "t": 10, "b": 46},
+    }
+    return Figure((trace,), layout, height=70 + _BAR_PX * len(typical))

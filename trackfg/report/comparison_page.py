@@ -1,0 +1,154 @@
+"""The page of a comparison: who is better at what, by how much, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from trackfg.comparison import REFERENCE, Comparison
+from trackfg.report.comparison_charts import by_speed, case_curves, colours, run_times
+from trackfg.report.comparison_tables import (
+    beaten_table,
+    case_table,
+    estimator_names,
+    estimator_table,
+    left_out_table,
+    score_table,
+    surely_beats,
+    tasks,
+)
+from trackfg.report.numbers import duration
+from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, Section, Text, Tile, Tiles
+
+_FEW = 12
+"""Rows in which the smoother is beaten that are always shown; all that are sure are, too."""
+
+
+def comparison_page(comparison: Comparison, command: str) -> Page:
+    """``command`` is what made the page."""
+    about = comparison.about
+    names = estimator_names(about)
+    colour = colours(names)
+    runs = sum(len(case.seeds) for case in about.cases)
+    subtitle = (
+        f"{len(names)} estimators on {runs} runs of {len(about.cases)} cases, trackfg {about.versions.get('trackfg')}"
+    )
+    title = ", ".join(case.name for case in about.cases)
+    sections = [
+        _beaten(comparison),
+        _what(comparison, runs),
+        *_tasks(comparison, colour),
+        *_curves(comparison, colour),
+        *_times(comparison, colour),
+        _left_out(comparison),
+        _made(comparison, command),
+    ]
+    return Page("comparison", title, subtitle, tuple(sections))
+
+
+def _beaten(comparison: Comparison) -> Section:
+    held = [row for row in comparison.about.rows if row.to_smoother is not None]
+    beaten = sum(row.beats_the_smoother for row in held)
+    sure = sum(surely_beats(row) for row in held)
+    title = "Where a published system beats the smoother"
+    if not beaten:
+        text = "Nowhere: in every quantity, case and speed band the smoother's error is the smallest."
+        return Section("beaten", title, (Text(text, "good"),))
+    table, shown = beaten_table(comparison.about), max(sure, _FEW)
+    blocks: list[Block] = [
+        Text(
+            f"In {beaten} of {len(held)} scores, speed bands among them; in {sure} of these the whole 95 % interval is "
+            "below 1.",
+            "warning",
+        ),
+        replace(table, rows=table.rows[:shown]),
+    ]
+    if len(table.rows) > shown:
+        rest = replace(table, rows=table.rows[shown:])
+        blocks.append(Fold(f"{len(rest.rows)} more, which may all be chance", (rest,)))
+    note = (
+        "Ratio: error over the smoother's error in the same runs, geometric mean. It is sure where the whole 95 % "
+        "interval is below 1; otherwise another choice of runs may say the opposite."
+    )
+    return Section("beaten", title, (*blocks, Text(note, "note")))
+
+
+def _what(comparison: Comparison, runs: int) -> Section:
+    about = comparison.about
+    tiles = Tiles(
+        (
+            Tile("cases", str(len(about.cases))),
+            Tile("runs", str(runs)),
+            Tile("estimators", str(len(estimator_names(about)))),
+            Tile("way", f"{sum(case.distance_km * len(case.seeds) for case in about.cases):.1f} km"),
+            Tile("computed in", duration(about.seconds)),
+        )
+    )
+    return Section("compared", "What was compared", (tiles, case_table(about), estimator_table(about)))
+
+
+def _tasks(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
+    about = comparison.about
+    for number, task in enumerate(tasks(about.rows), start=1):
+        blocks: list[Block] = [
+            Text(
+                "Error: the mean over runs of each run's RMS, or of its standard deviation where an unknown offset is "
+                "removed. Largest: of all runs. Rows in red are better than the smoother.",
+                "note",
+            ),
+            score_table(about, task),
+        ]
+        rows = [row for row in about.rows if row.task == task]
+        for case in about.cases:
+            chart = by_speed(rows, case.name, colour)
+            if chart is not None:
+                note = "Mean over runs, in bands of 5 km/h. Click a name to hide it, double-click to see it alone."
+                blocks.append(Drawing(chart, title=f"{case.name}: error over speed", note=note))
+        yield Section(f"task-{number}", task.capitalize(), tuple(blocks))
+
+
+def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
+    choose = (
+        "Click a name to show or hide it, double-click to see it alone; at first the smoother and the best of the "
+        "others are shown. Bands: 95 % of the sigmas that the smoother claims."
+    )
+    blocks: list[Block] = []
+    for case in comparison.about.cases:
+        found = case_curves(comparison, case.name, colour)
+        for chart, what, note in (
+            (found.geometry, "geometry", "Each over its own chainage."),
+            (found.errors, "errors of the geometry", "Estimate less truth at the true place."),
+            (found.over_time, "errors over time", "Estimate less truth."),
+        ):
+            if chart is not None:
+                title = f"{case.name}, first run: {what}"
+                blocks.append(Drawing(chart, title=title, note=f"{note} {choose}"))
+    if blocks:
+        yield Section("curves", "Curves of one run", tuple(blocks))
+
+
+def _times(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
+    chart = run_times(comparison.about.rows, colour)
+    if chart is not None:
+        note = "Median over the cases of the time that an estimator took for a kilometre of run, one run at a time."
+        yield Section("times", "Run time", (Drawing(chart, note=note),))
+
+
+def _left_out(comparison: Comparison) -> Section:
+    if not comparison.about.left_out:
+        return Section("left-out", "Left out", (Text("Nothing: every estimator could use every case."),))
+    return Section("left-out", "Left out", (left_out_table(comparison.about),))
+
+
+def _made(comparison: Comparison, command: str) -> Section:
+    blocks: tuple[Block, ...] = (
+        Text("This page was made by"),
+        Code(command),
+        Text("from what trackfg compare wrote with these versions:"),
+        Facts(tuple(comparison.about.versions.items())),
+        Text(
+            f"Everything is held against {REFERENCE!r}, scored by the same code (trackfg.scores) on the same runs; "
+            "trackfg compare with the cases and seeds above makes it again."
+        ),
+    )
+    return Section("made", "How it was made", blocks)

@@ -1,0 +1,161 @@
+"""The tables of a comparison: what was compared, who beats the smoother where, and every score."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from trackfg.comparison import BAND_KMH, QUANTITIES, REFERENCE, About, Task
+from trackfg.comparison import Row as Score
+from trackfg.report.numbers import NONE, digits, duration, interval, percent
+from trackfg.report.page import Row, Table
+
+_STATISTIC = {"rms": "RMS", "sd": "SD"}
+
+
+def quantity_text(quantity: str) -> str:
+    """Label and unit."""
+    meaning = QUANTITIES[quantity]
+    return f"{meaning.label}, {meaning.unit}" if meaning.unit else meaning.label
+
+
+def case_table(about: About) -> Table:
+    """What was compared, and on how many runs."""
+    rows = tuple(
+        Row(
+            (
+                case.name,
+                case.summary,
+                "the truth" if case.basis == "truth" else "the first run",
+                str(len(case.seeds)),
+                ", ".join(str(seed) for seed in case.seeds),
+                f"{case.distance_km:.2f}",
+                duration(case.duration_s),
+            )
+        )
+        for case in about.cases
+    )
+    headings = ("case", "what it is", "held against", "runs", "seeds", "length, km", "duration")
+    return Table(headings, rows, numbers=frozenset((3, 5, 6)))
+
+
+def estimator_names(about: About) -> list[str]:
+    """Everybody who is described or has a score."""
+    return list(dict.fromkeys([*about.estimators, *(row.estimator for row in about.rows)]))
+
+
+def estimator_table(about: About) -> Table:
+    """A line on each."""
+    rows = tuple(
+        Row((name, about.estimators.get(name, NONE)), mark="own" if name == REFERENCE else "")
+        for name in estimator_names(about)
+    )
+    return Table(("estimator", "what it is"), rows)
+
+
+def beaten_table(about: About) -> Table:
+    """Every score in which another system is better than the smoother: the sure ones first, then by the ratio."""
+    own = {_place(row): row for row in about.rows if row.estimator == REFERENCE}
+    beaten = [row for row in about.rows if row.beats_the_smoother]
+    beaten.sort(key=lambda row: (not surely_beats(row), row.to_smoother))
+    rows = tuple(
+        Row(
+            (
+                row.case,
+                quantity_text(row.quantity),
+                _band(row),
+                row.estimator,
+                _error(row),
+                _error(own[_place(row)]) if _place(row) in own else NONE,
+                digits(row.to_smoother),
+                interval(row.to_smoother_interval),
+                _sureness(row),
+            ),
+            mark="bad",
+        )
+        for row in beaten
+    )
+    headings = (
+        "case",
+        "quantity",
+        "speed, km/h",
+        "system",
+        "its error",
+        "the smoother's",
+        "ratio",
+        "95 % interval",
+        "is it sure?",
+    )
+    return Table(headings, rows, numbers=frozenset((4, 5, 6, 7)))
+
+
+def score_table(about: About, task: Task) -> Table:
+    """One task, for whole runs: a group of rows for each case and quantity, the best estimator first."""
+    rows: list[Row] = []
+    before: tuple[str, str] | None = None
+    for row in about.rows:
+        if row.task != task or row.from_kmh is not None:
+            continue
+        if (row.case, row.quantity) != before:
+            before = (row.case, row.quantity)
+            rows.append(
+                Row((f"{row.case}: {quantity_text(row.quantity)} ({_STATISTIC[row.statistic]})",), mark="group")
+            )
+        own = row.estimator == REFERENCE
+        cells = (
+            row.estimator,
+            _error(row),
+            digits(row.largest),
+            percent(row.coverage),
+            "" if own else digits(row.to_smoother),
+            "" if own else interval(row.to_smoother_interval),
+            digits(row.seconds_per_km),
+            "better than the smoother" if row.beats_the_smoother else "",
+        )
+        rows.append(Row(cells, mark="own" if own else "bad" if row.beats_the_smoother else ""))
+    headings = (
+        "estimator",
+        "error ± 95 %",
+        "largest",
+        "within 1.96 sigma",
+        "over the smoother's",
+        "95 % interval",
+        "s per km",
+        "",
+    )
+    return Table(headings, tuple(rows), numbers=frozenset(range(1, 7)))
+
+
+def left_out_table(about: About) -> Table:
+    """What could not be used, and why."""
+    rows = tuple(Row((one.case, one.estimator, one.reason)) for one in about.left_out)
+    return Table(("case", "estimator", "why"), rows)
+
+
+def tasks(rows: Sequence[Score]) -> list[Task]:
+    """Those with scores, in the order of the rows."""
+    return list(dict.fromkeys(row.task for row in rows))
+
+
+def _place(row: Score) -> tuple[str, str, float | None]:
+    return row.case, row.quantity, row.from_kmh
+
+
+def _band(row: Score) -> str:
+    return "all" if row.from_kmh is None else f"{row.from_kmh:.0f} – {row.from_kmh + BAND_KMH:.0f}"
+
+
+def _error(row: Score) -> str:
+    if row.error_margin is None:
+        return digits(row.error)
+    return f"{digits(row.error)} ± {digits(row.error_margin, 2)}"
+
+
+def surely_beats(row: Score) -> bool:
+    """Whether the whole 95 % interval says that it is better than the smoother."""
+    return row.to_smoother_interval is not None and row.to_smoother_interval[1] < 1.0
+
+
+def _sureness(row: Score) -> str:
+    if row.to_smoother_interval is None:
+        return "one run"
+    return "yes" if surely_beats(row) else "may be chance"

@@ -1,0 +1,207 @@
+"""Are the sigmas true? Residuals against what the factors' sigmas lead to expect, and errors against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from trackfg.frames import Array
+from trackfg.plot_sheet import BLUE, GREY, RED
+from trackfg.report.charts import Figure, plain
+from trackfg.report.numbers import digits, percent
+from trackfg.report.page import Row, Table
+from trackfg.scores import quantities, score_run
+
+_WITHIN = (1.0, 1.96, 3.0)
+_EDGE, _BINS = 5.0, 50
+_ACROSS = 4
+_ROW_PX, _BAR_PX = 190, 34
+_LOUD = 2.0
+"""Noise above this many times what is assumed stands out."""
+
+_UNITS = {
+    "1pm": ("1/km", 1000.0),
+    "permille": ("‰", 1.0),
+    "mm": ("mm", 1.0),
+    "m": ("m", 1.0),
+    "mrad": ("mrad", 1.0),
+    "kmh": ("km/h", 1.0),
+}
+"""Suffix of a column: the unit it is shown in, and what brings it there."""
+
+_BAND_KMH = 10.0
+_DOUBLINGS = 3
+
+
+@dataclass(frozen=True)
+class Named:
+    """A quantity's words and unit, from its column: ``versine_level_mm`` is "versine level" in mm."""
+
+    name: str
+    unit: str
+    scale: float
+
+
+def named(column: str) -> Named:
+    """Words and unit of a column, and the factor from the column's own unit."""
+    words, _, suffix = column.rpartition("_")
+    if suffix in _UNITS and words:
+        return Named(words.replace("cross_level", "cross-level").replace("_", " "), *_UNITS[suffix])
+    return Named(column.replace("_", " "), "", 1.0)
+
+
+def noise_bars(ratios: Mapping[str, float]) -> Figure:
+    """Actual over assumed noise of each group of factors, on a scale of doublings about 1.
+
+    A bar that leaves the scale ends at its edge; its number says where.
+    """
+    most = 2.0**_DOUBLINGS
+    doublings = [float(np.log2(min(max(ratio, 1.0 / most), most))) for ratio in ratios.values()]
+    ticks = list(range(-_DOUBLINGS, _DOUBLINGS + 1))
+    reach = _DOUBLINGS + 0.5
+    return Figure(
+        (
+            {
+                "type": "bar",
+                "orientation": "h",
+                "y": [plain(name) for name in ratios],
+                "x": doublings,
+                "text": [digits(ratio) for ratio in ratios.values()],
+                "textposition": "outside",
+                "cliponaxis": False,
+                "marker": {"color": [RED if ratio > _LOUD else BLUE for ratio in ratios.values()]},
+                "hoverinfo": "skip",
+                "width": 0.6,
+            },
+        ),
+        {
+            "xaxis": {
+                "range": [-reach, reach],
+                "tickvals": ticks,
+                "ticktext": [_power(power) for power in ticks],
+                "title": {"text": "actual over assumed noise"},
+                "zerolinecolor": "#1c2733",
+                "zerolinewidth": 1.5,
+                "gridcolor": "#e3e8ed",
+            },
+            "yaxis": {"autorange": "reversed", "automargin": True, "ticklabelstandoff": 8},
+            "margin": {"l": 90, "r": 30, "t": 10, "b": 46},
+        },
+        height=70 + _BAR_PX * len(ratios),
+    )
+
+
+def _power(power: int) -> str:
+    return f"{2**power}" if power >= 0 else f"1/{2**-power}"
+
+
+def error_table(errors: pd.DataFrame) -> Table:
+    """One row per quantity that has an error."""
+    scores = score_run(errors, band_kmh=None)
+    rows = []
+    for score in scores[scores["places"] > 0].to_dict("records"):
+        quantity = named(score["quantity"])
+        shown = (digits(quantity.scale * score[size]) for size in ("rms", "sd", "mean_abs", "max", "mean_sd"))
+        rows.append(Row((quantity.name, quantity.unit, str(score["places"]), *shown, digits(score["ratio"]))))
+    return Table(
+        ("quantity", "unit", "rows", "RMS", "SD", "mean |error|", "largest", "mean 1 sigma", "RMS of error/sigma"),
+        tuple(rows),
+        numbers=frozenset(range(2, 9)),
+    )
+
+
+def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> Table:
+    """RMS of some quantities by speed."""
+    scores = score_run(errors, band_kmh=_BAND_KMH)
+    scores = scores[scores["from_kmh"].notna() & scores["quantity"].isin(list(columns))]
+    wide = scores.pivot_table(index="from_kmh", columns="quantity", values="rms", sort=False).sort_index()
+    shown = [name for name in columns if name in wide]
+    values = wide[shown].to_numpy() * [named(name).scale for name in shown]
+    return Table(
+        ("speed, km/h", *(f"{named(name).name}, {named(name).unit}" for name in shown)),
+        tuple(
+            Row((f"{band:.0f} – {band + _BAND_KMH:.0f}", *(digits(value) for value in row)))
+            for band, row in zip(wide.index, values, strict=True)
+        ),
+        numbers=frozenset(range(1, 1 + len(shown))),
+        caption="RMS of the error by speed",
+    )
+
+
+def coverage_table(errors: pd.DataFrame) -> Table:
+    """How often an error is within so many sigmas, beside what a normal distribution has there."""
+    rows = [
+        Row(
+            (named(name).name, *(percent(float(np.mean(np.abs(ratio) <= within))) for within in _WITHIN)),
+        )
+        for name, ratio in _normalised(errors)
+    ]
+    expected = (percent(float(stats.chi2.cdf(within**2, 1))) for within in _WITHIN)
+    return Table(
+        ("quantity", *(f"within {within:g} sigma" for within in _WITHIN)),
+        (*rows, Row(("normal distribution", *expected), mark="own")),
+        numbers=frozenset(range(1, 1 + len(_WITHIN))),
+    )
+
+
+def histograms(errors: pd.DataFrame) -> Figure | None:
+    """Error over sigma of each quantity, beside the normal density; None where no error has a sigma."""
+    found = list(_normalised(errors))
+    if not found:
+        return None
+    rows = -(-len(found) // _ACROSS)
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {
+        "grid": {"rows": rows, "columns": _ACROSS, "pattern": "independent", "xgap": 0.12, "ygap": 0.3},
+        "margin": {"l": 40, "r": 20, "t": 30, "b": 30},
+        "showlegend": False,
+        "bargap": 0,
+        "annotations": [],
+    }
+    edges = np.linspace(-_EDGE, _EDGE, _BINS + 1)
+    middle = (edges[1:] + edges[:-1]) / 2.0
+    for number, (name, ratio) in enumerate(found, start=1):
+        count, _ = np.histogram(np.clip(ratio, -_EDGE, _EDGE), edges)
+        density = count / (ratio.size * np.diff(edges))
+        axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "hoverinfo": "skip"}
+        traces.append(
+            {"type": "bar", "x": _list(middle), "y": _list(density), "marker": {"color": BLUE, "opacity": 0.55}} | axes
+        )
+        normal = {"type": "scatter", "mode": "lines", "line": {"color": "#1c2733", "width": 1.3}}
+        traces.append(normal | {"x": _list(middle), "y": _list(stats.norm.pdf(middle))} | axes)
+        layout[f"xaxis{number}"] = {"range": [-_EDGE, _EDGE], "tickvals": [-4, -2, 0, 2, 4], "tickfont": {"size": 10}}
+        layout[f"yaxis{number}"] = {"rangemode": "tozero", "showticklabels": False, "gridcolor": "#eef1f4"}
+        layout["annotations"].append(
+            {
+                "text": named(name).name,
+                "xref": f"x{number} domain",
+                "yref": f"y{number} domain",
+                "x": 0.5,
+                "y": 1.02,
+                "xanchor": "center",
+                "yanchor": "bottom",
+                "showarrow": False,
+                "font": {"size": 12, "color": GREY},
+            }
+        )
+    return Figure(tuple(traces), layout, height=40 + _ROW_PX * rows)
+
+
+def _normalised(errors: pd.DataFrame) -> Iterator[tuple[str, Array]]:
+    """Error over sigma of each quantity, where there are both."""
+    for name in quantities(errors):
+        sigma = errors[f"{name}_sd"].to_numpy()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = errors[name].to_numpy() / np.where(sigma > 0.0, sigma, np.nan)
+        ratio = ratio[np.isfinite(ratio)]
+        if ratio.size:
+            yield name, ratio
+
+
+def _list(values: Array) -> list[float]:
+    return [float(f"{value:.4g}") for value in values]

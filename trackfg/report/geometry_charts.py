@@ -1,0 +1,98 @@
+"""The geometry of a result over chainage, every row of it, with the truth below where it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.frames import Array
+from trackfg.geometry_channels import (
+    COMMON,
+    CURVATURE,
+    Channel,
+    base_of,
+    centre_or_rails,
+    channel_extent,
+    channel_values,
+)
+from trackfg.plot_curves import curves
+from trackfg.plot_scale import symmetric, with_margin
+from trackfg.plot_sheet import BAND, BLUE
+from trackfg.report.charts import TRUTH_COLOUR, Line, Panel, Strips, whole_range
+from trackfg.report.columns import Column, Difference, packed, packed_sigma, packed_value
+from trackfg.results import GeometryConventions, Result
+
+LONG_M = 2000.0
+"""Above this length chainage is in km."""
+
+_PLACE = 1e-3
+_ROBUST = 0.998
+"""An error axis holds this share of the errors and of the bands: a slow place must not squeeze the rest."""
+
+
+def channels(table: pd.DataFrame) -> tuple[Channel, ...]:
+    """Everything that a geometry table holds, in the order of the chart."""
+    return (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1])
+
+
+def chainage_axis(chainage_m: Array) -> tuple[str, float]:
+    """The unit of the axis and what brings metres into it."""
+    return ("km", 1e-3) if np.ptp(chainage_m) > LONG_M else ("m", 1.0)
+
+
+def geometry_strips(result: Result, errors: pd.DataFrame) -> tuple[Strips, Strips | None]:
+    """The chart of the geometry, and that of its errors if ``errors`` has any; the two share their data."""
+    table = result.geometry
+    chainage = table["chainage_m"].to_numpy()
+    unit, scale = chainage_axis(chainage)
+    x = packed(scale * chainage, scale * _PLACE)
+    x_range = whole_range(scale * chainage)
+    panels, error_panels = [], []
+    for channel in channels(table):
+        values, sigmas = channel_values(table, channel)
+        has_sigma = f"{channel.column}_sd" in table
+        y = packed_value(values, sigmas if has_sigma else None)
+        sigma = packed_sigma(sigmas) if has_sigma else None
+        lines = [Line("estimate", BLUE, x, y, sigma)]
+        if channel.column in errors and has_sigma:
+            error = channel.scale * errors[channel.column].to_numpy()
+            packed_error = packed_value(error, sigmas)
+            lines.append(Line("truth", TRUTH_COLOUR, x, Difference(y, packed_error), wide=True))
+            error_panels.append(_error_panel(channel, x, error, packed_error, sigmas, sigma))
+        panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), scale))
+    label = f"chainage, {unit}"
+    with_truth = bool(error_panels)
+    return (
+        Strips(label, unit, x_range, tuple(panels), legend=with_truth),
+        Strips(label, unit, x_range, tuple(error_panels)) if with_truth else None,
+    )
+
+
+def _panel(
+    channel: Channel, table: pd.DataFrame, conventions: GeometryConventions, lines: tuple[Line, ...], scale: float
+) -> Panel:
+    base = base_of(channel, conventions)
+    low, high = channel_extent(table, channel, base)
+    if channel.deviation:
+        low, high = symmetric(low, high, base)
+    low, high = with_margin(low, high)
+    marks: tuple[tuple[float, float, str], ...] = ()
+    if channel is CURVATURE:
+        high += 0.25 * (high - low)  # headroom for the names of the curves
+        found = curves(table["chainage_m"].to_numpy(), table[channel.column].to_numpy())
+        marks = tuple((scale * start, scale * end, text) for start, end, text in found)
+    share = 1.3 if channel is CURVATURE else channel.share
+    return Panel(channel.label, channel.unit, lines, (low, high), base, marks=marks, share=share)
+
+
+def _error_panel(channel: Channel, x: Column, error: Array, y: Column, sigmas: Array, sigma: Column | None) -> Panel:
+    line = Line("error", BLUE, x, y, sigma, band_about_zero=True)
+    return Panel(channel.label, channel.unit, (line,), error_range(error, sigmas), base=0.0, share=0.8)
+
+
+def error_range(error: Array, sigmas: Array) -> tuple[float, float]:
+    """Symmetric about zero, with nearly all errors and bands."""
+    size = np.concatenate([np.abs(error[np.isfinite(error)]), BAND * sigmas[np.isfinite(sigmas)]])
+    reach = float(np.quantile(size, _ROBUST)) if size.size else 0.0
+    reach = reach or 1.0
+    return with_margin(-reach, reach)

@@ -1,0 +1,189 @@
+"""How the vehicle moved: speed, attitude and sigmas over time, and the path on a map."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from trackfg.frames import Array
+from trackfg.plot_scale import extent, with_margin
+from trackfg.plot_sheet import AMBER, BLUE, GREY, ORANGE, RED
+from trackfg.plot_thinning import extremes
+from trackfg.report.charts import TRUTH_COLOUR, Figure, Line, Panel, Span, Strips, plain, whole_range
+from trackfg.report.columns import Column, packed, packed_sigma, packed_value
+from trackfg.report.geometry_charts import error_range
+from trackfg.results import Result
+from trackfg.units import KMH
+
+_DEGREE = 180.0 / np.pi
+_BANDED = (
+    ("speed", "km/h", "speed_mps", 1.0 / KMH, 1.0),
+    ("roll", "deg", "roll_rad", _DEGREE, 0.05),
+    ("pitch", "deg", "pitch_rad", _DEGREE, 0.05),
+)
+"""Label, unit, column, scale, and half of what the axis spans at least."""
+
+_SHADES = {"standstill": GREY, "slip": AMBER, "slide": ORANGE, "imu gap": RED, "tach gap": RED}
+SHADES = "Shaded: standstills grey, slips and slides amber, gaps of a sensor red."
+_INSTANT = 1e-3
+_MAP_STRETCHES = 1500
+_POSTS = 10
+_ERRORS = {
+    "along_track_m": ("place along\nthe track", "m"),
+    "speed_kmh": ("speed", "km/h"),
+    "roll_mrad": ("roll", "mrad"),
+    "pitch_mrad": ("pitch", "mrad"),
+    "east_m": ("east", "m"),
+    "north_m": ("north", "m"),
+}
+"""Columns of :func:`trackfg.evaluate_trajectory.trajectory_errors`: label and unit."""
+
+
+def motion_strips(result: Result) -> Strips:
+    """Speed and attitude with bands, heading, and the sigmas of the position."""
+    table = result.trajectory
+    t = table["t_s"].to_numpy()
+    x = packed(t, _INSTANT)
+    panels = []
+    for label, unit, column, scale, least in _BANDED:
+        values, sigmas = scale * table[column].to_numpy(), scale * table[f"{column}_sd"].to_numpy()
+        line = Line(label, BLUE, x, packed_value(values, sigmas), packed_sigma(sigmas))
+        panels.append(Panel(label, unit, (line,), with_margin(*extent(values, sigmas, 0.0, least)), base=0.0))
+    yaw = _DEGREE * np.unwrap(table["yaw_rad"].to_numpy())
+    panels.append(Panel("yaw\nunwrapped", "deg", (_plain_line("yaw", x, yaw, BLUE),), _whole(yaw)))
+    along = table["chainage_m_sd"].to_numpy()
+    across = np.hypot(table["east_m_sd"].to_numpy(), table["north_m_sd"].to_numpy())
+    panels.append(Panel("chainage\n1 sigma", "m", (_plain_line("chainage", x, along, ORANGE),), _whole(along, 0.0)))
+    panels.append(
+        Panel("horizontal position\n1 sigma", "m", (_plain_line("position", x, across, ORANGE),), _whole(across, 0.0))
+    )
+    return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(result.events))
+
+
+def error_strips(errors: pd.DataFrame, events: pd.DataFrame) -> Strips | None:
+    """Errors of the trajectory over time about their bands; None where the truth says nothing of it."""
+    t = errors["t_s"].to_numpy()
+    x = packed(t, _INSTANT)
+    panels = []
+    for column, (label, unit) in _ERRORS.items():
+        if column in errors and np.isfinite(errors[column]).any():
+            error, sigmas = errors[column].to_numpy(), errors[f"{column}_sd"].to_numpy()
+            line = Line(label, BLUE, x, packed_value(error, sigmas), packed_sigma(sigmas), band_about_zero=True)
+            panels.append(Panel(label, unit, (line,), error_range(error, sigmas), base=0.0, share=0.8))
+    if not panels:
+        return None
+    return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(events))
+
+
+def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
+    """The path, with equal scales to the east and north, chainages along it, and the events."""
+    table = result.trajectory
+    traces = []
+    if truth is not None and {"east_m", "north_m"} <= set(truth):
+        traces.append(_path("truth", truth, TRUTH_COLOUR, 5.0))
+    traces.append(_path("trajectory", table, BLUE, 1.8))
+    rows, posts = _posts(table["chainage_m"].to_numpy())
+    at = table.iloc[rows]
+    traces.append(
+        {
+            "type": "scatter",
+            "mode": "markers+text",
+            "name": "chainage",
+            "x": _numbers(at["east_m"]),
+            "y": _numbers(at["north_m"]),
+            "text": posts,
+            "textposition": "top right",
+            "textfont": {"size": 11, "color": GREY},
+            "marker": {"color": "#fff", "size": 7, "line": {"color": BLUE, "width": 1.5}},
+            "hoverinfo": "skip",
+            "showlegend": False,
+        }
+    )
+    traces += _event_markers(result)
+    axis = {"gridcolor": "#e3e8ed", "zeroline": False, "exponentformat": "none", "separatethousands": True}
+    return Figure(
+        tuple(traces),
+        {
+            "xaxis": {**axis, "title": {"text": "east, m"}},
+            "yaxis": {**axis, "title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1},
+            "margin": {"l": 80, "r": 20, "t": 36, "b": 50},
+            "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
+            "showlegend": True,
+            "hovermode": "closest",
+        },
+        height=560,
+    )
+
+
+def _plain_line(name: str, x: Column, values: Array, colour: str) -> Line:
+    return Line(name, colour, x, packed_value(values))
+
+
+def _whole(values: Array, least: float = np.inf) -> tuple[float, float]:
+    finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        return (0.0, 1.0)
+    low, high = min(float(finite.min()), least), float(finite.max())
+    return with_margin(low, high) if high > low else (low - 1.0, high + 1.0)
+
+
+def _spans(events: pd.DataFrame) -> tuple[Span, ...]:
+    return tuple(
+        Span(event["start_s"], event["end_s"], _SHADES[event["kind"]])
+        for event in events.to_dict("records")
+        if event["kind"] in _SHADES and event["end_s"] > event["start_s"]
+    )
+
+
+def _posts(chainage_m: Array) -> tuple[NDArray[np.intp], list[str]]:
+    """Rows at which a round chainage is passed first, about ten of them, and its text."""
+    low, high = float(chainage_m.min()), float(chainage_m.max())
+    rough = max(high - low, 1.0) / _POSTS
+    decade = 10.0 ** np.floor(np.log10(rough))
+    step = decade * next(size for size in (1.0, 2.0, 5.0, 10.0) if size * decade >= rough)
+    _, rows = np.unique(np.floor(chainage_m / step), return_index=True)
+    rows = np.sort(rows)[1:]  # the first is where the run began
+    return rows, [f"{step * round(chainage / step) / 1000.0:.6g} km" for chainage in chainage_m[rows]]
+
+
+def _path(name: str, table: pd.DataFrame, colour: str, width: float) -> dict[str, object]:
+    east, north = table["east_m"].to_numpy(), table["north_m"].to_numpy()
+    keep = np.union1d(extremes(east, _MAP_STRETCHES), extremes(north, _MAP_STRETCHES))
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": _numbers(pd.Series(east[keep])),
+        "y": _numbers(pd.Series(north[keep])),
+        "customdata": _numbers(table["chainage_m"].iloc[keep] / 1000.0, 4) if "chainage_m" in table else None,
+        "hovertemplate": "chainage %{customdata:.3f} km<br>east %{x:.2f} m<br>north %{y:.2f} m<extra></extra>",
+        "line": {"color": colour, "width": width},
+    }
+
+
+def _event_markers(result: Result) -> list[dict[str, object]]:
+    t = result.trajectory["t_s"].to_numpy()
+    traces: list[dict[str, object]] = []
+    for kind, events in result.events.groupby("kind", sort=False):
+        rows = result.trajectory.iloc[np.clip(np.searchsorted(t, events["start_s"].to_numpy()), 0, len(t) - 1)]
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": plain(str(kind)),
+                "x": _numbers(rows["east_m"]),
+                "y": _numbers(rows["north_m"]),
+                "text": [f"{start:.1f} s" for start in events["start_s"]],
+                "hovertemplate": "%{text}<br>east %{x:.2f} m<br>north %{y:.2f} m<extra>"
+                + plain(str(kind))
+                + "</extra>",
+                "marker": {"size": 8, "symbol": "square", "color": _SHADES.get(str(kind), "#2f855a")},
+            }
+        )
+    return traces
+
+
+def _numbers(values: pd.Series[float], places: int = 3) -> list[float | None]:
+    """For JSON, which has no NaN."""
+    return [round(value, places) if np.isfinite(value) else None for value in values.tolist()]

@@ -1,0 +1,248 @@
+"""A page: sections of texts, tables and charts, rendered into one file that needs nothing else.
+
+Everything that comes from data is escaped. The page's content security policy names its scripts by their hashes and
+allows no connection, so that nothing in a recording can run in it or be sent anywhere.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from trackfg.report.charts import Chart
+from trackfg.report.columns import Column
+
+_TEMPLATES = "template"
+_FACTORY, _FACTORY_END = '() => {\n"use strict";var Plotly', "}));"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph. ``tone``: a note is small print, a warning stands out."""
+
+    text: str
+    tone: Literal["plain", "note", "good", "warning"] = "plain"
+    kind: str = "text"
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A figure of the headline: what it is, its value with unit, and a word on it."""
+
+    label: str
+    value: str
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Figures side by side."""
+
+    tiles: tuple[Tile, ...]
+    kind: str = "tiles"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values under each other."""
+
+    rows: tuple[tuple[str, str], ...]
+    kind: str = "facts"
+
+
+@dataclass(frozen=True)
+class Row:
+    """The cells of a table's row. ``mark``: how it stands out: ``own`` is what the page is about, ``bad`` where it is
+    beaten, ``group`` has one cell that heads the rows below; ``warning`` and ``error`` are levels.
+    """
+
+    cells: tuple[str, ...]
+    mark: Literal["", "own", "bad", "group", "warning", "error"] = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """``numbers`` are the columns that stand to the right, counted from 0."""
+
+    headings: tuple[str, ...]
+    rows: tuple[Row, ...]
+    numbers: frozenset[int] = frozenset()
+    caption: str = ""
+    kind: str = "table"
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A chart, with a line above and one below it."""
+
+    chart: Chart
+    title: str = ""
+    note: str = ""
+    kind: str = "drawing"
+
+
+@dataclass(frozen=True)
+class Fold:
+    """What opens when it is asked for."""
+
+    summary: str
+    blocks: tuple[Block, ...]
+    kind: str = "fold"
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text as it is, to be copied."""
+
+    text: str
+    kind: str = "code"
+
+
+Block = Text | Tiles | Facts | Table | Drawing | Fold | Code
+
+
+@dataclass(frozen=True)
+class Section:
+    """``name`` is its address in the page."""
+
+    name: str
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """``what`` says what kind of page it is, ``title`` of what."""
+
+    what: str
+    title: str
+    subtitle: str
+    sections: tuple[Section, ...]
+
+    def charts(self) -> list[Chart]:
+        """From top to bottom."""
+        return [drawing.chart for section in self.sections for drawing in _drawings(section.blocks)]
+
+    def html(self) -> str:
+        """The whole file; the same page gives the same text."""
+        charts = self.charts()
+        columns = list(dict.fromkeys(column for chart in charts for column in chart.columns()))
+        number = {column: i for i, column in enumerate(columns)}
+        spec = {
+            "charts": [chart.spec(number) for chart in charts],
+            "columns": [_header(column) for column in columns],
+        }
+        scripts = (_plotly(), _part("page.js"))
+        return (
+            _environment()
+            .get_template("page.html.j2")
+            .render(
+                page=self,
+                charts=charts,
+                policy=_policy(scripts),
+                style=_part("page.css"),
+                scripts=scripts,
+                spec=_json(spec),
+                columns=columns,
+            )
+        )
+
+    def write(self, path: Path) -> Path:
+        """Write the page in one step: killed at any moment, it leaves the old file, whole, or none."""
+        content = self.html().encode("utf-8")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        new = Path(name)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            new.chmod(0o666 & ~_umask())
+            new.replace(path)
+        except BaseException:
+            new.unlink(missing_ok=True)
+            raise
+        return path
+
+
+def _drawings(blocks: tuple[Block, ...]) -> Iterator[Drawing]:
+    for block in blocks:
+        if isinstance(block, Drawing):
+            yield block
+        elif isinstance(block, Fold):
+            yield from _drawings(block.blocks)
+
+
+def _header(column: Column) -> dict[str, Any]:
+    return {
+        "rows": len(column.numbers),
+        "step": column.step,
+        "order": column.order,
+        "planes": column.planes,
+        "gaps": column.gaps,
+    }
+
+
+def _json(content: Any) -> str:
+    """JSON that cannot end the script element that holds it."""
+    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _policy(scripts: tuple[str, ...]) -> str:
+    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("trackfg.report", _TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+@cache
+def _part(name: str) -> str:
+    return (Path(__file__).parent / _TEMPLATES / name).read_text(encoding="utf-8")
+
+
+@cache
+def _plotly() -> str:
+    """plotly.js, its factory in parentheses: browsers then compile it as they read it, and not a second time."""
+    from plotly.offline import get_plotlyjs
+
+    script: str = get_plotlyjs()
+    head, found, rest = script.partition(_FACTORY)
+    if not found or not rest.rstrip().endswith(_FACTORY_END):
+        return script
+    return f"{head}({found}{rest.rstrip().removesuffix(_FACTORY_END)}}})));"
+
+
+def _umask() -> int:
+    """That of the process; it can only be read by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

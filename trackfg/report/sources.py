@@ -1,0 +1,73 @@
+"""From a folder that trackfg wrote to the page about it: one entry per kind of folder."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from trackfg.comparison import COMPARISON_FOLDER, Comparison
+from trackfg.errors import BadInputError
+from trackfg.own_folder import FolderKind
+from trackfg.report.comparison_page import comparison_page
+from trackfg.report.page import Page
+from trackfg.report.result_page import result_page
+from trackfg.report.truth import against
+from trackfg.results import RESULT_FOLDER, Result
+
+_SUFFIX = ".html"
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A kind of folder, and the page of one: from the folder, the command that makes the page, and a recording."""
+
+    folder: FolderKind
+    page: Callable[[Path, str, Path | None], Page]
+
+
+def write_report(
+    folder: str | os.PathLike[str], path: str | os.PathLike[str], *, recording: str | os.PathLike[str] | None = None
+) -> Path:
+    """Write the page about the result or comparison in ``folder`` into the file ``path``, in one step.
+
+    ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. The same
+    folder gives the same page. Raises :class:`BadInputError` if the folder is neither, if ``path`` does not end in
+    ``.html`` or lies in it, and for a recording without truth, of another result, or beside a comparison.
+    """
+    folder, path = Path(folder), Path(path)
+    if path.suffix != _SUFFIX:
+        raise BadInputError(f"{path}: expected a file that ends in {_SUFFIX}")
+    if path.is_dir():
+        raise BadInputError(f"{path}: is a folder; expected a file for the page")
+    source = _source_of(folder)
+    if path.resolve().parent == folder.resolve():
+        what = source.folder.what
+        raise BadInputError(f"{path}: lies in the {what}, which holds nothing but its own files: choose another place")
+    given = [] if recording is None else ["--recording", os.fspath(recording)]
+    command = shlex.join(["trackfg", "report", os.fspath(folder), "-o", os.fspath(path), *given])
+    return source.page(folder, command, None if recording is None else Path(recording)).write(path)
+
+
+def _source_of(folder: Path) -> _Source:
+    for source in _SOURCES:
+        if source.folder.holds(folder):
+            return source
+    kinds = " or ".join(f"a {source.folder.what} ({source.folder.head})" for source in _SOURCES)
+    raise BadInputError(f"{folder}: expected a folder that trackfg wrote: {kinds}")
+
+
+def _of_result(folder: Path, command: str, recording: Path | None) -> Page:
+    result = Result.read(folder)
+    return result_page(result, command, None if recording is None else against(result, recording))
+
+
+def _of_comparison(folder: Path, command: str, recording: Path | None) -> Page:
+    if recording is not None:
+        raise BadInputError(f"{folder}: holds its own truth; expected a recording beside a result only")
+    return comparison_page(Comparison.read(folder), command)
+
+
+_SOURCES = (_Source(RESULT_FOLDER, _of_result), _Source(COMPARISON_FOLDER, _of_comparison))

@@ -1,0 +1,56 @@
+"""The truth that a recording holds, and the errors of a result against it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+
+import pandas as pd
+
+from trackfg.description_reader import read_description
+from trackfg.errors import BadInputError
+from trackfg.evaluate_geometry import geometry_errors
+from trackfg.evaluate_trajectory import trajectory_errors
+from trackfg.recording_io import read_truth, read_truth_geometry
+from trackfg.results import Result
+
+
+@dataclass(frozen=True)
+class Against:
+    """A result beside the truth: ``trajectory`` has ``t_s, chainage_m`` and more, ``geometry`` is None where there is
+    none.
+    """
+
+    result: Result
+    trajectory: pd.DataFrame
+    geometry: pd.DataFrame | None
+
+    @cached_property
+    def geometry_errors(self) -> pd.DataFrame:
+        """As of :func:`trackfg.evaluate_geometry.geometry_errors`; no columns but the place without a true geometry."""
+        truth = self.geometry
+        if truth is None or self.result.geometry.empty:
+            return pd.DataFrame({"chainage_m": [], "speed_mps": []})
+        return geometry_errors(self.result.geometry, self.result.trajectory, self.trajectory, truth)
+
+    @cached_property
+    def trajectory_errors(self) -> pd.DataFrame:
+        """As of :func:`trackfg.evaluate_trajectory.trajectory_errors`."""
+        return trajectory_errors(self.result.trajectory, self.trajectory)
+
+
+def against(result: Result, recording: str | os.PathLike[str]) -> Against:
+    """The truth of the recording that the result was made from.
+
+    Raises :class:`BadInputError` if it has none, or is another recording.
+    """
+    path = os.fspath(recording)
+    truth, geometry = read_truth(path), read_truth_geometry(path)
+    description = read_description(path).description
+    name = result.summary.recording_id
+    if description is not None and description.id != name:
+        raise BadInputError(f"{path}: is the recording {description.id!r}; expected {name!r}, which the result is of")
+    if "chainage_m" not in truth:
+        raise BadInputError(f"{path}: the truth has no chainage_m; expected t_s and chainage_m at least")
+    return Against(result, truth, geometry)
