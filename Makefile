@@ -11,7 +11,7 @@ READY := .venv/.ready
 BIN := .venv/bin
 
 help:
-	@echo "make demo       smooth a real drive and write recording, result and plots into demo/"
+	@echo "make demo       simulate, smooth and compare a measuring car's run; pages and results into demo/"
 	@echo "make test       run every test"
 	@echo "make test-fast  run the tests that take no more than a few seconds each"
 	@echo "make check      lint, format and types"

@@ -1,73 +1,73 @@
-"""``trackfg demo``: the whole story on a real drive that is there wherever trackfg is installed.
+"""``trackfg demo``: the whole story on input that is there wherever trackfg is installed.
 
-The KITTI drive of the gtsam wheel (IMU and 1 Hz positions, no odometer) loses its positions for 30 s five times. The
-smoother bridges the outages; the positions that it did not see say how well.
+A measuring car runs over a line for five minutes, with an inertial sensor, a tachometer and displacement sensors over
+the rails. Its recording is smoothed; the published systems run on it too, and all are held against the simulated truth.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import pandas as pd
-
 from trackfg.atomic_folder import replaced_folder
-from trackfg.config import NoiseConfig, SmoothConfig
-from trackfg.datasets import kitti
+from trackfg.compare import cases_of, compare
+from trackfg.comparison import Comparison
+from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
-from trackfg.evaluate import Span, score_outages, withhold
-from trackfg.plot import plot_trajectory
-from trackfg.recording_io import read_recording, write_recording
+from trackfg.recording_io import read_recording
+from trackfg.report import write_report
 from trackfg.results import Result
 from trackfg.smoother import smooth
+from trackfg.strip_chart import plot_geometry
 
-OUTAGE_S = 30.0
-OUTAGES: tuple[Span, ...] = tuple((start, start + OUTAGE_S) for start in (60.0, 150.0, 240.0, 330.0, 400.0))
-"""Seconds after the start of the recording."""
+SCENARIO, SEED, DURATION_S = "measuring-car", 0, 300.0
 
-SETTINGS = SmoothConfig(noise=NoiseConfig(adapt=True))
-"""A car is no railway vehicle, and the sensor's declared noise knows no vibration: the noise levels are taken from the
-residuals at the positions that are left. Nothing is set by hand, and the withheld positions are not looked at.
-"""
+RECORDING, RESULT, PICTURE, RESULT_PAGE, COMPARISON, COMPARISON_PAGE = CONTENT = (
+    "recording",
+    "result",
+    "strip-chart.png",
+    "result.html",
+    "comparison",
+    "comparison.html",
+)
 
-RECORDING, RESULT, PICTURE, PAGE = CONTENT = ("recording", "result", "demo.png", "demo.html")
+_UNTIL_SMOOTHED = 0.4
+"""Share of the time."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """``outages`` as of :func:`trackfg.evaluate.score_outages`; ``folder`` holds :data:`CONTENT`."""
+    """``folder`` holds :data:`CONTENT`."""
 
     folder: Path
-    outages: pd.DataFrame
     result: Result
+    comparison: Comparison
 
 
 def run_demo(folder: str | os.PathLike[str], *, progress: Callable[[str, float], None] | None = None) -> Demo:
-    """Smooth the drive with its outages and write recording, result, picture and page into ``folder``.
+    """Simulate, smooth, compare, and write recording, result, comparison, picture and pages into ``folder``.
 
     An earlier demo there is replaced in one step. Raises :class:`BadInputError` if the folder holds anything else.
     """
     folder = Path(folder)
     _refuse_foreign_folder(folder)
-    drive = kitti.load()
-    gnss = drive.recording.gnss
-    assert gnss is not None  # the drive has positions
-    kept, _ = withhold(gnss, OUTAGES)
+    show = progress or (lambda stage, done: None)
     with replaced_folder(folder) as new:
-        write_recording(replace(drive.recording, gnss=kept), new / RECORDING)
-        result = smooth(read_recording(new / RECORDING), SETTINGS, progress=progress)
+        show("simulation", 0.0)
+        simulate(SCENARIO, seed=SEED, duration_s=DURATION_S).write(new / RECORDING)
+        result = smooth(read_recording(new / RECORDING), progress=lambda stage, _: show(stage, 0.0))
         result.write(new / RESULT)
-        for name in (PICTURE, PAGE):
-            plot_trajectory(
-                result,
-                new / name,
-                reference=drive.reference,
-                title="KITTI drive: positions withheld for 30 s, five times",
-                highlight=OUTAGES,
-            )
-    return Demo(folder=folder, outages=score_outages(result.trajectory, gnss, OUTAGES), result=result)
+        plot_geometry(result, new / PICTURE)
+        write_report(new / RESULT, new / RESULT_PAGE, recording=new / RECORDING)
+        comparison = compare(
+            cases_of([new / RECORDING]),
+            progress=lambda stage, done: show(stage, _UNTIL_SMOOTHED + (1.0 - _UNTIL_SMOOTHED) * done),
+        )
+        comparison.write(new / COMPARISON)
+        write_report(new / COMPARISON, new / COMPARISON_PAGE)
+    return Demo(folder, result, comparison)
 
 
 def _refuse_foreign_folder(folder: Path) -> None:
