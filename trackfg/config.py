@@ -79,17 +79,16 @@ class MotionConfig(_Section):
 
 
 class LaserConfig(_Section):
-    """Displacement sensors: what two units saw of a rail is the same, on the mean over up to ``window_m`` of it, to
-    ``match_sd_m`` besides their own noise; at rest readings are means over ``rest_window_s``. Passes more than
-    ``max_keyframes`` apart (a stop between) are not tied. With lasers keyframes are placed at least as densely as
-    ``keyframe_interval_s`` and ``keyframe_distance_m`` say, since the rails tie the motion at keyframes.
+    """Displacement sensors: readings are means over ``window_s``; two units see one place of a rail alike to
+    ``match_sd_m`` besides their own noise. Passes more than ``max_keyframes`` apart (a long stop between) are not tied.
+    With lasers keyframes are placed at least as densely as ``keyframe_interval_s`` and ``keyframe_distance_m`` say,
+    since the rails tie the motion at keyframes.
     """
 
-    window_m: Positive = 4.0
-    rest_window_s: Positive = 0.04
+    window_s: Positive = 0.1
     match_sd_m: Positive = 1e-5
     robust_width: Positive = 4.0
-    max_keyframes: Annotated[int, Field(gt=0)] = 16
+    max_keyframes: Annotated[int, Field(gt=0)] = 32
     keyframe_interval_s: Positive = 0.5
     keyframe_distance_m: Positive = 5.0
 

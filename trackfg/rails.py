@@ -29,6 +29,7 @@ from trackfg.spans import within
 Side = Literal["left", "right"]
 SIDES: tuple[Side, ...] = ("left", "right")
 
+_DENSE_STEP_S = 0.02
 _NOTHING_M = 1e3
 """Sigma of a direction in which a unit has no sensor."""
 
@@ -37,9 +38,6 @@ _HOLE_READINGS = 3.5
 
 _APART_M = 0.2
 """Keyframes closer than this see the same place again."""
-
-_CREEPING_MPS = 0.05
-"""Readings at a lower speed add nothing to a mean over places."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,9 @@ class Channel:
         return 1.0 / float(np.median(np.diff(self.t)))
 
     def mean(self, t: Array, window_s: float) -> Array:
-        """Means over ``window_s`` around ``t`` (m,); NaN beyond the record's ends and in its holes."""
-        low, high = (np.clip(t + shift, self.t[0], self.t[-1]) for shift in (-0.5 * window_s, 0.5 * window_s))
+        """Means over ``window_s`` around ``t`` (m,), less near the record's ends; NaN beyond them and in its holes."""
+        half = np.clip(np.minimum(t - self.t[0], self.t[-1] - t), 0.0, 0.5 * window_s)  # the middle stays at t
+        low, high = t - half, t + half
         total = np.interp(high, self.t, self.integral) - np.interp(low, self.t, self.integral)
         at = np.interp(t, self.t, self.displacement)
         mean = np.where(high > low, total / np.where(high > low, high - low, 1.0), at)
@@ -68,9 +67,9 @@ class Channel:
         known = (after - before <= longest) & (t >= before - longest) & (t <= after + longest)
         return np.where(known, mean, np.nan)
 
-    def mean_sd(self, window_s: Array | float) -> Array:
-        """Sigma of such a mean, the noise of the readings being independent, m. Shape of ``window_s``."""
-        return self.laser.sd_m / np.sqrt(np.maximum(1.0, self.rate_hz * np.asarray(window_s)))
+    def mean_sd(self, window_s: float) -> float:
+        """Sigma of such a mean, the noise of the readings being independent, m."""
+        return self.laser.sd_m / float(np.sqrt(max(1.0, self.rate_hz * window_s)))
 
 
 @dataclass(frozen=True)
@@ -92,11 +91,11 @@ class RailView:
                 place[:, axis] = channel.laser.position_m[axis] + channel.mean(t, window_s)
         return place
 
-    def sd(self, window_s: Array | float) -> Array:
-        """Sigmas of means across and up, m. Shape of ``window_s`` and 2."""
-        nothing = np.full(np.shape(window_s), _NOTHING_M)
+    def sd(self, window_s: float) -> tuple[float, float]:
+        """Sigmas across and up, m."""
         channels = (self.lateral, self.vertical)
-        return np.stack([nothing if one is None else one.mean_sd(window_s) for one in channels], axis=-1)
+        across, up = (_NOTHING_M if channel is None else channel.mean_sd(window_s) for channel in channels)
+        return across, up
 
     @property
     def rate_hz(self) -> float:
@@ -136,7 +135,7 @@ def unit_pairs(views: list[RailView]) -> Iterator[tuple[RailView, RailView]]:
 def tied_by_rails(problem: Problem, states: States, views: list[RailView], config: LaserConfig) -> Problem:
     """The problem with the lasers' factors, places matched and directions taken at ``states``."""
     others = tuple(family for family in problem.families if family.name not in ("rail within", "rail apart"))
-    motion = dense_motion(problem, states, 1.0 / max(view.rate_hz for view in views))
+    motion = dense_motion(problem, states, _DENSE_STEP_S)
     families = [
         family
         for ahead, behind in unit_pairs(views)
@@ -146,58 +145,6 @@ def tied_by_rails(problem: Problem, states: States, views: list[RailView], confi
     ]
     families += [family for view in views for family in _held(problem, states, view, config) if len(family)]
     return replace(problem, families=(*others, *families))
-
-
-@dataclass(frozen=True)
-class _Trace:
-    """The points of a rail that one unit saw on a pass, over the vehicle's way ``gone`` (m,) in the sense of travel.
-
-    ``point`` (m, 3), in n, 0 in holes; ``over_way`` its integral over the way; ``holes``, how many of the rows before
-    are in holes; ``moving_s`` the time spent moving until then.
-    """
-
-    gone: Array
-    point: Array
-    over_way: Array
-    holes: Array
-    moving_s: Array
-
-    @classmethod
-    def of(cls, view: RailView, motion: DenseMotion, rows: slice, gone: Array, arm: Array) -> _Trace:
-        nav, t = motion.nav[rows], motion.t[rows]
-        body = view.points(t, 1.0 / view.rate_hz) - arm
-        point = nav.p + np.einsum("mij,mj->mi", nav.R, body)
-        unknown = np.isnan(point).any(axis=1)
-        point[unknown] = 0.0
-        step, dt = np.diff(gone), np.diff(t)
-        area = 0.5 * step[:, None] * (point[1:] + point[:-1])
-        moving = np.where(step > _CREEPING_MPS * dt, dt, 0.0)
-        return cls(gone, point, _summed(area), _summed(unknown.astype(np.float64)), _summed(moving))
-
-    def mean(self, low: Array, high: Array) -> Array:
-        """Mean of the points between two places of the way, (k,) each. Shape (k, 3); NaN where there is a hole."""
-        mean = (self._until(high) - self._until(low)) / (high - low)[:, None]
-        mean[self.holes[self._row(high) + 2] > self.holes[self._row(low)]] = np.nan
-        return mean
-
-    def _row(self, place: Array) -> np.ndarray:
-        """The row before."""
-        return np.clip(np.searchsorted(self.gone, place, side="right") - 1, 0, len(self.gone) - 2)
-
-    def _until(self, place: Array) -> Array:
-        i = self._row(place)
-        d, width = place - self.gone[i], self.gone[i + 1] - self.gone[i]
-        bend = 0.5 * d**2 / np.where(width > 0.0, width, np.inf)
-        here, there = self.point[i], self.point[i + 1]
-        return np.asarray(self.over_way[i] + d[:, None] * here + bend[:, None] * (there - here))
-
-    def moving_time(self, low: Array, high: Array) -> Array:
-        """Time spent moving between two places, s."""
-        return np.asarray(np.interp(high, self.gone, self.moving_s) - np.interp(low, self.gone, self.moving_s))
-
-
-def _summed(steps: Array) -> Array:
-    return np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
 
 
 def _pair(
@@ -213,29 +160,21 @@ def _pair(
     rows = stretch.rows(problem.t, motion.t)
     gone = np.maximum.accumulate(stretch.sense * motion.distance[rows])
     own = np.arange(stretch.first, stretch.last + 1)
-    lead_at = np.clip(stretch.sense * states.odo[own, 0], gone[0], gone[-1])
-    later = ahead.along_m - behind.along_m
-    fresh = np.concatenate([[True], np.floor(lead_at[1:] / _APART_M) > np.floor(lead_at[:-1] / _APART_M)])
-    k, place = own[fresh], lead_at[fresh]
-    half = np.minimum(0.5 * config.window_m, 0.5 * _nearest_neighbour(place))
-    low, high = np.maximum(place - half, gone[0]), place + half
-    inside = high + later <= gone[-1]
-    k, place, low, high = k[inside], place[inside], low[inside], high[inside]
-    t = np.interp(place + later, gone, motion.t[rows])
+    place = stretch.sense * states.odo[own, 0] + (ahead.along_m - behind.along_m)
+    fresh = np.concatenate([[True], np.floor(place[1:] / _APART_M) > np.floor(place[:-1] / _APART_M)])
+    t = np.interp(place, gone, motion.t[rows], right=np.nan)
+    seen = np.isfinite(t) & fresh
+    k, t = own[seen], t[seen]
     j = np.clip(np.searchsorted(problem.t, t, side="right") - 1, 0, len(problem.t) - 2)
-    arm = problem.lever_arm
-    traces = [_Trace.of(view, motion, rows, gone, arm) for view in (leading, trailing)]
-    seen = [trace.mean(low + shift, high + shift) for trace, shift in zip(traces, (0.0, later), strict=True)]
-    times = [trace.moving_time(low + shift, high + shift) for trace, shift in zip(traces, (0.0, later), strict=True)]
-    kept = (j - k < config.max_keyframes) & np.isfinite(seen[0]).all(axis=1) & np.isfinite(seen[1]).all(axis=1)
-    if not kept.any():
+    window = config.window_s
+    lead, trail = leading.points(problem.t[k], window), trailing.points(t, window)
+    kept = (j - k < config.max_keyframes) & np.isfinite(lead).all(axis=1) & np.isfinite(trail).all(axis=1)
+    k, t, j, lead, trail = k[kept], t[kept], j[kept], lead[kept], trail[kept]
+    if k.size == 0:
         return ()
-    k, t, j = k[kept], t[kept], j[kept]
-    at = motion.at(t)
-    lead = np.einsum("mji,mj->mi", states.nav.R[k], seen[0][kept] - states.nav.p[k])
-    trail = np.einsum("mji,mj->mi", at.nav.R, seen[1][kept] - at.nav.p)
     h, T = (t - problem.t[j]) / (problem.t[j + 1] - problem.t[j]), problem.t[j + 1] - problem.t[j]
 
+    at = motion.at(t)
     start, end = states.nav[j], states.nav[j + 1]
     # Detail and turning are those of the motion at these states, which closes at both ends.
     back = np.swapaxes(start.R, 1, 2)
@@ -246,41 +185,42 @@ def _pair(
         + T1 * (h1 - 2.0 * h1**2 + h1**3) * start.v
         + T1 * (h1**3 - h1**2) * end.v
     )
+    arm = problem.lever_arm
     pinned = problem.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
-    noise = [view.sd(time[kept]) for view, time in zip((leading, trailing), times, strict=True)]
+    sigma = np.column_stack(
+        [
+            np.sqrt(a**2 + b**2 + config.match_sd_m**2 + pinned**2)
+            for a, b in zip(leading.sd(window), trailing.sd(window), strict=True)
+        ]
+    )
     return same_rail(
         first=k,
         start=j,
         across=_across(at.nav.p - states.nav.p[k]),
-        lead=lead,
-        trail=trail,
+        lead=lead - arm,
+        trail=trail - arm,
         fraction=h,
         interval=T,
         turned=back @ at.nav.R,
         turn=back @ end.R,
         detail=at.nav.p - cubic,
-        sigma=np.sqrt(noise[0] ** 2 + noise[1] ** 2 + config.match_sd_m**2 + pinned[:, None] ** 2),
+        sigma=sigma,
         loss=Loss("huber", config.robust_width),
     )
-
-
-def _nearest_neighbour(place: Array) -> Array:
-    """How far the nearer neighbour of each place is; places ascend."""
-    gaps = np.diff(place, prepend=-np.inf, append=np.inf)
-    return np.minimum(gaps[:-1], gaps[1:])
 
 
 def _held(problem: Problem, states: States, view: RailView, config: LaserConfig) -> tuple[Family, ...]:
     """At rest a unit goes on seeing one place: what the body shifts on its springs shows."""
     inside = [k[:-1] for k in (np.flatnonzero(within(problem.t, rest[None])) for rest in problem.rests) if k.size > 1]
     k = np.concatenate([np.zeros(0, dtype=np.int64), *inside])
-    points = view.points(problem.t, config.rest_window_s)
+    window = config.window_s
+    points = view.points(problem.t, window)
     k = k[np.isfinite(points[k]).all(axis=1) & np.isfinite(points[k + 1]).all(axis=1)]
     if k.size == 0:
         return ()
     start, end = states.nav[k], states.nav[k + 1]
     back, m = np.swapaxes(start.R, 1, 2), len(k)
-    noise = np.sqrt(2.0) * view.sd(config.rest_window_s)
+    noise = np.sqrt(2.0) * np.array(view.sd(window))
     return same_rail(
         first=k,
         start=k,

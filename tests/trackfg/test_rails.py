@@ -74,7 +74,7 @@ def test_reading_is_the_mean_over_the_window(run: Simulation) -> None:
 
 
 def test_pairs_fit_the_smoothed_run(smoothed: SmoothedStates) -> None:
-    """Without noise both units saw one rail to some 10 um, in every pair, at rest and on the way."""
+    """Without noise both units saw one rail to some 10 um, at rest and on the way, where it is roughest to 0.1 mm."""
     states = smoothed.solution.states
     within, apart = (
         [family for family in smoothed.problem.families if family.name == name]
@@ -83,7 +83,9 @@ def test_pairs_fit_the_smoothed_run(smoothed: SmoothedStates) -> None:
     assert within
     assert apart
     for family in (*within, *apart):
-        assert np.abs(family.residual(states)).max() < 5e-5
+        residual = family.residual(states)
+        assert np.sqrt(np.mean(residual**2)) < 1.5e-5
+        assert np.abs(residual).max() < 1e-4
     moving = sum(len(family) for family in (*within, *apart))
     assert moving > 0.8 * len(smoothed.problem.t)
 
