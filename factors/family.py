@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -41,6 +41,14 @@ class Slot:
         """The GTSAM keys, in factor order."""
         keys: list[int] = self.kind.keys(self.index).tolist()
         return keys
+
+
+class LinearFactors(NamedTuple):
+    """m linear factors ``A d = b``, whitened: Jacobians (m, r, dim), one per slot, and right-hand sides (m, r)."""
+
+    slots: tuple[Slot, ...]
+    jacobians: Sequence[Array]
+    b: Array
 
 
 @dataclass(frozen=True)
@@ -155,25 +163,14 @@ class Family:
         norm = np.linalg.norm(self.whitened(states), axis=1)
         return float(np.sum(0.5 * norm**2 if self.loss is None else self.loss.cost(norm)))
 
-    def linearize(self, states: States) -> tuple[list[Array], Array]:
-        """Whitened and weighted Jacobians, one (m, d, dim) per slot, and right-hand sides (m, d): ``A d = b``."""
+    def linearize(self, states: States) -> LinearFactors:
+        """Whitened and weighted."""
         residual, jacobians = self._evaluated(self.values(states))
         scale = 1.0 / self.sigma
         if self.loss is not None:
             norm = np.linalg.norm(residual * scale, axis=1, keepdims=True)
             scale = scale * np.sqrt(self.loss.weight(norm))
-        return [jacobian * scale[:, :, None] for jacobian in jacobians], -residual * scale
-
-    def add_to(self, linear: gtsam.GaussianFactorGraph, states: States) -> None:
-        """Add the linearised factors to a linear graph. For at most three slots (GTSAM's Python limit)."""
-        jacobians, b = self.linearize(states)
-        unit = gtsam.noiseModel.Unit.Create(b.shape[1])
-        columns: list[Any] = []
-        for slot, jacobian in zip(self.slots, jacobians, strict=True):
-            columns += [slot.keys, list(np.asfortranarray(jacobian.transpose(1, 2, 0)).transpose(2, 0, 1))]
-        add: Any = linear.add
-        for row in zip(*columns, b, strict=True):
-            add(*row, unit)
+        return LinearFactors(self.slots, [jacobian * scale[:, :, None] for jacobian in jacobians], -residual * scale)
 
     def custom_factors(self) -> list[gtsam.CustomFactor]:
         """One ``gtsam.CustomFactor`` per factor, for GTSAM's own optimisers and fixed-lag smoothers."""

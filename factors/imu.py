@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.states import Kind
 from trackfg.frames import Array
 
@@ -57,3 +58,12 @@ def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> 
     index = np.arange(len(measurements) + 1)
     nav, bias = Kind.NAV.keys(index).tolist(), Kind.BIAS.keys(index).tolist()
     return [gtsam.ImuFactor2(nav[k], nav[k + 1], bias[k], pim) for k, pim in enumerate(measurements)]
+
+
+def linearize_imu_factors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> LinearFactors:
+    """A graph of :func:`imu_factors` by GTSAM's own derivatives."""
+    linear = graph.linearize(values)
+    systems = np.array([linear.at(k).augmentedJacobian() for k in range(linear.size())])
+    first = np.arange(len(systems))
+    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.BIAS, first))
+    return LinearFactors(slots, np.split(systems[:, :, :-1], [9, 18], axis=2), systems[:, :, -1])

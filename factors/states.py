@@ -132,16 +132,41 @@ class States:
             values.insert(_shared_key(kind), value[0])
         return values
 
-    @staticmethod
-    def from_gtsam(values: gtsam.Values, keyframes: int) -> States:
-        """The inverse of :meth:`to_gtsam`."""
-        index = np.arange(keyframes)
-        matrices = np.array([values.atNavState(key).matrix() for key in Kind.NAV.keys(index).tolist()])
-        bias = np.array([values.atConstantBias(key).vector() for key in Kind.BIAS.keys(index).tolist()])
-        odo = np.array([values.atVector(key) for key in Kind.ODO.keys(index).tolist()])
-        nav = Nav(matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy(), matrices[:, :3, 4].copy())
-        shared = (np.array([values.atVector(_shared_key(kind))]) for kind in SHARED)
-        return States(nav, bias, odo, *shared)
+    def moved(self, step: Step) -> States:
+        """Every variable retracted by its part of a step."""
+        parts = {kind: retract(self.of(kind), step.of(kind)) for kind in Kind}
+        nav = parts[Kind.NAV]
+        assert isinstance(nav, Nav)
+        others = (np.asarray(parts[kind]) for kind in (Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK, Kind.IMU))
+        return States(nav, *others)
+
+
+@dataclass(frozen=True)
+class Step:
+    """Tangents of all variables, stacked: of the keyframes (n, 19) and of the shared variables (26,)."""
+
+    keyframes: Array
+    shared: Array
+
+    def of(self, kind: Kind) -> Array:
+        """The tangents of one kind: (n, dim), or (1, dim) for a shared one."""
+        start = offset_in_keyframe(kind)
+        if kind.shared:
+            return self.shared[None, start - KEYFRAME_DIM : start - KEYFRAME_DIM + kind.dim]
+        return self.keyframes[:, start : start + kind.dim]
+
+    def scaled(self, scale: float) -> Step:
+        """As far as ``scale`` times this one."""
+        return Step(scale * self.keyframes, scale * self.shared)
+
+    def to_gtsam(self) -> gtsam.VectorValues:
+        """What ``gtsam.Values.retract`` takes."""
+        out = gtsam.VectorValues()
+        for kind in Kind:
+            tangents = self.of(kind)
+            for key, tangent in zip(kind.keys(np.arange(len(tangents))).tolist(), tangents, strict=True):
+                out.insert(key, tangent)
+        return out
 
 
 def _shared_key(kind: Kind) -> int:

@@ -17,12 +17,13 @@ from trackfg.baselines.attitude import motion_of
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
 from trackfg.peers.installed import is_installed
 from trackfg.peers.python_ins import Start, feedback_filter
 from trackfg.smoother import smooth_states
-from trackfg.solver import chain_ordering, solve
+from trackfg.solver import solve
 
 LATITUDE_DEG = 35.2
 """python-ins always models the Earth's rotation, so the Earth of the simulation has to turn."""
@@ -105,6 +106,17 @@ def gtsam_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
         for factor in family.custom_factors():
             graph.push_back(factor)
     return graph
+
+
+def chain_ordering(keyframes: int) -> gtsam.Ordering:
+    """Keyframe by keyframe along the chain, shared variables last."""
+    ordering = gtsam.Ordering()
+    index = np.arange(keyframes)
+    for key in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).ravel().tolist():
+        ordering.push_back(key)
+    for kind in SHARED:
+        ordering.push_back(int(kind.keys(np.array([0]))[0]))
+    return ordering
 
 
 def compare_optimisers(problem: Problem, repeats: int) -> OptimiserTimes:

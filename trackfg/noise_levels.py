@@ -14,9 +14,11 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance
 from trackfg.factors.family import Family
+from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.findings import Finding
 from trackfg.graph import Problem
+from trackfg.solver import Solution
 
 _LEAST_REDUNDANCY = 20.0
 """Groups that the rest of the graph hardly checks say nothing about their own noise."""
@@ -27,12 +29,12 @@ GROUPS = {"non-holonomic": "motion", "path": "path", "tach distance": "tach", "G
 """Families whose level is judged, and the name of their group; the inertial factors are "gyro" and "accel"."""
 
 
-def noise_ratios(problem: Problem, states: States, covariance: Covariance) -> dict[str, float]:
+def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
     """Actual over assumed noise of each group that can be judged."""
-    ratios = _inertial_ratios(problem, states, covariance)
+    ratios = _inertial_ratios(problem, solution, covariance)
     for family in problem.families:
         if family.name in GROUPS:
-            ratios[GROUPS[family.name]] = _ratio(*_family_sums(family, states, covariance))
+            ratios[GROUPS[family.name]] = _ratio(*_family_sums(family, solution.states, covariance))
     return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
 
 
@@ -60,14 +62,13 @@ def _ratio(squares: float, redundancy: float) -> float:
     return float(np.sqrt(squares / redundancy)) if redundancy > _LEAST_REDUNDANCY else np.nan
 
 
-def _inertial_ratios(problem: Problem, states: States, covariance: Covariance) -> dict[str, float]:
+def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
     """Rows 0-2 of the inertial factors are the gyro's, the rest the accelerometer's; bridged intervals are left out."""
-    values = states.to_gtsam()
     used = np.flatnonzero(~problem.inertial.bridged[problem.edges[:-1]])
     if used.size == 0:
         return {}
-    systems = np.array([problem.native.at(int(k)).linearize(values).augmentedJacobian() for k in used])
-    A, e = systems[:, :, :-1], systems[:, :, -1]
+    _, jacobians, b = linearize_imu_factors(problem.native, solution.values)
+    A, e = np.concatenate(jacobians, axis=2)[used], b[used]
     nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
     here, there = covariance.marginal[:-1][used], covariance.marginal[1:][used]
     cross = covariance.gain[used] @ there
@@ -88,7 +89,7 @@ def _inertial_ratios(problem: Problem, states: States, covariance: Covariance) -
 
 def _family_sums(family: Family, states: States, covariance: Covariance) -> tuple[float, float]:
     """Weighted sum of squares and redundancy of a family whose slots lie in at most two neighbouring keyframes."""
-    jacobians, b = family.linearize(states)
+    _, jacobians, b = family.linearize(states)
     keyed = [slot.index for slot in family.slots if not slot.kind.shared]
     first, last = keyed[0], keyed[-1]
     m, d = b.shape

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import Covariance, SquareRoot, posterior_covariance, square_root
+from trackfg.covariance import Covariance, posterior_covariance
 from trackfg.dense import DenseMotion, dense_motion
 from trackfg.events import event_table
 from trackfg.factors.states import Kind, States
@@ -93,16 +94,17 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed))
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # the matrices are small and many: threads would wait for each other
 def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages = _Stages(progress)
-    problem, solution, root, covariance, ratios = _solved(recording, config, stages)
+    problem, solution, covariance, ratios = _solved(recording, config, stages)
     for _ in range(config.noise.rounds if config.noise.adapt else 0):
         before, config = config, adapted(config, ratios)
         changes = [b / a for a, b in zip(before.noise.factors().values(), config.noise.factors().values(), strict=True)]
         if max(abs(np.log(changes))) < _NOISE_SETTLED:
             break
-        problem, solution, root, covariance, ratios = _solved(recording, config, stages)
+        problem, solution, covariance, ratios = _solved(recording, config, stages)
     track = recording.description.track
     with stages.stage("output"):
         clock = _clock(problem, config.output.rate_hz)
@@ -113,7 +115,7 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
     with stages.stage("geometry"):
         meaning = conventions(config.geometry, track)
         shapes = _profiles(recording, problem, motion, solution.states, meaning.step_m)
-        geometry = geometry_table(problem, shapes, solution.states, covariance, root, meaning)
+        geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
     return SmoothedStates(
         config, problem, solution, covariance, ratios, trajectory, geometry, calibration, stages.timings_s
     )
@@ -121,7 +123,7 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
 
 def _solved(
     recording: Recording, config: SmoothConfig, stages: _Stages
-) -> tuple[Problem, Solution, SquareRoot, Covariance, dict[str, float]]:
+) -> tuple[Problem, Solution, Covariance, dict[str, float]]:
     views = rail_views(recording)
     with stages.stage("graph"):
         problem = build_problem(recording, config)
@@ -134,10 +136,9 @@ def _solved(
             problem = tied_by_rails(replace(problem, initial=solution.states), solution.states, views, config.laser)
             solution = solve(problem, config.solver, report)
     with stages.stage("covariance"):
-        root = square_root(solution.bayes_net, len(problem.t))
-        covariance = posterior_covariance(root)
-        ratios = noise_ratios(problem, solution.states, covariance)
-    return problem, solution, root, covariance, ratios
+        covariance = posterior_covariance(solution.root)
+        ratios = noise_ratios(problem, solution, covariance)
+    return problem, solution, covariance, ratios
 
 
 def _profiles(

@@ -1,11 +1,10 @@
 """Gauss-Newton with step control over a graph whose values Python owns.
 
 Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays),
-eliminates along the chain with sequential QR, and takes the step if the cost falls, else a shorter one. Cholesky is not
-used: it rejects long open chains as indeterminate.
+eliminates along the chain by QR (:mod:`trackfg.elimination`), and takes the step if the cost falls, else a shorter one.
 
-The stop rule is on the whitened step. With the Bayes net's square root R, ``|R d|`` is the length of the step d in
-posterior sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust
+The stop rule is on the whitened step. With the square root R of the information, ``|R d|`` is the length of the step d
+in posterior sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust
 losses, whose weights settle slowly, a step that hardly lowers the cost ends the iteration too. The reason is part of
 the result.
 """
@@ -20,10 +19,12 @@ import gtsam
 import numpy as np
 
 from trackfg.config import SolverConfig
-from trackfg.errors import UnsolvableError
+from trackfg.elimination import eliminate
 from trackfg.factors.family import Family
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
 from trackfg.graph import Problem
+from trackfg.square_root import SquareRoot
 
 _SHORTEST = 2.0**-10
 _LONGEST = 8.0
@@ -33,10 +34,14 @@ _ROUGH = 3.0
 
 @dataclass(frozen=True)
 class Solution:
-    """The minimum, the Bayes net of the last step towards it, and how it was reached."""
+    """The minimum, the square root of the information at the last step towards it, and how it was reached.
+
+    ``values`` are the states as GTSAM has them.
+    """
 
     states: States
-    bayes_net: gtsam.GaussianBayesNet
+    values: gtsam.Values
+    root: SquareRoot
     converged: bool
     reason: str
     iterations: int
@@ -53,7 +58,7 @@ class _Stop(NamedTuple):
 def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
     """Minimise the graph's cost. Raises ``UnsolvableError`` where the measurements do not determine the states."""
     keyframes = len(problem.t)
-    ordering = chain_ordering(keyframes)
+    variables = KEYFRAME_DIM * keyframes + SHARED_DIM
     values = problem.initial.to_gtsam()
     states = problem.initial
     families = tuple(_gentle(family) for family in problem.families)
@@ -63,16 +68,15 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     iterations = 0
     while stop is None and iterations < config.max_iterations:
         iterations += 1
-        linear, bayes_net = _eliminate(problem, families, states, values, ordering)
-        delta = bayes_net.optimize()
-        predicted = linear.error(gtsam.VectorValues.Zero(delta)) - linear.error(delta)
-        length = float(np.sqrt(max(2.0 * predicted, 0.0)))
+        linear = [linearize_imu_factors(problem.native, values), *(family.linearize(states) for family in families)]
+        root = eliminate(linear, keyframes)
+        length = root.length
         if progress is not None:
             progress(iterations / config.max_iterations)
         if robust and length < config.step_tolerance:
             stop = _Stop(True, f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}")
             break
-        moved = _step(problem, families, values, delta, cost)
+        moved = _step(problem, families, states, values, root.solution(), cost)
         if moved is not None:
             fell = cost - moved[2]
             values, states, cost = moved
@@ -81,26 +85,13 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
         elif robust:
             short = length < 1.0
             stop = _Stop(short, f"no shorter step lowers the cost; the step was {length:.2g} posterior sigmas")
-        if not robust and (moved is None or length < _ROUGH * np.sqrt(delta.vector().size)):
+        if not robust and (moved is None or length < _ROUGH * np.sqrt(variables)):
             # Close enough that a large residual is an outlier and not a poor start.
             robust, families = True, problem.families
             cost = _cost(problem, families, states, values)
     stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
     rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
-    variables = sum(kind.dim for kind in ELIMINATION_ORDER) * keyframes + sum(kind.dim for kind in SHARED)
-    return Solution(states, bayes_net, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
-
-
-def chain_ordering(keyframes: int) -> gtsam.Ordering:
-    """Keyframe by keyframe along the chain, shared variables last."""
-    ordering = gtsam.Ordering()
-    index = np.arange(keyframes)
-    for group in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).tolist():
-        for key in group:
-            ordering.push_back(key)
-    for kind in SHARED:
-        ordering.push_back(int(kind.keys(np.array([0]))[0]))
-    return ordering
+    return Solution(states, values, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
 
 
 def _gentle(family: Family) -> Family:
@@ -111,20 +102,8 @@ def _cost(problem: Problem, families: tuple[Family, ...], states: States, values
     return float(problem.native.error(values)) + sum(family.cost(states) for family in families)
 
 
-def _eliminate(
-    problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values, ordering: gtsam.Ordering
-) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesNet]:
-    linear = problem.native.linearize(values)
-    for family in families:
-        family.add_to(linear, states)
-    try:
-        return linear, linear.eliminateSequential(ordering, gtsam.EliminateQR)
-    except RuntimeError as error:
-        raise UnsolvableError(f"the measurements do not determine the states: {error}") from error
-
-
 def _step(
-    problem: Problem, families: tuple[Family, ...], values: gtsam.Values, delta: gtsam.VectorValues, cost: float
+    problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values, step: Step, cost: float
 ) -> tuple[gtsam.Values, States, float] | None:
     """The best of the halved or doubled steps; None if none lowers the cost.
 
@@ -133,10 +112,10 @@ def _step(
     """
 
     def attempt(scale: float) -> tuple[gtsam.Values, States, float]:
-        moved = values.retract(delta if scale == 1.0 else delta.scale(scale))
-        states = States.from_gtsam(moved, len(problem.t))
-        new = _cost(problem, families, states, moved)
-        return moved, states, new if np.isfinite(new) else np.inf
+        scaled = step.scaled(scale)
+        moved, moved_values = states.moved(scaled), values.retract(scaled.to_gtsam())
+        new = _cost(problem, families, moved, moved_values)
+        return moved_values, moved, new if np.isfinite(new) else np.inf
 
     scale = 1.0
     best = attempt(scale)

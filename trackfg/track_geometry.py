@@ -16,7 +16,7 @@ import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
 from trackfg.config import GeometryConfig
-from trackfg.covariance import Covariance, SquareRoot, posterior_samples
+from trackfg.covariance import Covariance, posterior_samples
 from trackfg.description import Track
 from trackfg.factors.states import States
 from trackfg.frames import Array
@@ -30,6 +30,7 @@ from trackfg.profile import Profile, Shapes
 from trackfg.profile_samples import PosteriorErrors, point_errors
 from trackfg.rails import SIDES
 from trackfg.results import GEOMETRY_COLUMNS, RAIL_COLUMNS, GeometryConventions
+from trackfg.square_root import SquareRoot
 from trackfg.trajectory import keyframe_variances
 
 _SAMPLES = 64

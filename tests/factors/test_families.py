@@ -15,7 +15,7 @@ from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, t
 from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.rail import same_rail
-from trackfg.factors.states import Kind, Nav, States
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, Step
 from trackfg.frames import so3_exp
 
 KEYFRAMES = 6
@@ -125,29 +125,43 @@ def test_switch_leaves_outliers_no_pull_but_holds_what_they_measure() -> None:
 def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
     states = random_states(3, 0.3)
     family = families(3, loss)[i]
-    batch = gtsam.GaussianFactorGraph()
-    family.add_to(batch, states)
+    slots, jacobians, b = family.linearize(states)
     values = states.to_gtsam()
     graph = gtsam.NonlinearFactorGraph()
     for factor in family.custom_factors():
         graph.push_back(factor)
     single = graph.linearize(values)
-    assert batch.size() == single.size() == len(family)
+    assert len(b) == single.size() == len(family)
     for k in range(len(family)):
-        ours, theirs = batch.at(k), single.at(k)
-        assert list(ours.keys()) == list(theirs.keys())
-        np.testing.assert_allclose(ours.augmentedJacobian(), theirs.augmentedJacobian(), rtol=1e-9, atol=1e-9)
+        assert [slot.keys[k] for slot in slots] == list(single.at(k).keys())
+        ours = np.column_stack([*(jacobian[k] for jacobian in jacobians), b[k]])
+        np.testing.assert_allclose(ours, single.at(k).augmentedJacobian(), rtol=1e-9, atol=1e-9)
     assert family.cost(states) == pytest.approx(graph.error(values), rel=1e-9)
 
 
-def test_states_survive_the_passage_through_gtsam() -> None:
+def assert_same(values: gtsam.Values, states: States, rounding: float) -> None:
+    for kind in Kind:
+        for i, key in enumerate(kind.keys(np.arange(1 if kind.shared else len(states))).tolist()):
+            if kind is Kind.NAV:
+                nav = values.atNavState(key)
+                np.testing.assert_allclose(nav.attitude().matrix(), states.nav.R[i], atol=rounding)
+                np.testing.assert_allclose(nav.position(), states.nav.p[i], rtol=rounding)
+                np.testing.assert_allclose(nav.velocity(), states.nav.v[i], rtol=rounding)
+            else:
+                vector = values.atConstantBias(key).vector() if kind is Kind.BIAS else values.atVector(key)
+                np.testing.assert_allclose(vector, np.asarray(states.of(kind))[i], rtol=rounding)
+
+
+def test_gtsam_has_the_same_states() -> None:
     states = random_states(5)
-    back = States.from_gtsam(states.to_gtsam(), KEYFRAMES)
-    for kind in (Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK):
-        np.testing.assert_array_equal(back.of(kind), states.of(kind))
-    np.testing.assert_allclose(back.nav.R, states.nav.R, atol=1e-15)
-    np.testing.assert_array_equal(back.nav.p, states.nav.p)
-    np.testing.assert_array_equal(back.nav.v, states.nav.v)
+    assert_same(states.to_gtsam(), states, 1e-15)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.25])
+def test_a_step_moves_gtsams_values_and_ours_alike(scale: float) -> None:
+    rng, states = np.random.default_rng(6), random_states(5)
+    step = Step(rng.normal(size=(len(states), KEYFRAME_DIM)), rng.normal(size=SHARED_DIM)).scaled(scale)
+    assert_same(states.to_gtsam().retract(step.to_gtsam()), states.moved(step), 1e-12)
 
 
 def test_keys_are_gtsam_symbols() -> None:
@@ -178,7 +192,7 @@ def test_wrong_shapes_never_reach_gtsam() -> None:
 
     bad = Family(good.name, wrong, good.slots, good.data, good.sigma)
     with pytest.raises(ValueError, match="Jacobian of ODO"):
-        bad.add_to(gtsam.GaussianFactorGraph(), random_states(0))
+        bad.linearize(random_states(0))
 
 
 def test_arc_is_exact_on_a_circle_and_signed() -> None:

@@ -20,7 +20,8 @@ from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.imu_errors import ImuResponse
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.datasets.vehicle import Rigid
-from trackfg.factors.states import States
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
+from trackfg.frames import Array
 from trackfg.findings import Finding
 from trackfg.graph import Problem
 from trackfg.results import (
@@ -332,14 +333,23 @@ def _smoothing(simulated: Callable[..., Simulation]) -> Callable[..., SmoothedSt
 
 
 @pytest.fixture(scope="session")
-def linearized() -> Callable[[Problem, States], gtsam.GaussianFactorGraph]:
-    """A problem's graph at given states, every factor on its own and linearised by GTSAM."""
+def linearized() -> Callable[[Problem, States], tuple[Array, Array]]:
+    """``A d = b`` of a problem's graph at given states, every factor on its own and linearised by GTSAM: A dense, its
+    columns keyframe by keyframe, shared variables last.
+    """
 
-    def linearize(problem: Problem, states: States) -> gtsam.GaussianFactorGraph:
+    def linearize(problem: Problem, states: States) -> tuple[Array, Array]:
         graph = gtsam.NonlinearFactorGraph(problem.native)
         for family in problem.families:
             for factor in family.custom_factors():
                 graph.push_back(factor)
-        return graph.linearize(states.to_gtsam())
+        ordering = gtsam.Ordering()
+        index = np.arange(len(problem.t))
+        for key in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).ravel().tolist():
+            ordering.push_back(key)
+        for kind in SHARED:
+            ordering.push_back(int(kind.keys(np.array([0]))[0]))
+        A, b = graph.linearize(states.to_gtsam()).jacobian(ordering)
+        return A, b
 
     return linearize

@@ -5,23 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 import pytest
 from scipy.linalg import solve_triangular
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import Covariance, SquareRoot, posterior_covariance, posterior_samples, square_root
+from trackfg.covariance import Covariance, posterior_covariance, posterior_samples
 from trackfg.datasets.scenarios import Simulation
+from trackfg.elimination import eliminate
+from trackfg.factors.family import LinearFactors, Slot
+from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph import Problem, build_problem
 from trackfg.rails import rail_views, tied_by_rails
 from trackfg.recording import Recording
-from trackfg.solver import chain_ordering
+from trackfg.square_root import SquareRoot
 
 
 class Solved(NamedTuple):
     keyframes: int
+    A: np.ndarray
+    """The whole system ``A d = b`` as GTSAM has it."""
+    b: np.ndarray
     dense: np.ndarray
     """The whole covariance, keyframe by keyframe, shared variables last."""
     information: np.ndarray
@@ -30,7 +35,7 @@ class Solved(NamedTuple):
     ours: Covariance
 
 
-Linearized = Callable[[Problem, States], gtsam.GaussianFactorGraph]
+Linearized = Callable[[Problem, States], tuple[np.ndarray, np.ndarray]]
 
 
 def problem_of(recording: Recording) -> Problem:
@@ -42,14 +47,13 @@ def problem_of(recording: Recording) -> Problem:
 
 def solved_of(recording: Recording, linearized: Linearized) -> Solved:
     problem = problem_of(recording)
-    n = len(problem.t)
-    ordering = chain_ordering(n)
-    linear = linearized(problem, problem.initial)
-    A, _ = linear.jacobian(ordering)
+    n, states = len(problem.t), problem.initial
+    A, b = linearized(problem, states)
     R = np.linalg.qr(A, mode="r")
     inverse = solve_triangular(R, np.eye(len(R)))
-    root = square_root(linear.eliminateSequential(ordering, gtsam.EliminateQR), n)
-    return Solved(n, inverse @ inverse.T, R, root, posterior_covariance(root))
+    inertial = linearize_imu_factors(problem.native, states.to_gtsam())
+    root = eliminate([inertial, *(family.linearize(states) for family in problem.families)], n)
+    return Solved(n, A, b, inverse @ inverse.T, R, root, posterior_covariance(root))
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +85,38 @@ def assert_same(ours: np.ndarray, dense: np.ndarray, scale_i: np.ndarray, scale_
     """Equal as correlations: the variables' own sigmas span ten powers of ten."""
     scale = np.sqrt(np.outer(np.diag(scale_i), np.diag(scale_j)))
     np.testing.assert_allclose(ours / scale, dense / scale, atol=2e-5)
+
+
+def test_elimination_solves_the_least_squares_problem(solved: Solved) -> None:
+    """What is left of the system after the step is square to every column; what is not is the step's length."""
+    step = solved.root.solution()
+    stacked = np.concatenate([step.keyframes.ravel(), step.shared])
+    left = solved.b - solved.A @ stacked
+    assert np.abs(solved.A.T @ left / np.linalg.norm(solved.A, axis=0)).max() < 1e-7 * np.linalg.norm(solved.b)
+    assert solved.root.length == pytest.approx(np.linalg.norm(solved.A @ stacked), rel=1e-9)
+
+
+def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
+    """Row by row of the first keyframes and of the shared variables; a row's sign is free, ours has a positive diagonal."""
+    n, dim = solved.keyframes, KEYFRAME_DIM
+    R = solved.information * np.copysign(1.0, np.diag(solved.information))[:, None]
+    for k in range(8):
+        rows = slice(k * dim, (k + 1) * dim)
+        np.testing.assert_allclose(solved.root.R[k], R[rows, rows], rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
+        ours = solved.root.S[k, :, : dim + SHARED_DIM]
+        theirs = np.hstack([R[rows, (k + 1) * dim : (k + 2) * dim], R[rows, n * dim :]])
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
+    assert (np.diagonal(solved.root.R, axis1=1, axis2=2) > 0).all()
+    assert (np.diagonal(solved.root.shared_R) > 0).all()
+
+
+def test_only_navigation_states_reach_past_the_next_keyframe() -> None:
+    first = np.array([0])
+    factors = LinearFactors(
+        (Slot(Kind.BIAS, first), Slot(Kind.BIAS, first + 2)), [np.ones((1, 1, 6))] * 2, np.ones((1, 1))
+    )
+    with pytest.raises(ValueError, match="BIAS is touched from 2 keyframes before"):
+        eliminate([factors], 4)
 
 
 def test_marginals_equal_the_dense_inverse(solved: Solved) -> None:

@@ -1,0 +1,165 @@
+"""Elimination of a chain of keyframes by QR: one small dense factorisation per keyframe.
+
+All linear factors ``A d = b`` of keyframe k (those whose first keyframe it is) are rows over the window (x_k, y_k) with
+``y_k = (x_{k+1}, nav_{k+2}, ..., nav_{k+w}, s)``: tangents x of keyframes, the variables s that the run shares, and,
+where a factor ties keyframes further apart (two passes of lasers over one place), the navigation states it reaches.
+With what earlier keyframes left over for this window, their QR is
+
+    [ R_k  S_k  d_k ]    the conditional of x_k: ``R_k x_k + S_k y_k = d_k + e``, e ~ N(0, I)
+    [  0    .    .  ]    what is left for the next keyframe
+    [  0    s    .  ]    rows of shared variables alone, set aside until the end.
+
+It works on A, not on A'A with the square of its condition number, which in a long open chain runs out of double
+precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg.lapack import dgeqrf
+
+from trackfg.errors import UnsolvableError
+from trackfg.factors.family import LinearFactors, Slot
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
+from trackfg.frames import Array
+from trackfg.square_root import NAV, NAV_DIM, SIZE, SquareRoot
+
+_PAIR = 2 * KEYFRAME_DIM
+_TAIL = SHARED_DIM + 1
+"""Columns of the shared variables and of the right-hand side."""
+
+_INDETERMINATE = 1e-14
+"""Part of a column that is left once all earlier ones are taken out: below this it is rounding."""
+
+_UNDETERMINED = "the measurements do not determine the states"
+
+
+def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
+    """Eliminate keyframe by keyframe, shared variables last. Raises ``UnsolvableError`` where they are not determined.
+
+    Shared variables have index 0. Cost is linear in the number of keyframes.
+    """
+    ahead = _ahead(factors, keyframes)
+    widths = _PAIR + NAV_DIM * ahead
+    rows, starts = _stacked(factors, widths)
+    conditional = np.zeros((keyframes, KEYFRAME_DIM, rows.shape[1]))
+    alone = [rows[: starts[0], _PAIR : _PAIR + _TAIL]]
+    left = np.zeros((0, 0))
+    place: np.ndarray | slice = slice(0)
+    for k, (width, begin, end) in enumerate(
+        zip(widths.tolist(), starts[:-1].tolist(), starts[1:].tolist(), strict=True)
+    ):
+        carried = len(left)
+        system = np.zeros((carried + end - begin, width + _TAIL), order="F")
+        system[:carried, place] = left
+        system[carried:] = rows[begin:end, : width + _TAIL]
+        if len(system) < KEYFRAME_DIM:
+            raise UnsolvableError(_UNDETERMINED)
+        triangle = dgeqrf(system, overwrite_a=True)[0]
+        conditional[k, :, : width + _TAIL] = triangle[:KEYFRAME_DIM]
+        rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
+        rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
+        after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
+        alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
+        left = rest[:after]
+        place = _columns_in_next(int(ahead[k]), int(ahead[min(k + 1, keyframes - 1)]))
+    shared = _triangle(np.concatenate(alone))
+    if len(shared) < SHARED_DIM:
+        raise UnsolvableError(_UNDETERMINED)
+    shared_R, shared_d = np.triu(shared[:SHARED_DIM, :SHARED_DIM]), shared[:SHARED_DIM, -1]
+    R = np.triu(conditional[:, :, :KEYFRAME_DIM])
+    if not (_determined(R) and _determined(shared_R)):
+        raise UnsolvableError(_UNDETERMINED)
+    # The sign of a row is arbitrary; with a positive diagonal R is unique, and so are samples drawn with it.
+    sign = np.copysign(1.0, np.diagonal(R, axis1=1, axis2=2))[:, :, None]
+    shared_sign = np.copysign(1.0, np.diagonal(shared_R))
+    S = np.zeros((keyframes, KEYFRAME_DIM, rows.shape[1] - KEYFRAME_DIM - 1))
+    d = np.empty((keyframes, KEYFRAME_DIM))
+    for count in np.unique(ahead):
+        own, tail = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
+        part = conditional[own] * sign[own]
+        ordered = (part[:, :, KEYFRAME_DIM:_PAIR], part[:, :, tail : tail + SHARED_DIM], part[:, :, _PAIR:tail])
+        S[own, :, : SIZE + NAV_DIM * count] = np.concatenate(ordered, axis=2)
+        d[own] = part[:, :, tail + SHARED_DIM]
+    return SquareRoot(R * sign, S, d, shared_R * shared_sign[:, None], shared_d * shared_sign, ahead)
+
+
+def _triangle(rows: Array) -> Array:
+    """R of the QR of many rows: of some at a time, then of their Rs, and so on."""
+    some, columns = 4 * rows.shape[1], rows.shape[1]
+    while len(rows) > some:
+        padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
+        rows = np.linalg.qr(padded.reshape(-1, some, columns), mode="r").reshape(-1, columns)
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def _determined(R: Array) -> bool:
+    diagonal = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
+    return bool((diagonal > _INDETERMINATE * np.linalg.norm(R, axis=-2)).all())
+
+
+@lru_cache
+def _upper(rows: int, columns: int) -> Array:
+    return np.triu(np.ones((rows, columns)))
+
+
+@lru_cache
+def _columns_in_next(ahead: int, next_ahead: int) -> np.ndarray:
+    """Where the columns of y_k are in the window of keyframe k + 1."""
+    x = np.arange(KEYFRAME_DIM)
+    nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: NAV_DIM * min(ahead, 1)]
+    later = _PAIR + np.arange(NAV_DIM * max(ahead - 1, 0))
+    return np.concatenate([x, nav, later, _PAIR + NAV_DIM * next_ahead + np.arange(_TAIL)])
+
+
+def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
+    """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
+    last = np.arange(1, keyframes + 1)
+    for slots, _, _ in factors:
+        own = [slot.index for slot in slots if not slot.kind.shared]
+        if own:
+            np.maximum.at(last, np.min(own, axis=0), np.max(own, axis=0))
+    return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
+
+
+def _stacked(factors: Sequence[LinearFactors], widths: np.ndarray) -> tuple[Array, np.ndarray]:
+    """All rows (m, widest window) in order of their first keyframe, each laid out as the window there; where the rows
+    of each keyframe start (n + 1,). In front, as if no window were wider than two keyframes, those of shared variables.
+    """
+    firsts = []
+    for slots, _, b in factors:
+        own = [slot.index for slot in slots if not slot.kind.shared]
+        firsts.append(np.min(own, axis=0) if own else np.full(len(b), -1))
+    by_first = np.concatenate(firsts)
+    heights = np.concatenate([np.full(len(b), b.shape[1]) for _, _, b in factors])
+    order = np.argsort(by_first, kind="stable")
+    ends = np.cumsum(heights[order])
+    begins = np.empty(len(order), dtype=np.int64)
+    begins[order] = ends - heights[order]
+    starts = np.append(0, ends)[np.searchsorted(by_first[order], np.arange(len(widths) + 1))]
+
+    rows = np.zeros((int(heights.sum()), int(widths.max()) + _TAIL))
+    after = 0
+    for (slots, jacobians, b), first in zip(factors, firsts, strict=True):
+        before, after = after, after + len(b)
+        row = begins[before:after, None] + np.arange(b.shape[1])
+        width = np.where(first < 0, _PAIR, widths[first])
+        rows[row, (width + SHARED_DIM)[:, None]] = b
+        for slot, jacobian in zip(slots, jacobians, strict=True):
+            column = _column(slot, first, width)[:, None] + np.arange(slot.kind.dim)
+            rows[row[:, :, None], column[:, None, :]] = jacobian
+    return rows, starts
+
+
+def _column(slot: Slot, first: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Where a slot's variables begin in the windows of the keyframes ``first``. All (m,)."""
+    at = offset_in_keyframe(slot.kind)
+    if slot.kind.shared:
+        return width + at - KEYFRAME_DIM
+    later = slot.index - first
+    if slot.kind is not Kind.NAV and (later > 1).any():
+        raise ValueError(f"{slot.kind.name} is touched from {later.max()} keyframes before; only NAV may be")
+    return np.where(later < 2, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2))
