@@ -20,6 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
+from threadpoolctl import threadpool_limits
 
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors, Slot
@@ -45,14 +46,19 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
     ahead = _ahead(factors, keyframes)
     widths = _PAIR + NAV_DIM * ahead
     rows, starts = _stacked(factors, widths)
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+        return _square_root(*_factored(rows, starts, widths), ahead)
+
+
+def _factored(rows: Array, starts: np.ndarray, widths: np.ndarray) -> tuple[Array, Array]:
+    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window, and [R d] of the shared."""
+    keyframes = len(widths)
     conditional = np.zeros((keyframes, KEYFRAME_DIM, rows.shape[1]))
     alone = [rows[: starts[0], _PAIR : _PAIR + _TAIL]]
     left = np.zeros((0, 0))
     place: np.ndarray | slice = slice(0)
-    for k, (width, begin, end) in enumerate(
-        zip(widths.tolist(), starts[:-1].tolist(), starts[1:].tolist(), strict=True)
-    ):
-        carried = len(left)
+    for k in range(keyframes):
+        width, begin, end, carried = int(widths[k]), int(starts[k]), int(starts[k + 1]), len(left)
         system = np.zeros((carried + end - begin, width + _TAIL), order="F")
         system[:carried, place] = left
         system[carried:] = rows[begin:end, : width + _TAIL]
@@ -65,26 +71,30 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
         after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
-        place = _columns_in_next(int(ahead[k]), int(ahead[min(k + 1, keyframes - 1)]))
+        place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
     shared = _triangle(np.concatenate(alone))
     if len(shared) < SHARED_DIM:
         raise UnsolvableError(_UNDETERMINED)
-    shared_R, shared_d = np.triu(shared[:SHARED_DIM, :SHARED_DIM]), shared[:SHARED_DIM, -1]
-    R = np.triu(conditional[:, :, :KEYFRAME_DIM])
-    if not (_determined(R) and _determined(shared_R)):
+    return conditional, shared[:SHARED_DIM]
+
+
+def _square_root(conditional: Array, shared: Array, ahead: np.ndarray) -> SquareRoot:
+    """From what :func:`_factored` gives."""
+    R, R_shared = np.triu(conditional[:, :, :KEYFRAME_DIM]), np.triu(shared[:, :-1])
+    if not (_determined(R) and _determined(R_shared)):
         raise UnsolvableError(_UNDETERMINED)
     # The sign of a row is arbitrary; with a positive diagonal R is unique, and so are samples drawn with it.
     sign = np.copysign(1.0, np.diagonal(R, axis1=1, axis2=2))[:, :, None]
-    shared_sign = np.copysign(1.0, np.diagonal(shared_R))
-    S = np.zeros((keyframes, KEYFRAME_DIM, rows.shape[1] - KEYFRAME_DIM - 1))
-    d = np.empty((keyframes, KEYFRAME_DIM))
+    sign_shared = np.copysign(1.0, np.diagonal(R_shared))[:, None]
+    S = np.zeros((*conditional.shape[:2], SIZE + NAV_DIM * int(ahead.max())))
+    d = np.empty(conditional.shape[:2])
     for count in np.unique(ahead):
         own, tail = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
         part = conditional[own] * sign[own]
         ordered = (part[:, :, KEYFRAME_DIM:_PAIR], part[:, :, tail : tail + SHARED_DIM], part[:, :, _PAIR:tail])
         S[own, :, : SIZE + NAV_DIM * count] = np.concatenate(ordered, axis=2)
         d[own] = part[:, :, tail + SHARED_DIM]
-    return SquareRoot(R * sign, S, d, shared_R * shared_sign[:, None], shared_d * shared_sign, ahead)
+    return SquareRoot(R * sign, S, d, R_shared * sign_shared, shared[:, -1] * sign_shared[:, 0], ahead)
 
 
 def _triangle(rows: Array) -> Array:
@@ -92,7 +102,7 @@ def _triangle(rows: Array) -> Array:
     some, columns = 4 * rows.shape[1], rows.shape[1]
     while len(rows) > some:
         padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
-        rows = np.linalg.qr(padded.reshape(-1, some, columns), mode="r").reshape(-1, columns)
+        rows = np.asarray(np.linalg.qr(padded.reshape(-1, some, columns), mode="r")).reshape(-1, columns)
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
@@ -107,12 +117,12 @@ def _upper(rows: int, columns: int) -> Array:
 
 
 @lru_cache
-def _columns_in_next(ahead: int, next_ahead: int) -> np.ndarray:
+def _columns_in_next(width: int, next_width: int) -> np.ndarray:
     """Where the columns of y_k are in the window of keyframe k + 1."""
     x = np.arange(KEYFRAME_DIM)
-    nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: NAV_DIM * min(ahead, 1)]
-    later = _PAIR + np.arange(NAV_DIM * max(ahead - 1, 0))
-    return np.concatenate([x, nav, later, _PAIR + NAV_DIM * next_ahead + np.arange(_TAIL)])
+    nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: width - _PAIR]
+    later = np.arange(_PAIR, width - NAV_DIM)
+    return np.concatenate([x, nav, later, next_width + np.arange(_TAIL)])
 
 
 def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
@@ -162,4 +172,4 @@ def _column(slot: Slot, first: np.ndarray, width: np.ndarray) -> np.ndarray:
     later = slot.index - first
     if slot.kind is not Kind.NAV and (later > 1).any():
         raise ValueError(f"{slot.kind.name} is touched from {later.max()} keyframes before; only NAV may be")
-    return np.where(later < 2, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2))
+    return np.asarray(np.where(later < 2, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2)))

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, posterior_covariance
@@ -94,7 +93,6 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed))
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # the matrices are small and many: threads would wait for each other
 def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages = _Stages(progress)

@@ -36,8 +36,8 @@ class SquareRoot:
     R: Array
     S: Array
     d: Array
-    shared_R: Array
-    shared_d: Array
+    R_shared: Array
+    d_shared: Array
     ahead: np.ndarray
 
     @cached_property
@@ -48,7 +48,7 @@ class SquareRoot:
     @cached_property
     def shared_inverse(self) -> Array:
         """R^-1 of the shared variables."""
-        return np.asarray(np.linalg.inv(self.shared_R))
+        return np.asarray(np.linalg.inv(self.R_shared))
 
     @cached_property
     def regression(self) -> Array:
@@ -66,7 +66,7 @@ class SquareRoot:
     def solution(self) -> Step:
         """The least-squares solution, backwards from the last keyframe."""
         n = len(self.R)
-        shared = self.shared_inverse @ self.shared_d
+        shared = self.shared_inverse @ self.d_shared
         x = np.empty((n, KEYFRAME_DIM))
         y = np.zeros(self.parents(n - 1))
         y[KEYFRAME_DIM:SIZE] = shared
@@ -78,7 +78,7 @@ class SquareRoot:
     @property
     def length(self) -> float:
         """The length of the solution in posterior sigmas, ``|R x|``; half its square is what it takes off the cost."""
-        return float(np.sqrt(np.sum(self.d**2) + np.sum(self.shared_d**2)))
+        return float(np.sqrt(np.sum(self.d**2) + np.sum(self.d_shared**2)))
 
 
 @lru_cache

@@ -21,8 +21,8 @@ from trackfg.datasets.imu_errors import ImuResponse
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.datasets.vehicle import Rigid
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
-from trackfg.frames import Array
 from trackfg.findings import Finding
+from trackfg.frames import Array
 from trackfg.graph import Problem
 from trackfg.results import (
     EVENT_COLUMNS,

@@ -97,7 +97,7 @@ def test_elimination_solves_the_least_squares_problem(solved: Solved) -> None:
 
 
 def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
-    """Row by row of the first keyframes and of the shared variables; a row's sign is free, ours has a positive diagonal."""
+    """Row by row, of the first keyframes; a row's sign is free, and ours has a positive diagonal."""
     n, dim = solved.keyframes, KEYFRAME_DIM
     R = solved.information * np.copysign(1.0, np.diag(solved.information))[:, None]
     for k in range(8):
@@ -107,7 +107,7 @@ def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
         theirs = np.hstack([R[rows, (k + 1) * dim : (k + 2) * dim], R[rows, n * dim :]])
         np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
     assert (np.diagonal(solved.root.R, axis1=1, axis2=2) > 0).all()
-    assert (np.diagonal(solved.root.shared_R) > 0).all()
+    assert (np.diagonal(solved.root.R_shared) > 0).all()
 
 
 def test_only_navigation_states_reach_past_the_next_keyframe() -> None:

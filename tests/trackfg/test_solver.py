@@ -109,7 +109,6 @@ def test_no_neighbour_is_cheaper(problem: Problem, solution: Solution) -> None:
     rng = np.random.default_rng(0)
     lowest = cost(problem, solution.states)
     assert solution.cost == pytest.approx(lowest, rel=1e-9)
-    n = len(problem.t)
     sd = np.sqrt(np.diagonal(posterior_covariance(solution.root).marginal, axis1=1, axis2=2))
     stacked = np.concatenate([sd[:, :KEYFRAME_DIM].ravel(), sd[0, KEYFRAME_DIM:]])
     for _ in range(20):
