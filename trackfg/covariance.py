@@ -45,21 +45,22 @@ class Covariance:
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
     """Run the recursion. Cost is linear in the number of keyframes."""
-    n = len(root.inverse)
+    n, dim = len(root.inverse), KEYFRAME_DIM
     spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
-    marginal, cross = np.zeros((n, SIZE, SIZE)), np.zeros((n, SIZE, SIZE))
+    marginal, cross = np.empty((n, SIZE, SIZE)), np.empty((n, SIZE, SIZE)) if root.ahead.any() else None
     window = np.zeros((root.parents(n - 1), root.parents(n - 1)))
-    window[KEYFRAME_DIM:SIZE, KEYFRAME_DIM:SIZE] = root.shared_inverse @ root.shared_inverse.T
+    window[dim:SIZE, dim:SIZE] = root.shared_inverse @ root.shared_inverse.T
     for k in range(n - 1, -1, -1):
         A, kept = root.regression[k, :, : len(window)], root.kept(k)
         ahead = A @ window
-        cross[k, :KEYFRAME_DIM] = ahead[:, :SIZE]
-        cross[k, KEYFRAME_DIM:] = window[KEYFRAME_DIM:SIZE, :SIZE]
-        own = ahead @ A.T + spread[k]
-        window = np.block([[own, ahead[:, kept]], [ahead[:, kept].T, window[np.ix_(kept, kept)]]])
-        window = 0.5 * (window + window.T)
+        if cross is not None:
+            cross[k, :dim], cross[k, dim:] = ahead[:, :SIZE], window[dim:SIZE, :SIZE]
+        own, both = ahead @ A.T + spread[k], ahead[:, kept]
+        later, window = window[kept[:, None], kept], np.empty((dim + kept.size, dim + kept.size))
+        window[:dim, :dim] = 0.5 * (own + own.T)
+        window[:dim, dim:], window[dim:, :dim], window[dim:, dim:] = both, both.T, later
         marginal[k] = window[:SIZE, :SIZE]
-    return Covariance(marginal, _gain(root, marginal, cross))
+    return Covariance(marginal, _chain_gain(root) if cross is None else _gain(marginal, cross))
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
@@ -76,12 +77,14 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
     return samples
 
 
-def _gain(root: SquareRoot, marginal: Array, cross: Array) -> Array:
-    if not root.ahead.any():
-        gain = np.zeros((len(marginal) - 1, SIZE, SIZE))
-        gain[:, :KEYFRAME_DIM] = root.regression[:-1]
-        gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(SHARED_DIM)
-        return gain
+def _chain_gain(root: SquareRoot) -> Array:
+    gain = np.zeros((len(root.regression) - 1, SIZE, SIZE))
+    gain[:, :KEYFRAME_DIM] = root.regression[:-1]
+    gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(SHARED_DIM)
+    return gain
+
+
+def _gain(marginal: Array, cross: Array) -> Array:
     sd = np.sqrt(np.diagonal(marginal[1:], axis1=1, axis2=2))
     correlation = marginal[1:] / (sd[:, :, None] * sd[:, None, :])
     scaled = np.linalg.solve(correlation, np.swapaxes(cross[:-1] / sd[:, None, :], 1, 2))

@@ -26,7 +26,7 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
-from trackfg.square_root import NAV, NAV_DIM, SIZE, SquareRoot
+from trackfg.square_root import NAV, NAV_DIM, SquareRoot
 
 _PAIR = 2 * KEYFRAME_DIM
 _TAIL = SHARED_DIM + 1
@@ -80,20 +80,19 @@ def _factored(rows: Array, starts: np.ndarray, widths: np.ndarray) -> tuple[Arra
 
 def _square_root(conditional: Array, shared: Array, ahead: np.ndarray) -> SquareRoot:
     """From what :func:`_factored` gives."""
-    R, R_shared = np.triu(conditional[:, :, :KEYFRAME_DIM]), np.triu(shared[:, :-1])
+    R, R_shared = conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM), np.triu(shared[:, :-1])
     if not (_determined(R) and _determined(R_shared)):
         raise UnsolvableError(_UNDETERMINED)
     # The sign of a row is arbitrary; with a positive diagonal R is unique, and so are samples drawn with it.
     sign = np.copysign(1.0, np.diagonal(R, axis1=1, axis2=2))[:, :, None]
     sign_shared = np.copysign(1.0, np.diagonal(R_shared))[:, None]
-    S = np.zeros((*conditional.shape[:2], SIZE + NAV_DIM * int(ahead.max())))
-    d = np.empty(conditional.shape[:2])
-    for count in np.unique(ahead):
-        own, tail = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
-        part = conditional[own] * sign[own]
-        ordered = (part[:, :, KEYFRAME_DIM:_PAIR], part[:, :, tail : tail + SHARED_DIM], part[:, :, _PAIR:tail])
-        S[own, :, : SIZE + NAV_DIM * count] = np.concatenate(ordered, axis=2)
-        d[own] = part[:, :, tail + SHARED_DIM]
+    conditional *= sign
+    for count in np.unique(ahead[ahead > 0]).tolist():  # the shared variables before the later navigation states
+        own, end = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
+        order = np.r_[0:_PAIR, end : end + _TAIL, _PAIR:end]
+        conditional[own, :, : order.size] = conditional[own][:, :, order]
+    rhs = _PAIR + SHARED_DIM
+    S, d = np.delete(conditional, rhs, axis=2)[:, :, KEYFRAME_DIM:], conditional[:, :, rhs].copy()
     return SquareRoot(R * sign, S, d, R_shared * sign_shared, shared[:, -1] * sign_shared[:, 0], ahead)
 
 

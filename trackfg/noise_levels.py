@@ -80,7 +80,7 @@ def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covarianc
     joint = cross[:, own[:, None], nav]
     P[np.ix_(np.arange(used.size), order, np.arange(9, 18))] = joint
     P[np.ix_(np.arange(used.size), np.arange(9, 18), order)] = np.swapaxes(joint, 1, 2)
-    free = 1.0 - np.einsum("nij,njk,nik->ni", A, P, A, optimize=True)
+    free = 1.0 - np.sum((A @ P) * A, axis=2)
     return {
         "gyro": _ratio(float(np.sum(e[:, :3] ** 2)), float(free[:, :3].sum())),
         "accel": _ratio(float(np.sum(e[:, 3:] ** 2)), float(free[:, 3:].sum())),
@@ -98,11 +98,11 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
     for slot, jacobian in zip(family.slots, jacobians, strict=True):
         target = there if not slot.kind.shared and (slot.index != first).any() else here
         target[:, :, _columns(slot.kind)] += jacobian
-    spread = np.einsum("nij,njk,nik->ni", here, covariance.marginal[first], here, optimize=True)
+    spread = np.sum((here @ covariance.marginal[first]) * here, axis=2)
     if there.any():
         cross = covariance.gain[np.minimum(first, len(covariance.gain) - 1)] @ covariance.marginal[last]
-        spread += np.einsum("nij,njk,nik->ni", there, covariance.marginal[last], there, optimize=True)
-        spread += 2.0 * np.einsum("nij,njk,nik->ni", here, cross, there, optimize=True)
+        spread += np.sum((there @ covariance.marginal[last]) * there, axis=2)
+        spread += 2.0 * np.sum((here @ cross) * there, axis=2)
     weight = family.weights(states)[:, None]
     return float(np.sum(b**2)), float(np.sum(weight) * d - np.sum(spread))
 
