@@ -30,6 +30,8 @@ _CELLS = 8
 _PASS_STEPS, _STOP_STEPS = 3.2, 2.0
 """Edges of the low-pass, wavelengths in steps."""
 _ATTENUATION_DB = 60.0
+_CHUNK = 10_000
+"""Steps evaluated at a time: their cells stay in the cache."""
 
 
 def resample(
@@ -59,11 +61,14 @@ def resample(
     out = np.full((*value.shape[:-1], len(grid)), np.nan)
     if len(grid) == 0:
         return grid, out
-    fine = np.arange(first * _CELLS - reach, last * _CELLS + reach + 1) * cell
-    fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
-    for row in np.ndindex(value.shape[:-1]):
-        spline = CubicSpline(node, node_value[row])
-        out[row] = _decimate(spline(fine), taps, len(grid))
+    spline = CubicSpline(node, node_value.reshape(-1, len(node)).T)
+    columns = out.reshape(-1, len(grid)).T
+    for begin in range(0, len(grid), _CHUNK):
+        part = columns[begin : begin + _CHUNK]
+        start = (first + begin) * _CELLS - reach
+        fine = np.arange(start, start + (len(part) - 1) * _CELLS + 2 * reach + 1) * cell
+        fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
+        part[...] = _decimate(spline(fine), taps)
     reach_m = reach * cell
     known = (grid - reach_m >= node[0] - 0.5 * cell) & (grid + reach_m <= node[-1] + 0.5 * cell)
     for hole in np.flatnonzero(np.diff(node) > max_hole_m):
@@ -125,23 +130,15 @@ def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
     return moved, value + slope * (moved - place)
 
 
-def _decimate(fine: Array, taps: Array, count: int) -> Array:
-    """The low-pass of ``fine`` (cells), at every step: one row of windows at a time would copy them all, so by
-    phases."""
-    length = len(taps) - 1 + (count - 1) * _CELLS + 1
-    rows = -(-length // _CELLS)
-    phases = np.zeros(rows * _CELLS)
-    phases[:length] = fine[:length]
-    by_step = phases.reshape(rows, _CELLS)
-    blocks = -(-len(taps) // _CELLS)
-    padded = np.zeros(blocks * _CELLS)
-    padded[: len(taps)] = taps
-    partial = by_step @ padded.reshape(blocks, _CELLS).T  # (rows, blocks): the part of block b in the output b rows up
-    out = np.zeros(count)
-    for block in range(blocks):
-        stop = min(count, rows - block)
-        out[:stop] += partial[block : block + stop, block]
-    return out
+def _decimate(fine: Array, taps: Array) -> Array:
+    """The low-pass of ``fine`` (cells, c), where it fits, at every step. Shape (steps, c)."""
+    from scipy.signal import upfirdn
+
+    reach = len(taps) - 1
+    front = -reach % _CELLS
+    count = (len(fine) - 1 - reach) // _CELLS + 1
+    padded = np.concatenate([np.zeros((front, fine.shape[1])), fine])
+    return np.asarray(upfirdn(taps, padded, down=_CELLS, axis=0)[(front + reach) // _CELLS :][:count])
 
 
 @lru_cache(maxsize=1)
