@@ -23,6 +23,7 @@ import numpy as np
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
 from trackfg.frames import Array, skew, so3_exp, so3_log, so3_right_jacobian_inverse
+from trackfg.hermite import hermite_weights
 
 
 def _trailing(
@@ -30,8 +31,7 @@ def _trailing(
 ) -> tuple[Array, Array, Array]:
     """The point p(h) + R(h) b (m, 3), and its derivatives by both ends (m, 3, 9)."""
     h1, T1 = h[:, None], T[:, None]
-    w0, w1 = 1.0 - 3.0 * h1**2 + 2.0 * h1**3, 3.0 * h1**2 - 2.0 * h1**3
-    u0, u1 = T1 * (h1 - 2.0 * h1**2 + h1**3), T1 * (h1**3 - h1**2)
+    w0, w1, u0, u1 = hermite_weights(h1, T1)
     p = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v + detail
 
     relative = np.swapaxes(start.R, 1, 2) @ end.R

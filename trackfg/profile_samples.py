@@ -14,6 +14,7 @@ import numpy as np
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.graph import Problem
+from trackfg.hermite import hermite_weights
 
 _BEAM_MODES = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671])
 
@@ -79,12 +80,7 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
     span = np.diff(problem.t)[k][:, None]
     left, axle, arm = points.left, points.axle, points.arm
     f1 = f[:, None]
-    weights = (
-        1.0 - 3.0 * f1**2 + 2.0 * f1**3,
-        3.0 * f1**2 - 2.0 * f1**3,
-        span * (f1 - 2.0 * f1**2 + f1**3),
-        span * (f1**3 - f1**2),
-    )
+    weights = hermite_weights(f1, span)
 
     def along(direction: Array, samples: Array) -> Array:
         return np.asarray(np.einsum("mi,mis->ms", direction, samples))

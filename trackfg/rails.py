@@ -22,6 +22,7 @@ from trackfg.factors.rail import same_rail
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.graph import Problem
+from trackfg.hermite import hermite_weights
 from trackfg.passes import Pass, passes
 from trackfg.recording import Recording
 from trackfg.spans import within
@@ -178,13 +179,8 @@ def _pair(
     start, end = states.nav[j], states.nav[j + 1]
     # Detail and turning are those of the motion at these states, which closes at both ends.
     back = np.swapaxes(start.R, 1, 2)
-    h1, T1 = h[:, None], T[:, None]
-    cubic = (
-        (1.0 - 3.0 * h1**2 + 2.0 * h1**3) * start.p
-        + (3.0 * h1**2 - 2.0 * h1**3) * end.p
-        + T1 * (h1 - 2.0 * h1**2 + h1**3) * start.v
-        + T1 * (h1**3 - h1**2) * end.v
-    )
+    w0, w1, u0, u1 = hermite_weights(h[:, None], T[:, None])
+    cubic = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v
     arm = problem.lever_arm
     pinned = problem.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
     sigma = np.column_stack(
