@@ -8,14 +8,31 @@ sensor's detail in between.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from trackfg.factors.states import Nav, States
-from trackfg.frames import Array, so3_exp, so3_log, transport_rate
+from trackfg.frames import (
+    Array,
+    matrix_from_quaternion,
+    quaternion,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_product,
+    so3_exp,
+    so3_log,
+    transport_rate,
+)
 from trackfg.graph import Problem
-from trackfg.inertial import compress, increment_starts
+from trackfg.hermite import hermite_rates, hermite_weights
+from trackfg.inertial import compress, increment_starts, running_turn
+
+_CHUNK = 400
+"""Intervals at a time: what is needed on the way stays small."""
+
+_CONJUGATE = np.array([[1.0], [-1.0], [-1.0], [-1.0]])
 
 
 @dataclass(frozen=True)
@@ -58,53 +75,84 @@ class DenseMotion:
 def dense_motion(problem: Problem, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
     """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
     starts, first = increment_starts(problem.inertial, problem.edges, step_s, times)
-    increments = compress(problem.inertial, starts, states.bias[:, 3:].mean(axis=0))
-    n, m = len(problem.t) - 1, len(increments.duration)
-    counts = np.diff(first)
-    earth = problem.world.earth_rate
-    turning = earth + transport_rate(0.5 * (states.nav.v[1:] + states.nav.v[:-1]))
-    gravity = np.array([0.0, 0.0, -problem.world.gravity])
+    bias = states.bias[:, 3:].mean(axis=0)
+    n = len(problem.t) - 1
+    parts = [_between(problem, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
+    gyro, distance = parts[-1].gyro[-1:], states.odo[n:, 0]
+    parts.append(DenseMotion(problem.t[n:], states.nav[n:], distance, gyro, np.array([n - 1]), np.ones(1)))
+    return _joined(parts)
 
-    R, p, v, d = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty(m)
-    body_R, body_p, body_v = states.nav.R[:-1].copy(), states.nav.p[:-1].copy(), states.nav.v[:-1].copy()
-    body_d = np.zeros(n)
-    keyframe = np.repeat(np.arange(n), counts)
-    dt = increments.duration[:, None]
-    turned = so3_exp(increments.rotation - states.bias[keyframe, 3:] * dt)
-    levelled = so3_exp(-turning[keyframe] * dt)
-    pushed = increments.velocity - states.bias[keyframe, :3] * dt
-    for i in range(int(counts.max())):
-        live = np.flatnonzero(counts > i)
-        row = first[live] + i
-        R[row], p[row], v[row], d[row] = body_R[live], body_p[live], body_v[live], body_d[live]
-        push = np.einsum("mij,mj->mi", body_R[live], pushed[row])
-        faster = body_v[live] + push + (gravity - np.cross(earth + turning[live], body_v[live])) * dt[row]
-        step = 0.5 * (body_v[live] + faster) * dt[row]
-        body_d[live] += np.sum(step * body_R[live][:, :, 0], axis=1)
-        body_p[live] += step
-        body_v[live] = faster
-        body_R[live] = levelled[row] @ body_R[live] @ turned[row]
 
-    t = problem.inertial.edges[starts[:-1]]
-    span = np.diff(problem.t)[keyframe]
-    f = (t - problem.t[keyframe]) / span
-    left_R = so3_log(np.swapaxes(body_R, 1, 2) @ states.nav.R[1:])[keyframe]
-    left_p, left_v = (states.nav.p[1:] - body_p)[keyframe], (states.nav.v[1:] - body_v)[keyframe]
-    F = f[:, None]
-    R = R @ so3_exp(left_R * F)
-    p += left_p * (3 * F**2 - 2 * F**3) + left_v * span[:, None] * (F**3 - F**2)
-    v += left_p * (6 * F - 6 * F**2) / span[:, None] + left_v * (3 * F**2 - 2 * F)
-    left_d = (np.diff(states.odo[:, 0]) - body_d)[keyframe]
-    left_speed = np.sum((states.nav.v[1:] - body_v) * states.nav.R[1:, :, 0], axis=1)[keyframe]
-    distance = states.odo[keyframe, 0] + d + left_d * (3 * f**2 - 2 * f**3) + left_speed * span * (f**3 - f**2)
-    rate = increments.rotation / dt - states.bias[keyframe, 3:]
+def _joined(parts: list[DenseMotion]) -> DenseMotion:
+    def all_of(column: Callable[[DenseMotion], np.ndarray]) -> np.ndarray:
+        return np.concatenate([column(part) for part in parts])
 
-    last = states.nav[len(states) - 1 :]
     return DenseMotion(
-        np.append(t, problem.t[-1]),
-        Nav(np.concatenate([R, last.R]), np.concatenate([p, last.p]), np.concatenate([v, last.v])),
-        np.append(distance, states.odo[-1, 0]),
-        np.concatenate([rate, rate[-1:]]),
-        np.append(keyframe, n - 1),
-        np.append(f, 1.0),
+        all_of(lambda part: part.t),
+        Nav(all_of(lambda part: part.nav.R), all_of(lambda part: part.nav.p), all_of(lambda part: part.nav.v)),
+        all_of(lambda part: part.distance),
+        all_of(lambda part: part.gyro),
+        all_of(lambda part: part.keyframe),
+        all_of(lambda part: part.fraction),
     )
+
+
+def _between(
+    problem: Problem, states: States, intervals: slice, starts: np.ndarray, first: np.ndarray, gyro_bias: Array
+) -> DenseMotion:
+    """The rows of some of the intervals between keyframes."""
+    begin = first[intervals.start]
+    starts = starts[begin : first[intervals.stop] + 1]
+    own = first[intervals.start : intervals.stop + 1] - begin
+    ends = slice(intervals.start + 1, intervals.stop + 1)
+    here, there, bias = states.nav[intervals], states.nav[ends], states.bias[intervals]
+    i = np.repeat(np.arange(len(here)), np.diff(own))
+    increments = compress(problem.inertial, starts, gyro_bias)
+    dt, span = increments.duration[:, None], np.diff(problem.t[intervals.start : intervals.stop + 1])
+    t = problem.inertial.edges[starts[:-1]]
+    since = t - problem.t[intervals][i]
+    f = since / span[i]
+
+    # The level frame turns as well, in n: Exp(-turning t) R Delta, and what is left at the end in proportion to time.
+    turning = problem.world.earth_rate + transport_rate(0.5 * (here.v + there.v))
+    rate = increments.rotation / dt - bias[i, 3:]
+    turned, whole = running_turn(own, rate * dt)
+    start = quaternion(here.R).T
+    arrived = quaternion_product(quaternion_product(quaternion_exp(-(turning * span[:, None]).T), start), whole)
+    left = quaternion_log(quaternion_product(arrived * _CONJUGATE, quaternion(there.R).T))
+    attitude = quaternion_product(quaternion_product(quaternion_exp(-turning.T[:, i] * since), start[:, i]), turned)
+    R = matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(left[:, i] * f)))
+
+    gravity = np.array([0.0, 0.0, -problem.world.gravity])
+    fall, falls = (gravity - np.cross(problem.world.earth_rate + turning, side.v) for side in (here, there))
+    middle = f[:, None] + 0.5 * dt / span[i, None]
+    pushed = np.einsum("mij,mj->mi", R, increments.velocity - bias[i, :3] * dt)
+    gained = pushed + (fall[i] + (falls - fall)[i] * middle) * dt
+    faster, v_end = _running_sum(gained, own)
+    v = here.v[i] + faster
+    step = (v + 0.5 * gained) * dt
+    moved, p_end = _running_sum(step, own)
+    gone, d_end = _running_sum(np.einsum("mi,mi->m", step, R[:, :, 0]), own)
+
+    left_p, left_v = there.p - here.p - p_end, there.v - here.v - v_end
+    left_speed, left_d = np.sum(left_v * there.R[:, :, 0], axis=1), np.diff(states.odo[:, 0])[intervals] - d_end
+    _, w, _, u = hermite_weights(f, span[i])
+    _, w_rate, _, u_rate = hermite_rates(f, span[i])
+    return DenseMotion(
+        t,
+        Nav(
+            R,
+            here.p[i] + moved + left_p[i] * w[:, None] + left_v[i] * u[:, None],
+            v + left_p[i] * w_rate[:, None] + left_v[i] * u_rate[:, None],
+        ),
+        states.odo[intervals, 0][i] + gone + left_d[i] * w + left_speed[i] * u,
+        rate,
+        i + intervals.start,
+        f,
+    )
+
+
+def _running_sum(values: Array, starts: np.ndarray) -> tuple[Array, Array]:
+    """Sums of what comes before each row in its group (m, ...), and of whole groups (n, ...). ``starts`` (n + 1,)."""
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    return total[:-1] - np.repeat(total[starts[:-1]], np.diff(starts), axis=0), np.diff(total[starts], axis=0)

@@ -60,12 +60,7 @@ def so3_exp(v: Array) -> Array:
 
 def so3_log(R: Array) -> Array:
     """The rotation vector of ``R``, angle in [0, pi). Inverse of :func:`so3_exp`. Shape (..., 3, 3) to (..., 3)."""
-    q = quaternion(R)
-    norm = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(norm, q[..., :1])
-    small = norm < 1e-8
-    factor = np.where(small, 2.0, angle / np.where(small, 1.0, norm))
-    return factor * q[..., 1:]
+    return np.moveaxis(quaternion_log(np.moveaxis(quaternion(R), -1, 0)), 0, -1)
 
 
 def quaternion(R: Array) -> Array:
@@ -88,6 +83,47 @@ def quaternion(R: Array) -> Array:
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     upper: Array = np.where(q[..., :1] < 0, -q, q)
     return upper
+
+
+def quaternion_exp(v: Array) -> Array:
+    """The unit quaternions (w, x, y, z) of rotation vectors, components first. Shape (3, m) to (4, m)."""
+    half = 0.5 * np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    out = np.empty((4, v.shape[1]))
+    np.cos(half, out=out[0])
+    np.multiply(v, 0.5 * np.sinc(half / np.pi), out=out[1:])
+    return out
+
+
+def quaternion_log(q: Array) -> Array:
+    """The rotation vectors of unit quaternions, angle in [0, pi], components first. Shape (4, ...) to (3, ...)."""
+    norm = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    small = norm < 1e-8
+    angle = 2.0 * np.arctan2(norm, np.abs(q[0]))
+    factor = np.where(small, 2.0, angle / np.where(small, 1.0, norm))
+    return np.asarray(np.copysign(factor, q[0]) * q[1:])
+
+
+def quaternion_product(p: Array, q: Array) -> Array:
+    """The quaternions of ``R(p) R(q)``, components first. Shapes (4, m)."""
+    out = np.empty(np.broadcast_shapes(p.shape, q.shape))
+    out[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
+    out[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
+    out[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]
+    out[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0]
+    return out
+
+
+def matrix_from_quaternion(q: Array) -> Array:
+    """The rotation matrices of unit quaternions, components first. Shape (4, m) to (m, 3, 3)."""
+    w, x, y, z = q
+    out = np.empty((q.shape[1], 3, 3))
+    x2, y2, z2 = 2.0 * x, 2.0 * y, 2.0 * z
+    xx, yy, zz, xy, xz, yz = x * x2, y * y2, z * z2, x * y2, x * z2, y * z2
+    wx, wy, wz = w * x2, w * y2, w * z2
+    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = 1.0 - yy - zz, xy - wz, xz + wy
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = xy + wz, 1.0 - xx - zz, yz - wx
+    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = xz - wy, yz + wx, 1.0 - xx - yy
+    return out
 
 
 def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:

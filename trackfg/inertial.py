@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.frames import Array, so3_exp, so3_log
+from trackfg.frames import Array, matrix_from_quaternion, quaternion_exp, quaternion_log, quaternion_product
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
 
@@ -101,18 +101,32 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
     if counts.max(initial=0) <= 1:
         turn, change = (data.gyro[first] - gyro_bias) * duration[:, None], data.accel[first] * duration[:, None]
         return Increments(duration, data.gyro[first] * duration[:, None], change + 0.5 * np.cross(turn, change))
-    R = np.tile(np.eye(3), (len(first), 1, 1))
-    velocity = np.zeros((len(first), 3))
-    dt = data.durations
+    dt = data.durations[starts[0] : starts[-1], None]
+    turn = (data.gyro[starts[0] : starts[-1]] - gyro_bias) * dt
+    change = data.accel[starts[0] : starts[-1]] * dt
+    change += 0.5 * np.cross(turn, change)
+    before, whole = running_turn(starts - starts[0], turn)
+    velocity = np.add.reduceat(np.einsum("mij,mj->mi", matrix_from_quaternion(before), change), first - starts[0])
+    return Increments(duration, quaternion_log(whole).T + duration[:, None] * gyro_bias, velocity)
+
+
+def running_turn(starts: np.ndarray, vectors: Array) -> tuple[Array, Array]:
+    """How far groups of small rotations have turned: ``vectors`` (m, 3) rad one after the other, each in the axes that
+    the one before led to; group g has those from ``starts[g]`` to ``starts[g + 1]``. Quaternions, components first,
+    from a group's start to before each rotation (4, m) and to its end (4, n).
+    """
+    first, counts = starts[:-1], np.diff(starts)
+    steps = quaternion_exp(vectors.T)
+    before = np.empty_like(steps)
+    now = np.zeros((4, len(first)))
+    now[0] = 1.0
     for i in range(int(counts.max(initial=0))):
         live = np.flatnonzero(counts > i)
-        sample = first[live] + i
-        turn = (data.gyro[sample] - gyro_bias) * dt[sample, None]
-        change = data.accel[sample] * dt[sample, None]
-        change = change + 0.5 * np.cross(turn, change)
-        velocity[live] += np.einsum("mij,mj->mi", R[live], change)
-        R[live] = R[live] @ so3_exp(turn)
-    return Increments(duration, so3_log(R) + duration[:, None] * gyro_bias, velocity)
+        row = first[live] + i
+        here = now[:, live]
+        before[:, row] = here
+        now[:, live] = quaternion_product(here, steps[:, row])
+    return before, now
 
 
 @dataclass(frozen=True)
@@ -133,24 +147,24 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     edges. An interval without distance is averaged over time. The trapezoid rule at every sample.
     """
     first, counts = keyframes[:-1], np.diff(keyframes)
-    m, dt = len(first), data.durations
     span, length = np.diff(data.edges[keyframes]), np.diff(distance[keyframes])
     moving = np.abs(length) > 1e-3
-    R = np.tile(np.eye(3), (m, 1, 1))
-    mean, mean_by_time = np.zeros((2, m, 3, 3))
-    for i in range(int(counts.max(initial=0))):
-        live = np.flatnonzero(counts > i)
-        sample = first[live] + i
-        ahead = R[live] @ so3_exp((data.gyro[sample] - gyro_bias) * dt[sample, None])
-        by_length = (distance[sample + 1] - distance[sample]) / np.where(moving, length, 1.0)[live]
-        share = np.where(moving[live], by_length, dt[sample] / span[live])
-        before = ((data.edges[sample] - data.edges[first[live]]) / span[live])[:, None, None]
-        after = before + (dt[sample] / span[live])[:, None, None]
-        half = 0.5 * share[:, None, None]
-        mean[live] += half * (R[live] + ahead)
-        mean_by_time[live] += half * (before * R[live] + after * ahead)
-        R[live] = ahead
-    return Turning(R, mean, mean_by_time)
+    own, samples = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
+    edges = data.edges[keyframes[0] : keyframes[-1] + 1]
+    dt, gone = np.diff(edges), np.diff(distance[keyframes[0] : keyframes[-1] + 1])
+    before, whole = running_turn(keyframes - keyframes[0], (data.gyro[samples] - gyro_bias) * dt[:, None])
+    # Weights of the attitude before each sample: half of the sample's share, and half of that of the one before it.
+    share = np.where(moving[own], gone / np.where(moving, length, 1.0)[own], dt / span[own])
+    late = (edges[:-1] - data.edges[first][own]) / span[own]
+    start = first - keyframes[0]
+    weight = 0.5 * (share + np.append(0.0, share[:-1]))
+    weight[start] = 0.5 * share[start]
+    last = np.append(start[1:], len(share)) - 1
+    R, end, at_end = matrix_from_quaternion(before), matrix_from_quaternion(whole), 0.5 * share[last][:, None, None]
+    R *= weight[:, None, None]
+    mean = np.add.reduceat(R, start) + at_end * end
+    R *= late[:, None, None]
+    return Turning(end, mean, np.add.reduceat(R, start) + at_end * end)
 
 
 def increment_starts(
@@ -169,5 +183,7 @@ def increment_starts(
     if times is not None:
         before = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
         after = np.minimum(before + 1, len(data))
-        starts = np.unique(np.concatenate([starts, before, after[data.edges[before] < times - 1e-9]]))
+        here = np.zeros(len(data) + 1, dtype=bool)
+        here[starts] = here[before] = here[after[data.edges[before] < times - 1e-9]] = True
+        starts = np.flatnonzero(here)
     return starts, np.searchsorted(starts, edges)
