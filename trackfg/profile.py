@@ -110,15 +110,14 @@ def _profile(
     if ascent.x[-1] - ascent.x[0] < SHORTEST_PASS_M:
         return None
     nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0][0]
-    R = nav.R @ R_bt
+    forward, axle = nav.R @ R_bt[:, 0], nav.R @ (direction * R_bt[:, 1])
     arm = nav.R @ problem.lever_arm
     position = nav.p - arm
-    forward, axle = R[:, :, 0], R[:, :, 1] * direction
     heading = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    shape = ascent.sorted(np.column_stack([position, heading, axle[:, 2]]))
-    grid, (east, north, height, heading, tilt) = resample(ascent.x, shape.T, step_m)
+    shape = np.vstack([position.T, heading, axle[:, 2]])
+    grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
     lateral, left = lateral_of(east, north, step_m)
-    speed = np.abs(np.sum(nav.v * forward, axis=1))
+    speed = np.abs(np.einsum("mi,mi->m", nav.v, forward))
     points, speed = points_at(motion, stretch, ascent, grid, left, axle, arm, speed)
     none = np.zeros(len(grid))
     return Profile(

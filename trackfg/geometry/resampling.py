@@ -61,14 +61,14 @@ def resample(
     out = np.full((*value.shape[:-1], len(grid)), np.nan)
     if len(grid) == 0:
         return grid, out
-    spline = CubicSpline(node, node_value.reshape(-1, len(node)).T)
-    columns = out.reshape(-1, len(grid)).T
-    for begin in range(0, len(grid), _CHUNK):
-        part = columns[begin : begin + _CHUNK]
-        start = (first + begin) * _CELLS - reach
-        fine = np.arange(start, start + (len(part) - 1) * _CELLS + 2 * reach + 1) * cell
-        fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
-        part[...] = _decimate(spline(fine), taps)
+    for row in np.ndindex(value.shape[:-1]):
+        spline = CubicSpline(node, node_value[row])
+        for begin in range(0, len(grid), _CHUNK):
+            part = out[row][begin : begin + _CHUNK]
+            start = (first + begin) * _CELLS - reach
+            fine = np.arange(start, start + (len(part) - 1) * _CELLS + 2 * reach + 1) * cell
+            fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
+            part[...] = _decimate(spline(fine), taps)
     reach_m = reach * cell
     known = (grid - reach_m >= node[0] - 0.5 * cell) & (grid + reach_m <= node[-1] + 0.5 * cell)
     for hole in np.flatnonzero(np.diff(node) > max_hole_m):
@@ -131,14 +131,14 @@ def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
 
 
 def _decimate(fine: Array, taps: Array) -> Array:
-    """The low-pass of ``fine`` (cells, c), where it fits, at every step. Shape (steps, c)."""
+    """The low-pass of ``fine`` (cells,), where it fits, at every step."""
     from scipy.signal import upfirdn
 
     reach = len(taps) - 1
     front = -reach % _CELLS
     count = (len(fine) - 1 - reach) // _CELLS + 1
-    padded = np.concatenate([np.zeros((front, fine.shape[1])), fine])
-    return np.asarray(upfirdn(taps, padded, down=_CELLS, axis=0)[(front + reach) // _CELLS :][:count])
+    padded = np.concatenate([np.zeros(front), fine])
+    return np.asarray(upfirdn(taps, padded, down=_CELLS)[(front + reach) // _CELLS :][:count])
 
 
 @lru_cache(maxsize=1)
