@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, detrend, sosfiltfilt
 
 from trackfg.frames import Array, matrix_from_rpy
 from trackfg.inertial import Intervals, interpolate_columns, means_around
@@ -101,21 +101,31 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
 def _low_pass(x: Array) -> Array:
     sos = butter(1, 1.0 / (2.0 * np.pi * _CROSSOVER_S), fs=1.0 / _GRID_S, output="sos")
     pad = min(len(x) - 1, round(3.0 * _CROSSOVER_S / _GRID_S))
-    return np.asarray(sosfiltfilt(sos, x, axis=0, padtype="odd", padlen=pad))
+    # A constant bias of the gyro makes a line, which passes; the rest is mirrored at the ends, where each sample has
+    # its errors, and no single one of them may decide how the run goes on.
+    rest = detrend(x, axis=0)
+    return np.asarray(x - rest + sosfiltfilt(sos, rest, axis=0, padtype="even", padlen=pad))
 
 
 def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, Array]:
     """Forward speed and its derivative on the grid: from the wheel, else from GNSS positions, else zero."""
-    if wheel is not None:
-        speed = np.gradient(wheel.at(t), t)
+    if wheel is not None and (within := (t >= wheel.t[0]) & (t <= wheel.t[-1])).sum() > 1:
+        speed = np.interp(t, t[within], np.gradient(wheel.at(t[within]), t[within]))
     elif recording.gnss is not None and len(recording.gnss) > 2:
         gnss_t = recording.gnss["t_s"].to_numpy()
         position = recording.gnss[["east_m", "north_m", "up_m"]].to_numpy()
         speed = np.interp(t, gnss_t, np.linalg.norm(np.gradient(position, gnss_t, axis=0), axis=1))
     else:
         return np.zeros(t.size), np.zeros(t.size)
-    speed = gaussian_filter1d(speed, 0.5 / _GRID_S)
-    return speed, np.gradient(gaussian_filter1d(speed, 0.5 / _GRID_S), t)
+    speed = _smooth(speed)
+    return speed, np.gradient(_smooth(speed), t)
+
+
+def _smooth(x: Array) -> Array:
+    """By a Gaussian of 0.5 s; slopes go on beyond the ends, where a run may begin or end with any acceleration."""
+    sigma = 0.5 / _GRID_S
+    reach = min(round(4.0 * sigma), len(x) - 1)
+    return np.asarray(gaussian_filter1d(np.pad(x, reach, "reflect", reflect_type="odd"), sigma)[reach:][: len(x)])
 
 
 def _dead_reckon(t: Array, rpy: Array, speed: Array, bias: Array) -> InitialPath:

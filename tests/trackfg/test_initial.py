@@ -34,12 +34,7 @@ def yaw_error(run: Simulation, path: InitialPath) -> np.ndarray:
     return (error + np.pi) % (2 * np.pi) - np.pi
 
 
-ENDS_ACCELERATING = pytest.mark.xfail(
-    strict=True, reason="a run that ends while accelerating: the last 20 s of the tilt are off by up to 60 mrad"
-)
-
-
-@pytest.mark.parametrize("seed", [pytest.param(0, marks=ENDS_ACCELERATING), 1, 2, 3])
+@pytest.mark.parametrize("seed", range(4))
 def test_attitude_is_within_5_mrad(simulated: Callable[..., Simulation], seed: int) -> None:
     """The accelerometer's bias of 0.02 m/s^2 (1 sigma) is 2 mrad of it, at rest too: that part is taken off."""
     run = simulated("mainline", seed=seed, duration_s=400.0)
