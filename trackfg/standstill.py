@@ -1,9 +1,10 @@
 """When the vehicle is at rest.
 
 A candidate is a span in which the tach does not move (less than one pulse, or a speed of zero); where there is no tach,
-the whole run is one. A candidate holds only as long as the inertial sensor is quiet too: over blocks of 0.5 s the mean
-angular rate stays near the candidate's median and the scatter of rate and specific force near that of its quietest
-blocks.
+one in which the inertial sensor is about as quiet as it ever is, without a change of mean rate or force from one block
+of 0.5 s to the next: each rest has a tilt of its own. A candidate holds only as long as the inertial sensor is quiet
+too: the blocks' mean angular rate stays near the candidate's median and the scatter of rate and specific force near
+that of its quietest blocks.
 
 On a smooth straight a moving vehicle is as quiet as one at rest. A candidate that the tach enters or leaves faster
 than anything brakes is therefore a tach that fell silent, and no standstill; and where GNSS alone tells the speed, it
@@ -12,8 +13,11 @@ must have seen the rest.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
+from numpy.lib.stride_tricks import sliding_window_view
 
 from trackfg.frames import Array
 from trackfg.recording import Recording
@@ -40,8 +44,13 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
     variance = np.maximum(np.add.reduceat(signals**2, first, axis=0) / counts[:, None] - mean**2, 0.0)
     scatter = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=1))
 
+    if recording.tach is None or len(recording.tach) < 2:
+        steady = _steady(mean, scatter, max(1, round(min_duration_s / _BLOCK_S)))
+        candidates = np.array([[starts[i], ends[j - 1]] for i, j in steady]).reshape(-1, 2)
+    else:
+        candidates = _tach_at_rest(recording.tach, float(t[0]), float(t[-1]))
     spans = []
-    for begin, end in _tach_at_rest(recording.tach, float(t[0]), float(t[-1])):
+    for begin, end in candidates:
         inside = np.flatnonzero((starts >= begin) & (ends <= end))
         if inside.size == 0:
             continue
@@ -56,17 +65,36 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
 
 def _quiet(mean: Array, scatter: Array) -> np.ndarray:
     """Which blocks of a candidate are at rest. Shapes (b, 6), (b, 2) to (b,) of bool."""
-    level = np.quantile(scatter, 0.2, axis=0)
-    limit = np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS)
-    calm: np.ndarray = np.all(scatter <= limit, axis=1)
+    calm = _calm(scatter, np.quantile(scatter, 0.2, axis=0))
     if not calm.any():
         return calm
-    centre = np.median(mean[calm], axis=0)
-    noise = 4.0 * scatter / np.sqrt(5.0)
-    rate = np.abs(mean[:, :3] - centre[:3]).max(axis=1) <= _RATE_TOLERANCE + noise[:, 0]
-    force = np.abs(mean[:, 3:] - centre[3:]).max(axis=1) <= _FORCE_TOLERANCE + noise[:, 1]
-    quiet: np.ndarray = calm & rate & force
+    quiet: np.ndarray = calm & _near(mean, np.median(mean[calm], axis=0), scatter)
     return quiet
+
+
+def _steady(mean: Array, scatter: Array, blocks: int) -> Array:
+    """Runs of blocks without a change, as quiet as any ``blocks`` in a row are at least once. Rows (first, end)."""
+    width = min(blocks, len(scatter))
+    calm = _calm(scatter, sliding_window_view(scatter, width, axis=0).max(axis=2).min(axis=0))
+    changes = np.append(False, ~_near(mean[1:], mean[:-1], scatter[1:]))
+    pieces = [
+        list(pairwise([i, *(i + 1 + np.flatnonzero(changes[i + 1 : j])).tolist(), j])) for i, j in true_runs(calm)
+    ]
+    return np.array([piece for run in pieces for piece in run], dtype=np.int64).reshape(-1, 2)
+
+
+def _calm(scatter: Array, level: Array) -> np.ndarray:
+    calm: np.ndarray = np.all(scatter <= np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS), axis=1)
+    return calm
+
+
+def _near(mean: Array, centre: Array, scatter: Array) -> np.ndarray:
+    """Whether blocks' means are those at ``centre``, up to noise."""
+    noise = 4.0 * scatter / np.sqrt(5.0)
+    rate = np.abs(mean - centre)[:, :3].max(axis=1) <= _RATE_TOLERANCE + noise[:, 0]
+    force = np.abs(mean - centre)[:, 3:].max(axis=1) <= _FORCE_TOLERANCE + noise[:, 1]
+    near: np.ndarray = rate & force
+    return near
 
 
 def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
@@ -80,10 +108,8 @@ def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
     return bool((np.median(np.abs(place - np.median(place, axis=0)) / sd, axis=0) < 3.0).all())
 
 
-def _tach_at_rest(tach: pd.DataFrame | None, t0: float, t1: float) -> Array:
+def _tach_at_rest(tach: pd.DataFrame, t0: float, t1: float) -> Array:
     """Spans without tach motion, trimmed where motion ends or begins. Shape (m, 2)."""
-    if tach is None or len(tach) < 2:
-        return np.array([[t0, t1]])
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     moved = np.flatnonzero(np.diff(distance) != 0.0)
     # From the end of one row interval with motion to the start of the next.
