@@ -24,7 +24,7 @@ from trackfg.recording import Recording
 from trackfg.spans import true_runs
 
 _BLOCK_S = 0.5
-_MARGIN_S = 1.5  # a gentle start takes this long to its first pulse: trimmed from both ends of a candidate
+_MARGIN_S = 1.5  # a gentle start takes this long to show: trimmed from both ends of a candidate
 _LAST_SECOND_M = 4.0  # no vehicle rolls further in its last second before a stop: 8 m/s^2
 _QUIET_RATIO = 5.0  # scatter of a block against the quiet level of its candidate
 _RATE_TOLERANCE = 2e-3  # rad/s: a block's mean rate against the candidate's median
@@ -46,7 +46,9 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
 
     if recording.tach is None or len(recording.tach) < 2:
         steady = _steady(mean, scatter, max(1, round(min_duration_s / _BLOCK_S)))
-        candidates = np.array([[starts[i], ends[j - 1]] for i, j in steady]).reshape(-1, 2)
+        candidates = np.stack([starts[steady[:, 0]], ends[steady[:, 1] - 1]], axis=1)
+        candidates[candidates[:, 0] > starts[0], 0] += _MARGIN_S
+        candidates[candidates[:, 1] < ends[-1], 1] -= _MARGIN_S
     else:
         candidates = _tach_at_rest(recording.tach, float(t[0]), float(t[-1]))
     spans = []
@@ -72,7 +74,7 @@ def _quiet(mean: Array, scatter: Array) -> np.ndarray:
     return quiet
 
 
-def _steady(mean: Array, scatter: Array, blocks: int) -> Array:
+def _steady(mean: Array, scatter: Array, blocks: int) -> np.ndarray:
     """Runs of blocks without a change, as quiet as any ``blocks`` in a row are at least once. Rows (first, end)."""
     width = min(blocks, len(scatter))
     calm = _calm(scatter, sliding_window_view(scatter, width, axis=0).max(axis=2).min(axis=0))
