@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -63,14 +64,14 @@ class Layout:
         """The IMU's position in the vehicle, m, shape (3,)."""
         return np.array(self.recording.description.imu.lever_arm_m)
 
-    @property
+    @cached_property
     def still(self) -> np.ndarray:
         """Whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
         resting = within(self.t, self.rests)
         still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
         return still
 
-    @property
+    @cached_property
     def distance(self) -> Array:
         """Initial distance between keyframes, m, shape (n - 1,)."""
         return np.asarray(np.diff(self.distance_at(self.t)))
@@ -89,7 +90,7 @@ class Layout:
         declared, level = self.recording.description.imu.noise, self.config.noise
         return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
 
-    @property
+    @cached_property
     def response(self) -> Array:
         """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
         where none starts, nothing. Shape (n, 6, 21).
