@@ -25,7 +25,7 @@ from trackfg.graph import Problem, build_problem
 from trackfg.noise_levels import adapted, noise_findings, noise_ratios
 from trackfg.profile import Profile, profiles
 from trackfg.rail_profile import rail_profiles
-from trackfg.rails import SIDES, rail_views, tied_by_rails
+from trackfg.rails import SIDES, RailView, rail_views, tied_by_rails
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
@@ -95,14 +95,14 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
 
 def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
-    stages = _Stages(progress)
-    problem, solution, covariance, ratios = _solved(recording, config, stages)
+    stages, views = _Stages(progress), rail_views(recording)
+    problem, solution, covariance, ratios = _solved(recording, config, views, stages)
     for _ in range(config.noise.rounds if config.noise.adapt else 0):
         before, config = config, adapted(config, ratios)
         changes = [b / a for a, b in zip(before.noise.factors().values(), config.noise.factors().values(), strict=True)]
         if max(abs(np.log(changes))) < _NOISE_SETTLED:
             break
-        problem, solution, covariance, ratios = _solved(recording, config, stages)
+        problem, solution, covariance, ratios = _solved(recording, config, views, stages)
     track = recording.description.track
     with stages.stage("output"):
         clock = _clock(problem, config.output.rate_hz)
@@ -112,7 +112,7 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
         calibration = calibration_table(problem, at_clock, solution.states, covariance)
     with stages.stage("geometry"):
         meaning = conventions(config.geometry, track)
-        shapes = _profiles(recording, problem, motion, solution.states, meaning.step_m)
+        shapes = _profiles(recording, views, problem, motion, solution.states, meaning.step_m)
         geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
     return SmoothedStates(
         config, problem, solution, covariance, ratios, trajectory, geometry, calibration, stages.timings_s
@@ -120,9 +120,8 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
 
 
 def _solved(
-    recording: Recording, config: SmoothConfig, stages: _Stages
+    recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages
 ) -> tuple[Problem, Solution, Covariance, dict[str, float]]:
-    views = rail_views(recording)
     with stages.stage("graph"):
         problem = build_problem(recording, config)
         if views:
@@ -140,11 +139,16 @@ def _solved(
 
 
 def _profiles(
-    recording: Recording, problem: Problem, motion: DenseMotion, states: States, step_m: float
+    recording: Recording,
+    views: list[RailView],
+    problem: Problem,
+    motion: DenseMotion,
+    states: States,
+    step_m: float,
 ) -> list[Profile]:
     """What the run says of the track: nothing where nothing measures speed, or where the sensor is on springs alone."""
     description = recording.description
-    direction, views = description.track.direction, rail_views(recording)
+    direction = description.track.direction
     if recording.tach is None and recording.gnss is None:
         return []
     if {view.side for view in views} == set(SIDES):
