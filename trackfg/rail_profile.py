@@ -6,6 +6,8 @@ chainage, which is the vehicle's plus its place along the vehicle. Where several
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from trackfg.dense import DenseMotion
@@ -42,15 +44,15 @@ def rail_profiles(
 def _profile(
     problem: Problem, motion: DenseMotion, direction: int, step_m: float, views: list[RailView], stretch: Pass
 ) -> Profile | None:
-    seen = [_seen(problem, motion, direction, step_m, view, stretch) for view in views]
-    first = max(cell[0] for cell, _, _ in seen)
-    last = min(cell[-1] for cell, _, _ in seen)
+    seen = [_Sight.of(problem, motion, direction, step_m, view, stretch) for view in views]
+    first = max(sight.cell[0] for sight in seen)
+    last = min(sight.cell[-1] for sight in seen)
     if (last - first) * step_m < SHORTEST_PASS_M:
         return None
     cell = np.arange(first, last + 1)
     by_side: dict[Side, Array] = {}
     for side in SIDES:
-        own = [points[:, first - cells[0] : last - cells[0] + 1] for cells, points, view in seen if view.side == side]
+        own = [sight.points[:, first - sight.cell[0] :][:, : len(cell)] for sight in seen if sight.view.side == side]
         by_side[side] = np.mean(own, axis=0)
     # Facing increasing chainage: against it, what is left of the vehicle is right.
     left, right = by_side["left"], by_side["right"]
@@ -63,7 +65,7 @@ def _profile(
         "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
         "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
     }
-    made = [_view(problem, motion, direction, step_m, view, stretch, cell * step_m, leftward) for view in views]
+    made = [_view(motion, direction, step_m, sight, stretch, cell * step_m, leftward) for sight in seen]
     return Profile(
         cell=cell,
         speed=made[0][1],
@@ -74,33 +76,37 @@ def _profile(
     )
 
 
-def _seen(
-    problem: Problem, motion: DenseMotion, direction: int, step_m: float, view: RailView, stretch: Pass
-) -> tuple[np.ndarray, Array, RailView]:
-    """The rail in n on the grid: cells (n,), points (3, n)."""
-    ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
-    nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
-    body = view.points(t, _row_s(motion)) - problem.lever_arm
-    points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
-    grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
-    return np.rint(grid / step_m).astype(np.int64), values, view
+@dataclass(frozen=True)
+class _Sight:
+    """What one unit saw of one rail on a pass: in vehicle axes at the pass's rows, less the IMU's place (m, 3); in n on
+    the grid: cells (n,), points (3, n).
+    """
+
+    view: RailView
+    ascent: Ascent
+    body: Array
+    cell: np.ndarray
+    points: Array
+
+    @classmethod
+    def of(
+        cls, problem: Problem, motion: DenseMotion, direction: int, step_m: float, view: RailView, stretch: Pass
+    ) -> _Sight:
+        ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
+        nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
+        body = view.points(t, _row_s(motion)) - problem.lever_arm
+        points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
+        grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
+        return cls(view, ascent, body, np.rint(grid / step_m).astype(np.int64), values)
 
 
 def _view(
-    problem: Problem,
-    motion: DenseMotion,
-    direction: int,
-    step_m: float,
-    view: RailView,
-    stretch: Pass,
-    grid: Array,
-    leftward: Array,
+    motion: DenseMotion, direction: int, step_m: float, sight: _Sight, stretch: Pass, grid: Array, leftward: Array
 ) -> tuple[View, Array]:
-    ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
-    nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
-    body = view.points(t, _row_s(motion))
+    view, ascent, body = sight.view, sight.ascent, sight.body
+    nav = motion.nav[ascent.rows]
     body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
-    arm = -np.einsum("mij,mj->mi", nav.R, body - problem.lever_arm)
+    arm = -np.einsum("mij,mj->mi", nav.R, body)
     speed = np.abs(np.sum(nav.v * nav.R[:, :, 0], axis=1))
     points, speed = points_at(motion, stretch, ascent, grid, leftward, nav.R[:, :, 1] * direction, arm, speed)
     across, up = view.sd(0.0)
