@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import butter, detrend, sosfiltfilt
+from scipy.signal import lfilter
 
 from trackfg.frames import Array, matrix_from_rpy
 from trackfg.inertial import Intervals, interpolate_columns, means_around
@@ -99,12 +99,24 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
 
 
 def _low_pass(x: Array) -> Array:
-    sos = butter(1, 1.0 / (2.0 * np.pi * _CROSSOVER_S), fs=1.0 / _GRID_S, output="sos")
-    pad = min(len(x) - 1, round(3.0 * _CROSSOVER_S / _GRID_S))
-    # A constant bias of the gyro makes a line, which passes; the rest is mirrored at the ends, where each sample has
-    # its errors, and no single one of them may decide how the run goes on.
-    rest = detrend(x, axis=0)
-    return np.asarray(x - rest + sosfiltfilt(sos, rest, axis=0, padtype="even", padlen=pad))
+    """At each time the value there of the straight line fitted to all samples with weights ``exp(-|s| / crossover)``.
+
+    Away from the ends that is the first-order filter run both ways. At the ends lines still pass as they are, such as a
+    constant bias of the gyro makes, and no single sample, each with its errors, decides how they go on.
+    """
+    decay = np.exp(-_GRID_S / _CROSSOVER_S)
+
+    def weighted(y: Array) -> Array:
+        before = lfilter([1.0], [1.0, -decay], y, axis=0)
+        after = lfilter([1.0], [1.0, -decay], y[::-1], axis=0)[::-1]
+        return np.asarray(before + after - y)
+
+    t = _GRID_S / _CROSSOVER_S * np.arange(len(x))[:, None]
+    one, by_t, by_t2 = weighted(np.ones_like(t)), weighted(t), weighted(t * t)
+    s1, s2 = by_t - t * one, by_t2 - 2.0 * t * by_t + t * t * one
+    x0 = weighted(x)
+    x1 = weighted(t * x) - t * x0
+    return np.asarray((s2 * x0 - s1 * x1) / (s2 * one - s1 * s1))
 
 
 def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, Array]:

@@ -55,8 +55,8 @@ def test_truth_of_a_noise_free_run_costs_nothing(simulated: Callable[..., Simula
     for family in problem.families:
         if family.name in ("prior on odo", "absolute fix"):
             continue  # their origin of distance is the first fix
-        # The yaw of the start is 0 to 1e-6 rad by convention, about the vertical and from a rough roll.
-        assert np.abs(family.whitened(states)).max() < (2.0 if family.name == "prior on nav" else 0.5), family.name
+        # The yaw of the start is 0 to 1e-6 rad by convention, about an axis that is as rough as the roll there.
+        assert np.abs(family.whitened(states)).max() < (5.0 if family.name == "prior on nav" else 0.5), family.name
 
 
 def test_keyframes_lie_on_edges_of_the_samples(problem: Problem) -> None:
