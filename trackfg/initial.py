@@ -111,7 +111,7 @@ def _low_pass(x: Array) -> Array:
         after = lfilter([1.0], [1.0, -decay], y[::-1], axis=0)[::-1]
         return np.asarray(before + after - y)
 
-    t = _GRID_S / _CROSSOVER_S * np.arange(len(x))[:, None]
+    t: Array = _GRID_S / _CROSSOVER_S * np.arange(len(x), dtype=np.float64)[:, None]
     one, by_t, by_t2 = weighted(np.ones_like(t)), weighted(t), weighted(t * t)
     s1, s2 = by_t - t * one, by_t2 - 2.0 * t * by_t + t * t * one
     x0 = weighted(x)
