@@ -80,21 +80,18 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
     span = np.diff(problem.t)[k][:, None]
     left, axle, arm = points.left, points.axle, points.arm
     f1 = f[:, None]
-    weights = hermite_weights(f1, span)
-
-    def along(direction: Array, samples: Array) -> Array:
-        return np.asarray(np.einsum("mi,mis->ms", direction, samples))
+    p, v, a = errors.position, errors.velocity, errors.attitude
+    w0, w1, u0, u1 = (weight[:, :, None] for weight in hermite_weights(f1, span))
+    moved = w0 * p[k] + w1 * p[k + 1] + u0 * v[k] + u1 * v[k + 1]
+    tilted = (1.0 - f1)[:, :, None] * a[k] + f1[:, :, None] * a[k + 1]
 
     def position(direction: Array) -> Array:
         """The error of the IMU's position in a direction (m, 3), carried from the keyframes."""
-        p, v = errors.position, errors.velocity
-        parts = (p[k], p[k + 1], v[k], v[k + 1])
-        return np.asarray(sum(w * along(direction, part) for w, part in zip(weights, parts, strict=True)))
+        return np.asarray(np.einsum("mi,mis->ms", direction, moved))
 
     def attitude(direction: Array) -> Array:
         """The error of the attitude about a direction (m, 3), carried from the keyframes."""
-        before, after = along(direction, errors.attitude[k]), along(direction, errors.attitude[k + 1])
-        return np.asarray((1.0 - f1) * before + f1 * after)
+        return np.asarray(np.einsum("mi,mis->ms", direction, tilted))
 
     def shaken(axis: int) -> Array:
         modes = problem.noise.accel * span**1.5 * _beam(f)
