@@ -181,8 +181,8 @@ measured in that one run. Times differ from machine to machine; the ratios much 
 The work of every stage is linear in the length of the run, and so is its memory. The graph is a chain: the factors of a
 keyframe touch it, its neighbour and a few scalars shared by the run. Eliminated from one end to the other, it never
 fills in: each keyframe costs one QR of the same small size, by LAPACK on its rows at once and not by GTSAM's
-elimination of one variable after the other. The covariances are one recursion back along the same chain. The initial values come from a pass over the whole run that is close already, so
-that a longer run does not need more iterations.
+elimination of one variable after the other. The covariances are one recursion back along the same chain. The initial
+values come from a pass over the whole run that is close already, so that a longer run does not need more iterations.
 Reading, standstills, compression of the IMU samples, our factors and the dense motion are array operations. What is
 left to Python loops is per keyframe or per 20 ms of motion, never per pair of keyframes.
 

@@ -140,3 +140,15 @@ def test_enu_points_east_north_and_up(latitude: float, longitude: float) -> None
     assert north[1] == pytest.approx(np.radians(1e-5) * 6.37e6, rel=0.01)
     np.testing.assert_allclose(up, [0, 0, 1], atol=1e-8)
     np.testing.assert_allclose([east[1:], north[[0, 2]]], 0.0, atol=1e-5)
+
+
+def test_quaternions_turn_as_matrices_do() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 50, 3))
+    a[0], b[0], b[1] = 0.0, 0.0, 1e-12
+    p, q = frames.quaternion_exp(a.T), frames.quaternion_exp(b.T)
+    np.testing.assert_allclose(frames.matrix_from_quaternion(p), frames.so3_exp(a), atol=1e-14)
+    product = frames.matrix_from_quaternion(frames.quaternion_product(p, q))
+    np.testing.assert_allclose(product, frames.so3_exp(a) @ frames.so3_exp(b), atol=1e-14)
+    np.testing.assert_allclose(frames.quaternion_log(p).T, a, atol=1e-13)
+    np.testing.assert_allclose(frames.quaternion_log(-p).T, a, atol=1e-13)
