@@ -85,7 +85,7 @@ class LaserConfig(_Section):
     since the rails tie the motion at keyframes.
     """
 
-    window_s: Positive = 0.1
+    window_s: Positive = 0.06
     match_sd_m: Positive = 1e-5
     robust_width: Positive = 4.0
     max_keyframes: Annotated[int, Field(gt=0)] = 32

@@ -119,9 +119,9 @@ def test_slower_is_less_sure(smoothed_in_full: Callable[..., SmoothedStates]) ->
 
 @pytest.mark.slow
 def test_sigmas_are_honest_over_seeds(simulated_in_full: Callable[..., Simulation]) -> None:
-    """The rms of error over sigma, over five lines and all speeds."""
+    """The rms of error over sigma, over eight lines and all speeds."""
     ratios: dict[str, list[np.ndarray]] = {}
-    for seed in range(5):
+    for seed in range(8):
         run = simulated_in_full("mainline", seed=seed, duration_s=400.0)
         smoothed = smooth_states(run.recording, SmoothConfig())
         error = geometry_errors(smoothed.geometry, smoothed.trajectory, run.truth, run.truth_geometry)
