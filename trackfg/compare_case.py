@@ -85,7 +85,7 @@ def run_case(case: Case, *, keep: bool = True, progress: Progress | None = None)
     if case.name == J_TURN and case.folder is None:
         return _friction(case, show)
     if case.folder is not None:
-        recording, summary = read_recording(case.folder), str(case.folder)
+        recording, summary = read_recording(case.folder), f"recording in {case.folder.name}"
         truth = None
         if has_truth(case.folder):
             truth = _Truth(read_truth(case.folder), read_truth_geometry(case.folder))

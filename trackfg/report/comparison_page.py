@@ -30,8 +30,13 @@ def comparison_page(comparison: Comparison, command: str) -> Page:
     names = estimator_names(about)
     colour = colours(names)
     runs = sum(len(case.seeds) for case in about.cases)
-    subtitle = (
-        f"{len(names)} estimators on {runs} runs of {len(about.cases)} cases, trackfg {about.versions.get('trackfg')}"
+    subtitle = ", ".join(
+        (
+            f"{len(names)} estimators",
+            "1 run" if runs == 1 else f"{runs} runs",
+            "1 case" if len(about.cases) == 1 else f"{len(about.cases)} cases",
+            f"trackfg {about.versions.get('trackfg')}",
+        )
     )
     title = ", ".join(case.name for case in about.cases)
     sections = [
