@@ -15,7 +15,7 @@ precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation",
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -32,6 +32,9 @@ _PAIR = 2 * KEYFRAME_DIM
 _TAIL = SHARED_DIM + 1
 """Columns of the shared variables and of the right-hand side."""
 
+_AT_A_TIME = 256
+"""Keyframes whose rows are stacked together."""
+
 _INDETERMINATE = 1e-14
 """Part of a column that is left once all earlier ones are taken out: below this it is rounding."""
 
@@ -45,23 +48,22 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
     """
     ahead = _ahead(factors, keyframes)
     widths = _PAIR + NAV_DIM * ahead
-    rows, starts = _stacked(factors, widths)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
-        return _square_root(*_factored(rows, starts, widths), ahead)
+        return _square_root(*_factored(_systems(factors, widths), widths), ahead)
 
 
-def _factored(rows: Array, starts: np.ndarray, widths: np.ndarray) -> tuple[Array, Array]:
+def _factored(systems: Iterator[Array], widths: np.ndarray) -> tuple[Array, Array]:
     """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window, and [R d] of the shared."""
     keyframes = len(widths)
-    conditional = np.zeros((keyframes, KEYFRAME_DIM, rows.shape[1]))
-    alone = [rows[: starts[0], _PAIR : _PAIR + _TAIL]]
+    conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
+    alone = [next(systems)]
     left = np.zeros((0, 0))
     place: np.ndarray | slice = slice(0)
-    for k in range(keyframes):
-        width, begin, end, carried = int(widths[k]), int(starts[k]), int(starts[k + 1]), len(left)
-        system = np.zeros((carried + end - begin, width + _TAIL), order="F")
+    for k, own in enumerate(systems):
+        width, carried = int(widths[k]), len(left)
+        system = np.zeros((carried + len(own), width + _TAIL), order="F")
         system[:carried, place] = left
-        system[carried:] = rows[begin:end, : width + _TAIL]
+        system[carried:] = own
         if len(system) < KEYFRAME_DIM:
             raise UnsolvableError(_UNDETERMINED)
         triangle = dgeqrf(system, overwrite_a=True)[0]
@@ -83,17 +85,21 @@ def _square_root(conditional: Array, shared: Array, ahead: np.ndarray) -> Square
     R, R_shared = conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM), np.triu(shared[:, :-1])
     if not (_determined(R) and _determined(R_shared)):
         raise UnsolvableError(_UNDETERMINED)
-    # The sign of a row is arbitrary; with a positive diagonal R is unique, and so are samples drawn with it.
-    sign = np.copysign(1.0, np.diagonal(R, axis1=1, axis2=2))[:, :, None]
-    sign_shared = np.copysign(1.0, np.diagonal(R_shared))[:, None]
-    conditional *= sign
-    for count in np.unique(ahead[ahead > 0]).tolist():  # the shared variables before the later navigation states
+    later = _PAIR - KEYFRAME_DIM + SHARED_DIM
+    S = np.zeros((len(ahead), KEYFRAME_DIM, conditional.shape[2] - KEYFRAME_DIM - 1))
+    d = np.empty((len(ahead), KEYFRAME_DIM))
+    for count in np.unique(ahead).tolist():  # the shared variables before the later navigation states
         own, end = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
-        order = np.r_[0:_PAIR, end : end + _TAIL, _PAIR:end]
-        conditional[own, :, : order.size] = conditional[own][:, :, order]
-    rhs = _PAIR + SHARED_DIM
-    S, d = np.delete(conditional, rhs, axis=2)[:, :, KEYFRAME_DIM:], conditional[:, :, rhs].copy()
-    return SquareRoot(R * sign, S, d, R_shared * sign_shared, shared[:, -1] * sign_shared[:, 0], ahead)
+        S[own, :, : _PAIR - KEYFRAME_DIM] = conditional[own, :, KEYFRAME_DIM:_PAIR]
+        S[own, :, _PAIR - KEYFRAME_DIM : later] = conditional[own, :, end : end + SHARED_DIM]
+        S[own, :, later : later + NAV_DIM * count] = conditional[own, :, _PAIR:end]
+        d[own] = conditional[own, :, end + SHARED_DIM]
+    # The sign of a row is arbitrary; with a positive diagonal R is unique, and so are samples drawn with it.
+    sign = np.copysign(1.0, np.diagonal(R, axis1=1, axis2=2))
+    sign_shared = np.copysign(1.0, np.diagonal(R_shared))
+    R *= sign[:, :, None]
+    S *= sign[:, :, None]
+    return SquareRoot(R, S, d * sign, R_shared * sign_shared[:, None], shared[:, -1] * sign_shared, ahead)
 
 
 def _triangle(rows: Array) -> Array:
@@ -134,32 +140,62 @@ def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
 
 
-def _stacked(factors: Sequence[LinearFactors], widths: np.ndarray) -> tuple[Array, np.ndarray]:
-    """All rows (m, widest window) in order of their first keyframe, each laid out as the window there; where the rows
-    of each keyframe start (n + 1,). In front, as if no window were wider than two keyframes, those of shared variables.
-    """
-    firsts = []
-    for slots, _, b in factors:
-        own = [slot.index for slot in slots if not slot.kind.shared]
-        firsts.append(np.min(own, axis=0) if own else np.full(len(b), -1))
-    by_first = np.concatenate(firsts)
-    heights = np.concatenate([np.full(len(b), b.shape[1]) for _, _, b in factors])
-    order = np.argsort(by_first, kind="stable")
-    ends = np.cumsum(heights[order])
-    begins = np.empty(len(order), dtype=np.int64)
-    begins[order] = ends - heights[order]
-    starts = np.append(0, ends)[np.searchsorted(by_first[order], np.arange(len(widths) + 1))]
+def _systems(factors: Sequence[LinearFactors], widths: np.ndarray) -> Iterator[Array]:
+    """Rows of shared variables alone, then those of each keyframe, laid out as its window, the right-hand side last.
 
-    rows = np.zeros((int(heights.sum()), int(widths.max()) + _TAIL))
+    Stacked some keyframes at a time: windows differ, and at the widest all rows together would fill the memory.
+    """
+    sorted_ = [_by_first(one) for one in factors]
+    shared = [(one, first) for one, first in sorted_ if first.size and first[0] < 0]
+    yield _stacked(shared, -1, 0, np.array([_PAIR]))[0][:, _PAIR:]
+    own = [(one, first) for one, first in sorted_ if first.size and first[0] >= 0]
+    for begin in range(0, len(widths), _AT_A_TIME):
+        end = min(begin + _AT_A_TIME, len(widths))
+        rows, starts = _stacked(own, begin, end, widths[begin:end])
+        for k, width in enumerate(widths[begin:end].tolist()):
+            yield rows[starts[k] : starts[k + 1], : width + _TAIL]
+
+
+def _by_first(factors: LinearFactors) -> tuple[LinearFactors, np.ndarray]:
+    """Factors in order of the first keyframe of each, -1 for shared variables alone, and these keyframes (m,)."""
+    slots, jacobians, b = factors
+    own = [slot.index for slot in slots if not slot.kind.shared]
+    first = np.min(own, axis=0) if own else np.full(len(b), -1)
+    if (np.diff(first) >= 0).all():
+        return factors, first
+    order = np.argsort(first, kind="stable")
+    slots = tuple(Slot(slot.kind, slot.index[order]) for slot in slots)
+    return LinearFactors(slots, tuple(one[order] for one in jacobians), b[order]), first[order]
+
+
+def _stacked(
+    factors: Sequence[tuple[LinearFactors, np.ndarray]], begin: int, end: int, widths: np.ndarray
+) -> tuple[Array, np.ndarray]:
+    """The rows of the keyframes from ``begin`` to ``end``, in order (m, widest window); where those of each start."""
+    parts = []
+    for (slots, jacobians, b), first in factors:
+        some = slice(*np.searchsorted(first, [begin, end]).tolist())
+        if some.stop > some.start:
+            parts.append((slots, jacobians, b, first, some))
+    number = [first[some] - begin for *_, first, some in parts]
+    heights = np.concatenate([np.full(len(k), part[2].shape[1]) for k, part in zip(number, parts, strict=True)] or [[]])
+    by_keyframe = np.concatenate(number or [[]])
+    order = np.argsort(by_keyframe, kind="stable")
+    ends = np.cumsum(heights[order], dtype=np.int64)
+    begins = np.empty(len(order), dtype=np.int64)
+    begins[order] = ends - heights[order].astype(np.int64)
+    starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
+
+    rows = np.zeros((int(ends[-1]) if len(ends) else 0, int(widths.max()) + _TAIL))
     after = 0
-    for (slots, jacobians, b), first in zip(factors, firsts, strict=True):
-        before, after = after, after + len(b)
+    for k, (slots, jacobians, b, first, some) in zip(number, parts, strict=True):
+        before, after = after, after + len(k)
         row = begins[before:after, None] + np.arange(b.shape[1])
-        width = np.where(first < 0, _PAIR, widths[first])
-        rows[row, (width + SHARED_DIM)[:, None]] = b
+        width = widths[k]
+        rows[row, (width + SHARED_DIM)[:, None]] = b[some]
         for slot, jacobian in zip(slots, jacobians, strict=True):
-            column = _column(slot, first, width)[:, None] + np.arange(slot.kind.dim)
-            rows[row[:, :, None], column[:, None, :]] = jacobian
+            column = _column(Slot(slot.kind, slot.index[some]), first[some], width)[:, None] + np.arange(slot.kind.dim)
+            rows[row[:, :, None], column[:, None, :]] = jacobian[some]
     return rows, starts
 
 

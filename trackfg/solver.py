@@ -65,9 +65,11 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     robust = False
     cost = initial_cost = _cost(problem, families, states, values)
     stop = None
+    root: SquareRoot | None = None
     iterations = 0
     while stop is None and iterations < config.max_iterations:
         iterations += 1
+        root = None  # the next one needs its memory
         linear = [linearize_imu_factors(problem.native, values), *(family.linearize(states) for family in families)]
         root = eliminate(linear, keyframes)
         length = root.length
@@ -89,6 +91,7 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
             # Close enough that a large residual is an outlier and not a poor start.
             robust, families = True, problem.families
             cost = _cost(problem, families, states, values)
+    assert root is not None  # there is at least one iteration
     stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
     rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
     return Solution(states, values, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)

@@ -53,7 +53,8 @@ class SquareRoot:
     @cached_property
     def regression(self) -> Array:
         """``A_k = -R_k^-1 S_k``: the mean of x_k is ``A_k y_k + R_k^-1 d_k``. Shape of S."""
-        return np.asarray(-self.inverse @ self.S)
+        product = self.inverse @ self.S
+        return np.negative(product, out=product)
 
     def parents(self, k: int) -> int:
         """The size of y_k as far as it is carried."""
