@@ -57,15 +57,17 @@ def cases_of(
     return found + [Case(name, seed, length) for name, length in named.items() for seed in range(seeds)]
 
 
-def compare(cases: Sequence[Case], *, jobs: int = 1, progress: Progress | None = None) -> Comparison:
-    """Run and score all cases, in ``jobs`` processes. ``progress(what, fraction)`` is called whenever a run is done, in
-    one process whenever an estimator is.
+def compare(
+    cases: Sequence[Case], *, peers: bool = True, jobs: int = 1, progress: Progress | None = None
+) -> Comparison:
+    """Run and score all cases, in ``jobs`` processes; other packages too where they are installed (``peers``).
 
+    ``progress(what, fraction)`` is called whenever a run is done, in one process whenever an estimator is.
     Raises :class:`~trackfg.errors.TrackfgError` where a recording cannot be read or nothing can be scored; an estimator
     that cannot use a recording is left out, and its reason kept.
     """
     start = time.perf_counter()
-    runs = list(_runs(cases, jobs, progress))
+    runs = list(_runs(cases, peers, jobs, progress))
     scores = joined([*(run.scores for run in runs), *_repeatability([run for run in runs if not run.against_truth])])
     if scores.empty:
         reasons = "".join(f"; {name}: {reason}" for run in runs for name, reason in run.left_out.items())
@@ -88,7 +90,7 @@ def compare(cases: Sequence[Case], *, jobs: int = 1, progress: Progress | None =
     )
 
 
-def _runs(cases: Sequence[Case], jobs: int, progress: Progress | None) -> Iterator[CaseRun]:
+def _runs(cases: Sequence[Case], peers: bool, jobs: int, progress: Progress | None) -> Iterator[CaseRun]:
     """In the order of the cases. The curves of the first run of each name are kept."""
     keep = [case.name not in {earlier.name for earlier in cases[:number]} for number, case in enumerate(cases)]
     if jobs == 1 or len(cases) == 1:
@@ -98,11 +100,11 @@ def _runs(cases: Sequence[Case], jobs: int, progress: Progress | None) -> Iterat
                 if progress is not None:
                     progress(f"{name}: {what}", (number + done) / len(cases))
 
-            yield run_case(case, keep=keep[number], progress=show)
+            yield run_case(case, peers=peers, keep=keep[number], progress=show)
         return
     # Spawned, not forked: a fork of a process whose libraries have threads may hang.
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(run_case, case, keep=kept) for case, kept in zip(cases, keep, strict=True)]
+        futures = [pool.submit(run_case, case, peers=peers, keep=kept) for case, kept in zip(cases, keep, strict=True)]
         try:
             for done, future in enumerate(as_completed(futures), start=1):
                 future.result()  # a failure ends the comparison at once

@@ -75,8 +75,8 @@ class _Truth:
         return _km(self.trajectory["chainage_m"])
 
 
-def run_case(case: Case, *, keep: bool = True, progress: Progress | None = None) -> CaseRun:
-    """One run through every estimator. ``keep``: its curves too.
+def run_case(case: Case, *, peers: bool = True, keep: bool = True, progress: Progress | None = None) -> CaseRun:
+    """One run through every estimator, other packages with ``peers``. ``keep``: its curves too.
 
     ``progress(estimator, fraction)`` is called before each. Raises :class:`~trackfg.errors.TrackfgError` where the
     recording cannot be read.
@@ -94,7 +94,7 @@ def run_case(case: Case, *, keep: bool = True, progress: Progress | None = None)
         run = simulate(case.name, seed=case.seed, duration_s=case.duration_s)
         recording, summary = run.recording, scenario(case.name).summary
         truth = _Truth(run.truth, run.truth_geometry)
-    known = {name: one.run for name, one in estimators().items()}
+    known = {name: one.run for name, one in estimators(peers=peers).items()}
     estimates, seconds, left_out = _run_all(known, recording, show)
     clock = recording.imu["t_s"].to_numpy()
     duration = float(clock[-1] - clock[0])

@@ -56,8 +56,8 @@ _IWATA = "Iwata, Yamamichi, Sugiyama and Kitano"
 _MIYATA = "Miyata and Tsunashima, IMM-EKF"
 
 
-def estimators() -> dict[str, Estimator]:
-    """The estimators of a recording, the smoother first; peers only where they are installed."""
+def estimators(*, peers: bool = True) -> dict[str, Estimator]:
+    """The estimators of a recording, the smoother first; other packages (``peers``) where they are installed."""
     attitude = partial(_printable, _ATTITUDE)
     known = {
         SMOOTHER: Estimator("factor-graph smoother", "trackfg", _smoothed, get_args(Task), anchored=True),
@@ -79,9 +79,9 @@ def estimators() -> dict[str, Estimator]:
             "IMM over adhesion, slip, slide, standstill", f"after {_MIYATA}", odometry_imm.run, _PLACE
         ),
     }
-    if is_installed("vqf"):
+    if peers and is_installed("vqf"):
         known["vqf"] = Estimator("offline VQF, acceleration of the wheel taken out", "vqf", vqf_offline.run, _ATTITUDE)
-    if is_installed("python-ins"):
+    if peers and is_installed("python-ins"):
         known["python-ins"] = Estimator("feedback EKF", "python-ins", python_ins.run, (*_ATTITUDE, *_PLACE))
     return known
 
