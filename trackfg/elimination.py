@@ -178,12 +178,14 @@ def _stacked(
         if some.stop > some.start:
             parts.append((slots, jacobians, b, first, some))
     number = [first[some] - begin for *_, first, some in parts]
-    heights = np.concatenate([np.full(len(k), part[2].shape[1]) for k, part in zip(number, parts, strict=True)] or [[]])
-    by_keyframe = np.concatenate(number or [[]])
+    none = np.zeros(0, dtype=np.int64)
+    tall = (np.full(len(k), b.shape[1]) for k, (_, _, b, _, _) in zip(number, parts, strict=True))
+    heights = np.concatenate([none, *tall])
+    by_keyframe = np.concatenate([none, *number])
     order = np.argsort(by_keyframe, kind="stable")
-    ends = np.cumsum(heights[order], dtype=np.int64)
+    ends = np.cumsum(heights[order])
     begins = np.empty(len(order), dtype=np.int64)
-    begins[order] = ends - heights[order].astype(np.int64)
+    begins[order] = ends - heights[order]
     starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
 
     rows = np.zeros((int(ends[-1]) if len(ends) else 0, int(widths.max()) + _TAIL))
