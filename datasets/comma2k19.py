@@ -88,13 +88,6 @@ def _reference(
 ) -> pd.DataFrame:
     """The pose in the trajectory columns. Its quaternion maps the phone's forward-right-down axes to ECEF."""
     to_enu = frames.ecef_from_enu(origin[0], origin[1]).T
-    R_nb = to_enu @ _matrix(quaternion) @ to_vehicle.T
+    R_nb = to_enu @ frames.matrix_from_quaternion(quaternion.T) @ to_vehicle.T
     enu = (ecef - frames.geodetic_to_ecef(origin)) @ to_enu.T
     return tables.trajectory_table(t - zero, enu, np.linalg.norm(velocity, axis=1), frames.rpy_from_matrix(R_nb))
-
-
-def _matrix(q: Array) -> Array:
-    """The rotation matrix of unit quaternions (w, x, y, z). Shape (n, 4) to (n, 3, 3)."""
-    w, v = q[:, :1, None], q[:, 1:]
-    K = frames.skew(v)
-    return np.eye(3) + 2.0 * (w * K + K @ K)

@@ -16,7 +16,7 @@ from trackfg.comparison import BAND_KMH, BANDED, QUANTITIES, SCORE_COLUMNS, TRUT
 from trackfg.datasets.j_turn import j_turn
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import TrackfgError
-from trackfg.estimators import estimators, friction_estimators
+from trackfg.estimators import Estimator, estimators, friction_estimators
 from trackfg.evaluate_geometry import geometry_errors
 from trackfg.evaluate_trajectory import distance_errors, from_the_true_start, trajectory_errors
 from trackfg.recording import Recording
@@ -94,8 +94,8 @@ def run_case(case: Case, *, peers: bool = True, keep: bool = True, progress: Pro
         run = simulate(case.name, seed=case.seed, duration_s=case.duration_s)
         recording, summary = run.recording, scenario(case.name).summary
         truth = _Truth(run.truth, run.truth_geometry)
-    known = {name: one.run for name, one in estimators(peers=peers).items()}
-    estimates, seconds, left_out = _run_all(known, recording, show)
+    known = estimators(peers=peers)
+    estimates, seconds, left_out = _run_all({name: one.run for name, one in known.items()}, recording, show)
     clock = recording.imu["t_s"].to_numpy()
     duration = float(clock[-1] - clock[0])
     if truth is None:
@@ -104,7 +104,7 @@ def run_case(case: Case, *, peers: bool = True, keep: bool = True, progress: Pro
         return CaseRun(
             case, summary, duration, km, False, seconds, left_out, geometry=_first("case", case.name, geometry)
         )
-    scored = [_scored(name, one, recording, truth) for name, one in estimates.items()]
+    scored = [_scored(name, known[name], one, recording, truth) for name, one in estimates.items()]
     scores = _score_table(case, joined(one.scores for one in scored), seconds, truth.distance_km)
     geometry, positions = pd.DataFrame(), pd.DataFrame()
     if keep:
@@ -141,10 +141,9 @@ class _Scored:
     positions: pd.DataFrame
 
 
-def _scored(name: str, estimate: BaselineResult, recording: Recording, truth: _Truth) -> _Scored:
+def _scored(name: str, estimator: Estimator, estimate: BaselineResult, recording: Recording, truth: _Truth) -> _Scored:
     """One estimator's scores and curves, with ``estimator``."""
     trajectory = estimate.trajectory
-    estimator = estimators()[name]
     if not estimator.anchored or recording.fixes is None:
         trajectory = from_the_true_start(trajectory, truth.trajectory)
     over_time = trajectory_errors(trajectory, truth.trajectory)

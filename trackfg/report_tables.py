@@ -15,6 +15,7 @@ from rich.text import Text
 
 from trackfg.comparison import QUANTITIES, REFERENCE, About, Case, Row
 from trackfg.findings import Finding
+from trackfg.flat import leaves
 from trackfg.results import Estimate, Result, VectorEstimate
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ def estimates(values: Mapping[str, Any]) -> RenderableType:
     table = _table("Estimated from the data")
     table.add_column("quantity", no_wrap=True)
     table.add_column("value")
-    for name, value in _leaves(values):
+    for name, value in leaves(values):
         table.add_row(Text(name), Text(_text(value)))
     return table
 
@@ -211,14 +212,6 @@ def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:
 def _counts(values: Iterable[str]) -> str:
     counted = pd.Series(list(values), dtype="str").value_counts()
     return ", ".join(f"{number} {value}" for value, number in counted.items()) or "none"
-
-
-def _leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def _text(value: Any) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
+from trackfg.flat import leaves
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
 from trackfg.report.geometry_charts import channels, geometry_strips
 from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
@@ -234,8 +235,8 @@ def _map(result: Result, against: Against | None) -> Section:
 def _made(result: Result, command: str) -> Section:
     page = result.summary
     versions = Facts(tuple(page.versions.items()))
-    default = dict(_leaves(SmoothConfig().model_dump(mode="json")))
-    settings = list(_leaves(page.configuration))
+    default = dict(leaves(SmoothConfig().model_dump(mode="json")))
+    settings = list(leaves(page.configuration))
     changed = [(key, value) for key, value in settings if value != default.get(key)]
     rows = tuple(
         Row((key, _setting(value), _setting(default.get(key))), mark="own" if value != default.get(key) else "")
@@ -255,14 +256,6 @@ def _made(result: Result, command: str) -> Section:
         Fold("All settings", (Table(("setting", "value", "default"), rows),)),
     )
     return Section("made", "How it was made", blocks)
-
-
-def _leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def _setting(value: Any) -> str:
