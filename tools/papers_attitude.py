@@ -40,6 +40,7 @@ from trackfg.evaluate_geometry import geometry_errors
 from trackfg.frames import Array
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
+from trackfg.scores import rms
 from trackfg.smoother import SmoothedStates, smooth_states
 from trackfg.units import STANDARD_GRAVITY
 
@@ -169,12 +170,12 @@ def axle_box(seed: int) -> dict[str, float]:
     speed = np.abs(geometry["speed_mps"].to_numpy())
     noise, base_m = run.recording.description.imu.noise, run.recording.description.track.cross_level_base_m
     out = {
-        "as printed smoother": _rms(error),
-        "corrected smoother": _rms(error),
-        "ratio": _rms(error / geometry["twist_mm_sd"]),
-        "gyro noise": 1e3 * base_m * _rms(noise.gyro_white * np.sqrt(TWIST_BASE_M / speed)),
-        "noise": 1e3 * base_m * _rms(least_twist_sd_rad(noise, speed)),
-        "knocks": _rms(_frame_errors(run, "twist_mm")),
+        "as printed smoother": rms(error),
+        "corrected smoother": rms(error),
+        "ratio": rms(error / geometry["twist_mm_sd"]),
+        "gyro noise": 1e3 * base_m * rms(noise.gyro_white * np.sqrt(TWIST_BASE_M / speed)),
+        "noise": 1e3 * base_m * rms(least_twist_sd_rad(noise, speed)),
+        "knocks": rms(_frame_errors(run, "twist_mm")),
     }
     out["bound"] = float(np.hypot(out["noise"], out["knocks"]))
     out |= _both_kinds("as printed", run, as_printed=True) | _both_kinds("corrected", run)
@@ -182,7 +183,7 @@ def axle_box(seed: int) -> dict[str, float]:
     plan = scenario("axle-box")
     struck = replace(plan, vehicle=replace(SHARP_KNOCKS, vehicle=plan.vehicle, seed=seed), flange_knocks=False)
     sharp = simulate(struck, seed=seed)
-    out["sharp knocks smoother"] = _rms(_errors(sharp, _smoothed(sharp), "twist_mm", sharp.truth_geometry))
+    out["sharp knocks smoother"] = rms(_errors(sharp, _smoothed(sharp), "twist_mm", sharp.truth_geometry))
     out["sharp knocks peak"] = float(np.abs(sharp.recording.accel[:, 1]).max())
     out["peak"] = float(np.abs(run.recording.accel[:, 1]).max())
     out[f"{FAST} smoother"] = out["sharp knocks smoother"]
@@ -197,7 +198,7 @@ def _both_kinds(name: str, run: Simulation, *, as_printed: bool = False, time_s:
         for kind, adaptive in both.items()
     }
     return {
-        f"{name} {kind}": _rms(_errors(run, estimate, "twist_mm", run.truth_geometry))
+        f"{name} {kind}": rms(_errors(run, estimate, "twist_mm", run.truth_geometry))
         for kind, estimate in found.items()
     }
 
@@ -280,10 +281,6 @@ def _frame_errors(run: Simulation, quantity: str) -> pd.Series[float]:
 def _largest(error: Array | pd.Series[float]) -> float:
     """The largest distance from the mean."""
     return float(np.abs(error - error.mean()).max())
-
-
-def _rms(error: Array | pd.Series[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(error))))
 
 
 def _roll_errors_mm(run: Simulation, estimate: BaselineResult) -> Array:
