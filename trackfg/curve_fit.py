@@ -1,0 +1,130 @@
+"""Fit of a chain of curves to a stretch of profile: nonlinear least squares with whitened residuals.
+
+Residuals are the increments of heading and of cross-level (:mod:`trackfg.curve_model`), whitened by their noise
+(:mod:`trackfg.increment_noise`). The covariance is ``(J^T J)^-1``, times the residuals' mean square: irregularities are
+not the same all along a line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from trackfg.curve_model import CurveChain, tilts, turns
+from trackfg.frames import Array
+from trackfg.increment_noise import Whitener
+
+_PRIOR_CELLS = 30.0
+"""The noise of the whole line counts as much as so many cells of the stretch itself."""
+
+_SCALES = (1.0, 1e-5, 0.1)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Cells of a profile: ``edges`` (n + 2,) m, ``turn`` (n,) rad with its whitener; ``tilt`` (n - 1,) mm likewise.
+    Either is None where it is not known or not to be used. ``cross_level_known`` (n,) is the variance, mm^2, that the
+    profile states for its cross-level.
+    """
+
+    edges: Array
+    turn: Array | None
+    turn_white: Whitener
+    tilt: Array | None = None
+    tilt_white: Whitener | None = None
+    cross_level_known: Array | None = None
+
+    @property
+    def tilt_edges(self) -> Array:
+        """Of the increments of cross-level. Shape (n + 1,)."""
+        return np.asarray(self.edges[:-1] + 0.5 * (self.edges[1] - self.edges[0]))
+
+    def without_tilt(self) -> Stretch:
+        """The curvature alone."""
+        return replace(self, tilt=None, tilt_white=None)
+
+    def chi2_of_straight(self) -> float:
+        """The sum of squares of the whitened turns without any curve."""
+        return 0.0 if self.turn is None else float(np.sum(self.turn_white(self.turn) ** 2))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best chain, the sum of squares of its whitened residuals (count ``cells``), and the covariance of its
+    parameters (without those of the cant where the stretch has no cross-level), for residuals of mean square 1.
+    """
+
+    chain: CurveChain
+    chi2: float
+    cells: int
+    unscaled: Array
+
+    @property
+    def scale(self) -> float:
+        """How much larger the noise's variance is here than on the whole line."""
+        freedom = self.cells - len(self.unscaled)
+        return (_PRIOR_CELLS + self.chi2) / (_PRIOR_CELLS + freedom)
+
+    @property
+    def covariance(self) -> Array:
+        """Of :attr:`CurveChain.parameters`."""
+        return self.scale * self.unscaled
+
+
+def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
+    """The chain's places and levels that fit the stretch best, from the given ones on."""
+    scales = _scales(chain, stretch)
+    start = chain.parameters[: len(scales)]
+    known: dict[bytes, tuple[Array, Array]] = {}
+
+    def at(x: Array) -> tuple[Array, Array]:
+        key = x.tobytes()
+        if key not in known:
+            known.clear()
+            r, j = _residuals(chain.with_parameters(start + scales * x), stretch)
+            known[key] = r, j * scales
+        return known[key]
+
+    def residuals(x: Array) -> Array:
+        return at(x)[0]
+
+    def jacobian(x: Array) -> Array:
+        return at(x)[1]
+
+    nothing = np.zeros(len(start))
+    solution = least_squares(residuals, nothing, jac=jacobian, method="lm", xtol=1e-8, ftol=1e-8, gtol=1e-12)
+    r, j = at(solution.x)
+    # What the data do not tell gets a large variance, not an infinite one.
+    _, s, v = np.linalg.svd(j, full_matrices=False)
+    w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
+    return Fit(chain.with_parameters(start + scales * solution.x), float(r @ r), len(r), w.T @ w)
+
+
+def regressors(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
+    """Whitened residuals (n,) and their derivatives (n, parameters) at the chain as it is."""
+    return _residuals(chain, stretch)
+
+
+def _scales(chain: CurveChain, stretch: Stretch) -> Array:
+    c = len(chain.curved)
+    counts = (len(chain.places), c, 0 if stretch.tilt is None else c)
+    return np.repeat(_SCALES, counts)
+
+
+def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
+    p, c = len(chain.places), len(chain.curved)
+    columns = p + c * (1 if stretch.tilt is None else 2)
+    parts: list[Array] = []
+    slopes: list[Array] = []
+    if stretch.turn is not None:
+        turn, by_turn = turns(chain, stretch.edges)
+        parts.append(stretch.turn_white(turn - stretch.turn))
+        slopes.append(np.pad(stretch.turn_white(by_turn), ((0, 0), (0, columns - p - c))))
+    if stretch.tilt is not None and stretch.tilt_white is not None:
+        tilt, by_tilt = tilts(chain, stretch.tilt_edges)
+        white = stretch.tilt_white(by_tilt)
+        parts.append(stretch.tilt_white(tilt - stretch.tilt))
+        slopes.append(np.hstack([white[:, :p], np.zeros((len(tilt), c)), white[:, p:]]))
+    return np.concatenate(parts), np.concatenate(slopes)

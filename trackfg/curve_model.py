@@ -1,0 +1,144 @@
+"""The designed curvature and cant of a stretch of track, and what cells of a profile see of them.
+
+A :class:`CurveChain` is a row of constant levels (straights, of curvature and cant 0, and circles) with a transition
+from each to the next. So curvature is the sum of a start level and of rises, each ``change x f((x - b) / L)``
+(:mod:`trackfg.transition_laws`), and cant likewise, by the same laws at the same places.
+
+A profile's curvature is the heading's change over a base; summed over the rows of a cell as long as the base it is the
+change of the heading's *average* from one cell to the next, and cross-level is averaged over the same cells. Both are
+second differences, over the cells' edges, of integrals of the chain: ``G = int int curvature`` and ``P = int cant``,
+
+    turn_k = (G(e_k+2) - 2 G(e_k+1) + G(e_k)) / cell,    tilt_k = (P(e'_k+2) - 2 P(e'_k+1) + P(e'_k)) / cell,
+
+where ``e' = e + cell/2``. Both are free of any constant: of the start heading and of the sensor's roll offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.frames import Array
+from trackfg.transition_laws import TransitionLaw, rise
+
+_SHORTEST_M = 1e-3
+
+
+@dataclass(frozen=True)
+class CurveChain:
+    """``m`` levels and ``m - 1`` transitions; transition i leads from ``places[begin[i]]`` to ``places[end[i]]``.
+
+    Points that coincide share a place: both ends of a transition of no length, or the end of one and the beginning of
+    the next where no constant stretch lies between. ``places`` (p,) m; ``curvature`` (m,) 1/m, left positive, and
+    ``cant`` (m,) mm, left rail higher, are 0 where ``straight``.
+    """
+
+    straight: tuple[bool, ...]
+    begin: tuple[int, ...]
+    end: tuple[int, ...]
+    laws: tuple[TransitionLaw, ...]
+    places: Array
+    curvature: Array
+    cant: Array
+
+    @property
+    def curved(self) -> np.ndarray:
+        """Indices of the levels that are not straight."""
+        return np.flatnonzero(~np.array(self.straight))
+
+    @property
+    def parameters(self) -> Array:
+        """Places, then the curvatures and the cants of the curved levels. Shape (p + 2 c,)."""
+        return np.concatenate([self.places, self.curvature[self.curved], self.cant[self.curved]])
+
+    def with_parameters(self, x: Array) -> CurveChain:
+        """The same chain with other numbers; those of the cant may be missing and then stay."""
+        p, c = len(self.places), len(self.curved)
+        curvature, cant = self.curvature.copy(), self.cant.copy()
+        curvature[self.curved] = x[p : p + c]
+        if len(x) > p + c:
+            cant[self.curved] = x[p + c :]
+        return replace(self, places=x[:p].copy(), curvature=curvature, cant=cant)
+
+    @property
+    def points(self) -> Array:
+        """Where transitions begin and end, in order. Shape (2 m - 2,)."""
+        return np.asarray(self.places[self.nodes])
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The index of the place of each point. Shape (2 m - 2,)."""
+        return np.array([self.begin, self.end], dtype=np.int64).T.ravel()
+
+    def curvature_at(self, x: Array) -> Array:
+        """Curvature at places (n,), 1/m."""
+        return self._at(x, self.curvature)
+
+    def _at(self, x: Array, levels: Array) -> Array:
+        out = np.full(len(x), levels[0])
+        for i, law in enumerate(self.laws):
+            b, e = self.places[self.begin[i]], self.places[self.end[i]]
+            out += (levels[i + 1] - levels[i]) * rise(law, (x - b) / max(e - b, _SHORTEST_M))[0]
+        return out
+
+
+def turns(chain: CurveChain, edges: Array) -> tuple[Array, Array]:
+    """The turn of each cell, rad, and its derivatives by places and curvatures. Edges (n + 2,) to (n,), (n, p + c)."""
+    return _seen(chain, edges, chain.curvature, 2)
+
+
+def tilts(chain: CurveChain, edges: Array) -> tuple[Array, Array]:
+    """Increments of cross-level, mm, and derivatives by places and cants. Edges (n + 2,) to (n,), (n, p + c)."""
+    return _seen(chain, edges, chain.cant, 1)
+
+
+def step_turns(places: Array, edges: Array) -> Array:
+    """The turns that a step of curvature of 1 1/m would make, for each of its places (k,). Shape (n, k)."""
+    beyond = np.maximum(edges[:, None] - places, 0.0)
+    return _second_difference(0.5 * beyond**2, edges)
+
+
+def _seen(chain: CurveChain, edges: Array, levels: Array, order: int) -> tuple[Array, Array]:
+    p, curved = len(chain.places), chain.curved
+    column = {int(level): p + k for k, level in enumerate(curved)}
+    total = np.zeros(len(edges))
+    slopes = np.zeros((len(edges), p + len(curved)))
+    x = edges - edges[0]
+    if order == 2:
+        total += 0.5 * levels[0] * x**2
+        if 0 in column:
+            slopes[:, column[0]] += 0.5 * x**2
+    for i, law in enumerate(chain.laws):
+        change = levels[i + 1] - levels[i]
+        ends = float(chain.places[chain.begin[i]]), float(chain.places[chain.end[i]])
+        shape, by_begin, by_end = _integral(law, edges, ends, order)
+        total += change * shape
+        slopes[:, chain.begin[i]] += change * by_begin
+        slopes[:, chain.end[i]] += change * by_end
+        if i + 1 in column:
+            slopes[:, column[i + 1]] += shape
+        if i in column:
+            slopes[:, column[i]] -= shape
+    return _second_difference(total, edges), _second_difference(slopes, edges)
+
+
+def _integral(law: TransitionLaw, x: Array, ends: tuple[float, float], order: int) -> tuple[Array, Array, Array]:
+    """The rise integrated ``order`` times, and its derivatives by begin and end. Each (n,)."""
+    begin, end = ends
+    turned = end < begin  # on the way to a solution; as good as the other way round
+    b, length = (end, begin - end) if turned else (begin, end - begin)
+    length = max(length, _SHORTEST_M)
+    u = (x - b) / length
+    f, first, second = rise(law, u)
+    if order == 2:
+        shape, by_end = length**2 * second, length * (2.0 * second - u * first)
+        by_begin = -length * first - by_end
+    else:
+        shape, by_end = length * first, first - u * f
+        by_begin = -f - by_end
+    return (shape, by_end, by_begin) if turned else (shape, by_begin, by_end)
+
+
+def _second_difference(values: Array, edges: Array) -> Array:
+    return np.asarray(np.diff(values, n=2, axis=0) / (edges[1] - edges[0]))

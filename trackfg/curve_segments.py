@@ -1,0 +1,235 @@
+"""Where curves are, roughly: cells of a curvature profile, and a first chain of curves for each group of them.
+
+The profile is cut into cells as long as the curvature's base. Averaged over five of them (50 m), curvature above a
+threshold is part of a curve: half the widest one's, or four sigmas of the irregularities, whichever is more. Curves
+closer together than :data:`APART_M` form a group that is fitted as one.
+
+Over a group and some straight beside it, the curvature of the cells is cut into constant and linear pieces such that
+``sum of squares / variance + 15 per constant + 22 per linear piece`` is least (dynamic programming, exact: Jackson et
+al., "An algorithm for optimal partitioning of data on an interval", IEEE Signal Processing Letters 12, 2005). Constant
+pieces are the levels of the chain, linear ones its transitions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.curve_model import CurveChain
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+from trackfg.spans import true_runs
+from trackfg.transition_laws import TransitionLaw
+
+APART_M = 60.0
+_AVERAGED = 5
+_SIGMAS = 4.0
+_FEWEST_CELLS = 12
+_FIRST_LAW: TransitionLaw = "clothoid"
+_BESIDE = 8
+"""Cells of straight beside a group that are cut with it."""
+
+_PER_CONSTANT, _PER_LINEAR = 15.0, 22.0
+_LEAST_SD = 2e-5
+"""1/m: that of good track. The laws of transitions are none of the pieces: a better track shows no more of them."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A stretch of profile without gaps, in cells of ``base_m``: ``edges`` (n + 2,) m; ``turn`` (n,), rad, the change
+    of the mean heading, with the variance ``turn_known`` (n,) that the profile states; the mean ``cross_level`` (n,),
+    mm, and its variance ``cross_level_known`` (n,), mm^2, both None where the profile has none.
+    """
+
+    base_m: float
+    edges: Array
+    turn: Array
+    turn_known: Array
+    cross_level: Array | None
+    cross_level_known: Array | None
+
+    @property
+    def centres(self) -> Array:
+        """The middles of the cells. Shape (n,)."""
+        return np.asarray(self.edges[1:-1])
+
+    @property
+    def curvature(self) -> Array:
+        """Mean curvature of the cells, 1/m. Shape (n,)."""
+        return np.asarray(self.turn / self.base_m)
+
+    @property
+    def turn_sd(self) -> float:
+        """Of a turn, by the median of its deviations from those around it, rad."""
+        around = pd.Series(self.turn).rolling(11, center=True, min_periods=1).median().to_numpy()
+        return float(np.median(np.abs(self.turn - around)) / 0.6745)
+
+
+def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
+    """The cells of a profile with ``chainage_m`` ascending on a uniform grid (with gaps, or NaN), ``curvature_1pm`` and
+    its ``_sd``, and perhaps ``cross_level_mm`` (and its ``_sd``); stretches shorter than twelve cells are left out.
+
+    Raises :class:`BadInputError` where columns are missing, or the base is no whole multiple of the grid's step.
+    """
+    missing = [name for name in ("chainage_m", "curvature_1pm", "curvature_1pm_sd") if name not in profile]
+    if missing:
+        raise BadInputError(f"a profile without column {', '.join(missing)}; it has {', '.join(map(str, profile))}")
+    chainage = profile["chainage_m"].to_numpy(dtype=np.float64)
+    if len(chainage) < 2:
+        return []
+    steps = np.diff(chainage)
+    step = float(steps.min())
+    rows = round(base_m / step) if step > 0.0 else 0
+    if step <= 0.0 or abs(rows * step - base_m) > 1e-6 * base_m:
+        raise BadInputError(f"chainage in steps of {step:g} m; expected ascending, in a whole part of {base_m:g} m")
+    values = {
+        name: profile[name].to_numpy(dtype=np.float64)
+        for name in ("curvature_1pm", "curvature_1pm_sd", "cross_level_mm", "cross_level_mm_sd")
+        if name in profile
+    }
+    known = np.isfinite(values["curvature_1pm"]) & np.isfinite(values["curvature_1pm_sd"])
+    piece = np.concatenate([[0], np.cumsum(steps > 1.5 * step)])
+    found: list[Cells] = []
+    for first, stop in true_runs(known):
+        for part in np.unique(piece[first:stop]):
+            here = first + np.flatnonzero(piece[first:stop] == part)
+            n = len(here) // rows
+            if n < _FEWEST_CELLS:
+                continue
+            means = {name: value[here[: n * rows]].reshape(n, rows).mean(axis=1) for name, value in values.items()}
+            level, level_sd = means.get("cross_level_mm"), means.get("cross_level_mm_sd", np.zeros(n))
+            if level is not None and not np.isfinite(level + level_sd).all():
+                level = None
+            found.append(
+                Cells(
+                    base_m=base_m,
+                    edges=chainage[here[0]] - 0.5 * step - 0.5 * base_m + base_m * np.arange(n + 2),
+                    turn=base_m * means["curvature_1pm"],
+                    turn_known=(base_m * means["curvature_1pm_sd"]) ** 2,
+                    cross_level=level,
+                    cross_level_known=None if level is None else level_sd**2,
+                )
+            )
+    return found
+
+
+def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
+    """A chain per group of curves, in order of chainage, all transitions clothoids and without cant."""
+    weight = np.convolve(np.ones(len(cells.turn)), np.ones(_AVERAGED), mode="same")
+    mean = np.convolve(cells.curvature, np.ones(_AVERAGED), mode="same") / weight
+    sd = max(cells.turn_sd / cells.base_m, _LEAST_SD)
+    least = max(0.5 / widest_radius_m, _SIGMAS * sd / _AVERAGED)
+    groups: list[list[int]] = []
+    for first, stop in true_runs(np.abs(mean) > least):
+        if groups and (first - groups[-1][1]) * cells.base_m < APART_M:
+            groups[-1][1] = int(stop)
+        else:
+            groups.append([int(first), int(stop)])
+    chains = []
+    for k, (first, stop) in enumerate(groups):
+        before = groups[k - 1][1] if k else 0
+        after = groups[k + 1][0] if k + 1 < len(groups) else len(mean)
+        low = max(first - _BESIDE, before if k == 0 else (before + first) // 2)
+        high = min(stop + _BESIDE, after if k + 1 == len(groups) else (stop + after + 1) // 2)
+        pieces = _pieces(cells.curvature[low:high], sd)
+        within = low > 0, high < len(mean)
+        chain = _chain(pieces, cells.centres[low] - 0.5 * cells.base_m, cells.base_m, least, within)
+        if chain is not None:
+            chains.append(chain)
+    return chains
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Cells first to stop; curvature at its ends, 1/m, which are equal for a constant piece."""
+
+    first: int
+    stop: int
+    start: float
+    end: float
+    constant: bool
+
+
+def _pieces(y: Array, sd: float) -> list[_Piece]:
+    """The best cut of y (n,) into constant and linear pieces."""
+    n = len(y)
+    x = np.arange(n, dtype=np.float64)
+    sums = {name: np.concatenate([[0.0], np.cumsum(v)]) for name, v in (("y", y), ("yy", y * y), ("xy", x * y))}
+    best = np.zeros(n + 1)
+    origin: list[int] = [0] * (n + 1)
+    flat: list[bool] = [True] * (n + 1)
+
+    def cost(i: np.ndarray, j: int) -> tuple[Array, Array]:
+        count = j - i
+        total = sums["y"][j] - sums["y"][i]
+        constant = sums["yy"][j] - sums["yy"][i] - total**2 / count
+        middle = 0.5 * (i + j - 1)
+        tilt = sums["xy"][j] - sums["xy"][i] - middle * total
+        linear = constant - tilt**2 / np.maximum(count * (count**2 - 1.0) / 12.0, 1.0)
+        return np.maximum(constant, 0.0) / sd**2 + _PER_CONSTANT, np.maximum(linear, 0.0) / sd**2 + _PER_LINEAR
+
+    for j in range(1, n + 1):
+        constant, linear = cost(np.arange(j), j)
+        total = best[:j] + np.minimum(constant, linear)
+        k = int(np.argmin(total))
+        best[j], origin[j], flat[j] = total[k], k, bool(constant[k] <= linear[k])
+    pieces: list[_Piece] = []
+    j = n
+    while j > 0:
+        i = origin[j]
+        mean = float(y[i:j].mean())
+        rise = 0.0 if flat[j] else float(np.polyfit(x[i:j], y[i:j], 1)[0]) * (j - i)
+        pieces.append(_Piece(i, j, mean - 0.5 * rise, mean + 0.5 * rise, flat[j]))
+        j = i
+    return pieces[::-1]
+
+
+def _chain(
+    pieces: list[_Piece], start_m: float, base_m: float, least: float, within: tuple[bool, bool]
+) -> CurveChain | None:
+    """Levels from constant pieces, transitions from the linear ones and jumps between; None without a curve.
+
+    ``within`` says whether the first and the last piece are within the profile, and so straight.
+    """
+    levels: list[float] = []
+    ends: list[list[float]] = []
+    if not pieces[0].constant:
+        levels.append(pieces[0].start)
+    for piece, after in zip(pieces, [*pieces[1:], None], strict=True):
+        first, stop = start_m + base_m * piece.first, start_m + base_m * piece.stop
+        if piece.constant:
+            if len(levels) > len(ends):
+                ends.append([first - 0.25 * base_m, first + 0.25 * base_m])
+            levels.append(piece.end)
+            continue
+        if len(levels) > len(ends):
+            ends.append([first, stop])
+        else:
+            ends[-1][1] = stop
+        if after is None:
+            levels.append(piece.end)
+        elif not after.constant and (after.end - after.start) * (piece.end - piece.start) < 0.0:
+            levels.append(piece.end)
+            ends[-1][1] = stop - 0.1 * base_m
+    if len(levels) == len(ends):
+        levels.append(pieces[-1].end)
+    straight = [abs(level) < least for level in levels]
+    straight[0] |= within[0]
+    straight[-1] |= within[1]
+    kept = [i for i in range(len(ends)) if not (straight[i] and straight[i + 1])]
+    if not kept:
+        return None
+    chosen = [kept[0], *(i + 1 for i in kept)]
+    curvature = np.array([0.0 if straight[i] else levels[i] for i in chosen])
+    places = np.array([place for i in kept for place in ends[i]])
+    return CurveChain(
+        straight=tuple(straight[i] for i in chosen),
+        begin=tuple(range(0, 2 * len(kept), 2)),
+        end=tuple(range(1, 2 * len(kept), 2)),
+        laws=tuple(_FIRST_LAW for _ in kept),
+        places=np.maximum.accumulate(places),
+        curvature=curvature,
+        cant=np.zeros(len(chosen)),
+    )

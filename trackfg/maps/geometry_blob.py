@@ -1,0 +1,45 @@
+"""Points and lines as bytes: well-known binary of ISO 13249-3 (Z is type + 1000, ZM + 3000), and GeoPackage's header.
+
+A GeoPackage geometry is ``"GP", version 0, flags, srs_id, envelope`` before the well-known binary, all little-endian
+here (GeoPackage 1.2, clause 2.1.3). A point needs no envelope; a line has (min x, max x, min y, max y), by which
+readers skip what they do not draw.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from trackfg.frames import Array
+
+_LITTLE_ENDIAN = 1
+_POINT_Z = 1001
+_LINESTRING_ZM = 3002
+_NO_ENVELOPE, _ENVELOPE_XY = 0, 1
+
+
+def point_wkb(xyz: Array) -> bytes:
+    """A point with height, shape (3,)."""
+    return struct.pack("<BI3d", _LITTLE_ENDIAN, _POINT_Z, *xyz)
+
+
+def line_wkb(xyzm: Array) -> bytes:
+    """A line of vertices with height and measure, shape (n, 4)."""
+    head = struct.pack("<BII", _LITTLE_ENDIAN, _LINESTRING_ZM, len(xyzm))
+    return head + np.ascontiguousarray(xyzm, dtype="<f8").tobytes()
+
+
+def geopackage_point(xyz: Array, srs_id: int) -> bytes:
+    """:func:`point_wkb` with GeoPackage's header."""
+    return _header(srs_id, _NO_ENVELOPE) + point_wkb(xyz)
+
+
+def geopackage_line(xyzm: Array, srs_id: int) -> bytes:
+    """:func:`line_wkb` with GeoPackage's header and the extent in x and y."""
+    (x0, y0), (x1, y1) = xyzm[:, :2].min(axis=0), xyzm[:, :2].max(axis=0)
+    return _header(srs_id, _ENVELOPE_XY) + struct.pack("<4d", x0, x1, y0, y1) + line_wkb(xyzm)
+
+
+def _header(srs_id: int, envelope: int) -> bytes:
+    return b"GP" + struct.pack("<BBi", 0, envelope << 1 | _LITTLE_ENDIAN, srs_id)

@@ -1,0 +1,127 @@
+"""The newest version as a GIS draws it: points of landmarks, and the reference line in pieces of a kilometre.
+
+The layers are a picture of the map, made anew with every version: nothing is read back from them. Only the newest is
+drawn, because a layer has one reference system and a map may be georeferenced in a later version than its first.
+
+Georeferenced maps are in EPSG:4326 (longitude, latitude, height above the ellipsoid): exact without a projection, one
+system for lines that cross zones of UTM, and present in every GeoPackage and PostGIS database. Others are in the
+undefined Cartesian system, east and north of the map's frame in m. The line's measure M is the chainage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import sqlalchemy as sa
+
+from trackfg.frames import Array
+from trackfg.maps.feature_map import LANDMARK_COLUMNS, FeatureMap
+from trackfg.maps.geodetic import enu_to_geodetic
+from trackfg.maps.schema import KEY, data_column
+
+LAYERS = ("landmarks", "reference_line")
+WGS_84 = 4326
+_PIECE_M = 1000.0
+_LINE_COLUMNS = ("from_m", "to_m")
+
+
+@dataclass(frozen=True)
+class Layer:
+    """``attributes``: one row per feature; ``coordinates`` of each: (3,) or (n, 4), None where it has no place."""
+
+    name: str
+    description: str
+    geometry: Literal["POINT", "LINESTRING"]
+    georeferenced: bool
+    attributes: pd.DataFrame
+    coordinates: tuple[Array | None, ...]
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether vertices have a measure; all have a height."""
+        return self.geometry == "LINESTRING"
+
+    @property
+    def extent(self) -> tuple[float, float, float, float] | None:
+        """(min x, min y, max x, max y), None of a layer without any place."""
+        places = [np.atleast_2d(place)[:, :2] for place in self.coordinates if place is not None]
+        if not places:
+            return None
+        every = np.concatenate(places)
+        (x0, y0), (x1, y1) = every.min(axis=0), every.max(axis=0)
+        return float(x0), float(y0), float(x1), float(y1)
+
+    def table(self, schema: str | None, geometry: sa.types.TypeEngine[bytes]) -> sa.Table:
+        """The layer's table, its geometry in column ``geom``."""
+        return sa.Table(
+            self.name,
+            sa.MetaData(schema=schema),
+            sa.Column("fid", KEY, primary_key=True),
+            sa.Column("geom", geometry),
+            sa.Column("version", sa.Integer(), nullable=False),
+            *map(data_column, self.attributes.columns),
+            sqlite_autoincrement=True,
+        )
+
+    def rows(self, version: int, geometries: list[bytes | None]) -> list[dict[str, object]]:
+        """The rows of the table, NaN as None."""
+        known = self.attributes.astype(object).where(self.attributes.notna(), None)
+        return [
+            {"fid": fid, "geom": geom, "version": version, **{str(name): value for name, value in row.items()}}
+            for fid, (geom, row) in enumerate(zip(geometries, known.to_dict("records"), strict=True), start=1)
+        ]
+
+
+def layers(feature_map: FeatureMap) -> tuple[Layer, Layer]:
+    """The landmarks and the reference line."""
+    marks = feature_map.landmarks
+    line = feature_map.line
+    vertices = np.column_stack([_placed(feature_map, line), line["chainage_m"]])
+    pieces = _pieces(vertices)
+    spans = np.array([piece[[0, -1], 3] for piece in pieces]).reshape(-1, 2)
+    georeferenced = feature_map.origin is not None
+    return (
+        Layer(
+            LAYERS[0],
+            "Curve points and fixes of the newest version",
+            "POINT",
+            georeferenced,
+            marks[list(LANDMARK_COLUMNS)],
+            tuple(place if np.isfinite(place).all() else None for place in _placed(feature_map, marks)),
+        ),
+        Layer(
+            LAYERS[1],
+            "Centre line of the newest version; M is the chainage in m",
+            "LINESTRING",
+            georeferenced,
+            pd.DataFrame(spans, columns=list(_LINE_COLUMNS)),
+            tuple(pieces),
+        ),
+    )
+
+
+def _placed(feature_map: FeatureMap, table: pd.DataFrame) -> Array:
+    enu = table[["east_m", "north_m", "up_m"]].to_numpy(dtype=np.float64)
+    if feature_map.origin is None:
+        return enu
+    return enu_to_geodetic(enu, feature_map.origin)[:, [1, 0, 2]]
+
+
+def _pieces(vertices: Array) -> list[Array]:
+    """Cut at whole kilometres, neighbours sharing the vertex behind the cut, and where positions are missing."""
+    placed: np.ndarray = np.all(np.isfinite(vertices), axis=1)
+    stretch = np.cumsum(~placed)
+    kilometre = np.floor(vertices[:, 3] / _PIECE_M)
+    starts = np.flatnonzero(placed & np.r_[True, (np.diff(stretch) > 0) | ~placed[:-1] | (np.diff(kilometre) != 0)])
+    ends = np.r_[starts[1:], len(vertices)] if starts.size else starts
+    found = []
+    for start, end in zip(starts, ends, strict=True):
+        shared = end < len(vertices) and placed[end] and stretch[end] == stretch[start]
+        piece = vertices[start : end + 1 if shared else end]
+        piece = piece[placed[start : start + len(piece)]]
+        if len(piece) > 1:
+            found.append(piece)
+    return found

@@ -1,0 +1,131 @@
+"""Where a map is: the path of a GeoPackage (``.gpkg``), or the URL of a PostgreSQL database.
+
+One database schema holds one map: ``postgresql://host/database?schema=NAME``, :data:`DEFAULT_SCHEMA` without. All else
+in the URL goes to the driver as it is.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from urllib.parse import quote
+
+import sqlalchemy as sa
+
+from trackfg.errors import BadInputError, TrackfgError
+from trackfg.maps.schema import Schema, map_schema
+
+DEFAULT_SCHEMA = "trackfg"
+
+Purpose = Literal["read", "write", "create"]
+
+_LOCK_WAIT_S = 120.0
+_POSTGRESQL = {"postgresql", "postgres", "postgresql+psycopg"}
+_SQLITE_MAGIC = b"SQLite format 3\0"
+
+
+@dataclass(frozen=True)
+class Location:
+    """``shown`` names it in messages, without a password. ``path`` is None for a database, ``url`` for a file."""
+
+    shown: str
+    schema: Schema
+    path: Path | None = None
+    url: sa.URL | None = None
+
+    @contextmanager
+    def connect(self, purpose: Purpose) -> Iterator[sa.Connection]:
+        """A transaction: committed at the end of the block, undone with an exception or when the process dies.
+
+        To ``create`` is to write, where there may be no file yet. Raises :class:`BadInputError` for what cannot be
+        opened or is refused by the database, and :class:`TrackfgError` where it stays locked or has no driver.
+        """
+        engine = self._file_engine(purpose) if self.path is not None else self._server_engine()
+        try:
+            with engine.begin() as connection:
+                yield connection
+        except sa.exc.DBAPIError as error:
+            raise self._explained(error) from error
+        finally:
+            engine.dispose()
+
+    def _file_engine(self, purpose: Purpose) -> sa.Engine:
+        """SQLite opens by URI: ``rw`` makes no file, also where it could only be read, and undoes a killed write."""
+        path = self.path
+        assert path is not None
+        _refuse_unless_sqlite(path, may_be_absent=purpose == "create")
+        uri = f"file:{quote(os.fsencode(path.absolute()))}?mode={'rwc' if purpose == 'create' else 'rw'}"
+
+        def open_file() -> sqlite3.Connection:
+            connection = sqlite3.connect(uri, uri=True, timeout=_LOCK_WAIT_S, isolation_level=None)
+            connection.execute("PRAGMA trusted_schema = OFF")  # views and triggers of a stranger's file run nothing
+            connection.execute("PRAGMA cache_spill = OFF")  # readers wait for the commit alone, not for the whole write
+            return connection
+
+        engine = sa.create_engine("sqlite://", creator=open_file, poolclass=sa.NullPool)
+
+        @sa.event.listens_for(engine, "begin")
+        def begin(connection: sa.Connection) -> None:
+            connection.exec_driver_sql("BEGIN" if purpose == "read" else "BEGIN IMMEDIATE")
+
+        return engine
+
+    def _server_engine(self) -> sa.Engine:
+        assert self.url is not None
+        try:
+            return sa.create_engine(self.url, poolclass=sa.NullPool)
+        except ImportError as error:
+            raise TrackfgError(f"{self.shown}: needs a driver: pip install 'trackfg[postgres]'") from error
+
+    def _explained(self, error: sa.exc.DBAPIError) -> TrackfgError:
+        reason = " ".join(str(error.orig).split())
+        if "locked" in reason and self.path is not None:
+            return TrackfgError(f"{self.shown}: another process has kept it locked for {_LOCK_WAIT_S:g} s")
+        return BadInputError(f"{self.shown}: {reason}")
+
+
+def locate(location: str | os.PathLike[str]) -> Location:
+    """Which of the two it is. Raises :class:`BadInputError` if it is neither; nothing is opened."""
+    text = os.fspath(location)
+    if scheme := re.match(r"([A-Za-z][A-Za-z0-9+.-]*)://", text):
+        if scheme[1] not in _POSTGRESQL:
+            raise BadInputError(f"{scheme[0]}...: expected the path of a .gpkg file or a postgresql:// URL")
+        return _database(text)
+    path = Path(text)
+    if path.suffix.lower() != ".gpkg" or "\0" in text:
+        raise BadInputError(f"{text!r}: expected the path of a .gpkg file or a postgresql:// URL")
+    return Location(str(path), map_schema(None), path=path)
+
+
+def _database(text: str) -> Location:
+    try:
+        url = sa.make_url(text)
+    except (sa.exc.ArgumentError, ValueError) as error:
+        raise BadInputError("not a URL of a database: expected postgresql://USER@HOST/DATABASE?schema=NAME") from error
+    schema = url.query.get("schema", DEFAULT_SCHEMA)
+    if not isinstance(schema, str) or not re.fullmatch(r"[a-z_][a-z0-9_]{0,62}", schema) or schema.startswith("pg_"):
+        raise BadInputError(f"schema {schema!r}: expected one name of small letters, digits and underscores")
+    shown = url.set(drivername="postgresql", query={"schema": schema}).render_as_string(hide_password=True)
+    driver = url.set(drivername="postgresql+psycopg").difference_update_query(["schema"])
+    return Location(shown, map_schema(schema), url=driver)
+
+
+def _refuse_unless_sqlite(path: Path, may_be_absent: bool) -> None:
+    """An empty file is what a first write leaves that was killed."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(_SQLITE_MAGIC))
+    except FileNotFoundError as error:
+        if may_be_absent and path.parent.is_dir():
+            return
+        raise BadInputError(f"{path}: no such file; expected a feature map") from error
+    except OSError as error:
+        raise BadInputError(f"{path}: {error.strerror}; expected a feature map") from error
+    if head and head != _SQLITE_MAGIC:
+        raise BadInputError(f"{path}: is not a GeoPackage; expected a feature map")

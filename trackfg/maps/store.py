@@ -1,0 +1,249 @@
+"""Maps in a GeoPackage or a PostgreSQL database: every write adds a version, and no version ever changes.
+
+A write is one transaction: killed at any moment, it leaves what was there. Who writes says which version his map was
+made from; if another has written since, he gets :class:`MapConflictError` and nothing is lost: he reads the newest and
+adds his run to that. The check is made under a lock that only writers hold, so of two at once, one is told.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pandas as pd
+import sqlalchemy as sa
+from pydantic import JsonValue
+
+from trackfg.errors import BadInputError, TrackfgError
+from trackfg.maps import geopackage, postgres
+from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
+from trackfg.maps.layers import LAYERS, layers
+from trackfg.maps.location import Location, locate
+from trackfg.maps.rows import get_matrix, insert_frame, put_matrix, read_frame
+from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS
+
+_FAMILY = FORMAT.split("/")[0] + "/"
+_RIGHT_HAND_SIDE = "d"
+
+
+class MapConflictError(TrackfgError):
+    """Another has written since: ``newest`` is the newest version there, ``parent`` the one that the map is made from.
+
+    Either is None where there is none.
+    """
+
+    def __init__(self, shown: str, parent: int | None, newest: int | None) -> None:
+        self.parent, self.newest = parent, newest
+        made = "made from no earlier version" if parent is None else f"made from version {parent}"
+        there = "there is no version" if newest is None else f"the newest there is version {newest}"
+        super().__init__(
+            f"{shown}: the map is {made}, but {there}; nothing is written: read the newest and add to that"
+        )
+
+
+def read_map(location: str | os.PathLike[str], version: int | None = None) -> FeatureMap:
+    """Read a version, the newest if None, from the path of a ``.gpkg`` or a ``postgresql://`` URL.
+
+    Raises :class:`BadInputError` where there is no map, no such version, or it was written by a newer trackfg.
+    """
+    place = locate(location)
+    with place.connect("read") as connection:
+        _require_map(connection, place)
+        newest = _newest(connection, place)
+        wanted = newest if version is None else version
+        versions = place.schema.versions
+        row = connection.execute(sa.select(versions).where(versions.c.version == wanted)).first()
+        if row is None:
+            there = "no version" if newest is None else f"versions 1 to {newest}"
+            raise BadInputError(f"{place.shown}: holds {there}" + ("" if version is None else f", not {version}"))
+        try:
+            return _read(connection, place, row)
+        except (ValueError, TypeError) as error:
+            raise BadInputError(f"{place.shown}: version {wanted} is damaged: {error}") from error
+
+
+def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
+    """All versions: ``version, parent, written_at, name, runs`` (their number), ``trackfg`` (the package's version).
+
+    Raises :class:`BadInputError` as :func:`read_map` does.
+    """
+    place = locate(location)
+    schema = place.schema
+    with place.connect("read") as connection:
+        _require_map(connection, place)
+        runs = sa.select(sa.func.count()).where(schema.runs.c.version == schema.versions.c.version).scalar_subquery()
+        heads = [schema.versions.c[name] for name in ("version", "parent", "written_at", "name")]
+        found = connection.execute(
+            sa.select(*heads, runs, schema.versions.c.software).order_by(schema.versions.c.version)
+        ).all()
+    table = pd.DataFrame(found, columns=["version", "parent", "written_at", "name", "runs", "software"])
+    table["parent"] = table["parent"].astype("Int64")
+    table["trackfg"] = [str(json.loads(text).get("trackfg", "")) for text in table.pop("software")]
+    return table
+
+
+def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, parent: int | None) -> FeatureMap:
+    """Add a version made from version ``parent``; None: the first one, where there is no map yet. Returns it.
+
+    Raises :class:`MapConflictError` unless ``parent`` is the newest version there, :class:`BadInputError` where
+    something else than a map is, and ``ValueError`` for settings that JSON cannot hold.
+    """
+    place = locate(location)
+    configuration, software = _json(feature_map.configuration), _json(dict(feature_map.software))
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    with place.connect("create" if parent is None else "write") as connection:
+        if place.path is None:
+            postgres.lock(connection, place.schema)
+        if _is_new(connection, place):
+            creator = geopackage if place.path is not None else postgres
+            creator.create(connection, place.schema)
+            connection.execute(place.schema.format.insert(), {"fid": 1, "format": FORMAT})
+        else:
+            _require_map(connection, place)
+        newest = _newest(connection, place)
+        if newest != parent:
+            raise MapConflictError(place.shown, parent, newest)
+        written = replace(feature_map, version=(newest or 0) + 1, parent=parent, written_at=now)
+        _write(connection, place, written, configuration, software)
+    return written
+
+
+def _json(content: Mapping[str, JsonValue]) -> str:
+    return json.dumps(dict(content), allow_nan=False, ensure_ascii=False)
+
+
+def _table_names(connection: sa.Connection, place: Location) -> set[str]:
+    return set(sa.inspect(connection).get_table_names(schema=place.schema.metadata.schema))
+
+
+def _is_new(connection: sa.Connection, place: Location) -> bool:
+    """Whether a map can be made here: in an empty file, or in a database schema without tables of these names.
+
+    Raises :class:`BadInputError` where a table of another's would be taken for a layer, whose content is replaced.
+    """
+    there = _table_names(connection, place)
+    if place.path is not None:
+        return not there
+    if there.intersection(table.name for table in place.schema.metadata.sorted_tables):
+        return False
+    if taken := sorted(there.intersection(LAYERS)):
+        raise BadInputError(f"{place.shown}: holds a table {taken[0]} but no map; expected a schema of the map's own")
+    return True
+
+
+def _require_map(connection: sa.Connection, place: Location) -> None:
+    """Raise :class:`BadInputError` unless all tables are there, in a format that this version reads."""
+    there = _table_names(connection, place)
+    tables = place.schema.metadata.sorted_tables
+    if place.schema.format.name in there:
+        found = connection.execute(sa.select(place.schema.format.c.format)).scalar()
+        if isinstance(found, str) and found.startswith(_FAMILY) and found != FORMAT:
+            raise BadInputError(f"{place.shown}: has format {found}; this version of trackfg reads {FORMAT}")
+    if missing := sorted({table.name for table in tables} - there):
+        expected = "expected a feature map"
+        if len(missing) == len(tables):
+            raise BadInputError(f"{place.shown}: holds no feature map; {expected}")
+        raise BadInputError(f"{place.shown}: table {missing[0]} is missing; {expected}")
+
+
+def _newest(connection: sa.Connection, place: Location) -> int | None:
+    newest: int | None = connection.execute(sa.select(sa.func.max(place.schema.versions.c.version))).scalar()
+    return newest
+
+
+def _write(connection: sa.Connection, place: Location, written: FeatureMap, configuration: str, software: str) -> None:
+    schema = place.schema
+    version = written.version
+    assert version is not None
+    names = tuple(written.landmarks["landmark_id"])
+    head = {
+        "version": version,
+        "parent": written.parent,
+        "written_at": written.written_at,
+        "name": written.name,
+        **{name: getattr(written.conventions, name) for name in CONVENTION_COLUMNS},
+        **dict(zip(ORIGIN_COLUMNS, written.origin or (None,) * 3, strict=True)),
+        "configuration": configuration,
+        "software": software,
+        "covariance_sha256": put_matrix(connection, schema, names, written.covariance),
+    }
+    connection.execute(schema.versions.insert(), head)
+    for table, frame in (
+        (schema.landmarks, written.landmarks),
+        (schema.line, written.line),
+        (schema.grid, written.grid),
+        (schema.runs, _runs_with_addresses(connection, place, written)),
+    ):
+        insert_frame(connection, table, version, frame)
+    if place.path is not None:
+        geopackage.publish(connection, version, layers(written))
+    else:
+        postgres.publish(connection, schema, version, layers(written))
+
+
+def _runs_with_addresses(connection: sa.Connection, place: Location, written: FeatureMap) -> pd.DataFrame:
+    addresses: dict[str, list[str | None]] = {"information_sha256": [], "profile_sha256": []}
+    for run in written.runs["run_id"]:
+        said = written.information.get(run)
+        if said is None:
+            root = profile = None
+        else:
+            names = (*said.variables, _RIGHT_HAND_SIDE)
+            root = put_matrix(connection, place.schema, names, np.column_stack([said.R, said.d]))
+            profile = said.profile
+        addresses["information_sha256"].append(root)
+        addresses["profile_sha256"].append(
+            None
+            if profile is None
+            else put_matrix(
+                connection, place.schema, tuple(map(str, profile.columns)), profile.to_numpy(dtype=np.float64)
+            )
+        )
+    return written.runs.assign(**{name: pd.Series(values, dtype="object") for name, values in addresses.items()})
+
+
+def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, ...]]) -> FeatureMap:
+    schema = place.schema
+    head = row._mapping
+    version = int(row.version)
+    names, covariance = get_matrix(connection, schema, row.covariance_sha256)
+    landmarks = read_frame(connection, schema.landmarks, version)
+    if names != tuple(landmarks["landmark_id"]):
+        raise ValueError("the covariance is of other landmarks")
+    runs = read_frame(connection, schema.runs, version)
+    roots, profiles = runs.pop("information_sha256"), runs.pop("profile_sha256")
+    information = {
+        run: _information(connection, place, root, profile)
+        for run, root, profile in zip(runs["run_id"], roots, profiles, strict=True)
+        if isinstance(root, str)
+    }
+    origin = tuple(head[name] for name in ORIGIN_COLUMNS)
+    return FeatureMap(
+        name=row.name,
+        conventions=MapConventions(**{name: head[name] for name in CONVENTION_COLUMNS}),
+        landmarks=landmarks,
+        covariance=covariance,
+        grid=read_frame(connection, schema.grid, version),
+        line=read_frame(connection, schema.line, version),
+        runs=runs,
+        information=information,
+        configuration=json.loads(row.configuration),
+        software=json.loads(row.software),
+        origin=None if None in origin else (float(origin[0]), float(origin[1]), float(origin[2])),
+        version=version,
+        parent=row.parent,
+        written_at=row.written_at,
+    )
+
+
+def _information(connection: sa.Connection, place: Location, root: str, profile: object) -> RunInformation:
+    names, values = get_matrix(connection, place.schema, root)
+    measured = None
+    if isinstance(profile, str):
+        columns, content = get_matrix(connection, place.schema, profile)
+        measured = pd.DataFrame(content, columns=list(columns))
+    return RunInformation(names[:-1], values[:, :-1], values[:, -1], measured)
