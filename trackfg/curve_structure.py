@@ -50,7 +50,9 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
             if best is None or (fit is not None and _costs_less(fit, best)):
                 best = fit
         # Several curves can hide a wrong law behind a wrong straight: they are always tried by two laws.
-        if best is None or ((law != "clothoid" or len(best.chain.curved) == 1) and not _doubtful(best, stretch)):
+        if best is None:
+            continue
+        if (law != "clothoid" or len(best.chain.curved) == 1) and not _doubtful(best, stretch):
             break
     if best is None:
         return None
@@ -230,7 +232,7 @@ def _first_lower(best: Fit, others: Iterable[CurveChain], stretch: Stretch, wide
 
 
 def _settled(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
-    """Fitted, its points in order, its curves not too wide; None without a curve, or where a point has left the
+    """Fitted, its points in order, its curves not too wide; None without a curve, or where its points leave the
     stretch.
     """
     turned: set[int] = set()
@@ -238,7 +240,12 @@ def _settled(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit
         fit = fitted(chain, stretch)
         points, nodes = fit.chain.points, fit.chain.nodes
         if points.min() < stretch.edges[0] or points.max() > stretch.edges[-1]:
-            return None
+            # Some curve of the chain is none, and its points went astray: the one that turns least.
+            if len(chain.curved) == 1:
+                return None
+            turn = [abs(chain.curvature[level]) * _length(chain, int(level)) for level in chain.curved]
+            chain = _straightened(chain, int(chain.curved[np.argmin(turn)]))
+            continue
         back = np.where(nodes[1:] != nodes[:-1], points[:-1] - points[1:], -np.inf)
         if back.size and back.max() >= 0.0:
             j = int(np.argmax(back))
