@@ -23,11 +23,12 @@ from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
 from trackfg.noise_levels import adapted, noise_findings, noise_ratios
+from trackfg.place_covariance import PlaceCovariance, place_covariance
 from trackfg.profile import Profile, profiles
 from trackfg.rail_profile import rail_profiles
 from trackfg.rails import SIDES, RailView, rail_views, tied_by_rails
 from trackfg.recording import Recording
-from trackfg.results import Estimate, Result, Solver, Summary, VectorEstimate
+from trackfg.results import Estimate, Result, RunFacts, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
 from trackfg.track_geometry import conventions, geometry_table
 from trackfg.trajectory import calibration_table, trajectory_table
@@ -76,6 +77,7 @@ class SmoothedStates:
     noise_ratios: dict[str, float]
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
+    places: PlaceCovariance
     calibration: pd.DataFrame
     timings_s: dict[str, float]
 
@@ -90,7 +92,7 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     smoothed = smooth_states(recording, config, progress=progress)
     direction = recording.description.track.direction
     events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
-    return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed))
+    return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed), smoothed.places)
 
 
 def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
@@ -114,8 +116,18 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
         meaning = conventions(config.geometry, track)
         shapes = _profiles(recording, views, problem, motion, solution.states, meaning.step_m)
         geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
+    with stages.stage("map"):
+        places = place_covariance(
+            problem,
+            shapes,
+            solution.states,
+            solution.root,
+            track.direction,
+            meaning.step_m,
+            meaning.cross_level_base_m,
+        )
     return SmoothedStates(
-        config, problem, solution, covariance, ratios, trajectory, geometry, calibration, stages.timings_s
+        config, problem, solution, covariance, ratios, trajectory, geometry, places, calibration, stages.timings_s
     )
 
 
@@ -175,6 +187,19 @@ def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
     return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", mend=mend),)
 
 
+def _run_facts(recording: Recording) -> RunFacts:
+    description, fixes, origin = recording.description, recording.fixes, recording.gnss_origin
+    return RunFacts(
+        start=None if description.start is None else description.start.isoformat(),
+        content_sha256=recording.content_sha256(),
+        direction=description.track.direction,
+        anchored=fixes is not None and len(fixes) > 0,
+        imu_id=description.imu.id,
+        mount_roll_sd_rad=float(np.radians(description.imu.mount_roll_sd_deg)),
+        origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
+    )
+
+
 def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
@@ -187,6 +212,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
 
     return Summary(
         recording_id=recording.description.id,
+        run=_run_facts(recording),
         configuration=smoothed.config.model_dump(mode="json"),
         solver=Solver(
             converged=solution.converged,
