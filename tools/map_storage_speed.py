@@ -57,7 +57,7 @@ def made_up(km: float, runs: int) -> FeatureMap:
     said = (*(f"landmark/{mark}/chainage_m" for mark in identity), "offset_m", "scale")
     return FeatureMap(
         name="made up",
-        conventions=MapConventions(1.067, 1.067, 10.0, 25.0, STEP_M),
+        conventions=MapConventions(1.067, 1.067, 10.0, 25.0, 10.0, STEP_M),
         landmarks=filled(LANDMARK_COLUMNS, marks, rng).assign(
             landmark_id=identity,
             kind=[CURVE_POINTS[i % 4] for i in range(marks)],

@@ -10,8 +10,10 @@ and ``law`` are those of the transition that begins or ends there. The transitio
 curve is bounded by the ECC of the one and the BCC of the next. Landmarks' chainages are correlated: ``covariance``
 (n, n), m^2, in the order of the rows.
 
-**Grid**, one row per cell that any run passed, chainage ascending on whole multiples of ``conventions.step_m``.
-Curvature is positive to the left; cant and cross-level where the left rail is higher; gradient uphill.
+**Grid**, one row per cell that any run passed, chainage ascending on whole multiples of ``conventions.step_m``;
+``chainage_m_sd`` is how well the place of the cell is known. The other columns mean what they mean in a result's
+geometry (docs/geometry.md): curvature is positive to the left; cant and cross-level where the left rail is higher;
+gradient uphill; a versine where the middle of the chord lies above its ends, or to the left of them.
 
 **Line**, the track's centre line as vertices in the map's frame: east, north, up of the tangent frame at ``origin``,
 or a local frame of no known place where ``origin`` is None. A vertex with NaN position breaks the line.
@@ -53,9 +55,16 @@ LANDMARK_COLUMNS = (
     *_with_sd("chainage_m", "radius_m", "transition_length_m", "arc_length_m", "cant_mm", "east_m", "north_m", "up_m"),
     "observations",
 )
+GRID_QUANTITIES = (
+    "curvature_1pm",
+    "gradient_permille",
+    "cant_mm",
+    "cross_level_mm",
+    "versine_level_mm",
+    "versine_alignment_mm",
+)
 GRID_COLUMNS = (
-    "chainage_m",
-    *_with_sd("curvature_1pm", "gradient_permille", "cant_mm", "cross_level_mm"),
+    *_with_sd("chainage_m", *GRID_QUANTITIES),
     "observations",
 )
 LINE_COLUMNS = ("chainage_m", *_with_sd("east_m", "north_m", "up_m"))
@@ -85,6 +94,7 @@ class MapConventions:
     cross_level_base_m: float
     curvature_base_m: float
     gradient_base_m: float
+    chord_m: float
     step_m: float = 0.25
 
 

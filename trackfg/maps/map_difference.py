@@ -31,12 +31,11 @@ import numpy as np
 import pandas as pd
 
 from trackfg.frames import Array
-from trackfg.maps.feature_map import FeatureMap
+from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]
 
 LANDMARK_QUANTITIES = ("chainage_m", "radius_m", "transition_length_m", "arc_length_m", "cant_mm")
-GRID_QUANTITIES = ("curvature_1pm", "gradient_permille", "cant_mm", "cross_level_mm")
 SECTION_M = 200.0
 
 _ROUNDING = 1e-9

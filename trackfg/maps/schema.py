@@ -94,7 +94,7 @@ def map_schema(schema: str | None) -> Schema:
     )
 
 
-CONVENTION_COLUMNS = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "step_m")
+CONVENTION_COLUMNS = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "chord_m", "step_m")
 ORIGIN_COLUMNS = ("origin_latitude_deg", "origin_longitude_deg", "origin_height_m")
 
 

@@ -53,7 +53,7 @@ def make_map() -> MakeMap:
         line["north_m"] = 80.0 * np.sin(line["chainage_m"] / 400.0)
         return FeatureMap(
             name=name,
-            conventions=MapConventions(1.067, 1.067, 10.0, 25.0),
+            conventions=MapConventions(1.067, 1.067, 10.0, 25.0, 10.0),
             landmarks=landmarks,
             covariance=covariance,
             grid=grid,
