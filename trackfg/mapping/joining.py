@@ -21,7 +21,7 @@ from trackfg.mapping.marks import (
     sensor_of,
     without_wrong,
 )
-from trackfg.mapping.merging import MERGED, local_cross_level_sd, merged, window_means
+from trackfg.mapping.merging import MERGED, local_cross_level_sd, merged, window_means, with_place_noise
 from trackfg.mapping.recognition import Recognition, recognise
 from trackfg.mapping.reference_line import positions_of_run, with_positions
 from trackfg.mapping.survey import Chainages, Survey, SurveyedRun
@@ -37,6 +37,8 @@ _END_MARK_M = 0.2 * APART_M
 _OVERLAP_M = 300.0
 """Runs that share less than this can be joined by their chainages alone."""
 _SCALE_SD_WITHOUT_WHEEL = 1e-3
+_BETWEEN_SECTIONS_SD_M = 4e-3
+"""What a wheel's creep, 1 mm per root of a metre, does between the middles of sections 100 m apart."""
 _NOTHING_SEEN = Sightings((), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
@@ -62,14 +64,18 @@ def joined(survey: Survey, result: Result) -> Survey:
     if survey.conventions not in (None, conventions):
         raise BadInputError(f"run {run_id}: {conventions}; expected those of the map, {survey.conventions}")
     there = result.geometry.assign(observations=result.geometry[list(MERGED)].notna().any(axis=1).astype(np.int64))
-    to_map, old = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN
+    to_map, old, place_sd = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN, 0.0
     if survey.grid is not None:
         at = Chainages.of(joint_solution(survey.information.values()))
         to_map, recognition = _place(survey, at, run_id, result, facts)
         there = warped(there, to_map, conventions.step_m)
         old = _seen_again(survey, there, to_map, recognition)
+        if recognition is not None:
+            place_sd = float(np.hypot(recognition.sections["match_sd_m"].median(), _BETWEEN_SECTIONS_SD_M))
         old = old[_agreeing(at, old, result, anchored=facts.anchored and survey.anchored)]
     there = there.assign(cross_level_mm_sd=local_cross_level_sd(there))
+    if survey.grid is not None:
+        there = with_place_noise(there, place_sd)
     there = there.assign(cross_level_mm=there["cross_level_mm"] - _offset(survey, old, there["chainage_m"].to_numpy()))
     new, places = _new_marks(survey, there, to_map)
     sensor = sensor_of(facts.imu_id, run_id)
