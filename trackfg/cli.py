@@ -149,6 +149,10 @@ def smooth(
     config: Annotated[
         Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
     ] = None,
+    map_location: Annotated[
+        str | None,
+        typer.Option("--map", metavar="MAP", help="A map to locate the run on: its newest version.", show_default=False),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Smooth a recording: trajectory, track geometry and events, each with its uncertainty, and a summary.
@@ -163,10 +167,16 @@ def smooth(
 
     RESULT_FOLDER.refuse_foreign(out)
     settings = SmoothConfig.from_toml(config) if config else None
+    feature_map = None
+    if map_location is not None:
+        from trackfg.maps import read_map
+
+        feature_map = read_map(map_location)
     with _progress() as progress:
-        result = run_smoother(read_recording(recording), settings, progress=progress)
+        result = run_smoother(read_recording(recording), settings, feature_map=feature_map, progress=progress)
     result.write(out)
     _warn_unless_converged(result)
+    _warn_unless_located(result)
     if json:
         print(result.summary.model_dump_json(indent=2))
     else:
@@ -335,6 +345,12 @@ def _limit_lines(result: Result, source: str | None, level: str | None, line_spe
 def _warn_unless_converged(result: Result) -> None:
     if not result.summary.solver.converged:
         print(f"trackfg: warning: not converged: {result.summary.solver.reason}", file=sys.stderr)
+
+
+def _warn_unless_located(result: Result) -> None:
+    for finding in result.summary.findings:
+        if finding.code == "not-on-map":
+            print(f"trackfg: warning: {finding.message}", file=sys.stderr)
 
 
 @contextmanager

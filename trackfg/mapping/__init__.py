@@ -1,16 +1,41 @@
 """What runs over one line say together: joining them into a map, finding a run on it, seeing what changed.
 
-=================  ===================================================================================================
-module             content
-=================  ===================================================================================================
-``recognition``    where a run's profile lies on a map's
-``warp``           from one chainage to another, and tables with it
-``marks``          what one run says of the map's variables, all else eliminated
-``joint``          the estimate of these variables from all runs
-``merging``        profiles of many runs on one grid
-``reference_line`` the centre line in east, north, up
-``landmarks``      the curves' points, the same ones in every version
-``build``          :func:`build_map`, :func:`add_run`
-``changes``        what a run shows otherwise than the map
-=================  ===================================================================================================
+==================  ==================================================================================================
+module              content
+==================  ==================================================================================================
+``recognition``     where a run's profile lies on a map's, by ``likelihood``, ``place_chain`` and ``local_match`` of
+                    ``profiles``
+``warp``            from one chainage to another, and tables with it
+``marks``           what one run says of the map's variables, all else eliminated
+``joint``           the estimate of these variables from all runs
+``merging``         profiles of many runs on one grid
+``survey``          a map in the making; ``joining`` adds a run, ``finishing`` moves it to the joint estimate
+``reference_line``  the centre line in east, north, up
+``design``          the designed cant, from the curves
+``landmarks``       the curves' points, the same ones in every version
+``build``           :func:`build_map`, :func:`with_runs`
+``changes``         what a run shows otherwise than the map
+==================  ==================================================================================================
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from trackfg.mapping.build import build_map, with_runs
+    from trackfg.mapping.recognition import Recognition, recognise
+
+__all__ = ["Recognition", "build_map", "recognise", "with_runs"]
+
+_HOME = {"Recognition": "recognition", "build_map": "build", "recognise": "recognition", "with_runs": "build"}
+
+
+def __getattr__(name: str) -> Any:
+    """PEP 562: imported on first use, because the smoother needs recognition and no database."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -23,22 +23,26 @@ Progress = Callable[[str, float], None]
 
 
 def build_map(results: Sequence[Result], *, name: str, progress: Progress | None = None) -> FeatureMap:
-    """One map from any number of smoothed runs. Those that fixes told where they were come first.
+    """One map from any number of smoothed runs.
 
     ``progress(run, fraction)`` is called before each. Raises :class:`~trackfg.errors.BadInputError` for a run that says
     nothing of the track, is there twice, has other conventions, or is not recognised.
     """
     if not results:
         raise BadInputError("a map needs at least one run")
+    return _with_runs(Survey(name), results, progress)
+
+
+def with_runs(feature_map: FeatureMap, results: Sequence[Result], *, progress: Progress | None = None) -> FeatureMap:
+    """The map with more runs. Raises as :func:`build_map`."""
+    return _with_runs(reopened(feature_map), results, progress)
+
+
+def _with_runs(survey: Survey, results: Sequence[Result], progress: Progress | None) -> FeatureMap:
+    """Those that fixes told where they were come first: the others are placed by them."""
     show = progress or (lambda what, done: None)
-    survey = Survey(name)
     for number, result in enumerate(sorted(results, key=lambda result: not run_facts(result).anchored)):
         show(result.summary.recording_id, number / (len(results) + 1))
         survey = joined(survey, result)
     show("landmarks", len(results) / (len(results) + 1))
     return finished(survey)
-
-
-def add_run(feature_map: FeatureMap, result: Result) -> FeatureMap:
-    """The map with one run more. Raises as :func:`build_map`."""
-    return finished(joined(reopened(feature_map), result))

@@ -63,7 +63,7 @@ def joined(survey: Survey, result: Result) -> Survey:
     run_id = _run_id(survey, result.summary.recording_id, facts)
     if survey.conventions not in (None, conventions):
         raise BadInputError(f"run {run_id}: {conventions}; expected those of the map, {survey.conventions}")
-    there = result.geometry.assign(observations=result.geometry[list(MERGED)].notna().any(axis=1).astype(np.int64))
+    there = result.geometry[result.geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
     to_map, old, place_sd = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN, 0.0
     if survey.grid is not None:
         at = Chainages.of(joint_solution(survey.information.values()))

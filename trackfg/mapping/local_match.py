@@ -148,7 +148,11 @@ def _feature(
     index = first[:, None] + np.arange(rows)
     inside = (index >= 0) & (index < len(r))
     pieces = np.where(inside, r[np.clip(index, 0, len(r) - 1)], np.nan)
-    sigma = 0.0 if name == CROSS_LEVEL or long else float(np.hypot(_median(run.sigmas[name]), _median(reference.sigmas[name])))
+    sigma = (
+        0.0
+        if name == CROSS_LEVEL or long
+        else float(np.hypot(_median(run.sigmas[name]), _median(reference.sigmas[name])))
+    )
     size = float(np.std(f[known]))
     return _Feature(
         pieces,
@@ -166,9 +170,7 @@ def _median(values: Array) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _fit(
-    features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool
-) -> _Fit:
+def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool) -> _Fit:
     place, scale = about.copy(), scale.copy()
     if searched:
         place = _searched(features, x, place, scale)

@@ -139,9 +139,7 @@ class PlaceChain:
                 near.append(rest[0])
                 so_far.append(rest[1])
         mode_, mean_m, same, scale = (np.array(column[::-1]) for column in zip(*found, strict=True))
-        return Places(
-            mode_.astype(np.int64), mean_m, np.array(near[::-1]), np.array(so_far[::-1]), same, scale
-        )
+        return Places(mode_.astype(np.int64), mean_m, np.array(near[::-1]), np.array(so_far[::-1]), same, scale)
 
     def _prior(self) -> _State:
         count = int(self.windows.count[0])
@@ -174,9 +172,7 @@ class PlaceChain:
     def _next(self, k: int, state: _State) -> _State:
         """Prediction of section ``k`` from the one before."""
         count = int(self.windows.count[k])
-        moved = np.stack(
-            [_moved(state.on[:, i], by, count) for i, by in enumerate(self._offsets(k))], axis=1
-        )
+        moved = np.stack([_moved(state.on[:, i], by, count) for i, by in enumerate(self._offsets(k))], axis=1)
         total = float(state.on.sum(dtype=np.float64))
         left = total - float(moved.sum(dtype=np.float64)) * (1.0 - _LEAVE)
         on = np.empty_like(moved)
@@ -195,7 +191,9 @@ class PlaceChain:
         fresh = np.einsum("c,h,chp->p", _FRESH, self.scale_prior, future.on)
         stay = np.float32((1.0 - _LEAVE) * (1.0 - _SLIP))
         mixed = np.empty_like(future.on)
-        mixed[0] = future.on[0] * (stay * np.float32(1.0 - _TO_CHANGED)) + future.on[1] * (stay * np.float32(_TO_CHANGED))
+        mixed[0] = future.on[0] * (stay * np.float32(1.0 - _TO_CHANGED)) + future.on[1] * (
+            stay * np.float32(_TO_CHANGED)
+        )
         mixed[1] = future.on[1] * (stay * np.float32(1.0 - _TO_SAME)) + future.on[0] * (stay * np.float32(_TO_SAME))
         mixed += np.float32(_SLIP * (1.0 - _LEAVE)) * _box(fresh)
         mixed += np.float32(_LEAVE * future.off)

@@ -66,6 +66,21 @@ def read_map(location: str | os.PathLike[str], version: int | None = None) -> Fe
             raise BadInputError(f"{place.shown}: version {wanted} is damaged: {error}") from error
 
 
+def newest_version(location: str | os.PathLike[str]) -> int | None:
+    """The number of the newest version; None where there is no map yet, but one can be made.
+
+    Raises :class:`BadInputError` where something else than a map is.
+    """
+    place = locate(location)
+    if place.path is not None and not place.path.exists():
+        return None
+    with place.connect("read") as connection:
+        if _is_new(connection, place):
+            return None
+        _require_map(connection, place)
+        return _newest(connection, place)
+
+
 def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
     """All versions: ``version, parent, written_at, name, runs`` (their number), ``trackfg`` (the package's version).
 

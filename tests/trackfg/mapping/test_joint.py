@@ -86,7 +86,9 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
         covariance = scaled.T @ scaled
         seen = Sightings(MARKS, places + rng.normal(0.0, 0.2, m), match_sd, rng.normal(0.0, 1.0, m))
         sensor = Sensor("one", mount_sd if number == 0 else None, direction * BASE_M)
-        said.append(said_of_marks(f"run{number}", seen, PlaceCovariance(seen.chainage_m, covariance), sensor, anchored=anchored))
+        said.append(
+            said_of_marks(f"run{number}", seen, PlaceCovariance(seen.chainage_m, covariance), sensor, anchored=anchored)
+        )
         # The joint graph: this run's states about their estimates, as u = R x lest rows of all sizes lose digits, then
         # M, C, roll and the runs' offsets.
         noise = np.r_[np.hypot(match_sd, _LEAST_SD_M), np.full(m, _LEAST_SD_MM)]
