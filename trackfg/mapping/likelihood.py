@@ -47,7 +47,8 @@ _USUAL_CURVES_1PM = 5e-4
 _LEAST = 1e-3
 """Least noise of short waves, of their own size: for profiles without any."""
 _LONGEST_MEMORY_M = 50
-_SECTIONS_AT_ONCE, _PLACES_AT_ONCE = 64, 4096
+_SECTIONS_AT_ONCE, _PLACES_AT_ONCE = 64, 512
+"""What is worked on stays in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -79,17 +80,18 @@ class ShortWaves:
         difference *= -2.0
         difference += run_power
         difference += power
-        same = self._evidence(count, np.maximum(difference, 0.0), self.same_variance)
+        np.maximum(difference, 0.0, out=difference)
+        same = self._evidence(count, difference, self.same_variance)
         same -= self._evidence(count, run_power, self.any_variance)
         return same
 
     def _evidence(self, count: Array32 | np.float32, squares: Array32, variance: float) -> Array32:
         """``log L`` of values whose sum of squares over ``count`` cells is ``squares``."""
         prior = np.float32(_PRIOR_DOF * variance)
-        out = squares / np.float32(self.cells_per_value)
+        out = squares * np.float32(1.0 / self.cells_per_value)
         out += prior
         np.log(out, out=out)
-        out = out * (-0.5 * (_PRIOR_DOF + count / self.cells_per_value)).astype(np.float32)
+        out = out * np.asarray(-0.5 * (_PRIOR_DOF + count / self.cells_per_value), dtype=np.float32)
         out += np.float32(0.5 * _PRIOR_DOF * np.log(prior))
         return out
 
@@ -154,17 +156,20 @@ class Scores:
         last = stop * PLACE_M - self.first_cell
         for waves in self.short:
             short += waves.scores(which, first, last)
-        best = short.reshape(count, -1, PLACE_M).max(axis=2)
+        best = np.maximum(short[:, ::PLACE_M], short[:, 1::PLACE_M])
         return best, np.zeros_like(best) if self.curves is None else self.curves.scores(which, first, last, PLACE_M)
 
     def everywhere(self, begin: int, stop: int) -> tuple[Array32, Array32]:
         """:meth:`at` of all sections, a part at a time."""
+        from threadpoolctl import threadpool_limits  # late: it looks through all libraries
+
         short, curves = (np.empty((self.sections, stop - begin), dtype=np.float32) for _ in range(2))
-        for first in range(begin, stop, _PLACES_AT_ONCE):
-            last = min(first + _PLACES_AT_ONCE, stop)
-            for k in range(0, self.sections, _SECTIONS_AT_ONCE):
-                which, part = slice(k, k + _SECTIONS_AT_ONCE), slice(first - begin, last - begin)
-                short[which, part], curves[which, part] = self.at(which, first, last)
+        with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+            for first in range(begin, stop, _PLACES_AT_ONCE):
+                last = min(first + _PLACES_AT_ONCE, stop)
+                for k in range(0, self.sections, _SECTIONS_AT_ONCE):
+                    which, part = slice(k, k + _SECTIONS_AT_ONCE), slice(first - begin, last - begin)
+                    short[which, part], curves[which, part] = self.at(which, first, last)
         return short, curves
 
 

@@ -27,7 +27,6 @@ of a match). Both are counted as error.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +43,8 @@ _ALIKE = 0.7
 _LEAST = 1e-4
 """Of a feature's size: the least noise."""
 _MAD = 1.4826
+_ON_ROW = 1e-9
+"""Of a row: a place that near below it is on it."""
 _LEAST_TRIPLES = 5
 _WALK_MEAN, _WALK_REST = 0.051, 0.1
 _OWN_DOF = 20.0
@@ -64,15 +65,29 @@ class Matches:
 
 @dataclass(frozen=True)
 class _Feature:
-    """The run's rows (k, m) and their slopes, 1/m; the reference at any places: values, slopes, whether known."""
+    """The run's rows (k, m) and their slopes, 1/m; the reference as a cubic spline from row to row.
+
+    ``cubic`` (n, 4): of the row numbered ``first`` and those after it, highest power first; ``known`` (n,): whether the
+    row and the next are. ``claimed``: sigma of the comparison by the tables; ``least``: the least taken.
+    """
 
     run: Array
     run_slope: Array
-    value: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
-    known: Callable[[Array], NDArray[np.bool_]]
+    first: int
+    cubic: Array
+    known: NDArray[np.bool_]
     claimed: float
     least: float
+
+    def at(self, places: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Values, slopes and whether known at places, m: three of their shape."""
+        position = places / STEP_M - self.first
+        row = np.floor(position + _ON_ROW).astype(np.int64)
+        inside = (row >= 0) & (row < len(self.cubic))
+        row = np.clip(row, 0, len(self.cubic) - 1)
+        t = np.where(inside, position - row, 0.0)
+        a, b, c, d = np.moveaxis(self.cubic[row], -1, 0)
+        return ((a * t + b) * t + c) * t + d, ((3.0 * a * t + 2.0 * b) * t + c) / STEP_M, inside & self.known[row]
 
 
 @dataclass(frozen=True)
@@ -118,50 +133,32 @@ def match_sections(
     return Matches(place, sd, local, bias, bias_sd)
 
 
-def _feature(
-    run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool
-) -> _Feature:
-    from scipy.interpolate import make_interp_spline  # late: 0.2 s
+def _feature(run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool) -> _Feature:
+    from scipy.interpolate import CubicSpline  # late: 0.2 s
 
     r, f = run.values[name], reference.values[name]
     if long:
         r, f = (forward_mean(x, LONG_M * ROWS_PER_CELL) for x in (r, f))
+    index = first[:, None] + np.arange(rows)
+    pieces = np.where((index >= 0) & (index < len(r)), r[np.clip(index, 0, len(r) - 1)], np.nan)
     known = np.isfinite(f)
     at = np.flatnonzero(known)
-    if at.size < 4:
-        nothing = np.full((len(first), rows), np.nan)
-        return _Feature(nothing, nothing, np.zeros_like, np.zeros_like, lambda p: np.zeros(p.shape, bool), 0.0, 1.0)
-    whole = np.interp(np.arange(at[0], at[-1] + 1), at, f[at])
-    spline = make_interp_spline(np.arange(at[0], at[-1] + 1), whole, k=3)
-    slope = spline.derivative()
-
-    def row(places: Array) -> Array:
-        return np.clip(places / STEP_M - reference.first, at[0], at[-1])
-
-    def is_known(places: Array) -> NDArray[np.bool_]:
-        position = places / STEP_M - reference.first
-        low = np.floor(position + 1e-9).astype(np.int64)
-        inside = (position >= at[0] - 1e-9) & (position <= at[-1] + 1e-9)
-        low = np.clip(low, 0, len(f) - 1)
-        return inside & known[low] & known[np.minimum(low + (position > low + 1e-9), len(f) - 1)]
-
-    index = first[:, None] + np.arange(rows)
-    inside = (index >= 0) & (index < len(r))
-    pieces = np.where(inside, r[np.clip(index, 0, len(r) - 1)], np.nan)
-    sigma = (
-        0.0
-        if name == CROSS_LEVEL or long
-        else float(np.hypot(_median(run.sigmas[name]), _median(reference.sigmas[name])))
-    )
-    size = float(np.std(f[known]))
+    if at.size < 2:
+        cubic, both = np.zeros((1, 4)), np.zeros(1, dtype=bool)
+    else:
+        every = np.arange(len(f))
+        cubic = np.append(CubicSpline(every, np.interp(every, at, f[at])).c.T, np.zeros((1, 4)), axis=0)
+        cubic[-1, 3] = f[at[-1]]
+        both = known & np.append(known[1:], known[-1])
+    told = not long and name != CROSS_LEVEL
     return _Feature(
         pieces,
         np.gradient(pieces, STEP_M, axis=1),
-        lambda places: np.asarray(spline(row(places))),
-        lambda places: np.asarray(slope(row(places))) / STEP_M,
-        is_known,
-        sigma,
-        max(_LEAST * size, float(np.finfo(np.float64).tiny) ** 0.25),
+        reference.first,
+        cubic,
+        both,
+        float(np.hypot(_median(run.sigmas[name]), _median(reference.sigmas[name]))) if told else 0.0,
+        max(_LEAST * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25),
     )
 
 
@@ -170,7 +167,9 @@ def _median(values: Array) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool) -> _Fit:
+def _fit(
+    features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool
+) -> _Fit:
     place, scale = about.copy(), scale.copy()
     if searched:
         place = _searched(features, x, place, scale)
@@ -188,12 +187,12 @@ def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_s
         squares, rows = np.zeros(len(about)), np.zeros(len(about))
         for i, feature in enumerate(features):
             at = place[:, None] + (1.0 + scale[:, None]) * x
-            known = feature.known(at) & np.isfinite(feature.run)
+            value, slope, known = feature.at(at)
+            known &= np.isfinite(feature.run)
             w = np.where(known, weights[i], 0.0)
-            r = _centred(np.where(known, feature.run - feature.value(at), 0.0), w)
-            slope = np.where(known, feature.slope(at), 0.0)
+            r = _centred(np.where(known, feature.run - value, 0.0), w)
             J = np.stack([_centred(slope, w), _centred(slope * x, w)])
-            measured = _MAD * _overall(np.abs(r), known)
+            measured = _typical(r, known)
             sigma = max(measured, feature.claimed, feature.least)
             A += np.einsum("akm,bkm,km->kab", J, J, w) / sigma**2
             b += np.einsum("akm,km,km->ka", J, w, r) / sigma**2
@@ -221,19 +220,20 @@ def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_s
 
 
 def _searched(features: list[_Feature], x: Array, place: Array, scale: Array) -> Array:
-    """The best of places half a metre apart, within 2 m."""
-    offsets = 0.5 * np.arange(-4, 5)
-    evidence = np.zeros((len(offsets), len(place)))
-    x = x[::2]
+    """The best of places half a metre apart, within 2 m. Every other row, and the reference's nearest, will do."""
+    two = 2 * np.arange(-4, 5)
+    evidence = np.zeros((len(two), len(place)))
+    middle = np.rint((place[:, None] + (1.0 + scale[:, None]) * x[::2]) / STEP_M).astype(np.int64)
     for feature in features:
-        r = feature.run[:, ::2]
-        for k, offset in enumerate(offsets):
-            at = place[:, None] + offset + (1.0 + scale[:, None]) * x
-            known = feature.known(at) & np.isfinite(r)
-            d = _centred(np.where(known, r - feature.value(at), 0.0), known.astype(np.float64))
+        r, f = feature.run[:, ::2], np.where(feature.known, feature.cubic[:, 3], np.nan)
+        for k, offset in enumerate(two):
+            row = middle - feature.first + offset
+            d = r - f[np.clip(row, 0, len(f) - 1)]
+            known = np.isfinite(d) & (row >= 0) & (row < len(f))
+            d = _centred(np.where(known, d, 0.0), known.astype(np.float64))
             count = np.maximum(known.sum(axis=1), 1)
             evidence[k] -= 0.5 * count * np.log((d**2).sum(axis=1) / count + feature.least**2)
-    return place + offsets[np.argmax(evidence, axis=0)]
+    return place + STEP_M * two[np.argmax(evidence, axis=0)]
 
 
 def _centred(values: Array, weight: Array) -> Array:
@@ -242,10 +242,9 @@ def _centred(values: Array, weight: Array) -> Array:
     return np.where(weight > 0.0, values - (values * weight).sum(axis=-1, keepdims=True) / total, 0.0)
 
 
-def _overall(absolute: Array, known: NDArray[np.bool_]) -> float:
-    """Median over the sections of the medians of each one's known values; 0 if none has any."""
-    medians = [float(np.median(row[mask])) for row, mask in zip(absolute, known, strict=True) if mask.any()]
-    return float(np.median(medians)) if medians else 0.0
+def _typical(values: Array, known: NDArray[np.bool_]) -> float:
+    """Sigma of the known values, from their median size; 0 if none is known."""
+    return _MAD * float(np.median(np.abs(values[known]))) if known.any() else 0.0
 
 
 def _periodogram(u: Array, known: NDArray[np.bool_]) -> Array:
@@ -277,15 +276,14 @@ def _walk(shift: Array, sd: Array) -> Array:
 
 def _bias(feature: _Feature, x: Array, place: Array, scale: Array, sd: Array) -> tuple[Array, Array]:
     """Mean of run minus reference, and its sigma."""
-    at = place[:, None] + (1.0 + scale[:, None]) * x
-    known = feature.known(at) & np.isfinite(feature.run)
+    value, slope, known = feature.at(place[:, None] + (1.0 + scale[:, None]) * x)
+    known &= np.isfinite(feature.run)
     count = known.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(known, feature.run - feature.value(at), 0.0).sum(axis=1) / count
-        slope = np.where(known, feature.slope(at), 0.0).sum(axis=1) / count
-    r = np.where(known, feature.run - feature.value(at) - mean[:, None], 0.0)
-    weight = 1.0 / (1.0 + (r / (_FAR * max(_MAD * _overall(np.abs(r), known), feature.least))) ** 2)
+    some = np.maximum(count, 1)
+    mean = np.where(known, feature.run - value, 0.0).sum(axis=1) / some
+    slope = np.where(known, slope, 0.0).sum(axis=1) / some
+    r = np.where(known, feature.run - value - mean[:, None], 0.0)
+    weight = 1.0 / (1.0 + (r / (_FAR * max(_typical(r, known), feature.least))) ** 2)
     long_waves = float(_periodogram(r * weight, known)[2:9].mean())
-    with np.errstate(divide="ignore"):
-        variance = long_waves / count + (slope * sd) ** 2
+    variance = long_waves / some + (slope * sd) ** 2
     return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)

@@ -41,6 +41,8 @@ _LEAVE, _RETURN = 1e-4, 1e-3
 _MOST = 15.0
 _SCALE_STEP = 0.01
 """Scales are so far apart: over a section of 100 m, creep bridges half of it."""
+_NEGLIGIBLE = 1e-15
+"""Probability of a place below which it is not followed; it may come back only from nowhere."""
 NEAR = 32
 """Places to either side of the most probable one of which probabilities are given."""
 _MODE = 3
@@ -79,20 +81,25 @@ class Places:
 
 @dataclass
 class _State:
-    """Probabilities: ``on`` (2, scales, places), unchanged track first; ``off``."""
+    """Probabilities (or likelihoods): ``on`` (2, scales, n), unchanged track first, at places from ``first`` on;
+    ``off``."""
 
+    first: int
     on: Array32
     off: float
 
-    def scaled(self, by: float) -> _State:
-        self.on *= np.float32(by)
-        self.off *= by
-        return self
+    @property
+    def stop(self) -> int:
+        return self.first + self.on.shape[2]
+
+    def places(self) -> Array32:
+        """Shape (n,)."""
+        return np.asarray(self.on.reshape(-1, self.on.shape[2]).sum(axis=0))
 
 
 @dataclass
 class PlaceChain:
-    """The model of one run. ``short``, ``curves``: log likelihood ratios of each section at its places.
+    """The model of one run. ``short``, ``curves``: log likelihood ratios of each section at the places of its window.
 
     ``known``: log prior of the places of one section, by its number, where the run's place is known.
     """
@@ -110,144 +117,163 @@ class PlaceChain:
         self.scales = _SCALE_STEP * np.arange(-reach, reach + 1)
         prior = np.exp(-0.5 * (self.scales / self.scale_sd) ** 2) if reach else np.ones(1)
         self.scale_prior = (prior / prior.sum()).astype(np.float32)
-        self._lost: dict[tuple[int, ...], Array32] = {}
 
     def places(self) -> Places:
         """Forward and backward."""
         sections = len(self.windows.first)
         stride = max(1, int(np.sqrt(sections)))
         kept: list[_State] = []
-        state = self._seen(0, self._prior())
         for k in range(sections):
-            if k:
-                state = self._seen(k, self._next(k, state))
+            state = self._filtered(k, state if k else None)
             if k % stride == 0:
-                kept.append(_State(state.on.copy(), state.off))
+                kept.append(state)
         found: list[tuple[float, ...]] = []
         near: list[Array] = []
         so_far: list[Array] = []
-        future = _State(np.ones_like(state.on), 1.0)
-        for block in reversed(range(len(kept))):
+        future: _State | None = None
+        for first in reversed(range(0, sections, stride)):
             states = [kept.pop()]
-            for k in range(block * stride + 1, min((block + 1) * stride, sections)):
-                states.append(self._seen(k, self._next(k, states[-1])))
-            for k in reversed(range(block * stride, block * stride + len(states))):
-                if k + 1 < sections:
-                    future = self._before(k + 1, self._weighed(k + 1, future))
-                mode, *rest = self._found(k, states.pop(), future)
-                found.append(mode)
-                near.append(rest[0])
-                so_far.append(rest[1])
-        mode_, mean_m, same, scale = (np.array(column[::-1]) for column in zip(*found, strict=True))
-        return Places(mode_.astype(np.int64), mean_m, np.array(near[::-1]), np.array(so_far[::-1]), same, scale)
+            for k in range(first + 1, min(first + stride, sections)):
+                states.append(self._filtered(k, states[-1]))
+            for k in reversed(range(first, first + len(states))):
+                state = states.pop()
+                if future is None:
+                    future = _State(state.first, np.ones_like(state.on), 1.0)
+                else:
+                    future = self._before(k + 1, state, future)
+                one, *more = self._found(state, future)
+                found.append(one)
+                near.append(more[0])
+                so_far.append(more[1])
+                future = self._weighed(k, future)
+        mode, mean_m, same, scale = (np.array(column[::-1]) for column in zip(*found, strict=True))
+        return Places(mode.astype(np.int64), mean_m, np.array(near[::-1]), np.array(so_far[::-1]), same, scale)
+
+    def _filtered(self, k: int, before: _State | None) -> _State:
+        """Probabilities given the sections up to ``k``; the negligible ones at both ends are cut off."""
+        state = self._weighed(k, self._prior() if before is None else self._next(k, before))
+        places = state.places()
+        total = float(places.sum()) + state.off
+        likely = np.flatnonzero(places > _NEGLIGIBLE * total)
+        begin, stop = (int(likely[0]), int(likely[-1]) + 1) if likely.size else (0, 1)
+        return _State(state.first + begin, state.on[:, :, begin:stop] * np.float32(1.0 / total), state.off / total)
 
     def _prior(self) -> _State:
         count = int(self.windows.count[0])
-        each = np.float32(_ON_REFERENCE / count) * np.array([_SAME, 1.0 - _SAME], dtype=np.float32)
-        on = each[:, None, None] * self.scale_prior[:, None] * np.ones(count, dtype=np.float32)
-        return _State(on, 1.0 - _ON_REFERENCE)
+        each = _FRESH[:, None] * self.scale_prior * np.float32(_ON_REFERENCE / count)
+        return _State(int(self.windows.first[0]), np.repeat(each[:, :, None], count, axis=2), 1.0 - _ON_REFERENCE)
 
     def _weighed(self, k: int, state: _State) -> _State:
-        """Times the likelihood of section ``k``, all divided by its greatest."""
-        changed = self.curves[k].astype(np.float32)
-        same = changed + self.short[k]
+        """Times the likelihood of section ``k``, as a share of the greatest. Changes ``state``."""
+        part = slice(state.first - int(self.windows.first[k]), state.stop - int(self.windows.first[k]))
+        changed = self.curves[k][part]
+        same = changed + self.short[k][part]
         if self.known is not None and self.known[0] == k:
-            changed, same = changed + self.known[1].astype(np.float32), same + self.known[1].astype(np.float32)
+            prior = self.known[1][part].astype(np.float32)
+            changed, same = changed + prior, same + prior
         best = float(max(changed.max(), same.max()))
         nowhere = max(0.0, best - _MOST)
         greatest = np.float32(max(best, nowhere))
-        on = state.on * np.exp(np.stack([same, changed]) - greatest)[:, None, :]
-        return _State(on, state.off * float(np.exp(nowhere - greatest)))
+        state.on[0] *= np.exp(same - greatest)
+        state.on[1] *= np.exp(changed - greatest)
+        state.off *= float(np.exp(nowhere - greatest))
+        return state
 
-    def _seen(self, k: int, state: _State) -> _State:
-        state = self._weighed(k, state)
-        return state.scaled(1.0 / (float(state.on.sum(dtype=np.float64)) + state.off))
+    def _steps(self, k: int) -> Array:
+        """By how many places each scale moves from section ``k - 1`` to ``k``, (scales,)."""
+        return np.asarray((self.windows.start_m[k] - self.windows.start_m[k - 1]) * (1.0 + self.scales) / PLACE_M)
 
-    def _offsets(self, k: int) -> Array:
-        """By how many of its places each scale moves the section ``k - 1`` on to ``k``, (scales,)."""
-        w = self.windows
-        moved = (w.start_m[k] - w.start_m[k - 1]) * (1.0 + self.scales) / PLACE_M
-        return np.asarray(moved - (w.first[k] - w.first[k - 1]))
+    def _reach(self, k: int, before: _State) -> tuple[int, int]:
+        """Places of section ``k`` that are worth looking at: all, if the run may come back from nowhere."""
+        first, stop = int(self.windows.first[k]), int(self.windows.first[k] + self.windows.count[k])
+        if before.off * _RETURN > _NEGLIGIBLE * (stop - first):
+            return first, stop
+        steps = self._steps(k)
+        low = before.first + int(np.floor(steps.min())) - _SLIP_PLACES - 1
+        high = before.stop + int(np.ceil(steps.max())) + _SLIP_PLACES + 1
+        low = min(max(low, first), stop - 1)
+        return low, max(min(high, stop), low + 1)
 
-    def _next(self, k: int, state: _State) -> _State:
+    def _next(self, k: int, before: _State) -> _State:
         """Prediction of section ``k`` from the one before."""
-        count = int(self.windows.count[k])
-        moved = np.stack([_moved(state.on[:, i], by, count) for i, by in enumerate(self._offsets(k))], axis=1)
-        total = float(state.on.sum(dtype=np.float64))
-        left = total - float(moved.sum(dtype=np.float64)) * (1.0 - _LEAVE)
-        on = np.empty_like(moved)
-        np.multiply(moved[0], np.float32((1.0 - _TO_CHANGED) * (1.0 - _LEAVE) * (1.0 - _SLIP)), out=on[0])
-        on[0] += np.float32(_TO_SAME * (1.0 - _LEAVE) * (1.0 - _SLIP)) * moved[1]
-        np.multiply(moved[1], np.float32((1.0 - _TO_SAME) * (1.0 - _LEAVE) * (1.0 - _SLIP)), out=on[1])
-        on[1] += np.float32(_TO_CHANGED * (1.0 - _LEAVE) * (1.0 - _SLIP)) * moved[0]
-        anew = _box(moved.sum(axis=(0, 1))) * np.float32(_SLIP * (1.0 - _LEAVE))
-        anew += np.float32(state.off * _RETURN / count)
-        on += _FRESH[:, None, None] * self.scale_prior[:, None] * anew
-        return _State(on, state.off * (1.0 - _RETURN) + left)
+        low, high = self._reach(k, before)
+        on = np.empty((2, len(self.scales), high - low), dtype=np.float32)
+        for i, step in enumerate(self._steps(k)):
+            _move(before.on[:, i], step - (low - before.first), (1.0 - _LEAVE) * (1.0 - _SLIP), on[:, i])
+            exchanged = np.float32(_TO_CHANGED) * on[0, i] - np.float32(_TO_SAME) * on[1, i]
+            on[0, i] -= exchanged
+            on[1, i] += exchanged
+        moved = on.reshape(-1, high - low).sum(axis=0)
+        left = float(before.on.sum()) - float(moved.sum()) / (1.0 - _SLIP)
+        anew = _box(moved) * np.float32(_SLIP / (1.0 - _SLIP))
+        anew += np.float32(before.off * _RETURN / self.windows.count[k])
+        for c, i in np.ndindex(on.shape[:2]):
+            on[c, i] += (_FRESH[c] * self.scale_prior[i]) * anew
+        return _State(low, on, before.off * (1.0 - _RETURN) + left)
 
-    def _before(self, k: int, future: _State) -> _State:
-        """The transpose of :meth:`_next`: likelihood of all that follows, of the places of section ``k - 1``."""
-        count = int(self.windows.count[k - 1])
-        fresh = np.einsum("c,h,chp->p", _FRESH, self.scale_prior, future.on)
+    def _before(self, k: int, before: _State, future: _State) -> _State:
+        """Likelihood of all sections from ``k`` on, of the places of ``before``: the transpose of :meth:`_next`.
+
+        ``future`` is the likelihood with that of ``k`` itself; places that were cut off have none.
+        """
+        low, high = self._reach(k, before)
+        count, into = before.on.shape[2], slice(future.first - low, future.stop - low)
+        fresh = np.zeros(high - low, dtype=np.float32)
+        fresh[into] = np.tensordot(_FRESH[:, None] * self.scale_prior, future.on, axes=2)
+        slipped = _box(fresh) * np.float32(_SLIP * (1.0 - _LEAVE))
+        slipped += np.float32(_LEAVE * future.off)
+        on = np.empty((2, len(self.scales), count), dtype=np.float32)
+        ahead = np.empty((3, high - low), dtype=np.float32)
+        moved = np.empty((3, count), dtype=np.float32)
+        ahead[2] = np.float32(1.0)
         stay = np.float32((1.0 - _LEAVE) * (1.0 - _SLIP))
-        mixed = np.empty_like(future.on)
-        mixed[0] = future.on[0] * (stay * np.float32(1.0 - _TO_CHANGED)) + future.on[1] * (
-            stay * np.float32(_TO_CHANGED)
-        )
-        mixed[1] = future.on[1] * (stay * np.float32(1.0 - _TO_SAME)) + future.on[0] * (stay * np.float32(_TO_SAME))
-        mixed += np.float32(_SLIP * (1.0 - _LEAVE)) * _box(fresh)
-        mixed += np.float32(_LEAVE * future.off)
-        on = np.stack([_moved(mixed[:, i], -by, count) for i, by in enumerate(self._offsets(k))], axis=1)
-        on += np.float32(future.off) * self._lost_over_the_ends(k)
-        off = future.off * (1.0 - _RETURN) + _RETURN * float(fresh.mean())
-        return _State(on, off).scaled(1.0 / max(float(on.max()), off))
+        for i, step in enumerate(self._steps(k)):
+            gain = future.on[1, i] - future.on[0, i]
+            ahead[:2] = slipped
+            ahead[0, into] += stay * (future.on[0, i] + np.float32(_TO_CHANGED) * gain)
+            ahead[1, into] += stay * (future.on[1, i] - np.float32(_TO_SAME) * gain)
+            _move(ahead, (low - before.first) - step, 1.0, moved)
+            # What moves over the ends of the window is off the reference.
+            on[:, i] = moved[:2] + np.float32(future.off) * (np.float32(1.0) - moved[2])
+        off = future.off * (1.0 - _RETURN) + _RETURN * float(fresh.sum()) / int(self.windows.count[k])
+        greatest = max(float(on.max()), off)
+        on *= np.float32(1.0 / greatest)
+        return _State(before.first, on, off / greatest)
 
-    def _lost_over_the_ends(self, k: int) -> Array32:
-        """Share of each scale and place of section ``k - 1`` that moves beyond the places of ``k``."""
-        count, before = int(self.windows.count[k]), int(self.windows.count[k - 1])
-        offsets = self._offsets(k)
-        key = (count, before, *np.rint(1e6 * offsets).astype(int).tolist())
-        if key not in self._lost:
-            kept = np.stack([_moved(np.ones((1, count), dtype=np.float32), -by, before)[0] for by in offsets])
-            self._lost = {key: np.float32(1) - kept}
-        return self._lost[key]
-
-    def _found(self, k: int, state: _State, future: _State) -> tuple[tuple[float, ...], Array, Array]:
+    def _found(self, state: _State, future: _State) -> tuple[tuple[float, ...], Array, Array]:
         joint = state.on * future.on
-        total = float(joint.sum(dtype=np.float64)) + state.off * future.off
-        place = joint.sum(axis=(0, 1)).astype(np.float64) / total
+        place = joint.reshape(-1, joint.shape[2]).sum(axis=0).astype(np.float64)
+        place /= float(place.sum()) + state.off * future.off
         mode = int(np.argmax(np.convolve(place, np.ones(3), mode="same")))
         begin, stop = max(mode - _MODE, 0), mode + _MODE + 1
         part = joint[:, :, begin:stop].astype(np.float64)
-        weight = max(float(part.sum()), np.finfo(np.float64).tiny)
-        first = int(self.windows.first[k])
-        middle = (first + np.arange(begin, begin + part.shape[2])) * PLACE_M + 0.5 * (PLACE_M - 1)
+        weight = max(float(part.sum()), float(np.finfo(np.float64).tiny))
+        middle = (state.first + np.arange(begin, begin + part.shape[2])) * PLACE_M + 0.5 * (PLACE_M - 1)
         found = (
-            float(first + mode),
+            float(state.first + mode),
             float(part.sum(axis=(0, 1)) @ middle) / weight,
             float(part[0].sum()) / weight,
             float(part.sum(axis=(0, 2)) @ self.scales) / weight,
         )
-        return found, _around(place, mode), _around(state.on.sum(axis=(0, 1)).astype(np.float64), mode)
+        return found, _around(place, mode), _around(state.places().astype(np.float64), mode)
 
 
 _FRESH = np.array([_SAME, 1.0 - _SAME], dtype=np.float32)
 
 
-def _moved(x: Array32, by: float, count: int) -> Array32:
-    """Each place moved ``by`` places and blurred by creep, to ``count`` places. Shape (m, n) to (m, count).
+def _move(x: Array32, by: float, share: float, out: Array32) -> None:
+    """A share of each place moved ``by`` places and blurred by creep. Shape (m, n) into ``out`` (m, p).
 
-    Between places the share goes to both neighbours, so that the mean moves exactly.
+    Between places it goes to both neighbours, so that the mean moves exactly.
     """
     whole = int(np.floor(by))
     part = by - whole
-    weights = np.convolve([1.0 - part, part], [_CREEP, 1.0 - 2.0 * _CREEP, _CREEP])
-    out = np.zeros((x.shape[0], count), dtype=np.float32)
+    weights = share * np.convolve([1.0 - part, part], [_CREEP, 1.0 - 2.0 * _CREEP, _CREEP])
+    out[...] = 0.0
     for offset, weight in enumerate(weights.astype(np.float32), start=whole - 1):
-        low, high = max(0, offset), min(count, x.shape[1] + offset)
+        low, high = max(0, offset), min(out.shape[1], x.shape[1] + offset)
         if low < high and weight > 0.0:
             out[:, low:high] += weight * x[:, low - offset : high - offset]
-    return out
 
 
 def _box(x: Array32) -> Array32:
