@@ -315,7 +315,7 @@ def _shuttle() -> Scenario:
     length_m = 8000.0
     return Scenario(
         name="shuttle",
-        summary="8 km of one line, run after run, odd ones back, each with its own speed, wheel and IMU; two balises",
+        summary="8 km of one line, run after run, there and back with one wheel and IMU, then the next; two balises",
         duration_s=1000.0,
         line=replace(MAIN_LINE, line_speed_mps=90 * KMH, radius_m=(300.0, 600.0)),
         driver=Service(
@@ -333,4 +333,5 @@ def _shuttle() -> Scenario:
         balises=BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, length_m - 100.0)),
         length_m=length_m,
         both_ways=True,
+        runs_per_vehicle=2,
     )

@@ -15,7 +15,7 @@ True angular rate ``w`` and specific force ``f`` in vehicle axes become samples 
     gyro  = quantised(clipped(M_g w_s + G f_s + b_g + n_g)),
     accel = quantised(clipped(M_a f_s + b_a + n_a)).
 
-What is fixed is drawn once per run, every element on its own.
+What is fixed is drawn once per run, or once for the runs of a vehicle, every element on its own.
 """
 
 from __future__ import annotations
@@ -98,12 +98,20 @@ class ImuErrors:
     response: ImuResponse
 
 
-def draw_errors(model: ImuModel, edges: Array, rng: np.random.Generator) -> ImuErrors:
-    """Errors for the samples between ``edges``."""
+def draw_errors(
+    model: ImuModel, edges: Array, rng: np.random.Generator, kept_rng: np.random.Generator | None = None
+) -> ImuErrors:
+    """Errors for the samples between ``edges``.
+
+    ``kept_rng`` is the stream of what the IMU keeps from run to run: mounting, ``M_g``, ``M_a`` and ``G``. Without one
+    they are the run's own.
+    """
     noise, response, n, dt = model.noise, model.response, len(edges) - 1, 1.0 / model.rate_hz
     # One stream each: a longer run begins as a shorter one does, and no error changes another one.
     mount_rng, gyro_rng, accel_rng, gyro_bias_rng, accel_bias_rng = rng.spawn(5)
     gyro_matrix_rng, accel_matrix_rng, g_sensitivity_rng = rng.spawn(3)
+    if kept_rng is not None:
+        mount_rng, gyro_matrix_rng, accel_matrix_rng, g_sensitivity_rng = kept_rng.spawn(4)
 
     def bias(stream: np.random.Generator, initial_sd: float, walk: float) -> Array:
         start = initial_sd * stream.standard_normal(3)

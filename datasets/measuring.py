@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -22,10 +22,21 @@ from trackfg.frames import Array
 from trackfg.recording import Recording
 
 Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders"]
-Streams = Mapping[Sensor, np.random.Generator]
+Kept = Literal["imu", "tach"]
 
 LONGITUDE_DEG = 139.0
 """Where a scenario with a latitude has its origin, on the ellipsoid (gravity is that of height 0)."""
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Streams of random numbers: those of a run's sensors, and those of what a vehicle keeps from run to run.
+
+    ``kept`` is empty where every run is of another vehicle: what would be kept is then drawn from the run's streams.
+    """
+
+    run: Mapping[Sensor, np.random.Generator]
+    kept: Mapping[Kept, np.random.Generator] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -38,19 +49,26 @@ class Measurement:
     slips: pd.DataFrame | None
 
 
-def measure(plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, streams: Streams | None) -> Measurement:
+def measure(
+    plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, sensor_id: str | None, streams: Streams | None
+) -> Measurement:
     """The recording of a ride over ``track``, perfect without ``streams``, from t = 0 to the last of ``edges``.
 
-    ``edges`` (n + 1,) are those of the IMU's intervals.
+    ``edges`` (n + 1,) are those of the IMU's intervals. ``name`` is the recording's, ``sensor_id`` the IMU's in its
+    mounting.
     """
     duration_s = float(edges[-1])
     gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
-    errors = None if streams is None else imu_errors.draw_errors(plan.imu, edges, streams["imu"])
+    errors = (
+        None
+        if streams is None
+        else imu_errors.draw_errors(plan.imu, edges, streams.run["imu"], streams.kept.get("imu"))
+    )
     if errors is not None:
         gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
-    wheel = _wheel(plan, ride, duration_s, None if streams is None else streams["tach"])
+    wheel = _wheel(plan, ride, duration_s, streams)
     fixes, gnss = _positions(plan, ride, duration_s, streams)
-    laser_rng = None if streams is None else streams["lasers"]
+    laser_rng = None if streams is None else streams.run["lasers"]
     on_earth = gnss is not None and plan.latitude_deg is not None
     origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
     recording = Recording(
@@ -62,6 +80,7 @@ def measure(plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, s
                 plan.imu.lever_arm_m,
                 rigid=plan.vehicle.rigid,
                 mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,
+                sensor_id=sensor_id,
             ),
             tach=wheel.description,
             fixes=None if fixes is None else tables.fixes_description(),
@@ -76,7 +95,7 @@ def measure(plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, s
         gnss_origin=origin,
     )
     if streams is not None:
-        recording = _recorded(plan, recording, streams["recorders"])
+        recording = _recorded(plan, recording, streams.run["recorders"])
     return Measurement(recording, errors, wheel.scale, wheel.slips)
 
 
@@ -88,11 +107,11 @@ class _Wheel:
     slips: pd.DataFrame | None = None
 
 
-def _wheel(plan: Scenario, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> _Wheel:
-    if rng is None:
+def _wheel(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> _Wheel:
+    if streams is None:
         return _Wheel(odometer.ideal_table(ride, plan.tach, duration_s), odometer.ideal_description(plan.tach))
-    scale_rng, slip_rng, pulse_rng = rng.spawn(3)
-    scale = odometer.draw_scale(plan.tach, scale_rng)
+    scale_rng, slip_rng, pulse_rng = streams.run["tach"].spawn(3)
+    scale = odometer.draw_scale(plan.tach, streams.kept.get("tach", scale_rng))
     slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
     return _Wheel(
         odometer.pulse_table(ride, plan.tach, scale, duration_s, pulse_rng, slip),
@@ -106,7 +125,7 @@ def _positions(
     plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None
 ) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
     """The tables of balises and of GNSS; a run that passes no balise has no table of them."""
-    balise_rng, gnss_rng = (None, None) if streams is None else (streams["balises"], streams["gnss"])
+    balise_rng, gnss_rng = (None, None) if streams is None else (streams.run["balises"], streams.run["gnss"])
     fixes = None if plan.balises is None else positioning.balise_table(ride, plan.balises, duration_s, balise_rng)
     gnss = None if plan.gnss is None else positioning.gnss_table(ride, plan.gnss, duration_s, gnss_rng)
     return None if fixes is None or fixes.empty else fixes, gnss

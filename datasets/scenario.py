@@ -39,6 +39,7 @@ class Scenario:
     stands still. ``recorders`` are those of the tables whose stamps are wrong or whose rows get lost. With
     ``flange_knocks`` the wheels strike the outer rail of curves below R 400 (:mod:`trackfg.datasets.flange`).
     Chainage is the origin's plus ``direction`` times the arc length; with ``both_ways`` the odd runs go back.
+    ``runs_per_vehicle`` runs one after the other are of one vehicle, which keeps its wheel and its IMU in its mounting.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Scenario:
     direction: Literal[1, -1] = 1
     length_m: float | None = None
     both_ways: bool = False
+    runs_per_vehicle: int = 1
 
     @property
     def georeferenced(self) -> bool:

@@ -17,7 +17,7 @@ from trackfg.datasets.imu_errors import ImuErrors
 from trackfg.datasets.irregularities import Irregularities, draw_irregularities
 from trackfg.datasets.line_design import random_line
 from trackfg.datasets.line_file import GivenLine
-from trackfg.datasets.measuring import Sensor, Streams, measure
+from trackfg.datasets.measuring import Kept, Sensor, Streams, measure
 from trackfg.datasets.motion import Motion
 from trackfg.datasets.positioning import BaliseModel
 from trackfg.datasets.ride import Ride
@@ -81,7 +81,8 @@ def simulate(
     """Simulate a scenario, by name or one of your own.
 
     ``seed`` settles the track and, with ``run``, the driving and the sensors on it: runs of one seed are over one
-    track. One seed and run repeat to the bit, and track and driving are the same whether or not there is ``noise``.
+    track, and the runs of one vehicle share its wheel and its IMU as it is mounted. One seed and run repeat to the bit,
+    and track and driving are the same whether or not there is ``noise``.
     Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses.
     A run starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
     Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run, a duration below
@@ -95,7 +96,11 @@ def simulate(
         raise BadInputError(f"run {run}: expected 0 or more")
     line_rng, irregularity_rng, flange_rng = _streams(seed, (0,), 3)
     drive_rng, *sensor_rngs = _streams(seed, (1, run), 1 + len(get_args(Sensor)))
-    streams: Streams | None = dict(zip(get_args(Sensor), sensor_rngs, strict=True)) if noise else None
+    vehicle = run // plan.runs_per_vehicle
+    streams = Streams(dict(zip(get_args(Sensor), sensor_rngs, strict=True)))
+    if plan.runs_per_vehicle > 1:
+        kept_rngs = _streams(seed, (2, vehicle), len(get_args(Kept)))
+        streams = replace(streams, kept=dict(zip(get_args(Kept), kept_rngs, strict=True)))
 
     track = _track(plan, duration, line_rng, irregularity_rng)
     if plan.flange_knocks:
@@ -110,7 +115,16 @@ def simulate(
     if not plan.georeferenced:
         track = _facing_east(track, motion, body)
     ride = Ride(track.line, motion, plan.chainage_origin_m, plan.direction, body)
-    measured = measure(plan, track, ride, edges, f"{plan.name}-seed{seed}-run{run}", streams)
+    mounted_at_random = noise and (plan.imu.mount_sd_rad > 0.0 or plan.imu.mount_roll_sd_rad > 0.0)
+    measured = measure(
+        plan,
+        track,
+        ride,
+        edges,
+        name=f"{plan.name}-seed{seed}-run{run}",
+        sensor_id=f"seed{seed}-vehicle{vehicle}" if mounted_at_random else None,
+        streams=streams if noise else None,
+    )
 
     t = tables.clock(duration, truth_rate_hz)
     s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration], duration))

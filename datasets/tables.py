@@ -61,12 +61,18 @@ def trajectory_table(t_s: Array, enu_m: Array, speed_mps: Array, rpy_rad: Array)
 
 
 def imu_description(
-    noise: ImuNoise, lever_arm_m: Vector3 = (0.0, 0.0, 0.0), *, rigid: bool, mount_roll_sd_rad: float = 0.0
+    noise: ImuNoise,
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
+    *,
+    rigid: bool,
+    mount_roll_sd_rad: float = 0.0,
+    sensor_id: str | None = None,
 ) -> Imu:
-    """What ``recording.toml`` says of a canonical ``imu`` table."""
+    """What ``recording.toml`` says of a canonical ``imu`` table; ``sensor_id`` names the sensor in its mounting."""
     _, wx, wy, wz, fx, fy, fz = IMU_COLUMNS
     return Imu(
         file="imu.parquet",
+        id=sensor_id,
         time="t_s",
         gyro=(wx, wy, wz),
         accel=(fx, fy, fz),

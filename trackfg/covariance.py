@@ -1,8 +1,9 @@
-"""Posterior covariances and posterior samples by backward recursions over the conditionals of a chain.
+"""Posterior covariances and posterior samples by recursions over the conditionals of a chain.
 
 With the square root of :mod:`trackfg.square_root` the error of keyframe k is ``x_k = A_k y_k + R_k^-1 e``: backwards
 from the last keyframe, covariances of the moving window (x_k, y_k) follow, or, with drawn e, samples of all states
-together. (Bierman, "Factorization methods for discrete sequential estimation", 1977, ch. X.)
+together. Forwards, with all conditionals stacked as ``R x = e``, the covariance of linear functions ``C x`` is ``Y' Y``
+with ``R' Y = C'``. (Bierman, "Factorization methods for discrete sequential estimation", 1977, ch. X.)
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ import numpy as np
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.square_root import SIZE, SquareRoot
+
+_STACKED = 64
+"""Keyframes whose products are summed by one multiplication."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,60 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
         window = np.concatenate([own, window[root.kept(k)]])
         samples[k] = window[:SIZE]
     return samples
+
+
+@dataclass(frozen=True)
+class Functions:
+    """m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
+
+    ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, 19), ``by_shared`` (m, 26).
+    """
+
+    keyframe: np.ndarray
+    by_first: Array
+    by_second: Array
+    by_shared: Array
+
+
+def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
+    """The covariance of functions with each other, however far apart they are. Shape (m, m).
+
+    Cost is linear in the number of keyframes and quadratic in that of the functions.
+    """
+    n, m, dim = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM
+    total = np.zeros((m, m))
+    stacked: list[Array] = []
+    carried = np.zeros((SIZE, m))
+    own = np.searchsorted(functions.keyframe, np.arange(n + 1))
+    for k in range(n):
+        right = carried[:dim].copy()
+        first, second = slice(own[k], own[k + 1]), slice(own[max(k - 1, 0)], own[k])
+        right[:, first] += functions.by_first[first].T
+        right[:, second] += functions.by_second[second].T
+        active = slice(0, own[k + 1])
+        y = root.inverse[k].T @ right[:, active]
+        ahead = np.zeros((root.parents(k), m))
+        ahead[root.kept(k)] = carried[dim:]
+        ahead[:, active] -= root.S[k, :, : len(ahead)].T @ y
+        carried = ahead
+        stacked.append(y)
+        if len(stacked) == _STACKED or k == n - 1:
+            _add_products(total, stacked)
+            stacked = []
+    shared = carried[dim:SIZE] + functions.by_shared.T
+    last = root.shared_inverse.T @ shared
+    total += last.T @ last
+    return np.asarray(0.5 * (total + total.T))
+
+
+def _add_products(total: Array, parts: list[Array]) -> None:
+    """Add Y' Y of parts (r, c) that know only the first c functions."""
+    wide = parts[-1].shape[1]
+    stack = np.zeros((len(parts), KEYFRAME_DIM, wide))
+    for row, part in zip(stack, parts, strict=True):
+        row[:, : part.shape[1]] = part
+    rows = stack.reshape(-1, wide)
+    total[:wide, :wide] += rows.T @ rows
 
 
 def _chain_gain(root: SquareRoot) -> Array:

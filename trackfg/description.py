@@ -68,10 +68,12 @@ class ImuNoise(Model):
 class Imu(Table):
     """The inertial sensor: columns, units, axes, mounting and noise.
 
+    ``id`` names the sensor in its mounting: recordings with one ``id`` share what is not known of the mounting.
     ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
     body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
     """
 
+    id: Annotated[str, Field(min_length=1)] | None = None
     stamp: Literal["start", "centre", "end"] = "centre"
     gyro: tuple[str, str, str]
     gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"

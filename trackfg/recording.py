@@ -20,9 +20,11 @@ the tables came from, and must not be applied again. Truth is not here: estimato
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from trackfg.description import RecordingDescription
@@ -62,3 +64,11 @@ class Recording:
     def accel(self) -> Array:
         """Specific force in body axes, m/s^2, shape (n, 3)."""
         return self.imu[list(IMU_COLUMNS[4:7])].to_numpy()
+
+    def content_sha256(self) -> str:
+        """Of the inertial and the wheel's measurements: the same for the same run, whatever it is called."""
+        digest = hashlib.sha256()
+        for table in (self.imu, self.tach):
+            if table is not None:
+                digest.update(np.ascontiguousarray(table.to_numpy(dtype="<f8")).tobytes())
+        return digest.hexdigest()

@@ -6,6 +6,7 @@ file                content
 trajectory.parquet  one row per instant of a uniform clock, columns :data:`TRAJECTORY_COLUMNS`
 geometry.parquet    one row per 0.25 m of chainage, columns :data:`GEOMETRY_COLUMNS`, with lasers :data:`RAIL_COLUMNS`
                     too; the file's metadata (key ``trackfg``) hold :class:`GeometryConventions`
+covariance.parquet  how errors of chainage and cross-level hang together (:mod:`trackfg.place_covariance`)
 events.csv          one row per event, columns :data:`EVENT_COLUMNS`
 summary.json        :class:`Summary`
 ==================  ==========================================================================================
@@ -18,7 +19,7 @@ from __future__ import annotations
 import io
 import os
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -32,6 +33,7 @@ from trackfg.atomic_folder import replaced_folder
 from trackfg.errors import BadInputError
 from trackfg.findings import Finding
 from trackfg.own_folder import FolderKind
+from trackfg.place_covariance import PlaceCovariance
 
 _STATES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
@@ -74,9 +76,10 @@ EVENT_COLUMNS = (
 """``distance_removed_m`` is the tachometer's error over the event that the smoother took out, else empty."""
 
 _EVENT_TEXT = ("kind", "detail")
-_TRAJECTORY, _GEOMETRY, _EVENTS, _SUMMARY = FILES = (
+_TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
     "trajectory.parquet",
     "geometry.parquet",
+    "covariance.parquet",
     "events.csv",
     "summary.json",
 )
@@ -130,6 +133,37 @@ class GeometryConventions(_Model):
     gradient_base_m: float
 
 
+class RunFacts(_Model):
+    """What joining runs into a map needs to know of the recording.
+
+    ``content_sha256`` tells the same measurements again, whatever the recording is called. ``anchored``: fixes told
+    where on the line the run was; else chainage counts from its start. ``imu_id``: which sensor in which mounting, and
+    ``mount_roll_sd_rad`` how well the roll of that is known. ``origin``: of east, north, up: WGS 84 latitude (deg),
+    longitude (deg) and height (m), if GNSS told.
+    """
+
+    start: str | None = None
+    content_sha256: str
+    direction: Literal[1, -1]
+    anchored: bool
+    imu_id: str | None = None
+    mount_roll_sd_rad: float
+    origin: tuple[float, float, float] | None = None
+
+
+class MapUse(_Model):
+    """The map that the run was located on: its name and version, the share of the run that was recognised, and the
+    probability that the place is right. Nothing of the map was used where ``sections`` is 0.
+    """
+
+    name: str
+    version: int | None
+    sections: int
+    recognised_m: float
+    probability: float
+    found_after_m: float | None
+
+
 class Summary(_Model):
     """The run in one page. Biases are those at the end of the run; what was not estimated is null.
 
@@ -139,6 +173,8 @@ class Summary(_Model):
 
     format: Literal["trackfg-result/1"] = "trackfg-result/1"
     recording_id: str
+    run: RunFacts | None = None
+    map: MapUse | None = None
     versions: dict[str, str] = Field(default_factory=lambda: versions())
     configuration: dict[str, JsonValue]
     solver: Solver
@@ -169,6 +205,7 @@ class Result:
     geometry: pd.DataFrame
     events: pd.DataFrame
     summary: Summary
+    covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
 
     def __post_init__(self) -> None:
         with_rails = len(self.geometry.columns) > len(GEOMETRY_COLUMNS)
@@ -197,6 +234,7 @@ class Result:
         with replaced_folder(folder) as new:
             self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
             pq.write_table(self._geometry_file(), new / _GEOMETRY)
+            self.covariance.to_frame().to_parquet(new / _COVARIANCE, index=False)
             self.events.to_csv(new / _EVENTS, index=False)
             (new / _SUMMARY).write_text(self.summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
         return folder
@@ -222,6 +260,7 @@ class Result:
                     na_values={name: [""] for name in EVENT_COLUMNS if name not in _EVENT_TEXT},
                 ),
                 summary=Summary.model_validate_json(content[_SUMMARY]),
+                covariance=PlaceCovariance.from_frame(pd.read_parquet(io.BytesIO(content[_COVARIANCE]))),
             )
         except (ValueError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error

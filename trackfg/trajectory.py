@@ -8,7 +8,7 @@ import pandas as pd
 from trackfg.covariance import Covariance
 from trackfg.dense import DenseMotion
 from trackfg.factors.motion import mount_matrix
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.frames import Array, rpy_from_matrix, skew
 from trackfg.graph import Problem
 
@@ -73,15 +73,15 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
 
     ``mount_roll_sd``, rad, is what nobody knows of the mounting's roll: it is in the vehicle's roll as it is.
     """
-    J = _jacobian(states.nav, states.mount, lever_arm)
+    J = keyframe_jacobian(states, lever_arm)
     variance = np.asarray(np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True))
     variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
     return variance
 
 
-def _jacobian(nav: Nav, mount: Array, lever_arm: Array) -> Array:
-    """Derivatives of the quantities by the stacked tangent of a keyframe and the shared variables, shape (n, 8, d)."""
-    n = len(nav)
+def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
+    """Derivatives of :data:`QUANTITIES` by the stacked tangent of a keyframe and the shared variables: (n, 8, d)."""
+    nav, mount, n = states.nav, states.mount, len(states)
     odo, at = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
     turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)
     mounting = slice(KEYFRAME_DIM, KEYFRAME_DIM + 2)

@@ -85,6 +85,18 @@ def test_mounting_rolls_by_a_sigma_of_its_own():
     np.testing.assert_allclose(accel[0], [0.0, 9.8 * np.sin(roll), 9.8 * np.cos(roll)], atol=1e-12)
 
 
+def test_what_an_imu_keeps_has_a_stream_of_its_own():
+    model, edges = replace(ADIS16480.imu(200.0), mount_roll_sd_rad=0.02), tables.clock(0.1, 200.0)
+    one, two = (draw_errors(model, edges, np.random.default_rng(seed), np.random.default_rng(5)) for seed in (1, 2))
+    own = draw_errors(model, edges, np.random.default_rng(1))
+    for name in ("mount_rpy_rad", "gyro_matrix", "accel_matrix", "g_sensitivity"):
+        assert np.array_equal(getattr(one, name), getattr(two, name)), name
+        assert not np.array_equal(getattr(one, name), getattr(own, name)), name
+    for name in ("gyro_noise", "accel_noise", "gyro_bias", "accel_bias"):
+        assert not np.array_equal(getattr(one, name), getattr(two, name)), name
+        assert np.array_equal(getattr(one, name), getattr(own, name)), name
+
+
 def test_scale_and_misalignment_act_on_each_axis_with_their_sigmas():
     response = ImuResponse(
         gyro_scale_sd=1e-3, accel_scale_sd=2e-3, gyro_misalignment_sd_rad=3e-3, accel_misalignment_sd_rad=4e-3

@@ -231,6 +231,29 @@ def test_recorders_stamp_and_lose_rows_as_asked(name):
     assert all(t.equals(times[0]) for t in times)
 
 
+def test_runs_there_and_back_share_a_vehicle():
+    runs = [datasets.simulate("shuttle", seed=3, run=run, duration_s=10.0) for run in range(4)]
+    (first, second, third, fourth) = (run.mount_rpy_rad for run in runs)
+    assert first == second != third == fourth
+    assert all(first)
+    assert runs[0].wheel_scale == runs[1].wheel_scale != runs[2].wheel_scale == runs[3].wheel_scale
+    assert [run.recording.description.imu.id for run in runs] == [f"seed3-vehicle{k}" for k in (0, 0, 1, 1)]
+    biases = [run.truth["accel_bias_y_mps2"][0] for run in runs]
+    assert len(set(biases)) == 4
+
+
+def test_without_a_shared_vehicle_every_run_has_its_own():
+    plan = replace(scenario("shuttle"), runs_per_vehicle=1)
+    there, back = (datasets.simulate(plan, seed=3, run=run, duration_s=10.0) for run in (0, 1))
+    assert there.mount_rpy_rad != back.mount_rpy_rad
+    assert there.wheel_scale != back.wheel_scale
+    assert back.recording.description.imu.id == "seed3-vehicle1"
+    # Where nothing of the mounting is drawn there is nothing to share.
+    perfect = datasets.simulate(plan, seed=3, duration_s=10.0, noise=False)
+    assert perfect.recording.description.imu.id is None
+    assert datasets.simulate("mainline", duration_s=10.0).recording.description.imu.id is None
+
+
 def test_flanges_knock_in_the_sharp_curves_of_the_axle_box_scenario():
     plan = scenario("axle-box")
     with_knocks, without = (

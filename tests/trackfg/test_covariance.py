@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_triangular
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import Covariance, posterior_covariance, posterior_samples
+from trackfg.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
 from trackfg.datasets.scenarios import Simulation
 from trackfg.elimination import eliminate
 from trackfg.factors.family import LinearFactors, Slot
@@ -197,3 +197,18 @@ def test_shared_variables_are_the_same_in_every_marginal(solved: Solved) -> None
     np.testing.assert_allclose(
         shared / np.outer(sd, sd), np.broadcast_to(shared[0] / np.outer(sd, sd), shared.shape), atol=1e-9
     )
+
+
+def test_functions_far_apart_covary_as_in_the_dense_inverse(solved: Solved) -> None:
+    rng = np.random.default_rng(5)
+    keyframe = np.sort(rng.integers(0, solved.keyframes - 1, 40))
+    first, second = rng.standard_normal((2, 40, KEYFRAME_DIM)) / np.sqrt(np.diag(solved.dense)[:KEYFRAME_DIM])
+    shared = rng.standard_normal((40, SHARED_DIM))
+    rows = np.zeros((40, len(solved.dense)))
+    for row, k, one, two, three in zip(rows, keyframe, first, second, shared, strict=True):
+        row[k * KEYFRAME_DIM : (k + 2) * KEYFRAME_DIM] = np.concatenate([one, two])
+        row[-SHARED_DIM:] = three
+    expected = rows @ solved.dense @ rows.T
+    ours = joint_covariance(solved.root, Functions(keyframe, first, second, shared))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((ours - expected) / scale).max() < 1e-6

@@ -108,6 +108,13 @@ def test_what_may_be_left_out_has_the_documented_default() -> None:
     assert description.laser == ()
 
 
+def test_a_sensor_has_a_name_or_none() -> None:
+    assert imu().id is None
+    assert imu(id="car 7, rear axle").id == "car 7, rear axle"
+    with pytest.raises(ValidationError, match="at least 1 character"):
+        imu(id="")
+
+
 @pytest.mark.parametrize(
     ("kind", "unit", "fits"),
     [

@@ -287,7 +287,13 @@ def recordings(draw: st.DrawFn) -> Recording:
     description = RecordingDescription(
         id=draw(st.text(max_size=20)),
         start=draw(st.none() | st.datetimes()),
-        imu=Imu(file="-", gyro=("a", "b", "c"), accel=("d", "e", "f"), lever_arm_m=(draw(finite), 0.0, 0.0)),
+        imu=Imu(
+            file="-",
+            id=draw(st.none() | st.text(min_size=1, max_size=20)),
+            gyro=("a", "b", "c"),
+            accel=("d", "e", "f"),
+            lever_arm_m=(draw(finite), 0.0, 0.0),
+        ),
         tach=Tach(file="-", column="-", **wheel),
         fixes=Fixes(file="-"),
         gnss=Gnss(file="-", position=("a", "b", "c"), sd=("d", "e", "f")),
