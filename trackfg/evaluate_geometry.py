@@ -12,6 +12,8 @@ and estimate hold all quantities facing increasing chainage.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 from scipy.interpolate import make_interp_spline
@@ -45,23 +47,33 @@ def geometry_errors(
     return pd.DataFrame(columns)
 
 
-def spline_at(x: Array, y: Array, places: Array) -> Array:
-    """``y`` over ascending, evenly spaced ``x``, both (n,), by a quintic spline through the finite values.
+def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
+    """``y`` over ascending, evenly spaced ``x``, both (n,), as a quintic spline through the finite values.
 
-    Shape of ``places``; NaN outside of the finite values, in gaps between them, and everywhere if they are fewer than
-    six.
+    It takes places of any shape; NaN outside of the finite values, in gaps between them, and everywhere if they are
+    fewer than six.
     """
-    out = np.full(places.shape, np.nan)
     known = np.isfinite(y)
     x, y = x[known], y[known]
     if len(x) <= _DEGREE:
-        return out
+        return lambda places: np.full(places.shape, np.nan)
     gap = np.diff(x) > 1.5 * np.diff(x).min()
-    with np.errstate(invalid="ignore"):
-        inside = (places >= x[0]) & (places <= x[-1])
-    inside[inside] = ~gap[np.clip(np.searchsorted(x, places[inside], side="right") - 1, 0, len(gap) - 1)]
-    out[inside] = make_interp_spline(x, y, k=_DEGREE)(places[inside])
-    return out
+    spline = make_interp_spline(x, y, k=_DEGREE)
+
+    def at(places: Array) -> Array:
+        out = np.full(places.shape, np.nan)
+        with np.errstate(invalid="ignore"):
+            inside = (places >= x[0]) & (places <= x[-1])
+        inside[inside] = ~gap[np.clip(np.searchsorted(x, places[inside], side="right") - 1, 0, len(gap) - 1)]
+        out[inside] = spline(places[inside])
+        return out
+
+    return at
+
+
+def spline_at(x: Array, y: Array, places: Array) -> Array:
+    """:func:`spline_through` at ``places``, in their shape."""
+    return spline_through(x, y)(places)
 
 
 def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Array) -> Array:
