@@ -10,6 +10,7 @@ from trackfg.factors.bias import bias_walk
 from trackfg.factors.family import OUTLIER_SIGMAS, Family, Loss, check_jacobians
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
+from trackfg.factors.landmark import landmark
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
 from trackfg.factors.path import follows_path
@@ -64,6 +65,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         tach_reading(all_k, normal(n), normal(n), normal(n), sigma(n, 1)),
         arc_length(first, lever, sigma(f, 1)),
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
+        landmark(first, rng.uniform(0.0, 1.0, f), normal(f), sigma(f, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
         follows_path(first, near_one(f), near_one(f) * 0.9, near_one(f) * 0.5, lever, sigma(f, 2), loss),
         prior(Kind.BIAS, all_k, normal(n, 6), sigma(n, 6)),

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from pydantic import ValidationError
 
 from trackfg import atomic_folder
 from trackfg.errors import BadInputError
+from trackfg.place_covariance import PlaceCovariance
 from trackfg.results import (
     FILES,
     RAIL_COLUMNS,
@@ -60,6 +62,18 @@ def test_what_is_written_is_read(make_result: Make, tmp_path: Path) -> None:
     folder = result.write(tmp_path / "parents" / "are made" / "out")
     assert {path.name for path in folder.iterdir()} == set(FILES)
     assert_same(Result.read(folder), result)
+
+
+def test_the_joint_covariance_is_read_as_written(make_result: Make, tmp_path: Path) -> None:
+    places = np.array([12.25, 250.0, 1e5])
+    matrix = np.diag(np.arange(1.0, 7.0)) + 0.5
+    result = replace(make_result(), covariance=PlaceCovariance(places, matrix))
+    result.write(tmp_path / "out")
+    back = Result.read(tmp_path / "out").covariance
+    np.testing.assert_array_equal(back.chainage_m, places)
+    np.testing.assert_array_equal(back.matrix, matrix)
+    table = pd.read_parquet(tmp_path / "out" / "covariance.parquet")
+    assert table["cross_level_mm@250"][0] == 0.5
 
 
 def test_geometry_file_says_what_its_columns_mean(make_result: Make, tmp_path: Path) -> None:
