@@ -10,8 +10,13 @@ one section to the next
   all along, so its sections do not speak against the place one by one;
 * the run leaves the reference (:data:`_LEAVE`, or by its end) and comes back anywhere (:data:`_RETURN`).
 
-Likelihoods are relative to "nowhere", where they are one: ``exp(curves)`` on changed track, ``exp(short + curves)`` on
-track as before. Even the best section speaks against "nowhere" by :data:`_MOST` at most: it may look alike by a cause
+A run that is nowhere on the reference still has curves like many there, built by the same rules. So "nowhere" is
+unlike any place, or **alike** one: its curves are as there, its short waves are not, and with every section it may go
+on there or be alike any other place (:data:`_TO_OTHER`) or none. One curve that fits then proves little, and each
+further one that fits in its place as much as finding one among all places would by chance.
+
+Likelihoods are relative to "nowhere", where they are one: ``exp(curves)`` on changed track
+and alike, ``exp(short + curves)`` on track as before. Even the best section speaks against "nowhere" by :data:`_MOST` at most: it may look alike by a cause
 that no likelihood knows, such as a second track beside the first.
 
 Forward filtering and backward smoothing (Rabiner, Proc. IEEE 77, 1989); the filter's states are kept at every so
@@ -38,7 +43,9 @@ _CREEP = 0.1
 _SLIP = 1e-3
 _SLIP_PLACES = 25
 _LEAVE, _RETURN = 1e-4, 1e-3
-_MOST = 15.0
+_TO_OTHER, _TO_UNLIKE, _TO_ALIKE = 0.3, 0.05, 0.1
+_GOES_ON = 1.0 - _TO_OTHER - _TO_UNLIKE
+_MOST = 12.0
 _SCALE_STEP = 0.01
 """Scales are so far apart: over a section of 100 m, creep bridges half of it."""
 _NEGLIGIBLE = 1e-15
@@ -81,11 +88,12 @@ class Places:
 
 @dataclass
 class _State:
-    """Probabilities (or likelihoods): ``on`` (2, scales, n), unchanged track first, at places from ``first`` on;
-    ``off``."""
+    """Probabilities (or likelihoods) of places from ``first`` on: ``on`` (2, scales, n), unchanged track first;
+    ``alike`` (n,); and of being nowhere, ``off``."""
 
     first: int
     on: Array32
+    alike: Array32
     off: float
 
     @property
@@ -101,7 +109,8 @@ class _State:
 class PlaceChain:
     """The model of one run. ``short``, ``curves``: log likelihood ratios of each section at the places of its window.
 
-    ``known``: log prior of the places of one section, by its number, where the run's place is known.
+    ``known``: log prior of the places of one section, by its number, where the run's place is known;
+    ``on_reference``: prior probability that the run is on the reference at all.
     """
 
     windows: Windows
@@ -109,6 +118,7 @@ class PlaceChain:
     curves: Sequence[Array32]
     scale_sd: float
     known: tuple[int, Array] | None = None
+    on_reference: float = _ON_REFERENCE
     scales: Array = field(init=False)
     scale_prior: Array32 = field(init=False)
 
@@ -138,7 +148,7 @@ class PlaceChain:
             for k in reversed(range(first, first + len(states))):
                 state = states.pop()
                 if future is None:
-                    future = _State(state.first, np.ones_like(state.on), 1.0)
+                    future = _State(state.first, np.ones_like(state.on), np.ones_like(state.alike), 1.0)
                 else:
                     future = self._before(k + 1, state, future)
                 one, *more = self._found(state, future)
@@ -153,40 +163,50 @@ class PlaceChain:
         """Probabilities given the sections up to ``k``; the negligible ones at both ends are cut off."""
         state = self._weighed(k, self._prior() if before is None else self._next(k, before))
         places = state.places()
-        total = float(places.sum()) + state.off
+        total = float(places.sum()) + float(state.alike.sum()) + state.off
         likely = np.flatnonzero(places > _NEGLIGIBLE * total)
         begin, stop = (int(likely[0]), int(likely[-1]) + 1) if likely.size else (0, 1)
-        return _State(state.first + begin, state.on[:, :, begin:stop] * np.float32(1.0 / total), state.off / total)
+        by = np.float32(1.0 / total)
+        return _State(
+            state.first + begin, state.on[:, :, begin:stop] * by, state.alike[begin:stop] * by, state.off / total
+        )
 
     def _prior(self) -> _State:
         count = int(self.windows.count[0])
-        each = _FRESH[:, None] * self.scale_prior * np.float32(_ON_REFERENCE / count)
-        return _State(int(self.windows.first[0]), np.repeat(each[:, :, None], count, axis=2), 1.0 - _ON_REFERENCE)
+        each = _FRESH[:, None] * self.scale_prior * np.float32(self.on_reference / count)
+        nowhere = 0.5 * (1.0 - self.on_reference)
+        on = np.repeat(each[:, :, None], count, axis=2)
+        return _State(int(self.windows.first[0]), on, np.full(count, nowhere / count, dtype=np.float32), nowhere)
 
     def _weighed(self, k: int, state: _State) -> _State:
         """Times the likelihood of section ``k``, as a share of the greatest. Changes ``state``."""
         part = slice(state.first - int(self.windows.first[k]), state.stop - int(self.windows.first[k]))
-        changed = self.curves[k][part]
+        alike = changed = self.curves[k][part]
         same = changed + self.short[k][part]
         if self.known is not None and self.known[0] == k:
             prior = self.known[1][part].astype(np.float32)
             changed, same = changed + prior, same + prior
-        best = float(max(changed.max(), same.max()))
+        best = float(max(alike.max(), same.max()))
         nowhere = max(0.0, best - _MOST)
         greatest = np.float32(max(best, nowhere))
         state.on[0] *= np.exp(same - greatest)
         state.on[1] *= np.exp(changed - greatest)
+        state.alike *= np.exp(alike - greatest)
         state.off *= float(np.exp(nowhere - greatest))
         return state
 
+    def _step(self, k: int) -> float:
+        """By how many places the run moves from section ``k - 1`` to ``k``."""
+        return float(self.windows.start_m[k] - self.windows.start_m[k - 1]) / PLACE_M
+
     def _steps(self, k: int) -> Array:
-        """By how many places each scale moves from section ``k - 1`` to ``k``, (scales,)."""
-        return np.asarray((self.windows.start_m[k] - self.windows.start_m[k - 1]) * (1.0 + self.scales) / PLACE_M)
+        """The same with each scale error, (scales,)."""
+        return np.asarray(self._step(k) * (1.0 + self.scales))
 
     def _reach(self, k: int, before: _State) -> tuple[int, int]:
         """Places of section ``k`` that are worth looking at: all, if the run may come back from nowhere."""
         first, stop = int(self.windows.first[k]), int(self.windows.first[k] + self.windows.count[k])
-        if before.off * _RETURN > _NEGLIGIBLE * (stop - first):
+        if (before.off + float(before.alike.sum())) * _RETURN > _NEGLIGIBLE * (stop - first):
             return first, stop
         steps = self._steps(k)
         low = before.first + int(np.floor(steps.min())) - _SLIP_PLACES - 1
@@ -206,10 +226,17 @@ class PlaceChain:
         moved = on.reshape(-1, high - low).sum(axis=0)
         left = float(before.on.sum()) - float(moved.sum()) / (1.0 - _SLIP)
         anew = _box(moved) * np.float32(_SLIP / (1.0 - _SLIP))
-        anew += np.float32(before.off * _RETURN / self.windows.count[k])
+        count = int(self.windows.count[k])
+        elsewhere = float(before.alike.sum())
+        anew += np.float32((before.off + elsewhere) * _RETURN / count)
         for c, i in np.ndindex(on.shape[:2]):
             on[c, i] += (_FRESH[c] * self.scale_prior[i]) * anew
-        return _State(low, on, before.off * (1.0 - _RETURN) + left)
+        alike = np.empty((1, high - low), dtype=np.float32)
+        _move(before.alike[None], self._step(k) - (low - before.first), _GOES_ON, alike)
+        off = _TO_UNLIKE * elsewhere + (1.0 - _TO_ALIKE) * before.off
+        off += _GOES_ON * elsewhere - float(alike.sum())
+        alike += np.float32((_TO_OTHER * elsewhere + _TO_ALIKE * before.off) / count)
+        return _State(low, on, alike[0] * np.float32(1.0 - _RETURN), off * (1.0 - _RETURN) + left)
 
     def _before(self, k: int, before: _State, future: _State) -> _State:
         """Likelihood of all sections from ``k`` on, of the places of ``before``: the transpose of :meth:`_next`.
@@ -235,15 +262,22 @@ class PlaceChain:
             _move(ahead, (low - before.first) - step, 1.0, moved)
             # What moves over the ends of the window is off the reference.
             on[:, i] = moved[:2] + np.float32(future.off) * (np.float32(1.0) - moved[2])
-        off = future.off * (1.0 - _RETURN) + _RETURN * float(fresh.sum()) / int(self.windows.count[k])
-        greatest = max(float(on.max()), off)
-        on *= np.float32(1.0 / greatest)
-        return _State(before.first, on, off / greatest)
+        places = int(self.windows.count[k])
+        back, any_alike = _RETURN * float(fresh.sum()) / places, float(future.alike.sum()) / places
+        off = back + (1.0 - _RETURN) * ((1.0 - _TO_ALIKE) * future.off + _TO_ALIKE * any_alike)
+        ahead[0], ahead[1] = 0.0, 0.0
+        ahead[0, into] = future.alike
+        _move(ahead, (low - before.first) - self._step(k), 1.0, moved)
+        alike = moved[0] + np.float32(future.off) * (np.float32(1.0) - moved[2])
+        alike *= np.float32((1.0 - _RETURN) * _GOES_ON)
+        alike += np.float32(back + (1.0 - _RETURN) * (_TO_OTHER * any_alike + _TO_UNLIKE * future.off))
+        by = 1.0 / max(float(on.max()), float(alike.max()), off)
+        return _State(before.first, on * np.float32(by), alike * np.float32(by), off * by)
 
     def _found(self, state: _State, future: _State) -> tuple[tuple[float, ...], Array, Array]:
         joint = state.on * future.on
         place = joint.reshape(-1, joint.shape[2]).sum(axis=0).astype(np.float64)
-        place /= float(place.sum()) + state.off * future.off
+        place /= float(place.sum()) + float((state.alike * future.alike).sum()) + state.off * future.off
         mode = int(np.argmax(np.convolve(place, np.ones(3), mode="same")))
         begin, stop = max(mode - _MODE, 0), mode + _MODE + 1
         part = joint[:, :, begin:stop].astype(np.float64)

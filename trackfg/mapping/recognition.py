@@ -41,7 +41,11 @@ SURE = 0.99
 """Probability from which a section's place is used."""
 _WELL_DEFINED_M = 5.0
 _SIGMAS = 3.0
+_KNOWN_M = 20.0
+"""A place is known that is known within so much."""
 _WINDOW_SIGMAS = 4.0
+_ON_KNOWN_LINE = 0.95
+"""Prior probability that a run whose place is known is on the reference."""
 _WINDOW_M = 10.0
 _ELSEWHERE = 0.5
 _FULL = 0.5
@@ -55,8 +59,9 @@ class Recognition:
     ``sections``, one row each, ascending ``run_m``, columns :data:`COLUMNS`: ``run_m`` is the section's middle in the
     run's chainage, ``reference_m`` that on the reference, ``match_sd_m`` the sigma of this match by itself (noise of
     both profiles and creep within the section, not the prior; NaN where there is nothing to match). ``probability``:
-    that the section is there, within three sigmas and a place of the search (2 m), given all sections;
-    ``probability_so_far``: given this and those before it in order of travel. ``cross_level_bias_mm``: mean of run
+    that the section is there, within three sigmas and a place of the search (2 m), or within 20 m where nothing could
+    be matched, given all sections; ``probability_so_far``: that it is within 20 m of there, given this section and
+    those before it in order of travel. ``cross_level_bias_mm``: mean of run
     minus reference over the section. ``used``: probability of :data:`SURE` and a match of 5 m or better.
 
     ``probability``: that the run is on the reference where its most certain section says. ``found_after_m``: distance
@@ -158,7 +163,7 @@ def _about(scores: Scores, first_cells: NDArray[np.int64], sd: Array, rate_sd: f
     away = (begin[best] + np.arange(count[best])) * PLACE_M + 0.5 * (PLACE_M - 1) - first_cells[best]
     prior = -0.5 * away**2 / (sd[best] ** 2 + PLACE_M**2 / 12.0)
     windows = Windows(begin, count, first_cells.astype(np.float64))
-    return PlaceChain(windows, short, curves, rate_sd, (best, prior - prior.max()))
+    return PlaceChain(windows, short, curves, rate_sd, (best, prior - prior.max()), _ON_KNOWN_LINE)
 
 
 def _recognition(
@@ -180,13 +185,13 @@ def _recognition(
         scale_sd=rate_sd,
         same=places.same > 0.5,
     )
-    tolerance = _SIGMAS * np.nan_to_num(matches.sd_m) + PLACE_M
+    tolerance = np.where(np.isfinite(matches.sd_m), _SIGMAS * matches.sd_m + PLACE_M, _KNOWN_M)
     # How far each of the places near the mode has the section's middle from where it was found.
     offset = np.arange(-NEAR, NEAR + 1)
     near_m = (places.mode[:, None] + offset) * PLACE_M + 0.5 * (PLACE_M - 1) + half * (1.0 + places.scale[:, None])
-    there = np.abs(near_m - matches.reference_m[:, None]) <= tolerance[:, None] + 0.5 * PLACE_M
-    probability = np.minimum((places.near * there).sum(axis=1), 1.0)
-    so_far = np.minimum((places.so_far * there).sum(axis=1), 1.0)
+    away = np.abs(near_m - matches.reference_m[:, None])
+    probability = np.minimum((places.near * (away <= tolerance[:, None] + 0.5 * PLACE_M)).sum(axis=1), 1.0)
+    so_far = np.minimum((places.so_far * (away <= _KNOWN_M)).sum(axis=1), 1.0)
     sections = pd.DataFrame(
         {
             "run_m": first_cells + half,
