@@ -39,7 +39,7 @@ def event_table(problem: Problem, states: States, covariance: Covariance, direct
     if wheel is not None and wheel.loss is not None:
         for start, end, removed, removed_sd in _slips(problem, wheel, states, covariance):
             rows.append(row("slip" if removed > 0 else "slide", start, end, "", removed, removed_sd))
-    for name in ("absolute fix", "GNSS position"):
+    for name in ("absolute fix", "landmark", "GNSS position"):
         family = problem.family(name)
         if family is not None:
             rows += _positions(problem, family, states, row)
@@ -77,9 +77,10 @@ def _positions(problem: Problem, family: Family, states: States, row: Callable[.
     t = problem.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)
     outlier = family.weights(states) < _OUTLIER_WEIGHT
-    if family.name == "absolute fix":
+    if family.name != "GNSS position":
+        what = "fix" if family.name == "absolute fix" else "landmark"
         return [
-            row("fix set aside" if bad else "fix used", at, at, f"residual {r:.2f} m")
+            row(f"{what} set aside" if bad else f"{what} used", at, at, f"residual {r:.2f} m")
             for at, r, bad in zip(t, size, outlier, strict=True)
         ]
     return [

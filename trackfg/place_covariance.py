@@ -24,6 +24,7 @@ from trackfg.trajectory import QUANTITIES, keyframe_jacobian
 APART_M = 250.0
 
 _OF = ("chainage_m", "cross_level_mm")
+_ROWS = [QUANTITIES.index(name) for name in ("chainage_m", "roll_rad")]
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class PlaceCovariance:
 
 
 def interpolation_weights(places: Array, at: Array) -> Array:
-    """W with ``W @ values`` the linear interpolation of values at ascending places (p,), constant beyond. Shape (m, p)."""
+    """W (m, p): ``W @ values`` is the linear interpolation of values at ascending places (p,), constant beyond."""
     weights = np.zeros((len(at), len(places)))
     if len(places) == 1:
         weights[:, 0] = 1.0
@@ -98,29 +99,41 @@ def place_covariance(
     """At whole multiples of :data:`APART_M` and at the ends of the passes. Where a place was passed more than once, the
     longest pass counts, as in the geometry table.
     """
-    apart = round(APART_M / step_m)
-    cell, keyframe, fraction = (np.zeros(0) for _ in range(3))
+    cell, keyframe, fraction = _places(passes, round(APART_M / step_m))
+    if not len(cell):
+        return PlaceCovariance.none()
+    order = np.argsort(keyframe, kind="stable")
+    turn = np.array([direction, direction * 1e3 * cross_level_base_m])
+    rows = keyframe_jacobian(states, problem.lever_arm)[:, _ROWS] * turn[:, None]
+    matrix = joint_covariance(root, place_functions(rows, keyframe[order], fraction[order]))
+    by_place = np.argsort(cell[order], kind="stable")
+    wanted = np.concatenate([2 * by_place, 2 * by_place + 1])
+    return PlaceCovariance(cell[order][by_place] * step_m, matrix[np.ix_(wanted, wanted)])
+
+
+def place_functions(rows: Array, keyframe: np.ndarray, fraction: Array) -> Functions:
+    """Quantities between keyframes (m,) and their next, linear in time, from their rows (n, q, d) at the keyframes: all
+    of the first place, then of the next.
+    """
+    quantities, f = rows.shape[1], fraction[:, None, None]
+    first, second = (1.0 - f) * rows[keyframe], f * rows[keyframe + 1]
+    return Functions(
+        keyframe=np.repeat(keyframe, quantities),
+        by_first=first[:, :, :KEYFRAME_DIM].reshape(-1, KEYFRAME_DIM),
+        by_second=second[:, :, :KEYFRAME_DIM].reshape(-1, KEYFRAME_DIM),
+        by_shared=(first + second)[:, :, KEYFRAME_DIM:].reshape(quantities * len(keyframe), -1),
+    )
+
+
+def _places(passes: Sequence[Profile], apart: int) -> tuple[Array, np.ndarray, Array]:
+    """Cells to be told of, the keyframe before each and the share of the time to the next. Each (p,)."""
+    cell, when = np.zeros(0), np.zeros(0)
+    keyframe = np.zeros(0, dtype=np.int64)
     for profile in sorted(passes, key=len, reverse=True):
         points = profile.views[0].points
         chosen = np.flatnonzero((profile.cell % apart == 0) | np.isin(profile.cell, profile.cell[[0, -1]]))
         chosen = chosen[~np.isin(profile.cell[chosen], cell)]
         cell = np.concatenate([cell, profile.cell[chosen]])
         keyframe = np.concatenate([keyframe, points.keyframe[chosen]])
-        fraction = np.concatenate([fraction, points.fraction[chosen]])
-    if not len(cell):
-        return PlaceCovariance.none()
-    order = np.argsort(keyframe, kind="stable")
-    k, f = keyframe[order].astype(np.int64), fraction[order][:, None, None]
-    rows = keyframe_jacobian(states, problem.lever_arm)[:, [QUANTITIES.index(name) for name in ("chainage_m", "roll_rad")]]
-    rows = rows * np.array([direction, direction * 1e3 * cross_level_base_m])[:, None]
-    first, second = (1.0 - f) * rows[k], f * rows[k + 1]
-    functions = Functions(
-        keyframe=np.repeat(k, 2),
-        by_first=first[:, :, :KEYFRAME_DIM].reshape(-1, KEYFRAME_DIM),
-        by_second=second[:, :, :KEYFRAME_DIM].reshape(-1, KEYFRAME_DIM),
-        by_shared=(first + second)[:, :, KEYFRAME_DIM:].reshape(2 * len(k), -1),
-    )
-    matrix = joint_covariance(root, functions)
-    by_place = np.argsort(cell[order], kind="stable")
-    wanted = np.concatenate([2 * by_place, 2 * by_place + 1])
-    return PlaceCovariance(cell[order][by_place] * step_m, matrix[np.ix_(wanted, wanted)])
+        when = np.concatenate([when, points.fraction[chosen]])
+    return cell, keyframe, when

@@ -19,7 +19,7 @@ from __future__ import annotations
 import io
 import os
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -205,7 +205,7 @@ class Result:
     geometry: pd.DataFrame
     events: pd.DataFrame
     summary: Summary
-    covariance: PlaceCovariance = PlaceCovariance.none()
+    covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
 
     def __post_init__(self) -> None:
         with_rails = len(self.geometry.columns) > len(GEOMETRY_COLUMNS)

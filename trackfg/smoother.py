@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,7 @@ from trackfg.factors.states import Kind, States
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
+from trackfg.localisation import Located, located
 from trackfg.noise_levels import adapted, noise_findings, noise_ratios
 from trackfg.place_covariance import PlaceCovariance, place_covariance
 from trackfg.profile import Profile, profiles
@@ -32,6 +34,9 @@ from trackfg.results import Estimate, Result, RunFacts, Solver, Summary, VectorE
 from trackfg.solver import Solution, solve
 from trackfg.track_geometry import conventions, geometry_table
 from trackfg.trajectory import calibration_table, trajectory_table
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
 
 _DENSE_STEP_S = 0.02
 """Longest step of the integration between keyframes."""
@@ -80,22 +85,43 @@ class SmoothedStates:
     places: PlaceCovariance
     calibration: pd.DataFrame
     timings_s: dict[str, float]
+    located: Located | None = None
 
 
-def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress: Progress | None = None) -> Result:
-    """Estimate the whole run from all its measurements.
+class _Written(NamedTuple):
+    """The tables, and what they were made from."""
 
-    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "output", "geometry" go on.
-    Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
+    states: SmoothedStates
+    motion: DenseMotion
+    shapes: list[Profile]
+
+
+def smooth(
+    recording: Recording,
+    config: SmoothConfig | None = None,
+    *,
+    feature_map: FeatureMap | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Estimate the whole run from all its measurements, and from a map if there is one to be recognised on.
+
+    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "output", "geometry" and "map"
+    go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
     """
     config = config or SmoothConfig()
-    smoothed = smooth_states(recording, config, progress=progress)
+    smoothed = smooth_states(recording, config, feature_map=feature_map, progress=progress)
     direction = recording.description.track.direction
     events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
     return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed), smoothed.places)
 
 
-def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progress | None = None) -> SmoothedStates:
+def smooth_states(
+    recording: Recording,
+    config: SmoothConfig,
+    *,
+    feature_map: FeatureMap | None = None,
+    progress: Progress | None = None,
+) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
     problem, solution, covariance, ratios = _solved(recording, config, views, stages)
@@ -105,6 +131,20 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
         if max(abs(np.log(changes))) < _NOISE_SETTLED:
             break
         problem, solution, covariance, ratios = _solved(recording, config, views, stages)
+    written = _written_out(recording, config, views, stages, problem, solution, covariance, ratios)
+    return written.states if feature_map is None else _on_map(recording, views, stages, written, feature_map)
+
+
+def _written_out(
+    recording: Recording,
+    config: SmoothConfig,
+    views: list[RailView],
+    stages: _Stages,
+    problem: Problem,
+    solution: Solution,
+    covariance: Covariance,
+    ratios: dict[str, float],
+) -> _Written:
     track = recording.description.track
     with stages.stage("output"):
         clock = _clock(problem, config.output.rate_hz)
@@ -116,7 +156,6 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
         meaning = conventions(config.geometry, track)
         shapes = _profiles(recording, views, problem, motion, solution.states, meaning.step_m)
         geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
-    with stages.stage("map"):
         places = place_covariance(
             problem,
             shapes,
@@ -126,9 +165,48 @@ def smooth_states(recording: Recording, config: SmoothConfig, *, progress: Progr
             meaning.step_m,
             meaning.cross_level_base_m,
         )
-    return SmoothedStates(
+    states = SmoothedStates(
         config, problem, solution, covariance, ratios, trajectory, geometry, places, calibration, stages.timings_s
     )
+    return _Written(states, motion, shapes)
+
+
+def _on_map(
+    recording: Recording, views: list[RailView], stages: _Stages, written: _Written, feature_map: FeatureMap
+) -> SmoothedStates:
+    """Recognised on the map, and solved again with what that says."""
+    alone, shapes = written.states, written.shapes
+    track, config = recording.description.track, alone.config
+    meaning = conventions(config.geometry, track)
+    problem, states = alone.problem, alone.solution.states
+    with stages.stage("map"):
+        geometry = alone.geometry
+        if not shapes and (recording.tach is not None or recording.gnss is not None):
+            # On springs alone the motion is not the track's, but curves are seen in it all the same.
+            shapes = profiles(problem, written.motion, states, track.direction, meaning.step_m)
+            geometry = geometry_table(problem, shapes, states, alone.covariance, alone.solution.root, meaning)
+        at = located(
+            problem,
+            states,
+            geometry,
+            shapes,
+            feature_map,
+            config.position,
+            meaning,
+            direction=track.direction,
+            anchored=recording.fixes is not None and len(recording.fixes) > 0,
+            wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
+        )
+    if not at.use.sections:
+        return replace(alone, located=at)
+    with stages.stage("solve") as report:
+        solution = solve(at.problem, config.solver, report)
+    with stages.stage("covariance"):
+        covariance = posterior_covariance(solution.root)
+        ratios = noise_ratios(at.problem, solution, covariance)
+        covariance = at.with_map_uncertainty(covariance, solution.states, track.direction)
+    again = _written_out(recording, config, views, stages, at.problem, solution, covariance, ratios)
+    return replace(again.states, located=at, places=PlaceCovariance.none())
 
 
 def _solved(
@@ -213,6 +291,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
     return Summary(
         recording_id=recording.description.id,
         run=_run_facts(recording),
+        map=None if smoothed.located is None else smoothed.located.use,
         configuration=smoothed.config.model_dump(mode="json"),
         solver=Solver(
             converged=solution.converged,
@@ -231,5 +310,10 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
         geometry=conventions(smoothed.config.geometry, recording.description.track),
-        findings=(*recording.findings, *_solver_findings(solution), *noise_findings(smoothed.noise_ratios)),
+        findings=(
+            *recording.findings,
+            *_solver_findings(solution),
+            *noise_findings(smoothed.noise_ratios),
+            *(() if smoothed.located is None else smoothed.located.findings),
+        ),
     )

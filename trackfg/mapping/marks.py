@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.linalg import cholesky, solve_triangular
 
 from trackfg.frames import Array
@@ -111,16 +112,17 @@ def said_of_marks(
     return RunInformation(tuple(variables), R, d)
 
 
-def chainages_seen(information: RunInformation) -> tuple[tuple[str, ...], Array]:
-    """The marks that a run saw, and its own chainages there: what :func:`said_of_marks` was given."""
+def seen_by(information: RunInformation) -> pd.Series[float]:
+    """The run's own values of the marks' variables, by name: what :func:`said_of_marks` was given."""
     names = [name for name in information.variables if name.startswith("mark/")]
-    values = np.linalg.solve(information.R[: len(names), : len(names)], information.d[: len(names)])
-    marks = tuple(name.split("/")[1] for name in names if name.endswith("/chainage_m"))
-    return marks, values[: len(marks)]
+    R, d = information.R[: len(names), : len(names)], information.d[: len(names)]
+    return pd.Series(solve_triangular(R, d, lower=True), index=names)
 
 
-def without_wrong(seen: Sightings, errors: PlaceCovariance, chainage: Array, covariance: Array, *, anchored: bool) -> np.ndarray:
-    """Which sightings agree with the map, which has the marks at ``chainage`` (m,) with ``covariance`` (m, m). Bool (m,).
+def without_wrong(
+    seen: Sightings, errors: PlaceCovariance, chainage: Array, covariance: Array, *, anchored: bool
+) -> np.ndarray:
+    """Which sightings agree with the map, which has the marks at ``chainage`` with ``covariance`` (m, m). Bool (m,).
 
     One is wrong where the error of its match, as the others lead to expect it, is more than five of its sigmas: with
     the innovations v and their covariance S that is ``(S^-1 v)_j / sqrt((S^-1)_jj)``. The worst goes, then again.

@@ -17,6 +17,7 @@ MERGED = ("curvature_1pm", "gradient_permille", "cross_level_mm", "versine_level
 """Each with its ``_sd``."""
 
 _LEAST_SD = 1e-9
+_STEEP_OVER_M = 10.0
 _WALK_SHARE = 8.0
 """Variance of a random walk pinned every 250 m, as a multiple of that of its change over 5 m: 250 / 5 / 6."""
 
@@ -27,6 +28,19 @@ def local_cross_level_sd(run: pd.DataFrame) -> Array:
     A tilt's error wanders like a random walk, whose change over the twist's base the run knows.
     """
     return np.asarray(np.minimum(run["cross_level_mm_sd"], np.sqrt(_WALK_SHARE) * run["twist_mm_sd"]))
+
+
+def with_place_noise(run: pd.DataFrame, place_sd_m: Array | float) -> pd.DataFrame:
+    """Sigmas with what an error of the place (1-sigma, for each row) makes of the profile's slope.
+
+    The slope is the rms over 10 m: what counts is how steep the profile is thereabouts, not at one point.
+    """
+    step, columns = _step(run), {}
+    for name in MERGED:
+        slope = pd.Series(np.gradient(run[name].to_numpy(), step) ** 2)
+        steep = slope.rolling(round(_STEEP_OVER_M / step) + 1, center=True, min_periods=1).mean().to_numpy()
+        columns[f"{name}_sd"] = np.sqrt(run[f"{name}_sd"] ** 2 + steep * np.square(place_sd_m))
+    return run.assign(**columns)
 
 
 def merged(grid: pd.DataFrame, run: pd.DataFrame) -> pd.DataFrame:

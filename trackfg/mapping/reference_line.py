@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from trackfg.frames import Array, geodetic_to_enu
+from trackfg.mapping.warp import Warp
 from trackfg.maps.feature_map import LINE_COLUMNS
 from trackfg.maps.geodetic import enu_to_geodetic
-from trackfg.mapping.warp import Warp
 
 APART_M = 5.0
 

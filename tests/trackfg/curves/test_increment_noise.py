@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from trackfg.increment_noise import IncrementNoise, fitted_noise
+from trackfg.curves.increment_noise import IncrementNoise, fitted_noise
 
 NOISE = IncrementNoise(level=2.0, walk=0.05, phi=0.7, theta=0.2)
 COUNT = 40

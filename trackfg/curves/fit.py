@@ -1,8 +1,8 @@
 """Fit of a chain of curves to a stretch of profile: nonlinear least squares with whitened residuals.
 
-Residuals are the increments of heading and of cross-level (:mod:`trackfg.curve_model`), whitened by their noise
-(:mod:`trackfg.increment_noise`). The covariance is ``(J^T J)^-1``, times the residuals' mean square: irregularities are
-not the same all along a line.
+Residuals are the increments of heading and of cross-level (:mod:`trackfg.curves.model`), whitened by their noise
+(:mod:`trackfg.curves.increment_noise`). The covariance is ``(J^T J)^-1``, times the residuals' mean square:
+irregularities are not the same all along a line.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from trackfg.curve_model import CurveChain, tilts, turns
+from trackfg.curves.increment_noise import Whitener
+from trackfg.curves.model import CurveChain, tilts, turns
 from trackfg.frames import Array
-from trackfg.increment_noise import Whitener
 
 _PRIOR_CELLS = 30.0
 """The noise of the whole line counts as much as so many cells of the stretch itself."""

@@ -2,7 +2,7 @@
 
 A :class:`CurveChain` is a row of constant levels (straights, of curvature and cant 0, and circles) with a transition
 from each to the next. So curvature is the sum of a start level and of rises, each ``change x f((x - b) / L)``
-(:mod:`trackfg.transition_laws`), and cant likewise, by the same laws at the same places.
+(:mod:`trackfg.curves.transition_laws`), and cant likewise, by the same laws at the same places.
 
 A profile's curvature is the heading's change over a base; summed over the rows of a cell as long as the base it is the
 change of the heading's *average* from one cell to the next, and cross-level is averaged over the same cells. Both are
@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from trackfg.curves.transition_laws import TransitionLaw, rise
 from trackfg.frames import Array
-from trackfg.transition_laws import TransitionLaw, rise
 
 _SHORTEST_M = 1e-3
 

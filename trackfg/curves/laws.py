@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.curve_fit import Fit, Stretch, fitted
-from trackfg.curve_structure import with_law
+from trackfg.curves.chain_edits import with_law
+from trackfg.curves.fit import Fit, Stretch, fitted
+from trackfg.curves.transition_laws import LAWS
 from trackfg.frames import Array
-from trackfg.transition_laws import LAWS
 
 _PRIOR_COUNTS = np.array([3.0, 1.5, 0.3, 0.3, 0.3])
 """In the order of LAWS."""

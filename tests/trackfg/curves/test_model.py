@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trackfg.curve_model import CurveChain, step_turns, tilts, turns
+from trackfg.curves.model import CurveChain, step_turns, tilts, turns
 from trackfg.datasets.alignment import Element, piecewise
 
 EDGES = 100.0 + 10.0 * np.arange(60)

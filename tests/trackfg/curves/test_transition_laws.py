@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trackfg.curves.transition_laws import LAWS, SPREAD, TransitionLaw, rise
 from trackfg.datasets.alignment import Element, Law, piecewise
-from trackfg.transition_laws import LAWS, SPREAD, TransitionLaw, rise
 
 INSIDE = np.linspace(0.01, 0.99, 99)
 

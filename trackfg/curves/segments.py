@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.curve_model import CurveChain
+from trackfg.curves.model import CurveChain
+from trackfg.curves.transition_laws import TransitionLaw
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.spans import true_runs
-from trackfg.transition_laws import TransitionLaw
 
 APART_M = 60.0
 _AVERAGED = 5

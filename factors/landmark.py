@@ -1,0 +1,27 @@
+"""Landmarks: the vehicle passed a known piece of track."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.states import Kind
+from trackfg.frames import Array
+
+
+def _passed(first: Array, second: Array, fraction: Array, rest: Array) -> tuple[Array, tuple[Array, ...]]:
+    f = fraction[:, 0]
+    d_first, d_second = np.zeros((2, len(first), 1, 4))
+    d_first[:, 0, 0], d_second[:, 0, 0] = 1.0 - f, f
+    residual = (1.0 - f) * first[:, 0] + f * second[:, 0] - rest[:, 0]
+    return residual[:, None], (d_first, d_second)
+
+
+def landmark(first: np.ndarray, fraction: Array, distance: Array, sigma: Array, loss: Loss | None) -> Family:
+    """A place of a map was passed between keyframe ``first`` (m,) and the next, at the share ``fraction`` of the time.
+
+    Residual (m): ``(1 - f) D_k + f D_k+1 - d``; ``d`` (m,) is the place's distance in the sense of running, less what
+    the distance at that time is beyond the straight line between the keyframes. sigma (m, 1): of recognising it.
+    """
+    slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1))
+    return Family("landmark", _passed, slots, (fraction[:, None], distance[:, None]), sigma, loss)

@@ -1,0 +1,181 @@
+"""Curves of a line from its smoothed curvature and cross-level: chainages, radii, laws, cants, each with its sigma.
+
+The designed line is straights, circles and transitions; the profile is that plus irregularities, which are far larger
+than the smoother's own errors and set the sigmas. See docs/curves.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2 as chi_squared
+
+from trackfg.curves.curve import QUANTITIES, Curve, CurveKind, CurveLaw
+from trackfg.curves.fit import Fit, Stretch, fitted
+from trackfg.curves.laws import LawTrial, law_spread, law_trial, law_weights, with_likeliest_laws
+from trackfg.curves.line import CurvedLine, line_noise
+from trackfg.curves.model import CurveChain, tilts
+from trackfg.curves.segments import cells_of, first_chains
+from trackfg.curves.structure import simplified, structured
+from trackfg.frames import Array
+
+_SHARED_ABOVE = 1e-4
+
+
+def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0, widest_radius_m: float = 10_000.0) -> list[Curve]:
+    """The curves of a profile, in order of chainage.
+
+    ``profile`` has ``chainage_m`` ascending in uniform steps, ``curvature_1pm`` over ``base_m`` and its ``_sd``, and
+    perhaps ``cross_level_mm``: a result's geometry table. Rows may be missing or NaN. What is wider than
+    ``widest_radius_m`` is held to be straight. Sigmas refer to the profile's own chainage: that of the chainage itself
+    is not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
+    """
+    lines = [CurvedLine(cells, tuple(first_chains(cells, widest_radius_m))) for cells in cells_of(profile, base_m)]
+    if not any(line.chains for line in lines):
+        return []
+    noise = line_noise(lines, guessed=True)
+    lines = [line.structured(noise, widest_radius_m) for line in lines]
+    noise = line_noise(lines, guessed=False)
+    groups = [
+        _group(chain, line.stretch(k, noise, True), widest_radius_m)
+        for line in lines
+        for k, chain in enumerate(line.chains)
+    ]
+    found = [group for group in groups if group is not None]
+    weights = law_weights([group.trial for group in found])
+    found = [group.relawed(w) for group, w in zip(found, weights, strict=True)]
+    weights = law_weights([group.trial for group in found])
+    curves = [curve for group, w in zip(found, weights, strict=True) for curve in _curves(group, w)]
+    return [replace(curve, id=number) for number, curve in enumerate(curves, start=1)]
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of curves with its laws on trial. ``cants`` are those of a fit of their own, where the cant's ramps are
+    elsewhere than the transitions; ``trial`` is then that of the curvature alone.
+    """
+
+    trial: LawTrial
+    stretch: Stretch
+    cants: Fit | None
+
+    def relawed(self, weights: Array) -> Group:
+        return replace(self, trial=with_likeliest_laws(self.trial, weights, self.stretch))
+
+
+def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group | None:
+    bare = stretch.without_tilt()
+    alone = structured(chain, bare, widest_radius_m)
+    if alone is None:
+        return None
+    if stretch.tilt is None or not any(alone.chain.straight):
+        return Group(law_trial(alone, bare), bare, None)
+    seeded = _with_cant(alone.chain, stretch)
+    together = fitted(seeded, stretch)
+    apart = _cant_alone(seeded, stretch)
+    excess = together.chi2 / together.scale - (alone.chi2 + apart.chi2) / together.scale
+    limit = float(chi_squared.isf(_SHARED_ABOVE, len(alone.chain.places)))
+    if excess < limit and np.all(np.diff(together.chain.points) >= 0.0):
+        return Group(law_trial(simplified(together, stretch, widest_radius_m), stretch), stretch, None)
+    return Group(law_trial(alone, bare), bare, apart)
+
+
+def _with_cant(chain: CurveChain, stretch: Stretch) -> CurveChain:
+    """With the cants that fit the cross-level best, the ramps where the transitions are."""
+    assert stretch.tilt is not None
+    assert stretch.tilt_white is not None
+    slopes = stretch.tilt_white(tilts(chain, stretch.tilt_edges)[1][:, len(chain.places) :])
+    cants = np.linalg.lstsq(slopes, stretch.tilt_white(stretch.tilt), rcond=1e-10)[0]
+    cant = chain.cant.copy()
+    cant[chain.curved] = cants
+    return replace(chain, cant=cant)
+
+
+def _cant_alone(chain: CurveChain, stretch: Stretch) -> Fit:
+    """The cant's levels and ramps wherever they fit the cross-level best."""
+    return fitted(chain, replace(stretch, turn=None))
+
+
+def _curves(group: Group, weights: Array) -> list[Curve]:
+    """The curves of a group, their ids still to come."""
+    trial = group.trial
+    chain, shared = trial.fit.chain, group.stretch.tilt is not None
+    covariance = trial.fit.covariance + law_spread(trial, weights)
+    sure = dict(zip(trial.transitions, weights.max(axis=1), strict=True))
+    p, c = len(chain.places), len(chain.curved)
+    curves = []
+    for k, level in enumerate(chain.curved):
+        sign = float(np.sign(chain.curvature[level]))
+        values, of_parameter = np.full(6, np.nan), np.zeros((6, len(covariance)))
+        for transition, first in ((level - 1, 0), (level, 2)):
+            if 0 <= transition < len(chain.laws):
+                ends = [chain.begin[transition], chain.end[transition]]
+                values[first : first + 2] = chain.places[ends]
+                of_parameter[[first, first + 1], ends] = 1.0
+        values[4] = chain.curvature[level]
+        of_parameter[4, p + k] = 1.0
+        cant_variance = 0.0
+        if shared:
+            values[5] = -sign * chain.cant[level]
+            of_parameter[5, p + c + k] = -sign
+        elif group.cants is not None:
+            values[5] = -sign * group.cants.chain.cant[level]
+            cant_variance = float(group.cants.covariance[p + c + k, p + c + k])
+        uncertain = of_parameter @ covariance @ of_parameter.T
+        uncertain[5, 5] += cant_variance + _profile_variance(group.stretch, values[:4])
+        unknown = np.isnan(values)
+        uncertain[unknown, :] = uncertain[:, unknown] = np.nan
+        law_in, law_out = _law(chain, int(level) - 1), _law(chain, int(level))
+        curves.append(
+            Curve(
+                id=0,
+                kind=_kind(chain, int(level)),
+                sense="left" if sign > 0.0 else "right",
+                **dict(zip(QUANTITIES, values.tolist(), strict=True)),
+                law_in=law_in,
+                law_out=law_out,
+                law_in_probability=float(sure.get(int(level) - 1, 1.0 if law_in == "none" else np.nan)),
+                law_out_probability=float(sure.get(int(level), 1.0 if law_out == "none" else np.nan)),
+                covariance=uncertain,
+            )
+        )
+    return curves
+
+
+def _profile_variance(stretch: Stretch, points: Array) -> float:
+    """By how much more the profile's own cross-level is uncertain in the curve than beside it, mm^2.
+
+    What it does not know on the straight either is the sensor's offset, which a cant has not.
+    """
+    if stretch.cross_level_known is None:
+        return 0.0
+    middle = float(np.nanmean(points[1:3]))
+    here = float(np.interp(middle, stretch.edges[1:-1], stretch.cross_level_known))
+    return here - float(stretch.cross_level_known.min())
+
+
+def _law(chain: CurveChain, transition: int) -> CurveLaw:
+    if not 0 <= transition < len(chain.laws):
+        return "unseen"
+    return "none" if chain.begin[transition] == chain.end[transition] else chain.laws[transition]
+
+
+def _kind(chain: CurveChain, level: int) -> CurveKind:
+    last = len(chain.straight) - 1
+    beside = [i for i in (level - 1, level + 1) if 0 <= i <= last]
+    compound = any(not chain.straight[i] for i in beside)
+    before = level > 1 and chain.straight[level - 1] and chain.end[level - 2] == chain.begin[level - 1]
+    after = level + 1 < last and chain.straight[level + 1] and chain.end[level] == chain.begin[level + 1]
+    # Straights without length lie between curves of opposite sign, and may between those of one.
+    reverse = (before and chain.curvature[level - 2] * chain.curvature[level] < 0.0) or (
+        after and chain.curvature[level + 2] * chain.curvature[level] < 0.0
+    )
+    kinds: dict[tuple[bool, bool], CurveKind] = {
+        (False, False): "simple",
+        (True, False): "compound part",
+        (False, True): "reverse part",
+        (True, True): "compound and reverse part",
+    }
+    return kinds[compound, bool(reverse)]

@@ -1,0 +1,117 @@
+"""A line without a gap: its cells, the groups of curves on them, and the noise that the curves leave over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.curves.fit import Stretch
+from trackfg.curves.increment_noise import IncrementNoise, fitted_noise
+from trackfg.curves.model import CurveChain, turns
+from trackfg.curves.segments import Cells
+from trackfg.curves.structure import structured
+from trackfg.frames import Array
+
+_AROUND_M = 300.0
+_CLEAR_M = 15.0
+_TURN_FLOOR_RAD = 2e-6
+_TILT_FLOOR_MM = 1e-3
+_LEAST_CLEAR = 0.2
+_ANYTHING = 1e3
+
+
+@dataclass(frozen=True)
+class LineNoise:
+    turn: IncrementNoise
+    tilt: IncrementNoise | None
+
+
+@dataclass(frozen=True)
+class CurvedLine:
+    """Cells without a gap, and the groups of curves on them."""
+
+    cells: Cells
+    chains: tuple[CurveChain, ...]
+
+    def residuals(self) -> Array:
+        """Turns that the chains do not explain. Shape (n,)."""
+        out = self.cells.turn.copy()
+        for k, chain in enumerate(self.chains):
+            rows = self._rows(k, overlapping=False)
+            out[rows] -= turns(chain, self.cells.edges[rows.start : rows.stop + 2])[0]
+        return out
+
+    def clear(self) -> np.ndarray:
+        """Cells away from all curves."""
+        free = np.ones(len(self.cells.turn), dtype=bool)
+        x = self.cells.centres
+        for chain in self.chains:
+            low = chain.points[0] if chain.straight[0] else -np.inf
+            high = chain.points[-1] if chain.straight[-1] else np.inf
+            free &= (x < low - 2 * self.cells.base_m) | (x > high + 2 * self.cells.base_m)
+        return free
+
+    def stretch(self, k: int, noise: LineNoise, with_tilt: bool) -> Stretch:
+        """Group k and what of the straights beside it is near."""
+        rows, cells = self._rows(k, overlapping=True), self.cells
+        edges, known = cells.edges[rows.start : rows.stop + 2], cells.turn_known[rows]
+        stretch = Stretch(edges, cells.turn[rows], noise.turn.whitener(known))
+        if not with_tilt or noise.tilt is None or cells.cross_level is None or cells.cross_level_known is None:
+            return stretch
+        tilt = np.diff(cells.cross_level[rows])
+        white = noise.tilt.whitener(np.zeros(len(tilt)))
+        return replace(stretch, tilt=tilt, tilt_white=white, cross_level_known=cells.cross_level_known[rows])
+
+    def structured(self, noise: LineNoise, widest_radius_m: float) -> CurvedLine:
+        """With the chains that the curvature shows."""
+        stretches = [self.stretch(k, noise, False) for k in range(len(self.chains))]
+        fits = [structured(c, stretch, widest_radius_m) for c, stretch in zip(self.chains, stretches, strict=True)]
+        return replace(self, chains=tuple(fit.chain for fit in fits if fit is not None))
+
+    def _rows(self, k: int, *, overlapping: bool) -> slice:
+        """The cells of group k: to the next groups if ``overlapping``, else to half way there."""
+        x = self.cells.centres
+        chain = self.chains[k]
+        low, high = -np.inf, np.inf
+        share = 1.0 if overlapping else 0.5
+        clear = _CLEAR_M if overlapping else 0.0
+        if chain.straight[0]:
+            low = chain.points[0] - _AROUND_M if overlapping else -np.inf
+            if k > 0:
+                before = self.chains[k - 1].points[-1]
+                low = max(low, chain.points[0] - share * (chain.points[0] - before) + clear)
+        if chain.straight[-1]:
+            high = chain.points[-1] + _AROUND_M if overlapping else np.inf
+            if k + 1 < len(self.chains):
+                after = self.chains[k + 1].points[0]
+                high = min(high, chain.points[-1] + share * (after - chain.points[-1]) - clear)
+        # Neighbours that were pulled over each other keep what is their own.
+        low, high = min(low, chain.points[0]), max(high, chain.points[-1])
+        rows = np.flatnonzero((x >= low) & (x < high))
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+
+
+def line_noise(lines: Sequence[CurvedLine], *, guessed: bool) -> LineNoise:
+    """From what the curves leave over; from the straights alone of curves that are only guessed, and of cross-level,
+    whose cants are not known yet. Increments left out count as not measured: their walk may be anything.
+    """
+    turn, tilt = [], []
+    for line in lines:
+        clear = line.clear()
+        if clear.mean() < _LEAST_CLEAR:
+            clear[:] = True
+        turn.append(_masked(line.residuals(), line.cells.turn_known, clear if guessed else np.ones_like(clear)))
+        if line.cells.cross_level is not None:
+            steps = np.diff(line.cells.cross_level)
+            tilt.append(_masked(steps, np.zeros(len(steps)), clear[1:] & clear[:-1]))
+    return LineNoise(
+        fitted_noise(turn, _TURN_FLOOR_RAD),
+        fitted_noise(tilt, _TILT_FLOOR_MM) if tilt and not guessed else None,
+    )
+
+
+def _masked(residuals: Array, known: Array, used: np.ndarray) -> tuple[Array, Array]:
+    anything = _ANYTHING * (float(np.var(residuals[used])) + _TURN_FLOOR_RAD**2 + float(known.max()))
+    return np.where(used, residuals, 0.0), np.where(used, known, anything)

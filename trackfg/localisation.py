@@ -1,0 +1,161 @@
+"""Where on a map a run was: its profile recognised on the map's, and the graph that knows it.
+
+The run is smoothed by itself first. Where its profile lies on the map's (:mod:`trackfg.mapping.recognition`) becomes
+landmark factors, one per recognised stretch, with the sigma of the match alone and a loss that lets a wrong one go: a
+wrong match is an outlier, not a jump. Where nothing is recognised, or several places are as likely, there is no factor
+and the chainage's sigma grows.
+
+All chainages are the map's then, and the map's own uncertainty, which all matches have in common, is added to their
+variance at the end; a fix, which knows nothing of the map, is taken to be as uncertain as both together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from trackfg.config import PositionConfig
+from trackfg.covariance import Covariance
+from trackfg.errors import BadInputError
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.landmark import landmark
+from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.findings import Finding
+from trackfg.frames import Array
+from trackfg.graph import Problem
+from trackfg.mapping.recognition import Recognition, recognise
+from trackfg.profile import Profile
+from trackfg.results import GeometryConventions, MapUse
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
+
+_ANYWHERE_SD_M = 1e5
+_SURE = 0.99
+"""The probability from which a place found without any fix is believed."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """The problem with landmarks, ready to be solved again; what was recognised; and the map's grid."""
+
+    problem: Problem
+    recognition: Recognition
+    grid: pd.DataFrame
+    use: MapUse
+    findings: tuple[Finding, ...]
+
+    def with_map_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
+        """Chainages as uncertain as the map's own are, besides."""
+        if not self.use.sections:
+            return covariance
+        at = offset_in_keyframe(Kind.ODO)
+        marginal = covariance.marginal.copy()
+        marginal[:, at, at] += _map_sd(self.grid, direction * states.odo[:, 0]) ** 2
+        return replace(covariance, marginal=marginal)
+
+
+def located(
+    problem: Problem,
+    states: States,
+    geometry: pd.DataFrame,
+    passes: Sequence[Profile],
+    feature_map: FeatureMap,
+    config: PositionConfig,
+    meaning: GeometryConventions,
+    *,
+    direction: int,
+    anchored: bool,
+    wheel_scale_sd: float,
+) -> Located:
+    """``geometry`` is the run's own table, from ``passes``; ``anchored``: fixes told where it was.
+
+    Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the run's.
+    """
+    _check_meaning(meaning, feature_map)
+    grid = feature_map.grid
+    prior = np.hypot(geometry["chainage_m_sd"], float(grid["chainage_m_sd"].median())).to_numpy() if anchored else None
+    recognition = recognise(geometry, grid, place_sd_m=prior, rate_sd=wheel_scale_sd, direction=direction)
+    used = recognition.sections[recognition.sections["used"]]
+    if not anchored and recognition.probability < _SURE:
+        used = used.iloc[:0]
+    use = MapUse(
+        name=feature_map.name,
+        version=feature_map.version,
+        sections=len(used),
+        recognised_m=float(np.median(np.diff(recognition.sections["run_m"])) * len(used)) if len(used) > 1 else 0.0,
+        probability=float(recognition.probability),
+        found_after_m=None if np.isnan(recognition.found_after_m) else float(recognition.found_after_m),
+    )
+    if used.empty:
+        then = "the map was not used" if anchored else "chainage counts from the start of the run"
+        finding = Finding(
+            "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
+        )
+        return Located(problem, recognition, grid, use, (finding,))
+    moved = states
+    families = problem.families
+    if not anchored:
+        offset = direction * float((used["reference_m"] - used["run_m"]).mean())
+        moved = replace(states, odo=states.odo + np.array([offset, 0.0, 0.0, 0.0]))
+        families = tuple(_placeless(family) if family.name == "prior on odo" else family for family in families)
+    families = tuple(
+        _less_sure(family, grid, direction) if family.name == "absolute fix" else family for family in families
+    )
+    loss = Loss("cauchy", config.fix_width) if config.robust else None
+    family = _landmarks(used, geometry, passes, states, meaning.step_m, direction, loss)
+    return Located(replace(problem, initial=moved, families=(*families, family)), recognition, grid, use, ())
+
+
+def _check_meaning(meaning: GeometryConventions, feature_map: FeatureMap) -> None:
+    names = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "chord_m", "step_m")
+    for name in names:
+        ours, theirs = getattr(meaning, name), getattr(feature_map.conventions, name)
+        if abs(ours - theirs) > 1e-9:
+            raise BadInputError(f"map {feature_map.name!r}: {name} is {theirs:g}; expected that of the run, {ours:g}")
+
+
+def _placeless(family: Family) -> Family:
+    """The prior on the odometer with a start that may be anywhere."""
+    sigma = family.sigma.copy()
+    sigma[:, 0] = _ANYWHERE_SD_M
+    return replace(family, sigma=sigma)
+
+
+def _less_sure(family: Family, grid: pd.DataFrame, direction: int) -> Family:
+    """Fixes by the map's chainage, which errs by itself."""
+    place = direction * family.data[0][:, 0]
+    return replace(family, sigma=np.hypot(family.sigma, _map_sd(grid, place)[:, None]))
+
+
+def _map_sd(grid: pd.DataFrame, chainage: Array) -> Array:
+    return np.interp(chainage, grid["chainage_m"], grid["chainage_m_sd"])
+
+
+def _landmarks(
+    used: pd.DataFrame,
+    geometry: pd.DataFrame,
+    passes: Sequence[Profile],
+    states: States,
+    step_m: float,
+    direction: int,
+    loss: Loss | None,
+) -> Family:
+    """One factor per section, at the time when its middle was passed: on the longest pass, as in the table."""
+    place = used["run_m"].to_numpy()
+    when = np.full(len(place), np.nan)
+    for profile in sorted(passes, key=len, reverse=True):
+        points = profile.views[0].points
+        there = np.isnan(when) & (place >= profile.cell[0] * step_m) & (place <= profile.cell[-1] * step_m)
+        when[there] = np.interp(place[there], profile.cell * step_m, points.keyframe + points.fraction)
+    seen = np.isfinite(when)
+    k = np.clip(when[seen].astype(np.int64), 0, len(states) - 2)
+    f = when[seen] - k
+    D = states.odo[:, 0]
+    beyond = direction * place[seen] - ((1.0 - f) * D[k] + f * D[k + 1])
+    distance = direction * used["reference_m"].to_numpy()[seen] - beyond
+    return landmark(k, f, distance, used["match_sd_m"].to_numpy()[seen, None], loss)
