@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from positioning_runs import SHUTTLE, SURVEY_RUNS, survey, with_defects
+from positioning_runs import SHUTTLE, SURVEY_RUNS, map_of_all, with_defects
 from positioning_table import Figure, Part, at_least, below, ratio
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.defects import Defect
 from trackfg.datasets.scenarios import simulate
-from trackfg.mapping.build import build_map
 from trackfg.mapping.changes import Changes, find_changes
 from trackfg.smoother import smooth
 
@@ -42,8 +41,7 @@ def defects(seed: int) -> tuple[Defect, ...]:
 
 def measure(seed: int) -> dict[str, float]:
     """Defects found by kind, false alarms and what was compared, of all later runs together."""
-    feature_map = build_map(survey(seed).results, name=f"shuttle {seed}")
-    placed = defects(seed)
+    feature_map, placed = map_of_all(seed), defects(seed)
     out = {f"{kind} found": 0.0 for kind in KINDS} | {"runs": float(len(LATER_RUNS)), "false": 0.0, "km": 0.0}
     for plan, there in ((with_defects(placed), placed), (SHUTTLE, ())):
         for number in LATER_RUNS:

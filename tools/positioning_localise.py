@@ -14,13 +14,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from positioning_runs import SHUTTLE, SURVEY_RUNS, cut, error_of, survey, true_at, with_fixes
+from positioning_runs import SHUTTLE, SURVEY_RUNS, cut, error_of, map_of_all, survey, true_at, with_fixes
 from positioning_table import Figure, Part, at_least, at_most, ratio
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.frames import Array
-from trackfg.mapping.build import build_map
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.smoother import smooth
 
@@ -40,7 +39,7 @@ PAST_CURVE_M = 60.0
 def measure(seed: int) -> dict[str, float]:
     """Counts and errors of both later runs together."""
     surveyed = survey(seed)
-    feature_map = build_map(surveyed.results, name=f"shuttle {seed}")
+    feature_map = map_of_all(seed)
     runs = [simulate(SHUTTLE, seed=seed, run=number) for number in LATER_RUNS]
     length = float(np.ptp(feature_map.grid["chainage_m"]))
     out = {"curves per km": 1e3 * len(surveyed.designed) / length}

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from positioning_runs import SURVEY_RUNS, Survey, survey
+from positioning_runs import SURVEY_RUNS, Survey, map_of_all, survey
 from positioning_table import Figure, Part, at_most, between, pooled_rms, ratio, rms
 
 from trackfg.frames import Array
@@ -38,7 +38,8 @@ def measure(seed: int) -> dict[str, float]:
     """Names begin with how many runs the map is of."""
     surveyed, out = survey(seed), {}
     for name, count in RUNS.items():
-        feature_map = build_map(surveyed.results[:count], name=f"shuttle {seed}")
+        every = count == len(surveyed.results)
+        feature_map = map_of_all(seed) if every else build_map(surveyed.results[:count], name=f"shuttle {seed}")
         first, last = feature_map.grid["chainage_m"].iloc[[0, -1]]
         begin, end = surveyed.designed[:, 0], surveyed.designed[:, 3]
         inside = (begin >= first + FROM_END_M) & (end <= last - FROM_END_M)

@@ -15,6 +15,8 @@ from trackfg.datasets.defects import Defect
 from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.frames import Array
+from trackfg.mapping.build import build_map
+from trackfg.maps.feature_map import FeatureMap
 from trackfg.recording import Recording
 from trackfg.results import Result
 from trackfg.smoother import smooth
@@ -89,6 +91,12 @@ def survey(seed: int) -> Survey:
         mounts.append(run.mount_rpy_rad[0])
         rolls.append(float(error_of(result, run, "roll_rad").mean()))
     return Survey(tuple(results), designed, true_geometry, np.array(mounts), np.array(rolls))
+
+
+@lru_cache(maxsize=1)
+def map_of_all(seed: int) -> FeatureMap:
+    """The map of a seed's survey."""
+    return build_map(survey(seed).results, name=f"shuttle {seed}")
 
 
 def error_of(result: Result, run: Simulation, quantity: str) -> Array:
