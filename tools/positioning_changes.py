@@ -16,7 +16,8 @@ from positioning_table import Figure, Part, at_least, below, ratio
 from trackfg.config import SmoothConfig
 from trackfg.datasets.defects import Defect
 from trackfg.datasets.scenarios import simulate
-from trackfg.mapping.changes import Changes, find_changes
+from trackfg.mapping import find_changes
+from trackfg.mapping.changes import Changes
 from trackfg.smoother import smooth
 
 LATER_RUNS = (SURVEY_RUNS, SURVEY_RUNS + 1)

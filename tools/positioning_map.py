@@ -20,7 +20,7 @@ from positioning_runs import SURVEY_RUNS, Survey, map_of_all, survey
 from positioning_table import Figure, Part, at_most, between, pooled_rms, ratio, rms
 
 from trackfg.frames import Array
-from trackfg.mapping.build import build_map
+from trackfg.mapping import build_map
 from trackfg.maps.feature_map import CURVE_POINTS, FeatureMap
 
 RUNS = {"one run": 1, "ten runs": SURVEY_RUNS}
@@ -70,7 +70,7 @@ def landmark_errors(landmarks: pd.DataFrame, covariance: Array, designed: Array)
     points = landmarks.reset_index(drop=True)
     points = points[points["kind"].isin(CURVE_POINTS)]
     number = points.reset_index(names="row").pivot_table(index="curve_id", columns="kind", values="row")
-    number = number[list(CURVE_POINTS)].dropna().astype(np.int64)
+    number = number.reindex(columns=list(CURVE_POINTS)).dropna().astype(np.int64)
     at = landmarks["chainage_m"].to_numpy()
     to_left = (landmarks["sense"].to_numpy()[number["BCC"]] == "left")[:, None]
     apart = (at[number["BCC"]][:, None] >= designed[:, 2]) | (at[number["ECC"]][:, None] <= designed[:, 1])

@@ -15,7 +15,7 @@ from trackfg.datasets.defects import Defect
 from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.frames import Array
-from trackfg.mapping.build import build_map
+from trackfg.mapping import build_map
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.recording import Recording
 from trackfg.results import Result

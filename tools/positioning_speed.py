@@ -21,7 +21,7 @@ from positioning_table import Figure, Part, at_most
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
-from trackfg.mapping.build import add_run, build_map
+from trackfg.mapping import build_map, with_runs
 from trackfg.maps import read_map, write_map
 from trackfg.results import Result
 from trackfg.smoother import smooth
@@ -89,7 +89,7 @@ def _added(folder: Path) -> dict[str, float]:
     start = time.perf_counter()
     feature_map, result = read_map(_map_file(folder)), Result.read(_result(folder, SURVEY_RUNS))
     read = time.perf_counter()
-    more = add_run(feature_map, result)
+    more = with_runs(feature_map, [result])
     added = time.perf_counter()
     write_map(more, _map_file(folder), parent=feature_map.version)
     end = time.perf_counter()
