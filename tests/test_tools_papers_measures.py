@@ -47,11 +47,11 @@ def test_slips_are_found_by_overlap_and_strong_above_3_7_kmh(positioning: Module
 
 def test_a_distance_is_wrong_by_its_share(positioning: ModuleType) -> None:
     run = wet_run()
-    legs = positioning._legs_with_slip(run)
+    legs = positioning.legs_with_slip(run)
     np.testing.assert_allclose(legs, [[50.0, 150.0], [150.0, 250.0]])
     wheel = pd.DataFrame({"t_s": [0.0, 100.0, 104.0, 300.0], "chainage_m": [0.0, 1000.0, 1050.0, 3010.0]})
-    np.testing.assert_allclose(positioning._errors_percent(run, wheel, legs, 1.0), [1.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(positioning._errors_percent(run, wheel, legs, 1.01), [2.01, 1.0], atol=1e-9)
+    np.testing.assert_allclose(positioning.errors_percent(run, wheel, legs, 1.0), [1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(positioning.errors_percent(run, wheel, legs, 1.01), [2.01, 1.0], atol=1e-9)
 
 
 def test_worst_200_m_are_those_of_middle_speed(versines: ModuleType) -> None:

@@ -61,7 +61,7 @@ def _slips(run: Simulation, smoothed: Result) -> dict[str, float]:
         "no setback": composite_positioning.run(run.recording, reset_at_fixes=False, setback_s=0.0),
         "no pitch": composite_positioning.run(run.recording, reset_at_fixes=False, pitch_correction=False),
     }
-    tach, slips = run.recording.tach, _true_slips(run)
+    tach, slips = run.recording.tach, true_slips(run)
     assert tach is not None
     out = {"slips": float(len(slips))}
     for name, (trajectory, scale) in {
@@ -70,8 +70,8 @@ def _slips(run: Simulation, smoothed: Result) -> dict[str, float]:
         "smoother": (smoothed.trajectory, 1.0),
     }.items():
         asked = WITHIN.get(name, WITHIN["baseline"])
-        for what, spans in (("leg", _legs_with_slip(run)), ("stretch", slips[["start_s", "end_s"]].to_numpy())):
-            error = np.abs(_errors_percent(run, trajectory, spans, scale))
+        for what, spans in (("leg", legs_with_slip(run)), ("stretch", slips[["start_s", "end_s"]].to_numpy())):
+            error = np.abs(errors_percent(run, trajectory, spans, scale))
             out[f"{name} {what} rms"] = _mean(error**2) ** 0.5
             out[f"{name} {what} greatest"] = float(error.max()) if error.size else np.nan
             out[f"{name} {what} within"] = _mean(error <= asked)
@@ -103,21 +103,21 @@ def _curves(run: Simulation, earlier: Simulation, smoothed: Result) -> dict[str,
     return out
 
 
-def _true_slips(run: Simulation) -> pd.DataFrame:
+def true_slips(run: Simulation) -> pd.DataFrame:
     assert run.slips is not None
     return run.slips.astype({"start_s": float, "end_s": float, "peak_creep": float})
 
 
-def _errors_percent(run: Simulation, trajectory: pd.DataFrame, spans: Array, scale: float) -> Array:
+def errors_percent(run: Simulation, trajectory: pd.DataFrame, spans: Array, scale: float) -> Array:
     """Errors of the distances run in ``spans`` (n, 2) s, in % of them."""
     found = scale * np.diff(np.interp(spans, trajectory["t_s"], trajectory["chainage_m"]), axis=1)[:, 0]
     true = np.diff(np.interp(spans, run.truth["t_s"], run.truth["chainage_m"]), axis=1)[:, 0]
     return np.asarray(100.0 * (found / true - 1.0))
 
 
-def _legs_with_slip(run: Simulation) -> Array:
+def legs_with_slip(run: Simulation) -> Array:
     """When two neighbouring balises were passed with slip between them, s. Shape (n, 2)."""
-    fixes, slips = run.recording.fixes, _true_slips(run)
+    fixes, slips = run.recording.fixes, true_slips(run)
     assert fixes is not None
     legs = [
         (begin, end)
@@ -129,7 +129,7 @@ def _legs_with_slip(run: Simulation) -> Array:
 
 def _strong(run: Simulation) -> np.ndarray:
     """Slips in which wheel and train may differ enough in speed for the baseline's rule. Shape (n,) of bool."""
-    slips = _true_slips(run)
+    slips = true_slips(run)
     ends = slips[["start_s", "end_s"]].to_numpy()
     speed = np.interp(ends, run.truth["t_s"], run.truth["speed_mps"]).max(axis=1, initial=0.0)
     return np.asarray(slips["peak_creep"].abs().to_numpy() * speed > THRESHOLD_MPS)

@@ -1,0 +1,122 @@
+"""How well does it know where the train is? The five parts of the acceptance, over seeds.
+
+slips      distances in spite of slip and slide, and what is reported of these (slippery-line)
+map        landmarks of a map of one run and of ten, and the roll of the sensors' mountings (shuttle)
+localise   a later run on that map, with a fix at its start alone; and runs that start anywhere with none
+changes    defects that came after the map was made, and false alarms
+speed      ten runs of 70 km: time and memory of making the map and of adding an eleventh (the first seed alone)
+
+Each line of a table has what was measured over all seeds, its range over the seeds, the target, and whether it is met.
+
+    python tools/positioning.py [--seeds 20] [--first-seed 0] [--jobs 2] [--parts slips map localise changes speed]
+                                [--out FILE] [--per-seed FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import pandas as pd
+from positioning_changes import PART as CHANGES
+from positioning_localise import PART as LOCALISE
+from positioning_map import PART as MAP
+from positioning_slips import PART as SLIPS
+from positioning_speed import PART as SPEED
+from positioning_table import printed, table_of
+from rich.console import Console
+from rich.progress import track as progress_over
+
+PARTS = {part.name: part for part in (SLIPS, MAP, LOCALISE, CHANGES, SPEED)}
+
+
+def measured(names: Sequence[str], seeds: range, jobs: int) -> dict[str, pd.DataFrame]:
+    """One row per seed of each part's measurements, with a progress bar on a terminal.
+
+    A measurement that fails ends it at once. What is measured alone comes last, when the processors are free.
+    """
+    together = [name for name in names if not PARTS[name].alone]
+    rows = {} if not together else _side_by_side(together, seeds, jobs)
+    tables = {name: pd.DataFrame([rows[seed][name] for seed in seeds], index=seeds) for name in together}
+    for name in names:
+        if PARTS[name].alone:
+            tables[name] = pd.DataFrame([PARTS[name].measure(seeds[0])], index=seeds[:1])
+    return tables
+
+
+def _side_by_side(names: Sequence[str], seeds: range, jobs: int) -> dict[int, dict[str, dict[str, float]]]:
+    console = Console(stderr=True)
+    with ProcessPoolExecutor(jobs) as pool:
+        futures = {pool.submit(measured_on, seed, names): seed for seed in seeds}
+        finished = progress_over(
+            as_completed(futures),
+            "seeds",
+            total=len(futures),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        try:
+            return {futures[future]: future.result() for future in finished}
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def measured_on(seed: int, names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """The measurements of parts on one seed, in one process: they share its runs."""
+    return {name: PARTS[name].measure(seed) for name in names}
+
+
+def write_per_seed(tables: dict[str, pd.DataFrame], path: Path) -> None:
+    """Every measurement of every seed: CSV with ``part, seed, quantity, value``, or JSON by part and seed."""
+    if path.suffix == ".json":
+        by_part = {name: json.loads(table.to_json(orient="index")) for name, table in tables.items()}
+        path.write_text(json.dumps(by_part, indent=1) + "\n", encoding="utf-8")
+        return
+    long = [
+        table.rename_axis("seed").reset_index().melt("seed", var_name="quantity").assign(part=name)
+        for name, table in tables.items()
+    ]
+    pd.concat(long)[["part", "seed", "quantity", "value"]].to_csv(path, index=False)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20, help="how many (default: %(default)s)")
+    parser.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="default: %(default)s")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the lines of all tables to a CSV file")
+    parser.add_argument("--per-seed", type=Path, metavar="FILE", help="write what each seed gave: .csv or .json")
+    arguments = parser.parse_args()
+    if arguments.seeds < 1 or arguments.jobs < 1 or arguments.first_seed < 0:
+        parser.error("expected one seed, one process or more, and no negative seed")
+    if arguments.per_seed is not None and arguments.per_seed.suffix not in (".csv", ".json"):
+        parser.error(f"--per-seed {arguments.per_seed}: expected a name that ends in .csv or .json")
+    start = time.perf_counter()
+    names = list(dict.fromkeys(arguments.parts))
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    by_part = measured(names, seeds, arguments.jobs)
+    tables = []
+    for name in names:
+        part, rows = PARTS[name], by_part[name]
+        table = table_of(part, part.figures(rows))
+        print(f"\n{name}  {part.title}; {len(rows)} seed{'s' if len(rows) > 1 else ''}\n\n{printed(table)}")
+        if part.notes:
+            print(f"\n{part.notes}")
+        tables.append(table)
+    print(f"\n{time.perf_counter() - start:.0f} s in all", file=sys.stderr)
+    if arguments.out is not None:
+        pd.concat(tables, ignore_index=True).to_csv(arguments.out, index=False)
+    if arguments.per_seed is not None:
+        write_per_seed(by_part, arguments.per_seed)
+
+
+if __name__ == "__main__":
+    main()

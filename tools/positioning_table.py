@@ -1,0 +1,128 @@
+"""What the parts of ``tools/positioning.py`` hand to it, and how it is printed.
+
+A part is a module with ``PART``, a :class:`Part`. It holds two functions of the module (by name: they cross to worker
+processes):
+
+* ``measure(seed) -> dict[str, float]``: everything measured on one seed, under names of the part's choice; it runs in a
+  worker and returns nothing but floats (NaN: not to be had).
+* ``figures(measured) -> list[Figure]``: the lines of the table from one row per seed, a column per name (index: seed).
+
+What is counted is pooled: the share of all curves of all seeds, not the mean of the seeds' shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of a table. ``by_seed`` is the same of each seed; None where seeds say little by themselves."""
+
+    quantity: str
+    value: float
+    by_seed: Sequence[float] | None = None
+    target: str = "-"
+    met: bool | None = None
+    paper: str = "-"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of the benchmark. ``alone``: its times count, so it runs by itself, on the first seed only."""
+
+    name: str
+    title: str
+    measure: Callable[[int], dict[str, float]]
+    figures: Callable[[pd.DataFrame], list[Figure]]
+    notes: str = ""
+    alone: bool = False
+
+
+def at_most(
+    quantity: str, value: float, limit: float, by_seed: Sequence[float] | None = None, *, paper: str = "-"
+) -> Figure:
+    """A figure that is to be at most ``limit``. What could not be measured does not meet it."""
+    return Figure(quantity, value, by_seed, f"<= {limit:g}", bool(value <= limit), paper)
+
+
+def below(quantity: str, value: float, limit: float, by_seed: Sequence[float] | None = None) -> Figure:
+    """A figure that is to be less than ``limit``."""
+    return Figure(quantity, value, by_seed, f"< {limit:g}", bool(value < limit))
+
+
+def at_least(
+    quantity: str, value: float, limit: float, by_seed: Sequence[float] | None = None, *, paper: str = "-"
+) -> Figure:
+    """A figure that is to be at least ``limit``."""
+    return Figure(quantity, value, by_seed, f">= {limit:g}", bool(value >= limit), paper)
+
+
+def between(quantity: str, value: float, low: float, high: float, by_seed: Sequence[float] | None = None) -> Figure:
+    """A figure that is to lie from ``low`` to ``high``."""
+    return Figure(quantity, value, by_seed, f"{low:g} - {high:g}", bool(low <= value <= high))
+
+
+def ratio(measured: pd.DataFrame, part: str, whole: str) -> float:
+    """The share of all seeds together; NaN where there is nothing to share."""
+    total = measured[whole].sum()
+    return float(measured[part].sum() / total) if total else np.nan
+
+
+def pooled_rms(measured: pd.DataFrame, rms: str, count: str) -> float:
+    """The rms over all seeds together, from that of each seed and how many errors it is of."""
+    known = measured[measured[count] > 0]
+    return float(np.sqrt((known[rms] ** 2 * known[count]).sum() / known[count].sum())) if len(known) else np.nan
+
+
+def rms(errors: np.ndarray | pd.Series) -> float:
+    """NaN where there are none."""
+    values = np.asarray(errors, dtype=np.float64)
+    return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+
+
+def table_of(part: Part, figures: Sequence[Figure]) -> pd.DataFrame:
+    """A row per figure; ``least`` and ``greatest`` are of a seed."""
+    rows = []
+    for figure in figures:
+        by_seed = np.asarray([] if figure.by_seed is None else figure.by_seed, dtype=np.float64)
+        by_seed = by_seed[np.isfinite(by_seed)]
+        rows.append(
+            {
+                "part": part.name,
+                "quantity": figure.quantity,
+                "paper": figure.paper,
+                "value": figure.value,
+                "least": by_seed.min() if by_seed.size else np.nan,
+                "greatest": by_seed.max() if by_seed.size else np.nan,
+                "target": figure.target,
+                "met": {True: "yes", False: "NO", None: ""}[figure.met],
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def printed(table: pd.DataFrame) -> str:
+    """A table of :func:`table_of` for reading: the value, then the range over seeds."""
+    shown = pd.DataFrame(
+        {
+            "quantity": table["quantity"],
+            "paper": table["paper"],
+            "measured": table["value"].map(_text),
+            "by seed": [
+                "" if np.isnan(least) else f"{_text(least)} .. {_text(greatest)}"
+                for least, greatest in zip(table["least"], table["greatest"], strict=True)
+            ],
+            "target": table["target"],
+            "met": table["met"],
+        }
+    )
+    return shown.to_string(index=False)
+
+
+def _text(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
