@@ -151,7 +151,9 @@ def smooth(
     ] = None,
     map_location: Annotated[
         str | None,
-        typer.Option("--map", metavar="MAP", help="A map to locate the run on: its newest version.", show_default=False),
+        typer.Option(
+            "--map", metavar="MAP", help="A map to locate the run on: its newest version.", show_default=False
+        ),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -5,8 +5,9 @@ landmark factors, one per recognised stretch, with the sigma of the match alone 
 wrong match is an outlier, not a jump. Where nothing is recognised, or several places are as likely, there is no factor
 and the chainage's sigma grows.
 
-All chainages are the map's then, and the map's own uncertainty, which all matches have in common, is added to their
-variance at the end; a fix, which knows nothing of the map, is taken to be as uncertain as both together.
+All chainages are the map's then, and what all matches have in common is added to their variance at the end: the map's
+own uncertainty, and, for a sensor on springs, that its body follows the track's curves late. A fix, which knows nothing
+of the map, is taken to be as uncertain as both together.
 """
 
 from __future__ import annotations
@@ -37,15 +38,20 @@ if TYPE_CHECKING:
 _ANYWHERE_SD_M = 1e5
 _SURE = 0.99
 """The probability from which a place found without any fix is believed."""
+_ON_SPRINGS_SD_M = 0.8
+"""What a body's lag behind the track's curves does to the place, as measured on simulated car bodies at 50-100 km/h."""
 
 
 @dataclass(frozen=True)
 class Located:
-    """The problem with landmarks, ready to be solved again; what was recognised; and the map's grid."""
+    """The problem with landmarks, ready to be solved again; what was recognised; the map's grid, and ``common_sd_m``,
+    what else all matches have in common.
+    """
 
     problem: Problem
     recognition: Recognition
     grid: pd.DataFrame
+    common_sd_m: float
     use: MapUse
     findings: tuple[Finding, ...]
 
@@ -55,7 +61,7 @@ class Located:
             return covariance
         at = offset_in_keyframe(Kind.ODO)
         marginal = covariance.marginal.copy()
-        marginal[:, at, at] += _map_sd(self.grid, direction * states.odo[:, 0]) ** 2
+        marginal[:, at, at] += _map_sd(self.grid, direction * states.odo[:, 0]) ** 2 + self.common_sd_m**2
         return replace(covariance, marginal=marginal)
 
 
@@ -71,12 +77,15 @@ def located(
     direction: int,
     anchored: bool,
     wheel_scale_sd: float,
+    on_springs: bool,
 ) -> Located:
-    """``geometry`` is the run's own table, from ``passes``; ``anchored``: fixes told where it was.
+    """``geometry`` is the run's own table, from ``passes``; ``anchored``: fixes told where it was; ``on_springs``: the
+    table is of the body's motion.
 
     Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the run's.
     """
     _check_meaning(meaning, feature_map)
+    common = _ON_SPRINGS_SD_M if on_springs else 0.0
     grid = feature_map.grid
     prior = np.hypot(geometry["chainage_m_sd"], float(grid["chainage_m_sd"].median())).to_numpy() if anchored else None
     recognition = recognise(geometry, grid, place_sd_m=prior, rate_sd=wheel_scale_sd, direction=direction)
@@ -96,7 +105,7 @@ def located(
         finding = Finding(
             "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
         )
-        return Located(problem, recognition, grid, use, (finding,))
+        return Located(problem, recognition, grid, common, use, (finding,))
     moved = states
     families = problem.families
     if not anchored:
@@ -108,7 +117,7 @@ def located(
     )
     loss = Loss("cauchy", config.fix_width) if config.robust else None
     family = _landmarks(used, geometry, passes, states, meaning.step_m, direction, loss)
-    return Located(replace(problem, initial=moved, families=(*families, family)), recognition, grid, use, ())
+    return Located(replace(problem, initial=moved, families=(*families, family)), recognition, grid, common, use, ())
 
 
 def _check_meaning(meaning: GeometryConventions, feature_map: FeatureMap) -> None:

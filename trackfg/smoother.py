@@ -180,8 +180,8 @@ def _on_map(
     meaning = conventions(config.geometry, track)
     problem, states = alone.problem, alone.solution.states
     with stages.stage("map"):
-        geometry = alone.geometry
-        if not shapes and (recording.tach is not None or recording.gnss is not None):
+        geometry, on_springs = alone.geometry, not shapes
+        if on_springs and (recording.tach is not None or recording.gnss is not None):
             # On springs alone the motion is not the track's, but curves are seen in it all the same.
             shapes = profiles(problem, written.motion, states, track.direction, meaning.step_m)
             geometry = geometry_table(problem, shapes, states, alone.covariance, alone.solution.root, meaning)
@@ -196,6 +196,7 @@ def _on_map(
             direction=track.direction,
             anchored=recording.fixes is not None and len(recording.fixes) > 0,
             wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
+            on_springs=on_springs,
         )
     if not at.use.sections:
         return replace(alone, located=at)
