@@ -16,8 +16,9 @@ coloured noise (White, Econometrica 48, 1980, in the form for stationary noise)
 
     C = A^-1 B A^-1,    A = sum G G^T + prior,    B = mean over frequencies of |G(W)|^2 P(W) + prior,
 
-raised where a section's own residuals are larger than the others'. Where run and reference have not the same slopes,
-``sum f' r' < 0.7 sum f'^2``, there is nothing to match, and no sigma.
+raised where a section's own residuals are larger than the others', and by ``sum f'^2 / sum f' r'``: slopes of the
+reference that the run does not share are no information. Where they are most, ``sum f' r' < 0.7 sum f'^2``, there is
+nothing to match, and no sigma.
 
 What is found is the mean of the shift over the section. Where the wheel's scale walks, the shift is an integrated
 random walk, and from its mean over a section to its value in the middle is, given the second difference ``d`` of the
@@ -39,6 +40,8 @@ _ROUNDS = 4
 _FAR = 3.0
 _WALK_SCALE = 1e-4
 """Scale of a section that a walk of the wheels makes by itself."""
+_CURVES_SCALE = 0.003
+"""Sigma of a section's scale where there are only curves: their few slopes would rather fit irregularities."""
 _ALIKE = 0.7
 _LEAST = 1e-4
 """Of a feature's size: the least noise."""
@@ -122,7 +125,8 @@ def match_sections(
         names = [name for name in run.values if not long or name == CURVATURE]
         if which.size and names:
             features = [_feature(run, reference, name, first[which], rows, long=long) for name in names]
-            fit = _fit(features, x, about_m[which], scale[which], scale_sd, searched=not long)
+            known_scale = min(scale_sd, _CURVES_SCALE) if long else scale_sd
+            fit = _fit(features, x, about_m[which], scale[which], known_scale, searched=not long)
             place[which], sd[which], local[which] = fit.place, fit.sd, fit.scale
     sd = np.hypot(sd, _walk(place - middle_m, sd))
     bias, bias_sd = np.full(sections, np.nan), np.full(sections, np.nan)
@@ -133,9 +137,7 @@ def match_sections(
     return Matches(place, sd, local, bias, bias_sd)
 
 
-def _feature(
-    run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool
-) -> _Feature:
+def _feature(run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool) -> _Feature:
     from scipy.interpolate import CubicSpline  # late: 0.2 s
 
     r, f = run.values[name], reference.values[name]
@@ -169,8 +171,10 @@ def _median(values: Array) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool) -> _Fit:
-    place, scale = about.copy(), scale.copy()
+def _fit(
+    features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool
+) -> _Fit:
+    place, given = about.copy(), scale
     if searched:
         place = _searched(features, x, place, scale)
     prior = 1.0 / (scale_sd**2 + _WALK_SCALE**2)
@@ -180,7 +184,7 @@ def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_s
         A = np.zeros((len(about), 2, 2))
         A[:, 1, 1] = prior
         b = np.zeros((len(about), 2))
-        b[:, 1] = -prior * scale
+        b[:, 1] = prior * (given - scale)
         noise = np.zeros_like(A)
         noise[:, 1, 1] = prior
         alike, slopes = np.zeros(len(about)), np.zeros(len(about))
@@ -212,7 +216,8 @@ def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_s
         inverse = np.linalg.inv(A)
         step_by = np.einsum("kab,kb->ka", inverse, b)
         place, scale = place + np.clip(step_by[:, 0], -5.0, 5.0), scale + np.clip(step_by[:, 1], -0.02, 0.02)
-    variance = (inverse @ noise @ inverse)[:, 0, 0]
+    with np.errstate(divide="ignore"):
+        variance = (inverse @ noise @ inverse)[:, 0, 0] * (slopes / alike) ** 2
     variance *= np.maximum(1.0, (_OWN_DOF + squares / 10.0) / (_OWN_DOF + rows / 10.0))
     sure = (alike > _ALIKE * slopes) & (rows > 0.5 * len(features) * len(x)) & (np.abs(step_by[:, 0]) < 0.3)
     sure &= np.abs(place - about) < (3.0 if searched else 15.0)
