@@ -7,21 +7,22 @@ runs, so that ``--help`` and ``--version`` answer at once.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from trackfg import __version__
+from trackfg.cli_maps import maps
 from trackfg.errors import BadInputError, TrackfgError
+from trackfg.terminal import progress_bar, show
 
 if TYPE_CHECKING:
     from trackfg.results import Result
     from trackfg.strip_chart import LimitLine
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+app.add_typer(maps, name="map")
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -65,12 +66,12 @@ def demo(
     from trackfg import report_tables
     from trackfg.demo import CONTENT, run_demo
 
-    with _progress() as progress:
+    with progress_bar() as progress:
         done = run_demo(out, progress=progress)
     _warn_unless_converged(done.result)
     for table in report_tables.comparison(done.comparison.about):
-        _print(table)
-    _print(report_tables.summary(done.result))
+        show(table)
+    show(report_tables.summary(done.result))
     for name in CONTENT:
         print(done.folder / name)
 
@@ -81,7 +82,7 @@ def scenarios() -> None:
     from trackfg import report_tables
     from trackfg.datasets.scenarios import scenarios as all_scenarios
 
-    _print(report_tables.scenarios({name: scenario.summary for name, scenario in all_scenarios().items()}))
+    show(report_tables.scenarios({name: scenario.summary for name, scenario in all_scenarios().items()}))
 
 
 @app.command(epilog="Example: trackfg simulate mainline -o run1 --seed 3 --duration 600")
@@ -135,9 +136,9 @@ def check(recording: RecordingFolder, json: Json = False) -> None:
     if json:
         print(report_tables.check_json(report))
     else:
-        _print(report_tables.findings(report.findings))
+        show(report_tables.findings(report.findings))
         if report.estimates:
-            _print(report_tables.estimates(report.estimates))
+            show(report_tables.estimates(report.estimates))
     if any(finding.level == "error" for finding in report.findings):
         raise typer.Exit(2)
 
@@ -174,7 +175,7 @@ def smooth(
         from trackfg.maps import read_map
 
         feature_map = read_map(map_location)
-    with _progress() as progress:
+    with progress_bar() as progress:
         result = run_smoother(read_recording(recording), settings, feature_map=feature_map, progress=progress)
     result.write(out)
     _warn_unless_converged(result)
@@ -182,7 +183,7 @@ def smooth(
     if json:
         print(result.summary.model_dump_json(indent=2))
     else:
-        _print(report_tables.summary(result))
+        show(report_tables.summary(result))
         print(f"result: {out}")
 
 
@@ -212,7 +213,7 @@ def estimators() -> None:
     from trackfg import report_tables
     from trackfg.estimators import estimators as all_estimators
 
-    _print(report_tables.estimators(all_estimators()))
+    show(report_tables.estimators(all_estimators()))
 
 
 @app.command(epilog="Example: trackfg compare run1 -o comparison")
@@ -254,14 +255,14 @@ def compare(
 
     COMPARISON_FOLDER.refuse_foreign(out)
     cases = cases_of(recordings or (), scenarios or (), seeds=seeds, duration_s=duration)
-    with _progress() as progress:
+    with progress_bar() as progress:
         result = run_comparison(cases, jobs=jobs or os.cpu_count() or 1, progress=progress)
     result.write(out)
     if json:
         print(result.about.model_dump_json(indent=2))
         return
     for table in report_tables.comparison(result.about):
-        _print(table)
+        show(table)
     print(f"comparison: {out}")
 
 
@@ -353,31 +354,3 @@ def _warn_unless_located(result: Result) -> None:
     for finding in result.summary.findings:
         if finding.code == "not-on-map":
             print(f"trackfg: warning: {finding.message}", file=sys.stderr)
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-
-        def show(stage: str, fraction_done: float) -> None:
-            bar.update(task, description=stage, completed=fraction_done)
-
-        yield show
-
-
-def _print(table: Any) -> None:
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 120
-    console.print(table)

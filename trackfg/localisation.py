@@ -21,13 +21,13 @@ import pandas as pd
 
 from trackfg.config import PositionConfig
 from trackfg.covariance import Covariance
-from trackfg.errors import BadInputError
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.landmark import landmark
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem
+from trackfg.mapping.placing import check_conventions
 from trackfg.mapping.recognition import Recognition, recognise
 from trackfg.profile import Profile
 from trackfg.results import GeometryConventions, MapUse
@@ -74,6 +74,7 @@ def located(
     config: PositionConfig,
     meaning: GeometryConventions,
     *,
+    run: str,
     direction: int,
     anchored: bool,
     wheel_scale_sd: float,
@@ -84,7 +85,7 @@ def located(
 
     Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the run's.
     """
-    _check_meaning(meaning, feature_map)
+    check_conventions(meaning, feature_map.conventions, run)
     common = _ON_SPRINGS_SD_M if on_springs else 0.0
     grid = feature_map.grid
     prior = np.hypot(geometry["chainage_m_sd"], float(grid["chainage_m_sd"].median())).to_numpy() if anchored else None
@@ -118,14 +119,6 @@ def located(
     loss = Loss("cauchy", config.fix_width) if config.robust else None
     family = _landmarks(used, geometry, passes, states, meaning.step_m, direction, loss)
     return Located(replace(problem, initial=moved, families=(*families, family)), recognition, grid, common, use, ())
-
-
-def _check_meaning(meaning: GeometryConventions, feature_map: FeatureMap) -> None:
-    names = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "chord_m", "step_m")
-    for name in names:
-        ours, theirs = getattr(meaning, name), getattr(feature_map.conventions, name)
-        if abs(ours - theirs) > 1e-9:
-            raise BadInputError(f"map {feature_map.name!r}: {name} is {theirs:g}; expected that of the run, {ours:g}")
 
 
 def _placeless(family: Family) -> Family:

@@ -28,7 +28,7 @@ _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 def scenarios(summaries: Mapping[str, str]) -> RenderableType:
     """Name and one line of each scenario."""
-    table = _table("Scenarios")
+    table = titled("Scenarios")
     table.add_column("name", no_wrap=True)
     table.add_column("what it is")
     for name, text in summaries.items():
@@ -38,7 +38,7 @@ def scenarios(summaries: Mapping[str, str]) -> RenderableType:
 
 def estimators(known: Mapping[str, Estimator]) -> RenderableType:
     """Name, title and source of each estimator."""
-    table = _table("Estimators")
+    table = titled("Estimators")
     table.add_column("name", no_wrap=True)
     for heading in ("what it is", "source", "judged by"):
         table.add_column(heading)
@@ -61,7 +61,7 @@ def comparison(about: About) -> Iterator[RenderableType]:
             for quantity in dict.fromkeys(row.quantity for row in banded):
                 yield _speed_table(case, quantity, [row for row in banded if row.quantity == quantity])
     if about.left_out:
-        table = _table("Left out")
+        table = titled("Left out")
         for heading in ("case", "estimator", "why"):
             table.add_column(heading, overflow="fold")
         alike: dict[tuple[str, str], list[str]] = {}
@@ -75,7 +75,7 @@ def comparison(about: About) -> Iterator[RenderableType]:
 def _task_table(case: Case, task: str, rows: Sequence[Row]) -> RenderableType:
     runs = f"{len(case.seeds)} runs" if len(case.seeds) > 1 else "1 run"
     against = "" if case.basis == "truth" else ", difference from the first recording"
-    table = _table(f"{case.name}, {task}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
+    table = titled(f"{case.name}, {task}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
     table.add_column("")
     for heading in ("error", "±", "largest", "coverage, %", "error / smoother's", "s / km"):
         table.add_column(heading, justify="right")
@@ -107,7 +107,7 @@ def _speed_table(case: Case, quantity: str, rows: Sequence[Row]) -> RenderableTy
     """Error of each estimator in each band of speed."""
     names = list(dict.fromkeys(row.estimator for row in rows))
     names.sort(key=lambda name: name != REFERENCE)
-    table = _table(f"{case.name}, {_labelled(quantity)}, by speed")
+    table = titled(f"{case.name}, {_labelled(quantity)}, by speed")
     table.add_column("from km/h", justify="right")
     for name in names:
         table.add_column(name, justify="right")
@@ -141,7 +141,7 @@ def findings(found: Sequence[Finding]) -> RenderableType:
     """Worst first, each with its place and mend; a line where there is none."""
     if not found:
         return Text("Nothing to report: the recording is sound.")
-    table = _table("Findings", show_lines=True)
+    table = titled("Findings", show_lines=True)
     for heading in ("", "where", "what", "mend"):
         table.add_column(heading, overflow="fold")
     for finding in sorted(found, key=lambda one: list(_COLOUR).index(one.level)):
@@ -157,7 +157,7 @@ def findings(found: Sequence[Finding]) -> RenderableType:
 
 def estimates(values: Mapping[str, Any]) -> RenderableType:
     """What the data say by themselves, one row per value."""
-    table = _table("Estimated from the data")
+    table = titled("Estimated from the data")
     table.add_column("quantity", no_wrap=True)
     table.add_column("value")
     for name, value in leaves(values):
@@ -187,7 +187,7 @@ def summary(result: Result) -> RenderableType:
         "findings": _counts(finding.level for finding in page.findings),
         "time": ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in page.timings_s.items()),
     }
-    table = _table("Summary", show_header=False)
+    table = titled("Summary", show_header=False)
     table.add_column(no_wrap=True)
     table.add_column()
     for name, value in rows.items():
@@ -196,7 +196,8 @@ def summary(result: Result) -> RenderableType:
     return table
 
 
-def _table(title: str, **options: Any) -> Table:
+def titled(title: str, **options: Any) -> Table:
+    """An empty table with its title above."""
     return Table(title=title, title_justify="left", title_style="bold", **options)
 
 

@@ -193,6 +193,7 @@ def _on_map(
             feature_map,
             config.position,
             meaning,
+            run=recording.description.id,
             direction=track.direction,
             anchored=recording.fixes is not None and len(recording.fixes) > 0,
             wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),

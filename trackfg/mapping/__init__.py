@@ -14,7 +14,8 @@ module              content
 ``design``          the designed cant, from the curves
 ``landmarks``       the curves' points, the same ones in every version
 ``build``           :func:`build_map`, :func:`with_runs`
-``changes``         what a run shows otherwise than the map
+``placing``         a run laid over a map, for whatever is to be done with it then
+``finding``         :func:`find_changes`: by ``changes``, with ``overlay``, ``remaining_shift`` and ``change_noise``
 ==================  ==================================================================================================
 """
 
@@ -25,11 +26,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from trackfg.mapping.build import build_map, with_runs
+    from trackfg.mapping.finding import find_changes
     from trackfg.mapping.recognition import Recognition, recognise
 
-__all__ = ["Recognition", "build_map", "recognise", "with_runs"]
+__all__ = ["Recognition", "build_map", "find_changes", "recognise", "with_runs"]
 
-_HOME = {"Recognition": "recognition", "build_map": "build", "recognise": "recognition", "with_runs": "build"}
+_HOME = {
+    "Recognition": "recognition",
+    "build_map": "build",
+    "find_changes": "finding",
+    "recognise": "recognition",
+    "with_runs": "build",
+}
 
 
 def __getattr__(name: str) -> Any:

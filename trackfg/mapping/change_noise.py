@@ -8,8 +8,9 @@ and the residuals the size. The map keeps no sigma of twist: it is taken to go w
 run's does.
 
 **Sigmas as seen.** The robust spread (1.4826 times the median magnitude) of the differences over their stated sigmas,
-over the whole run and again for each band of speed, an octave wide. Where it is above 1 the sigmas are raised by it.
-It is trusted from 100 sign changes on, which know it to some 10 %.
+for each band of speed, an octave wide, and over the whole run for bands too short to tell: it is trusted from 100 sign
+changes on, which know it to some 10 %. Where it is above 1 the sigmas are raised by it; those of cross-level and
+gradient are what it says. Of these a run too short to tell has the whole sigmas, offset and wander included.
 
 **Threshold.** By Rice's formula a Gaussian process leaves ``+-u`` sigma as often as it crosses zero, times
 ``exp(-u^2 / 2)``: the number of sign changes per metre is the number of independent places per metre. The sigma of a
@@ -80,22 +81,24 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
     sides = np.where(np.isfinite(sides), sides, sides[::-1])  # next to a hole there is one side only
     sigma = np.sqrt(stated**2 + np.mean(sides**2, axis=0))
     ratio = change / sigma
-    factor = _spread(ratio)
+    whole, least = _spread(ratio), 1.0
     if name in WITHOUT_SLOW_PART:
-        if not np.isfinite(factor):
+        if np.isfinite(whole):
+            least = 0.0
+        else:
             sigma = np.hypot(over.run_column(f"{name}_sd"), over.grid[f"{name}_sd"].to_numpy())
-            factor = 1.0
-    else:
-        factor = np.fmax(factor, 1.0)
-    sigma = sigma * factor
-    speed = np.floor(np.log2(np.maximum(over.run_column("speed_mps"), _SLOWEST_MPS)))
-    for band in np.unique(speed):
-        rows = speed == band
-        sigma[rows] *= np.fmax(_spread((change / sigma)[rows]), 1.0)
+    factor = max(float(np.nan_to_num(whole, nan=1.0)), least)
+    octave = np.floor(np.log2(np.maximum(over.run_column("speed_mps"), _SLOWEST_MPS)))
+    factors = np.full(len(ratio), factor)
+    for one in np.unique(octave):
+        rows = octave == one
+        of_band = _spread(ratio[rows])
+        if np.isfinite(of_band):
+            factors[rows] = max(of_band, least)
     length = over.step_m * np.isfinite(ratio).sum()
     crossings = max(_crossings(ratio), _FEWEST_CROSSINGS_PER_M * length) / length if length else _FEWEST_CROSSINGS_PER_M
     freedom = _FREEDOM_WITHOUT_SLOW_PART if name in WITHOUT_SLOW_PART else _FREEDOM
-    return ChangeNoise(sigma, float(factor), float(crossings), freedom)
+    return ChangeNoise(factors * sigma, factor, float(crossings), freedom)
 
 
 def _spread(ratio: Array) -> float:

@@ -22,7 +22,8 @@ from trackfg.mapping.marks import (
     without_wrong,
 )
 from trackfg.mapping.merging import MERGED, local_cross_level_sd, merged, window_means, with_place_noise
-from trackfg.mapping.recognition import Recognition, recognise
+from trackfg.mapping.placing import check_conventions, laid_over
+from trackfg.mapping.recognition import Recognition
 from trackfg.mapping.reference_line import positions_of_run, with_positions
 from trackfg.mapping.survey import Chainages, Survey, SurveyedRun
 from trackfg.mapping.warp import Warp, warped
@@ -36,7 +37,6 @@ _NEW_MARK_M = 0.5 * APART_M
 _END_MARK_M = 0.2 * APART_M
 _OVERLAP_M = 300.0
 """Runs that share less than this can be joined by their chainages alone."""
-_SCALE_SD_WITHOUT_WHEEL = 1e-3
 _BETWEEN_SECTIONS_SD_M = 4e-3
 """What a wheel's creep, 1 mm per root of a metre, does between the middles of sections 100 m apart."""
 _NOTHING_SEEN = Sightings((), np.zeros(0), np.zeros(0), np.zeros(0))
@@ -61,8 +61,8 @@ def joined(survey: Survey, result: Result) -> Survey:
     """
     facts, conventions = run_facts(result), _conventions(result)
     run_id = _run_id(survey, result.summary.recording_id, facts)
-    if survey.conventions not in (None, conventions):
-        raise BadInputError(f"run {run_id}: {conventions}; expected those of the map, {survey.conventions}")
+    if survey.conventions is not None:
+        check_conventions(result.summary.geometry, survey.conventions, run_id)
     there = result.geometry[result.geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
     to_map, old, place_sd = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN, 0.0
     if survey.grid is not None:
@@ -123,22 +123,14 @@ def _place(
     survey: Survey, at: Chainages, run_id: str, result: Result, facts: RunFacts
 ) -> tuple[Warp, Recognition | None]:
     """From the run's chainage to the grid's, and what was recognised; None where it has no track in common."""
-    run, grid = result.geometry, survey.grid
+    grid = survey.grid
     assert grid is not None
     both = facts.anchored and survey.anchored
     map_sd = float(np.sqrt(np.median(np.diag(at.covariance))))
-    wheel = result.summary.wheel_scale
-    recognition = recognise(
-        run,
-        grid,
-        place_sd_m=np.hypot(run["chainage_m_sd"].to_numpy(), map_sd) if both else None,
-        rate_sd=_SCALE_SD_WITHOUT_WHEEL if wheel is None else wheel.sd,
-        direction=facts.direction,
-    )
-    used = recognition.sections[recognition.sections["used"]]
-    if len(used) > 1:
-        return Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()), recognition
-    mine, theirs = run["chainage_m"], grid["chainage_m"]
+    to_map, recognition = laid_over(result, grid, map_sd if both else None)
+    if to_map is not None:
+        return to_map, recognition
+    mine, theirs = result.geometry["chainage_m"], grid["chainage_m"]
     overlap = min(mine.iloc[-1], theirs.iloc[-1]) - max(mine.iloc[0], theirs.iloc[0])
     if both and overlap < _OVERLAP_M:
         return Warp(np.zeros(1), np.zeros(1)), None

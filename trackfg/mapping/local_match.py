@@ -137,7 +137,9 @@ def match_sections(
     return Matches(place, sd, local, bias, bias_sd)
 
 
-def _feature(run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool) -> _Feature:
+def _feature(
+    run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool
+) -> _Feature:
     from scipy.interpolate import CubicSpline  # late: 0.2 s
 
     r, f = run.values[name], reference.values[name]
@@ -171,9 +173,7 @@ def _median(values: Array) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _fit(
-    features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool
-) -> _Fit:
+def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool) -> _Fit:
     place, given = about.copy(), scale
     if searched:
         place = _searched(features, x, place, scale)

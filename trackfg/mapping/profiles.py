@@ -88,9 +88,7 @@ def profile_of(table: pd.DataFrame, features: Sequence[str], what: str) -> Profi
             out[index] = table[name].to_numpy(dtype=np.float64)
         return np.where(np.isfinite(out), out, np.nan)
 
-    return Profile(
-        first, {name: spread(name) for name in features}, {name: spread(f"{name}_sd") for name in features}
-    )
+    return Profile(first, {name: spread(name) for name in features}, {name: spread(f"{name}_sd") for name in features})
 
 
 def cells(values: Array) -> Array:

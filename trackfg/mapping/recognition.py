@@ -100,7 +100,9 @@ def recognise(
     length = round(section_m)
     first_cells = _sections(ours, length)[::direction]
     if first_cells.size == 0:
-        return Recognition(pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan)
+        return Recognition(
+            pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan
+        )
     scores = scores_of(ours, theirs, first_cells, length, rate_sd)
     if place_sd_m is None:
         chain = _anywhere(scores, first_cells, length, rate_sd)

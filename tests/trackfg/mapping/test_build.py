@@ -135,7 +135,7 @@ def test_other_conventions_are_refused(line_map: FeatureMap, ride: Ride) -> None
     result = ride(4).result
     meaning = result.summary.geometry.model_copy(update={"curvature_base_m": 20.0})
     other = replace(result, summary=result.summary.model_copy(update={"geometry": meaning}))
-    with pytest.raises(BadInputError, match="expected those of the map"):
+    with pytest.raises(BadInputError, match="curvature_base_m is 20; expected that of the map, 10"):
         with_runs(line_map, [other])
 
 

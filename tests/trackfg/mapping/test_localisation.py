@@ -79,5 +79,5 @@ def test_wrong_matches_are_outliers_and_no_jumps(
 
 def test_a_map_with_other_conventions_is_refused(line_map: FeatureMap, ride: Ride) -> None:
     other = replace(line_map, conventions=replace(line_map.conventions, chord_m=20.0))
-    with pytest.raises(BadInputError, match="chord_m is 20"):
+    with pytest.raises(BadInputError, match="chord_m is 10; expected that of the map, 20"):
         smooth(ride(4).simulation.recording, feature_map=other)

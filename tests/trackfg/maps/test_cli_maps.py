@@ -1,0 +1,168 @@
+"""The commands about maps, through the real entry point, on maps made by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console, RenderableType
+
+from trackfg import cli, map_tables
+from trackfg.mapping.changes import Changes
+from trackfg.maps import FeatureMap, write_map
+
+MakeMap = Callable[..., FeatureMap]
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["trackfg", "map", *map(str, arguments)])
+        with pytest.raises(SystemExit) as exit_:
+            cli.main()
+        captured = capsys.readouterr()
+        return int(exit_.value.code or 0), captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def line(make_map: MakeMap, tmp_path: Path) -> Path:
+    """Two versions: one run more, every radius 5 m longer, a landmark less, and a hole in the grid."""
+    path = tmp_path / "line.gpkg"
+    first = make_map(cells=2001)
+    write_map(first, path, parent=None)
+    kept = slice(0, 12)
+    marks = first.landmarks.iloc[kept]
+    second = dataclasses.replace(
+        make_map(cells=2001, runs=3),
+        landmarks=marks.assign(radius_m=marks["radius_m"] + 5.0, radius_m_sd=0.9 * marks["radius_m_sd"]),
+        covariance=first.covariance[kept, kept],
+        grid=first.grid.drop(index=range(400, 800)).reset_index(drop=True),
+    )
+    write_map(second, path, parent=1)
+    return path
+
+
+@pytest.mark.parametrize("command", ["show", "diff"])
+def test_help_has_an_example(run: Run, command: str) -> None:
+    status, out, _ = run(command, "--help")
+    assert status == 0
+    assert f"Example: trackfg map {command}" in out
+
+
+def test_show(run: Run, line: Path) -> None:
+    status, out, err = run("show", line)
+    assert (status, err) == (0, "")
+    assert "line, version 2" in out
+    assert "0.00 to 99.75 m, 200.00 to 500.00 m" in out
+    assert "not georeferenced" in out
+    assert "versine of alignment of the grid, mm" in out
+    assert "C002-ETC" in out
+    assert "Balise 7" not in out
+    assert "2026-05-03-down" in out
+    _, older, _ = run("show", line, "--version", 1)
+    assert "line, version 1" in older
+    assert "Balise 7" in older
+
+
+def test_show_as_json(run: Run, line: Path) -> None:
+    content = json.loads(run("show", line, "--json")[1])
+    assert content["version"] == 2
+    assert content["stretches_m"] == [[0.0, 99.75], [200.0, 500.0]]
+    assert len(content["landmarks"]) == 12
+    assert [row["version"] for row in content["versions"]] == [1, 2]
+    assert content["versions"][0]["parent"] is None
+    assert {row["quantity"] for row in content["sigmas"]} >= {"chainage_m", "versine_level_mm"}
+    assert json.loads(run("show", line, "--version", 1, "--json")[1])["landmarks"][-1]["radius_m"] is None
+
+
+def test_diff_of_the_last_version(run: Run, line: Path) -> None:
+    """Nothing named: against the version it was made from."""
+    status, out, err = run("diff", line)
+    assert (status, err) == (0, "")
+    assert "the second has all of the first's, and more" in out
+    assert "0 added, 400 removed" in out
+    assert "Landmarks removed" in out
+    assert "fix-1" in out
+    assert "12 of 60 quantities of landmarks moved by 3 sigmas or more" in out
+    assert "radius, m" in out
+    assert out == run("diff", line, "--from-version", 1, "--to-version", 2)[1]
+    assert "0 of 64" in run("diff", line, "--from-version", 1, "--to-version", 1)[1]
+
+
+def test_diff_of_two_maps_as_json(run: Run, line: Path, make_map: MakeMap, tmp_path: Path) -> None:
+    other = tmp_path / "other.gpkg"
+    write_map(make_map(cells=2001, name="other"), other, parent=None)
+    content = json.loads(run("diff", other, line, "--to-version", 1, "--json")[1])
+    assert content["a"] == {"name": "other", "version": 1}
+    assert content["b"] == {"name": "line", "version": 1}
+    assert content["relation"] == "same"
+    assert {row["difference"] for row in content["moved"]} == {0.0}
+    newest = json.loads(run("diff", other, line, "--json")[1])
+    assert newest["b"]["version"] == 2
+    assert newest["cells_removed"] == 400
+
+
+def test_what_cannot_be_done(run: Run, line: Path, make_map: MakeMap, tmp_path: Path) -> None:
+    first = make_map(cells=9)
+    conventions = dataclasses.replace(first.conventions, step_m=0.5)
+    grid = first.grid.assign(chainage_m=0.5 * np.arange(9))
+    write_map(dataclasses.replace(first, conventions=conventions, grid=grid), tmp_path / "coarse.gpkg", parent=None)
+    for arguments, message in (
+        (("show", tmp_path / "nowhere.gpkg"), "nowhere.gpkg"),
+        (("show", line, "--version", 7), "versions 1 to 2"),
+        (("diff", line, "--to-version", 1), "made from none"),
+        (("diff", line, tmp_path / "coarse.gpkg"), "expected the same step"),
+    ):
+        status, out, err = run(*arguments)
+        assert status == 2, arguments
+        assert message in err
+        assert len(err.splitlines()) == 1
+        assert out == ""
+
+
+def shown(tables: Iterable[RenderableType]) -> str:
+    console = Console(width=120, file=io.StringIO(), record=True)
+    for table in tables:
+        console.print(table)
+    return console.export_text()
+
+
+def test_changes_are_shown() -> None:
+    one = {
+        "from_m": [12.0],
+        "to_m": [18.25],
+        "quantity": ["versine_level_mm"],
+        "change": [-2.9],
+        "change_sd": [0.07],
+        "sigmas": [41.4],
+        "before": [0.4],
+        "after": [-2.5],
+        "kind": ["dip"],
+    }
+    thresholds = {
+        "quantity": ["versine_level_mm"],
+        "sigmas": [6.5],
+        "floor": [1.0],
+        "noise_factor": [1.02],
+        "compared_m": [400.0],
+    }
+    coverage = {"from_m": [0.0, 200.0], "to_m": [200.0, 400.0], "versine_level_mm": [1.0, np.nan]}
+    found = Changes(pd.DataFrame(one), pd.DataFrame(), pd.DataFrame(thresholds), pd.DataFrame(coverage))
+    text = shown(map_tables.of_changes(found))
+    assert "-2.90 ± 0.07" in text
+    assert "versine of level, mm" in text
+    content = json.loads(map_tables.changes_json(found))
+    assert content["changes"][0]["kind"] == "dip"
+    assert content["coverage"][1]["versine_level_mm"] is None
+    none = dataclasses.replace(found, table=found.table.iloc[:0])
+    assert "No change" in shown(map_tables.of_changes(none))

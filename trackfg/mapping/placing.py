@@ -1,0 +1,46 @@
+"""A smoothed run laid over a map: what both must mean alike, and the way from the run's chainage to the map's."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.mapping.recognition import Recognition, recognise
+from trackfg.mapping.warp import Warp
+from trackfg.results import GeometryConventions, Result
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import MapConventions
+
+_SCALE_SD_WITHOUT_WHEEL = 1e-3
+_MEANT_ALIKE = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "chord_m", "step_m")
+
+
+def check_conventions(meaning: GeometryConventions, conventions: MapConventions, run: str) -> None:
+    """Raise :class:`~trackfg.errors.BadInputError` where the columns of run and map mean something else."""
+    for name in _MEANT_ALIKE:
+        ours, theirs = getattr(meaning, name), getattr(conventions, name)
+        if abs(ours - theirs) > 1e-9:
+            raise BadInputError(f"run {run}: {name} is {ours:g}; expected that of the map, {theirs:g}")
+
+
+def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> tuple[Warp | None, Recognition]:
+    """The way from the run's chainage to the grid's, None where the run is not recognised, and what was recognised.
+
+    ``map_sd_m``: how well the grid's chainage is known; None where run and grid do not count from the same place.
+    """
+    run, wheel = result.geometry, result.summary.wheel_scale
+    recognition = recognise(
+        run,
+        grid,
+        place_sd_m=None if map_sd_m is None else np.hypot(run["chainage_m_sd"].to_numpy(), map_sd_m),
+        rate_sd=_SCALE_SD_WITHOUT_WHEEL if wheel is None else wheel.sd,
+        direction=1 if result.summary.run is None else result.summary.run.direction,
+    )
+    used = recognition.sections[recognition.sections["used"]]
+    if len(used) < 2:
+        return None, recognition
+    return Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()), recognition
