@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from trackfg.curves.increment_noise import Whitener
 from trackfg.curves.model import CurveChain, tilts, turns
@@ -20,6 +19,9 @@ _PRIOR_CELLS = 30.0
 """The noise of the whole line counts as much as so many cells of the stretch itself."""
 
 _SCALES = (1.0, 1e-5, 0.1)
+_DAMPED, _STEPS, _TRIES = 1e-9, 60, 12
+_SETTLED = 1e-5
+"""Of chi^2."""
 
 
 @dataclass(frozen=True)
@@ -76,30 +78,44 @@ class Fit:
 def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
     """The chain's places and levels that fit the stretch best, from the given ones on."""
     scales = _scales(chain, stretch)
-    start = chain.parameters[: len(scales)]
-    known: dict[bytes, tuple[Array, Array]] = {}
-
-    def at(x: Array) -> tuple[Array, Array]:
-        key = x.tobytes()
-        if key not in known:
-            known.clear()
-            r, j = _residuals(chain.with_parameters(start + scales * x), stretch)
-            known[key] = r, j * scales
-        return known[key]
-
-    def residuals(x: Array) -> Array:
-        return at(x)[0]
-
-    def jacobian(x: Array) -> Array:
-        return at(x)[1]
-
-    nothing = np.zeros(len(start))
-    solution = least_squares(residuals, nothing, jac=jacobian, method="lm", xtol=1e-8, ftol=1e-8, gtol=1e-12)
-    r, j = at(solution.x)
+    x = chain.parameters[: len(scales)]
+    r, j = _residuals(chain, stretch)
+    chi2, damping = float(r @ r), _DAMPED
+    for _ in range(_STEPS):
+        j = j * scales
+        normal, gradient = j.T @ j, j.T @ r
+        size = np.maximum(np.diag(normal), 1e-12 * float(normal.max(initial=1e-300)))
+        for _ in range(_TRIES):
+            step = np.linalg.solve(normal + np.diag(damping * size), -gradient)
+            promised = -float(step @ (2.0 * gradient + normal @ step))
+            after = chain.with_parameters(x + scales * step)
+            r_after, j_after = _residuals(after, stretch)
+            chi2_after = float(r_after @ r_after)
+            if chi2_after <= chi2 or promised < _SETTLED:
+                break
+            damping *= 8.0
+        if chi2_after > chi2:
+            j = j / scales
+            break
+        gained = chi2 - chi2_after
+        chain, x, r, j, chi2 = after, x + scales * step, r_after, j_after, chi2_after
+        damping = max(damping / 8.0, _DAMPED)
+        if max(promised, gained) < _SETTLED:
+            break
     # What the data do not tell gets a large variance, not an infinite one.
-    _, s, v = np.linalg.svd(j, full_matrices=False)
+    _, s, v = np.linalg.svd(j * scales, full_matrices=False)
     w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
-    return Fit(chain.with_parameters(start + scales * solution.x), float(r @ r), len(r), w.T @ w)
+    return Fit(chain, chi2, len(r), w.T @ w)
+
+
+def canted(chain: CurveChain, stretch: Stretch) -> CurveChain:
+    """With the cants that fit the cross-level best, the ramps where the transitions are."""
+    if stretch.tilt is None or stretch.tilt_white is None:
+        return chain
+    slopes = stretch.tilt_white(tilts(chain, stretch.tilt_edges)[1][:, len(chain.places) :])
+    cant = chain.cant.copy()
+    cant[chain.curved] = np.linalg.lstsq(slopes, stretch.tilt_white(stretch.tilt), rcond=1e-10)[0]
+    return replace(chain, cant=cant)
 
 
 def regressors(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
