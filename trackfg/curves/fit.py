@@ -19,8 +19,9 @@ _PRIOR_CELLS = 30.0
 """The noise of the whole line counts as much as so many cells of the stretch itself."""
 
 _SCALES = (1.0, 1e-5, 0.1)
-_DAMPED, _STEPS, _TRIES = 1e-9, 60, 12
-_SETTLED = 1e-5
+_DAMPED, _DAMPED_AGAIN = 1e-9, 1e-4
+_EVALUATIONS, _PATIENCE = 60, 8
+_SETTLED, _LITTLE = 1e-5, 1e-2
 """Of chi^2."""
 
 
@@ -76,34 +77,31 @@ class Fit:
 
 
 def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
-    """The chain's places and levels that fit the stretch best, from the given ones on."""
+    """The chain's places and levels that fit the stretch best, from the given ones on (Levenberg-Marquardt)."""
     scales = _scales(chain, stretch)
     x = chain.parameters[: len(scales)]
     r, j = _residuals(chain, stretch)
-    chi2, damping = float(r @ r), _DAMPED
-    for _ in range(_STEPS):
-        j = j * scales
+    j *= scales
+    chi2, damping, idle = float(r @ r), _DAMPED, 0
+    for _ in range(_EVALUATIONS):
         normal, gradient = j.T @ j, j.T @ r
         size = np.maximum(np.diag(normal), 1e-12 * float(normal.max(initial=1e-300)))
-        for _ in range(_TRIES):
-            step = np.linalg.solve(normal + np.diag(damping * size), -gradient)
-            promised = -float(step @ (2.0 * gradient + normal @ step))
-            after = chain.with_parameters(x + scales * step)
-            r_after, j_after = _residuals(after, stretch)
-            chi2_after = float(r_after @ r_after)
-            if chi2_after <= chi2 or promised < _SETTLED:
-                break
-            damping *= 8.0
-        if chi2_after > chi2:
-            j = j / scales
-            break
-        gained = chi2 - chi2_after
-        chain, x, r, j, chi2 = after, x + scales * step, r_after, j_after, chi2_after
-        damping = max(damping / 8.0, _DAMPED)
-        if max(promised, gained) < _SETTLED:
+        step = np.linalg.solve(normal + np.diag(damping * size), -gradient)
+        promised = -float(step @ (2.0 * gradient + normal @ step))
+        after = chain.with_parameters(x + scales * step)
+        r_after, j_after = _residuals(after, stretch)
+        gained = chi2 - float(r_after @ r_after)
+        if gained >= 0.0:
+            chain, x, r, j, chi2 = after, x + scales * step, r_after, j_after * scales, chi2 - gained
+            damping = max(damping / 8.0, _DAMPED)
+        else:
+            damping = max(damping * 8.0, _DAMPED_AGAIN)
+        # Where points pass each other, chi^2 has edges on which steps promise what they do not keep.
+        idle = idle + 1 if gained < _LITTLE else 0
+        if max(promised, gained) < _SETTLED or idle == _PATIENCE:
             break
     # What the data do not tell gets a large variance, not an infinite one.
-    _, s, v = np.linalg.svd(j * scales, full_matrices=False)
+    _, s, v = np.linalg.svd(j, full_matrices=False)
     w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
     return Fit(chain, chi2, len(r), w.T @ w)
 
@@ -131,16 +129,18 @@ def _scales(chain: CurveChain, stretch: Stretch) -> Array:
 
 def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
     p, c = len(chain.places), len(chain.curved)
-    columns = p + c * (1 if stretch.tilt is None else 2)
-    parts: list[Array] = []
-    slopes: list[Array] = []
+    counts = (0 if seen is None else len(seen) for seen in (stretch.turn, stretch.tilt))
+    ends = np.cumsum([0, *counts])
+    r = np.empty(ends[-1])
+    slopes = np.zeros((ends[-1], p + c * (1 if stretch.tilt is None else 2)))
     if stretch.turn is not None:
         turn, by_turn = turns(chain, stretch.edges)
-        parts.append(stretch.turn_white(turn - stretch.turn))
-        slopes.append(np.pad(stretch.turn_white(by_turn), ((0, 0), (0, columns - p - c))))
+        r[: ends[1]] = stretch.turn_white(turn - stretch.turn)
+        slopes[: ends[1], : p + c] = stretch.turn_white(by_turn)
     if stretch.tilt is not None and stretch.tilt_white is not None:
         tilt, by_tilt = tilts(chain, stretch.tilt_edges)
         white = stretch.tilt_white(by_tilt)
-        parts.append(stretch.tilt_white(tilt - stretch.tilt))
-        slopes.append(np.hstack([white[:, :p], np.zeros((len(tilt), c)), white[:, p:]]))
-    return np.concatenate(parts), np.concatenate(slopes)
+        r[ends[1] :] = stretch.tilt_white(tilt - stretch.tilt)
+        slopes[ends[1] :, :p] = white[:, :p]
+        slopes[ends[1] :, p + c :] = white[:, p:]
+    return r, slopes

@@ -153,6 +153,6 @@ def _pieces(residuals: Array, known: Array) -> list[tuple[Array, Array]]:
         if length < _SHORTEST_PIECE:
             continue
         count = 1 if stop - first == length else 1 + int(np.ceil(2.0 * (stop - first - length) / length))
-        for start in np.linspace(first, stop - length, count).astype(int):
-            found.append((residuals[start : start + length], known[start : start + length]))
+        starts = np.linspace(first, stop - length, count).astype(int)
+        found += [(residuals[start : start + length], known[start : start + length]) for start in starts]
     return found
