@@ -122,7 +122,10 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
             values[5] = -sign * group.cants.chain.cant[level]
             cant_variance = float(group.cants.covariance[p + c + k, p + c + k])
         uncertain = of_parameter @ covariance @ of_parameter.T
-        uncertain[5, 5] += cant_variance + _profile_variance(group.stretch, values[:4])
+        uncertain[4, 4] += _profile_variance(group.stretch, group.stretch.curvature_known, values[:4])
+        uncertain[5, 5] += cant_variance
+        if group.stretch.cross_level_known is not None:
+            uncertain[5, 5] += _profile_variance(group.stretch, group.stretch.cross_level_known, values[:4])
         unknown = np.isnan(values)
         uncertain[unknown, :] = uncertain[:, unknown] = np.nan
         law_in, law_out = _law(chain, int(level) - 1), _law(chain, int(level))
@@ -142,16 +145,14 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
     return curves
 
 
-def _profile_variance(stretch: Stretch, points: Array) -> float:
-    """By how much more the profile's own cross-level is uncertain in the curve than beside it, mm^2.
+def _profile_variance(stretch: Stretch, known: Array, points: Array) -> float:
+    """By how much more the profile's own curvature, or cross-level, is uncertain in the curve than beside it.
 
-    What it does not know on the straight either is the sensor's offset, which a cant has not.
+    That is its scale, which all of a run's curves share. What it does not know on the straight either is short, and
+    among the residuals, or an offset, which a curve has not.
     """
-    if stretch.cross_level_known is None:
-        return 0.0
     middle = float(np.nanmean(points[1:3]))
-    here = float(np.interp(middle, stretch.edges[1:-1], stretch.cross_level_known))
-    return here - float(stretch.cross_level_known.min())
+    return float(np.interp(middle, stretch.edges[1:-1], known)) - float(known.min())
 
 
 def _law(chain: CurveChain, transition: int) -> CurveLaw:

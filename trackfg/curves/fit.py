@@ -28,13 +28,14 @@ _SETTLED, _LITTLE = 1e-5, 1e-2
 @dataclass(frozen=True)
 class Stretch:
     """Cells of a profile: ``edges`` (n + 2,) m, ``turn`` (n,) rad with its whitener; ``tilt`` (n - 1,) mm likewise.
-    Either is None where it is not known or not to be used. ``cross_level_known`` (n,) is the variance, mm^2, that the
-    profile states for its cross-level.
+    Either is None where it is not known or not to be used. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known``
+    (n,), mm^2, are the variances that the profile states for itself.
     """
 
     edges: Array
     turn: Array | None
     turn_white: Whitener
+    curvature_known: Array
     tilt: Array | None = None
     tilt_white: Whitener | None = None
     cross_level_known: Array | None = None

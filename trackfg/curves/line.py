@@ -77,7 +77,7 @@ class CurvedLine:
         """Group k and what of the straights beside it is near."""
         rows, cells = self._rows(k, overlapping=True), self.cells
         edges, known = cells.edges[rows.start : rows.stop + 2], cells.turn_known[rows]
-        stretch = Stretch(edges, cells.turn[rows], noise.turn.whitener(known))
+        stretch = Stretch(edges, cells.turn[rows], noise.turn.whitener(known), known / cells.base_m**2)
         if not with_tilt or noise.tilt is None or cells.cross_level is None or cells.cross_level_known is None:
             return stretch
         tilt = np.diff(cells.cross_level[rows])

@@ -129,7 +129,7 @@ def _seen(chain: CurveChain, edges: Array, levels: Array, order: int) -> tuple[A
 
 
 def _integrals(law: TransitionLaw, x: Array, begin: Array, end: Array, order: int) -> tuple[Array, Array, Array]:
-    """Rises from begins to ends (t,), integrated ``order`` times, and their derivatives by begin and end. Each (t, n)."""
+    """Rises from begins to ends (t,), integrated ``order`` times, and the derivatives by both. Each (t, n)."""
     turned = end < begin  # on the way to a solution; as good as the other way round
     b = np.minimum(begin, end)[:, None]
     length = np.maximum(np.abs(end - begin), _SHORTEST_M)[:, None]
