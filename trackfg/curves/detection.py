@@ -6,18 +6,20 @@ than the smoother's own errors and set the sigmas. See docs/curves.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from scipy.stats import chi2 as chi_squared
+from threadpoolctl import threadpool_limits
 
 from trackfg.curves.curve import QUANTITIES, Curve, CurveKind, CurveLaw
-from trackfg.curves.fit import Fit, Stretch, fitted
+from trackfg.curves.fit import Fit, Stretch, canted, fitted
 from trackfg.curves.laws import LawTrial, law_spread, law_trial, law_weights, with_likeliest_laws
-from trackfg.curves.line import CurvedLine, line_noise
-from trackfg.curves.model import CurveChain, tilts
-from trackfg.curves.segments import cells_of, first_chains
+from trackfg.curves.line import CurvedLine, LineNoise, tilt_noise, turn_noise
+from trackfg.curves.model import CurveChain
+from trackfg.curves.segments import Cells, cells_of, first_chains
 from trackfg.curves.structure import simplified, structured
 from trackfg.frames import Array
 
@@ -32,12 +34,19 @@ def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0, widest_radius_m:
     ``widest_radius_m`` is held to be straight. Sigmas refer to the profile's own chainage: that of the chainage itself
     is not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
     """
-    lines = [CurvedLine(cells, tuple(first_chains(cells, widest_radius_m))) for cells in cells_of(profile, base_m)]
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+        return _found(cells_of(profile, base_m), widest_radius_m)
+
+
+def _found(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
+    lines = [CurvedLine(cells, tuple(first_chains(cells, widest_radius_m))) for cells in pieces]
     if not any(line.chains for line in lines):
         return []
-    noise = line_noise(lines, guessed=True)
+    noise = LineNoise(turn_noise(lines, straights_only=True), None)
     lines = [line.structured(noise, widest_radius_m) for line in lines]
-    noise = line_noise(lines, guessed=False)
+    noise = LineNoise(turn_noise(lines, straights_only=False), tilt_noise(lines))
+    lines = [line.canted(noise) for line in lines]
+    noise = replace(noise, tilt=tilt_noise(lines))
     groups = [
         _group(chain, line.stretch(k, noise, True), widest_radius_m)
         for line in lines
@@ -72,7 +81,7 @@ def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group
         return None
     if stretch.tilt is None or not any(alone.chain.straight):
         return Group(law_trial(alone, bare), bare, None)
-    seeded = _with_cant(alone.chain, stretch)
+    seeded = canted(alone.chain, stretch)
     together = fitted(seeded, stretch)
     apart = _cant_alone(seeded, stretch)
     excess = together.chi2 / together.scale - (alone.chi2 + apart.chi2) / together.scale
@@ -80,17 +89,6 @@ def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group
     if excess < limit and np.all(np.diff(together.chain.points) >= 0.0):
         return Group(law_trial(simplified(together, stretch, widest_radius_m), stretch), stretch, None)
     return Group(law_trial(alone, bare), bare, apart)
-
-
-def _with_cant(chain: CurveChain, stretch: Stretch) -> CurveChain:
-    """With the cants that fit the cross-level best, the ramps where the transitions are."""
-    assert stretch.tilt is not None
-    assert stretch.tilt_white is not None
-    slopes = stretch.tilt_white(tilts(chain, stretch.tilt_edges)[1][:, len(chain.places) :])
-    cants = np.linalg.lstsq(slopes, stretch.tilt_white(stretch.tilt), rcond=1e-10)[0]
-    cant = chain.cant.copy()
-    cant[chain.curved] = cants
-    return replace(chain, cant=cant)
 
 
 def _cant_alone(chain: CurveChain, stretch: Stretch) -> Fit:
@@ -124,7 +122,10 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
             values[5] = -sign * group.cants.chain.cant[level]
             cant_variance = float(group.cants.covariance[p + c + k, p + c + k])
         uncertain = of_parameter @ covariance @ of_parameter.T
-        uncertain[5, 5] += cant_variance + _profile_variance(group.stretch, values[:4])
+        uncertain[4, 4] += _profile_variance(group.stretch, group.stretch.curvature_known, values[:4])
+        uncertain[5, 5] += cant_variance
+        if group.stretch.cross_level_known is not None:
+            uncertain[5, 5] += _profile_variance(group.stretch, group.stretch.cross_level_known, values[:4])
         unknown = np.isnan(values)
         uncertain[unknown, :] = uncertain[:, unknown] = np.nan
         law_in, law_out = _law(chain, int(level) - 1), _law(chain, int(level))
@@ -144,16 +145,14 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
     return curves
 
 
-def _profile_variance(stretch: Stretch, points: Array) -> float:
-    """By how much more the profile's own cross-level is uncertain in the curve than beside it, mm^2.
+def _profile_variance(stretch: Stretch, known: Array, points: Array) -> float:
+    """By how much more the profile's own curvature, or cross-level, is uncertain in the curve than beside it.
 
-    What it does not know on the straight either is the sensor's offset, which a cant has not.
+    That is its scale, which all of a run's curves share. What it does not know on the straight either is short, and
+    among the residuals, or an offset, which a curve has not.
     """
-    if stretch.cross_level_known is None:
-        return 0.0
     middle = float(np.nanmean(points[1:3]))
-    here = float(np.interp(middle, stretch.edges[1:-1], stretch.cross_level_known))
-    return here - float(stretch.cross_level_known.min())
+    return float(np.interp(middle, stretch.edges[1:-1], known)) - float(known.min())
 
 
 def _law(chain: CurveChain, transition: int) -> CurveLaw:

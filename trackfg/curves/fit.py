@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from trackfg.curves.increment_noise import Whitener
 from trackfg.curves.model import CurveChain, tilts, turns
@@ -20,18 +19,23 @@ _PRIOR_CELLS = 30.0
 """The noise of the whole line counts as much as so many cells of the stretch itself."""
 
 _SCALES = (1.0, 1e-5, 0.1)
+_DAMPED, _DAMPED_AGAIN = 1e-9, 1e-4
+_EVALUATIONS, _PATIENCE = 60, 8
+_SETTLED, _LITTLE = 1e-5, 1e-2
+"""Of chi^2."""
 
 
 @dataclass(frozen=True)
 class Stretch:
     """Cells of a profile: ``edges`` (n + 2,) m, ``turn`` (n,) rad with its whitener; ``tilt`` (n - 1,) mm likewise.
-    Either is None where it is not known or not to be used. ``cross_level_known`` (n,) is the variance, mm^2, that the
-    profile states for its cross-level.
+    Either is None where it is not known or not to be used. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known``
+    (n,), mm^2, are the variances that the profile states for itself.
     """
 
     edges: Array
     turn: Array | None
     turn_white: Whitener
+    curvature_known: Array
     tilt: Array | None = None
     tilt_white: Whitener | None = None
     cross_level_known: Array | None = None
@@ -74,32 +78,43 @@ class Fit:
 
 
 def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
-    """The chain's places and levels that fit the stretch best, from the given ones on."""
+    """The chain's places and levels that fit the stretch best, from the given ones on (Levenberg-Marquardt)."""
     scales = _scales(chain, stretch)
-    start = chain.parameters[: len(scales)]
-    known: dict[bytes, tuple[Array, Array]] = {}
-
-    def at(x: Array) -> tuple[Array, Array]:
-        key = x.tobytes()
-        if key not in known:
-            known.clear()
-            r, j = _residuals(chain.with_parameters(start + scales * x), stretch)
-            known[key] = r, j * scales
-        return known[key]
-
-    def residuals(x: Array) -> Array:
-        return at(x)[0]
-
-    def jacobian(x: Array) -> Array:
-        return at(x)[1]
-
-    nothing = np.zeros(len(start))
-    solution = least_squares(residuals, nothing, jac=jacobian, method="lm", xtol=1e-8, ftol=1e-8, gtol=1e-12)
-    r, j = at(solution.x)
+    x = chain.parameters[: len(scales)]
+    r, j = _residuals(chain, stretch)
+    j *= scales
+    chi2, damping, idle = float(r @ r), _DAMPED, 0
+    for _ in range(_EVALUATIONS):
+        normal, gradient = j.T @ j, j.T @ r
+        size = np.maximum(np.diag(normal), 1e-12 * float(normal.max(initial=1e-300)))
+        step = np.linalg.solve(normal + np.diag(damping * size), -gradient)
+        promised = -float(step @ (2.0 * gradient + normal @ step))
+        after = chain.with_parameters(x + scales * step)
+        r_after, j_after = _residuals(after, stretch)
+        gained = chi2 - float(r_after @ r_after)
+        if gained >= 0.0:
+            chain, x, r, j, chi2 = after, x + scales * step, r_after, j_after * scales, chi2 - gained
+            damping = max(damping / 8.0, _DAMPED)
+        else:
+            damping = max(damping * 8.0, _DAMPED_AGAIN)
+        # Where points pass each other, chi^2 has edges on which steps promise what they do not keep.
+        idle = idle + 1 if gained < _LITTLE else 0
+        if max(promised, gained) < _SETTLED or idle == _PATIENCE:
+            break
     # What the data do not tell gets a large variance, not an infinite one.
     _, s, v = np.linalg.svd(j, full_matrices=False)
     w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
-    return Fit(chain.with_parameters(start + scales * solution.x), float(r @ r), len(r), w.T @ w)
+    return Fit(chain, chi2, len(r), w.T @ w)
+
+
+def canted(chain: CurveChain, stretch: Stretch) -> CurveChain:
+    """With the cants that fit the cross-level best, the ramps where the transitions are."""
+    if stretch.tilt is None or stretch.tilt_white is None:
+        return chain
+    slopes = stretch.tilt_white(tilts(chain, stretch.tilt_edges)[1][:, len(chain.places) :])
+    cant = chain.cant.copy()
+    cant[chain.curved] = np.linalg.lstsq(slopes, stretch.tilt_white(stretch.tilt), rcond=1e-10)[0]
+    return replace(chain, cant=cant)
 
 
 def regressors(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
@@ -115,16 +130,18 @@ def _scales(chain: CurveChain, stretch: Stretch) -> Array:
 
 def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
     p, c = len(chain.places), len(chain.curved)
-    columns = p + c * (1 if stretch.tilt is None else 2)
-    parts: list[Array] = []
-    slopes: list[Array] = []
+    counts = (0 if seen is None else len(seen) for seen in (stretch.turn, stretch.tilt))
+    ends = np.cumsum([0, *counts])
+    r = np.empty(ends[-1])
+    slopes = np.zeros((ends[-1], p + c * (1 if stretch.tilt is None else 2)))
     if stretch.turn is not None:
         turn, by_turn = turns(chain, stretch.edges)
-        parts.append(stretch.turn_white(turn - stretch.turn))
-        slopes.append(np.pad(stretch.turn_white(by_turn), ((0, 0), (0, columns - p - c))))
+        r[: ends[1]] = stretch.turn_white(turn - stretch.turn)
+        slopes[: ends[1], : p + c] = stretch.turn_white(by_turn)
     if stretch.tilt is not None and stretch.tilt_white is not None:
         tilt, by_tilt = tilts(chain, stretch.tilt_edges)
         white = stretch.tilt_white(by_tilt)
-        parts.append(stretch.tilt_white(tilt - stretch.tilt))
-        slopes.append(np.hstack([white[:, :p], np.zeros((len(tilt), c)), white[:, p:]]))
-    return np.concatenate(parts), np.concatenate(slopes)
+        r[ends[1] :] = stretch.tilt_white(tilt - stretch.tilt)
+        slopes[ends[1] :, :p] = white[:, :p]
+        slopes[ends[1] :, p + c :] = white[:, p:]
+    return r, slopes

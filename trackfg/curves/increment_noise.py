@@ -4,16 +4,23 @@ Averages over cells of some 10 m of a quantity that track irregularities disturb
 noise that is all but white at short waves and fades towards long ones, where track is kept to its design; what
 measured it adds a slow walk. The increments are thus
 
-    d = w + (1 - B) v,    v = (1 - B)^2 (1 + theta B) / (1 - phi B)^2 e,
+    d_k = w_k + v_k+1 - v_k + s_k+1 - s_k,
 
-``B`` the shift by one cell, ``w`` the walk's independent steps, of variance ``known + walk`` per cell, and ``e`` white
-with variance ``level``. Heading of the German spectra is such noise: ``S ~ W^2 / ((W^2 + Wr^2)(W^2 + Wc^2))`` is white
-between ``Wr`` and ``Wc``, which is beyond a 10 m cell; ``phi`` near one takes nothing away, a smaller one fades waves
-longer than some ``2 pi cell / (1 - phi)``.
+``w`` the walk's independent steps, of variance ``known + walk``; ``s`` whatever else is said to disturb a cell's own
+mean (a defect, a hole); and ``v`` the irregularities, with the spectrum, ``u`` in rad per cell,
 
-``z = (1 - phi B)^2 d`` is a moving average of order four, its covariance has five bands: whitening and the exact
-likelihood, by a banded Cholesky factor, take linear time. The four numbers are those of greatest likelihood. Increments
-that were not measured are told by a large known variance.
+    S(u) = level |1 + theta exp(-i u)|^2 / (1 + (tan(cutoff / 2) / tan(u / 2))^10),
+
+a moving average of order one behind a digital Butterworth high-pass of order five. Heading of the German spectra is
+``S ~ W^2 / ((W^2 + Wr^2)(W^2 + Wc^2))``: white between ``Wr`` and ``Wc``, which is beyond a 10 m cell. How steeply
+irregularities fade below ``cutoff`` decides how exactly long waves, and so curves, are known. Where they end at a
+longest wavelength, an order of two makes sigmas 1.3 times too wide; where the fade is gentler than order five,
+``cutoff`` comes out lower and sigmas stay within 15 %.
+
+Whitening is by the Cholesky factor of the full covariance of a stretch, which any variances along it leave well
+conditioned. The four numbers are those of greatest likelihood of the stretches' mean periodogram, which is held against
+its exact expectation for stretches of that length and taper (Sykulski et al., "The debiased Whittle likelihood",
+Biometrika 106, 2019): the irregularities' spectrum spans six decades, and a short stretch's leaks.
 """
 
 from __future__ import annotations
@@ -22,106 +29,130 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky_banded
-from scipy.linalg.lapack import dtbtrs
+from scipy import fft
+from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from trackfg.frames import Array
+from trackfg.spans import true_runs
 
-_ORDER = 2
-_BANDS = 5
-_MEMORY = 400
-"""Cells after which even the slowest fading has forgotten."""
+_ORDER = 5
+_LEAST_GRID = 1024
+"""Frequencies of a spectrum: enough for the memory of the slowest fading."""
 
+_LONGEST_PIECE, _SHORTEST_PIECE = 200, 12
+_PERIODOGRAM = 512
+"""Frequencies of a periodogram: twice the longest piece and more."""
 
-@dataclass(frozen=True)
-class IncrementNoise:
-    """``level`` and ``walk``: variances of e and of the walk's step per cell; 0 <= ``phi`` < 1, -1 < ``theta`` < 1."""
-
-    level: float
-    walk: float
-    phi: float
-    theta: float
-
-    def whitener(self, known: Array) -> Whitener:
-        """For a stretch of increments whose walk has the known variances (n,) besides its own."""
-        n = len(known)
-        a, c = self._polynomials()
-        q = known + self.walk
-        bands = np.zeros((_BANDS, n))
-        for lag in range(_BANDS):
-            bands[lag] = self.level * (c[lag:] @ c[: _BANDS - lag])
-        # Before the first increment the noise went on as ever; of z, only what is left of it without what came before.
-        first = self.level * self._first_covariance(a, c)
-        for k in range(min(_ORDER, n)):
-            reach = min(_BANDS, n - k)
-            bands[:reach, k] = first[k, k : k + reach]
-        for lag in range(min(_ORDER + 1, n)):
-            for i in range(_ORDER + 1 - lag):
-                # z_k has a_i w_(k-i), z_(k+lag) has a_(i+lag) of the same.
-                bands[lag, i : n - lag] += a[i] * a[i + lag] * q[: n - lag - i]
-        return Whitener(cholesky_banded(bands, lower=True, check_finite=False), a)
-
-    def _polynomials(self) -> tuple[Array, Array]:
-        """Of the autoregression and of the moving average, constant term first."""
-        fading = np.array([1.0, -self.phi])
-        return np.convolve(fading, fading), np.convolve([1.0, -3.0, 3.0, -1.0], [1.0, self.theta])
-
-    def _first_covariance(self, a: Array, c: Array) -> Array:
-        """Of the noise's share in the first values of z, per ``level``. Shape (order + bands, order + bands)."""
-        impulse = lfilter(c, a, np.eye(1, _MEMORY)[0])
-        count = _ORDER + _BANDS
-        increments = np.zeros((count, _MEMORY + count))
-        for row in range(count):
-            increments[row, count - row : count - row + _MEMORY] = impulse
-        z = lfilter(a, [1.0], increments, axis=0)
-        return np.asarray(z @ z.T)
+_LEAST_CUTOFF, _GREATEST_CUTOFF = 0.01 * np.pi, 0.9 * np.pi
 
 
 @dataclass(frozen=True)
 class Whitener:
-    """Turns noise into independent numbers of variance 1. ``factor`` is banded, lower, (5, n)."""
+    """Turns noise into independent numbers of variance 1. ``matrix`` (n, n) is lower triangular."""
 
-    factor: Array
-    autoregression: Array
+    matrix: Array
 
     def __call__(self, increments: Array) -> Array:
         """Shape (n,) or (n, k) to the same."""
-        z = increments.copy()
-        for i in range(1, _ORDER + 1):
-            z[i:] += self.autoregression[i] * increments[:-i]
-        return np.asarray(dtbtrs(self.factor, z, uplo="L")[0])
+        return np.asarray(self.matrix @ increments)
 
-    @property
-    def log_determinant(self) -> float:
-        """Of the covariance."""
-        return 2.0 * float(np.sum(np.log(self.factor[0])))
+
+@dataclass(frozen=True)
+class IncrementNoise:
+    """``level`` and ``walk``: variances, of the irregularities' white core and of the walk's step per cell; ``cutoff``,
+    rad per cell, between 0 and pi; -1 < ``theta`` < 1.
+    """
+
+    level: float
+    walk: float
+    cutoff: float
+    theta: float
+
+    def whitener(self, known: Array, disturbed: Array | None = None) -> Whitener:
+        """For a stretch of increments whose walk has the known variances (n,) besides its own, and whose cells' means
+        are disturbed by these variances (n + 1,).
+        """
+        covariance = self.covariance(known, disturbed)
+        factor = np.linalg.cholesky(covariance)
+        return Whitener(np.asarray(dtrtri(factor, lower=1)[0]))
+
+    def covariance(self, known: Array, disturbed: Array | None = None) -> Array:
+        """Of such a stretch. Shape (n, n)."""
+        n = len(known)
+        lags = np.abs(np.arange(n)[:, None] - np.arange(n))
+        out = self.autocovariance(n)[lags]
+        out[np.arange(n), np.arange(n)] += known
+        if disturbed is not None and np.any(disturbed):
+            here = np.arange(n)
+            out[here, here] += disturbed[1:] + disturbed[:-1]
+            out[here[1:], here[:-1]] -= disturbed[1:-1]
+            out[here[:-1], here[1:]] -= disturbed[1:-1]
+        return out
+
+    def autocovariance(self, count: int) -> Array:
+        """Of the increments, for lags 0 to count - 1; what is known of the walk is not in it. Shape (count,)."""
+        return np.asarray(fft.irfft(self._spectrum(max(_LEAST_GRID, 1 << count.bit_length())))[:count])
+
+    def _spectrum(self, grid: int) -> Array:
+        """Of the increments, at grid + 1 frequencies from 0 to pi; its mean is their variance."""
+        cosine, tangent = _frequencies(grid)
+        passed = 1.0 / (1.0 + (np.tan(0.5 * self.cutoff) / tangent) ** (2 * _ORDER))
+        moving = 1.0 + 2.0 * self.theta * cosine + self.theta**2
+        return np.asarray(self.level * moving * passed * 2.0 * (1.0 - cosine) + self.walk)
+
+
+def _frequencies(grid: int) -> tuple[Array, Array]:
+    """cos(u) and tan(u / 2), kept finite."""
+    u = np.linspace(0.0, np.pi, grid + 1)
+    return np.cos(u), np.tan(0.5 * np.clip(u, 1e-6, np.pi - 1e-6))
 
 
 def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> IncrementNoise:
-    """The noise of greatest likelihood of stretches of increments: each its residuals (n,) and known variances (n,).
+    """The noise of greatest likelihood of stretches of increments: each its residuals (n,), NaN where nothing was
+    measured, and known variances (n,).
 
     The square root of ``level`` is at least ``floor``.
     """
-    together = np.concatenate([residuals[residuals != 0.0] for residuals, _ in stretches])
-    spread = float(np.median(np.abs(together))) / 0.6745 if together.size else 0.0
-    start = max(0.5 * spread**2, floor**2)
+    pieces = [piece for residuals, known in stretches for piece in _pieces(residuals, known)]
+    measured, window, noise_known = np.zeros(_PERIODOGRAM + 1), np.zeros(_PERIODOGRAM), 0.0
+    for residuals, known in pieces:
+        taper = np.sin(np.pi * (np.arange(len(residuals)) + 0.5) / len(residuals)) ** 2
+        measured += np.abs(fft.rfft(taper * residuals, 2 * _PERIODOGRAM)) ** 2
+        window += fft.irfft(np.abs(fft.rfft(taper, 2 * _PERIODOGRAM)) ** 2)[:_PERIODOGRAM]
+        noise_known += float(taper**2 @ known)
+    cells = sum(int(np.isfinite(residuals).sum()) for residuals, _ in stretches) if pieces else 0
+    start = max(0.5 * float(np.mean(measured)) / max(float(window[0]), 1e-300), floor**2)
 
     def noise(x: Array) -> IncrementNoise:
-        x = np.clip(x, -12.0, 12.0)
-        level = max(start * float(np.exp(x[0])), floor**2)
-        walk = level * float(np.exp(min(x[1], 1.0)))
-        return IncrementNoise(level, walk, float(0.95 / (1.0 + np.exp(-x[2]))), float(0.9 * np.tanh(x[3])))
+        level = max(start * float(np.exp(np.clip(x[0], -12.0, 12.0))), floor**2)
+        walk = level * float(np.exp(np.clip(x[1], -15.0, 1.0)))
+        cutoff = float(np.clip(np.pi / (1.0 + np.exp(-x[2])), _LEAST_CUTOFF, _GREATEST_CUTOFF))
+        return IncrementNoise(level, walk, cutoff, float(0.9 * np.tanh(x[3])))
 
     def cost(x: Array) -> float:
-        model = noise(x)
-        total = 0.0
-        for residuals, known in stretches:
-            white = model.whitener(known)
-            total += float(np.sum(white(residuals) ** 2)) + white.log_determinant
+        one_sided = noise(x).autocovariance(_PERIODOGRAM) * window
+        expected = 2.0 * fft.rfft(one_sided, 2 * _PERIODOGRAM).real - one_sided[0] + noise_known
+        whittle = float(np.mean(np.log(expected) + measured / expected)) if pieces else 0.0
         # Weakly towards what is usual, for short stretches.
-        return total + 0.05 * float((x[1] + 9.0) ** 2) + float((x[2] - 1.5) ** 2) + float((x[3] / 0.7) ** 2)
+        usual = 0.05 * (x[1] + 9.0) ** 2 + (x[2] + 1.8) ** 2 + (x[3] / 0.7) ** 2
+        return cells * whittle + float(usual)
 
-    best = minimize(cost, [0.0, -9.0, 1.5, 0.0], method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.05})
+    first = np.array([0.0, -9.0, -1.8, 0.0])
+    simplex = np.vstack([first, first + np.diag([0.3, -2.0, 0.3, 0.3])])
+    options = {"xatol": 0.02, "fatol": 0.02, "initial_simplex": simplex}
+    best = minimize(cost, first, method="Nelder-Mead", options=options)
     return noise(best.x)
+
+
+def _pieces(residuals: Array, known: Array) -> list[tuple[Array, Array]]:
+    """What was measured in one piece, cut into overlapping halves where it is long."""
+    found = []
+    for first, stop in true_runs(np.isfinite(residuals)):
+        length = min(int(stop - first), _LONGEST_PIECE)
+        if length < _SHORTEST_PIECE:
+            continue
+        count = 1 if stop - first == length else 1 + int(np.ceil(2.0 * (stop - first - length) / length))
+        starts = np.linspace(first, stop - length, count).astype(int)
+        found += [(residuals[start : start + length], known[start : start + length]) for start in starts]
+    return found

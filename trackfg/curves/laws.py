@@ -13,16 +13,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import digamma
 
 from trackfg.curves.chain_edits import with_law
 from trackfg.curves.fit import Fit, Stretch, fitted
 from trackfg.curves.transition_laws import LAWS
 from trackfg.frames import Array
 
-_PRIOR_COUNTS = np.array([3.0, 1.5, 0.3, 0.3, 0.3])
+_PRIOR_COUNTS = np.array([2.0, 1.0, 0.2, 0.2, 0.2])
 """In the order of LAWS."""
 
-_ROUNDS = 20
+_ROUNDS = 100
 _UNLIKELY = 1e-3
 
 
@@ -55,12 +56,12 @@ def law_trial(fit: Fit, stretch: Stretch) -> LawTrial:
 
 def law_weights(trials: Sequence[LawTrial]) -> list[Array]:
     """The probabilities of the laws, per group (t, laws)."""
-    shares = _PRIOR_COUNTS / _PRIOR_COUNTS.sum()
+    counts = _PRIOR_COUNTS
     weights: list[Array] = []
     for _ in range(_ROUNDS):
+        shares = np.exp(digamma(counts))
         weights = [_weights(trial.chi2, shares) for trial in trials]
         counts = _PRIOR_COUNTS + sum((w.sum(axis=0) for w in weights), np.zeros(len(LAWS)))
-        shares = counts / counts.sum()
     return weights
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.curves.fit import Stretch
+from trackfg.curves.fit import Stretch, canted
 from trackfg.curves.increment_noise import IncrementNoise, fitted_noise
-from trackfg.curves.model import CurveChain, turns
+from trackfg.curves.model import CurveChain, tilts, turns
 from trackfg.curves.segments import Cells
 from trackfg.curves.structure import structured
 from trackfg.frames import Array
@@ -19,7 +19,7 @@ _CLEAR_M = 15.0
 _TURN_FLOOR_RAD = 2e-6
 _TILT_FLOOR_MM = 1e-3
 _LEAST_CLEAR = 0.2
-_ANYTHING = 1e3
+_UNEXPLAINED = 10.0
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,32 @@ class CurvedLine:
     cells: Cells
     chains: tuple[CurveChain, ...]
 
-    def residuals(self) -> Array:
-        """Turns that the chains do not explain. Shape (n,)."""
+    def turn_residuals(self) -> Array:
+        """What the chains do not explain. Shape (n,)."""
         out = self.cells.turn.copy()
         for k, chain in enumerate(self.chains):
             rows = self._rows(k, overlapping=False)
             out[rows] -= turns(chain, self.cells.edges[rows.start : rows.stop + 2])[0]
+        return out
+
+    def tilt_residuals(self) -> Array | None:
+        """What the chains do not explain of the increments of cross-level; NaN along chains that have no cant, or do
+        not explain them. Shape (n - 1,).
+        """
+        if self.cells.cross_level is None:
+            return None
+        out = np.diff(self.cells.cross_level)
+        usual = float(np.median(np.abs(out)))
+        clear = self.clear()
+        beside = clear[1:] & clear[:-1]
+        for k, chain in enumerate(self.chains):
+            rows = self._rows(k, overlapping=False)
+            edges = self.cells.edges[rows.start : rows.stop + 2]
+            here = slice(rows.start, rows.stop - 1)
+            out[here] -= tilts(chain, edges[:-1] + 0.5 * self.cells.base_m)[0]
+            left = np.where(beside[here], 0.0, out[here])
+            if not np.any(chain.cant) or np.abs(left).max(initial=0.0) > _UNEXPLAINED * usual:
+                out[here] = np.where(beside[here], out[here], np.nan)
         return out
 
     def clear(self) -> np.ndarray:
@@ -57,7 +77,7 @@ class CurvedLine:
         """Group k and what of the straights beside it is near."""
         rows, cells = self._rows(k, overlapping=True), self.cells
         edges, known = cells.edges[rows.start : rows.stop + 2], cells.turn_known[rows]
-        stretch = Stretch(edges, cells.turn[rows], noise.turn.whitener(known))
+        stretch = Stretch(edges, cells.turn[rows], noise.turn.whitener(known), known / cells.base_m**2)
         if not with_tilt or noise.tilt is None or cells.cross_level is None or cells.cross_level_known is None:
             return stretch
         tilt = np.diff(cells.cross_level[rows])
@@ -69,6 +89,12 @@ class CurvedLine:
         stretches = [self.stretch(k, noise, False) for k in range(len(self.chains))]
         fits = [structured(c, stretch, widest_radius_m) for c, stretch in zip(self.chains, stretches, strict=True)]
         return replace(self, chains=tuple(fit.chain for fit in fits if fit is not None))
+
+    def canted(self, noise: LineNoise) -> CurvedLine:
+        """With the cants that fit the cross-level best."""
+        stretches = [self.stretch(k, noise, True) for k in range(len(self.chains))]
+        chains = tuple(canted(chain, stretch) for chain, stretch in zip(self.chains, stretches, strict=True))
+        return replace(self, chains=chains)
 
     def _rows(self, k: int, *, overlapping: bool) -> slice:
         """The cells of group k: to the next groups if ``overlapping``, else to half way there."""
@@ -93,25 +119,25 @@ class CurvedLine:
         return slice(int(rows[0]), int(rows[-1]) + 1)
 
 
-def line_noise(lines: Sequence[CurvedLine], *, guessed: bool) -> LineNoise:
-    """From what the curves leave over; from the straights alone of curves that are only guessed, and of cross-level,
-    whose cants are not known yet. Increments left out count as not measured: their walk may be anything.
-    """
-    turn, tilt = [], []
+def turn_noise(lines: Sequence[CurvedLine], *, straights_only: bool) -> IncrementNoise:
+    """Of heading, from what the curves leave over: on the straights alone if they are only guessed."""
+    stretches = []
     for line in lines:
-        clear = line.clear()
-        if clear.mean() < _LEAST_CLEAR:
-            clear[:] = True
-        turn.append(_masked(line.residuals(), line.cells.turn_known, clear if guessed else np.ones_like(clear)))
-        if line.cells.cross_level is not None:
-            steps = np.diff(line.cells.cross_level)
-            tilt.append(_masked(steps, np.zeros(len(steps)), clear[1:] & clear[:-1]))
-    return LineNoise(
-        fitted_noise(turn, _TURN_FLOOR_RAD),
-        fitted_noise(tilt, _TILT_FLOOR_MM) if tilt and not guessed else None,
-    )
+        used = line.clear() if straights_only else np.ones(len(line.cells.turn), dtype=bool)
+        if used.mean() < _LEAST_CLEAR:
+            used[:] = True
+        stretches.append((np.where(used, line.turn_residuals(), np.nan), line.cells.turn_known))
+    return fitted_noise(stretches, _TURN_FLOOR_RAD)
 
 
-def _masked(residuals: Array, known: Array, used: np.ndarray) -> tuple[Array, Array]:
-    anything = _ANYTHING * (float(np.var(residuals[used])) + _TURN_FLOOR_RAD**2 + float(known.max()))
-    return np.where(used, residuals, 0.0), np.where(used, known, anything)
+def tilt_noise(lines: Sequence[CurvedLine]) -> IncrementNoise | None:
+    """Of cross-level, from what is left beside curves without cant and along those that explain it; None without any.
+
+    A curve whose cant has ramps of its own explains little.
+    """
+    stretches = []
+    for line in lines:
+        residuals = line.tilt_residuals()
+        if residuals is not None:
+            stretches.append((residuals, np.zeros(len(residuals))))
+    return fitted_noise(stretches, _TILT_FLOOR_MM) if stretches else None

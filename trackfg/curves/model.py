@@ -16,6 +16,7 @@ where ``e' = e + cell/2``. Both are free of any constant: of the start heading a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class CurveChain:
     curvature: Array
     cant: Array
 
-    @property
+    @cached_property
     def curved(self) -> np.ndarray:
         """Indices of the levels that are not straight."""
         return np.flatnonzero(~np.array(self.straight))
@@ -95,50 +96,57 @@ def tilts(chain: CurveChain, edges: Array) -> tuple[Array, Array]:
 
 def step_turns(places: Array, edges: Array) -> Array:
     """The turns that a step of curvature of 1 1/m would make, for each of its places (k,). Shape (n, k)."""
-    beyond = np.maximum(edges[:, None] - places, 0.0)
-    return _second_difference(0.5 * beyond**2, edges)
+    beyond = np.maximum(edges - places[:, None], 0.0)
+    return _second_difference(0.5 * beyond**2, edges).T
 
 
 def _seen(chain: CurveChain, edges: Array, levels: Array, order: int) -> tuple[Array, Array]:
     p, curved = len(chain.places), chain.curved
-    column = {int(level): p + k for k, level in enumerate(curved)}
-    total = np.zeros(len(edges))
-    slopes = np.zeros((len(edges), p + len(curved)))
+    row = {int(level): p + k for k, level in enumerate(curved)}
     x = edges - edges[0]
+    total = np.zeros(len(edges))
+    slopes = np.zeros((p + len(curved), len(edges)))
     if order == 2:
         total += 0.5 * levels[0] * x**2
-        if 0 in column:
-            slopes[:, column[0]] += 0.5 * x**2
-    for i, law in enumerate(chain.laws):
-        change = levels[i + 1] - levels[i]
-        ends = float(chain.places[chain.begin[i]]), float(chain.places[chain.end[i]])
-        shape, by_begin, by_end = _integral(law, edges, ends, order)
-        total += change * shape
-        slopes[:, chain.begin[i]] += change * by_begin
-        slopes[:, chain.end[i]] += change * by_end
-        if i + 1 in column:
-            slopes[:, column[i + 1]] += shape
-        if i in column:
-            slopes[:, column[i]] -= shape
-    return _second_difference(total, edges), _second_difference(slopes, edges)
+        if 0 in row:
+            slopes[row[0]] += 0.5 * x**2
+    begin, end = chain.places[list(chain.begin)], chain.places[list(chain.end)]
+    for law in dict.fromkeys(chain.laws):
+        transitions = [i for i, other in enumerate(chain.laws) if other == law]
+        changes = np.diff(levels)[transitions]
+        shapes, by_begin, by_end = _integrals(law, edges, begin[transitions], end[transitions], order)
+        total += changes @ shapes
+        by_begin *= changes[:, None]
+        by_end *= changes[:, None]
+        for k, i in enumerate(transitions):
+            slopes[chain.begin[i]] += by_begin[k]
+            slopes[chain.end[i]] += by_end[k]
+            if i + 1 in row:
+                slopes[row[i + 1]] += shapes[k]
+            if i in row:
+                slopes[row[i]] -= shapes[k]
+    return _second_difference(total, edges), _second_difference(slopes, edges).T
 
 
-def _integral(law: TransitionLaw, x: Array, ends: tuple[float, float], order: int) -> tuple[Array, Array, Array]:
-    """The rise integrated ``order`` times, and its derivatives by begin and end. Each (n,)."""
-    begin, end = ends
+def _integrals(law: TransitionLaw, x: Array, begin: Array, end: Array, order: int) -> tuple[Array, Array, Array]:
+    """Rises from begins to ends (t,), integrated ``order`` times, and the derivatives by both. Each (t, n)."""
     turned = end < begin  # on the way to a solution; as good as the other way round
-    b, length = (end, begin - end) if turned else (begin, end - begin)
-    length = max(length, _SHORTEST_M)
+    b = np.minimum(begin, end)[:, None]
+    length = np.maximum(np.abs(end - begin), _SHORTEST_M)[:, None]
     u = (x - b) / length
     f, first, second = rise(law, u)
     if order == 2:
-        shape, by_end = length**2 * second, length * (2.0 * second - u * first)
-        by_begin = -length * first - by_end
+        shape, by_late = length**2 * second, length * (2.0 * second - u * first)
+        by_early = -length * first - by_late
     else:
-        shape, by_end = length * first, first - u * f
-        by_begin = -f - by_end
-    return (shape, by_end, by_begin) if turned else (shape, by_begin, by_end)
+        shape, by_late = length * first, first - u * f
+        by_early = -f - by_late
+    if turned.any():
+        by_early[turned], by_late[turned] = by_late[turned], by_early[turned]
+    return shape, by_early, by_late
 
 
 def _second_difference(values: Array, edges: Array) -> Array:
-    return np.asarray(np.diff(values, n=2, axis=0) / (edges[1] - edges[0]))
+    """Along the last axis: shape (..., n + 2) to (..., n)."""
+    steps = values[..., 1:] - values[..., :-1]
+    return np.asarray((steps[..., 1:] - steps[..., :-1]) / (edges[1] - edges[0]))

@@ -55,7 +55,8 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
     best: Fit | None = None
     fewer = collapsed(chain)
     starts = [chain] if fewer is chain else [chain, fewer]
-    for law in LAWS:
+    laws = sorted(LAWS, key=lambda law: -chain.laws.count(law))
+    for tried, law in enumerate(laws):
         for start in starts:
             fit = _settled(with_law(start, law), stretch, widest_radius_m)
             fit = None if fit is None else simplified(fit, stretch, widest_radius_m)
@@ -64,7 +65,7 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
         # Several curves can hide a wrong law behind a wrong straight: they are always tried by two laws.
         if best is None:
             continue
-        if (law != "clothoid" or len(best.chain.curved) == 1) and not _doubtful(best, stretch):
+        if (tried or len(best.chain.curved) == 1) and not _doubtful(best, stretch):
             break
     if best is None:
         return None
