@@ -5,8 +5,9 @@ noise and changes of the track do not go with the slope. So the shift is a least
 
     minimise  sum_q sum_i w (after_q(x_i + e(x_i)) - before_q(x_i))^2 / sigma_q^2  +  sum_k (e_k / sigma_e)^2,
 
-``e`` linear between knots 50 m apart, ``sigma_e`` what was known of it before; by Gauss-Newton steps, with Huber's
-weights, so that a changed place has little say. Profiles with sharp features everywhere and no slow errors take part.
+``e`` linear between knots 50 m apart, ``sigma_e`` what was known of it before, but 5 cm at least; by Gauss-Newton
+steps, with Huber's weights, so that a changed place has little say. Profiles with sharp features everywhere and no slow
+errors take part.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ _KNOTS_M = 50.0
 """Chainage errors change over hundreds of metres."""
 _INDEPENDENT_M = 2.5
 """Errors this far apart count as independent: half of the shortest base that they are seen over."""
-_SHARPEST_M = 1e-6
+_LEAST_SD_M = 0.05
+"""Recognition knows the middles of its sections better, but not what a wheel did between them."""
 _HUBER = 2.0
 _STEPS = 4
 
@@ -40,7 +42,7 @@ def remaining_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Arra
     knots = int(at[-1]) + 2
     k = np.minimum(at.astype(np.int64), knots - 2)
     f = at - k
-    prior_sd = np.interp(np.arange(knots), at, over.shift_sd_m)
+    prior_sd = np.maximum(np.interp(np.arange(knots), at, over.shift_sd_m), _LEAST_SD_M)
     share = over.step_m / _INDEPENDENT_M
     shift = np.zeros(n)
     for step in range(_STEPS):
@@ -56,7 +58,7 @@ def remaining_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Arra
             information += np.where(known, weight * slope**2, 0.0)
             right += np.where(known, weight * slope * (slope * shift - change), 0.0)
         diagonal = _gathered(k, information * (1 - f) ** 2, information * f**2)
-        diagonal += np.maximum(prior_sd, _SHARPEST_M) ** -2.0
+        diagonal += prior_sd**-2.0
         beside = np.bincount(k, information * f * (1 - f), knots)[:-1].astype(np.float64)
         vector = _gathered(k, right * (1 - f), right * f)
         solution = solveh_banded(np.stack([np.r_[0.0, beside], diagonal]), vector)
