@@ -12,7 +12,7 @@ from trackfg.frames import Array
 
 
 def cant_profile(curves: Sequence[Curve], chainage: Array) -> tuple[Array, Array]:
-    """Cant and its 1-sigma, mm, left rail higher, at places (n,).
+    """Cant and its 1-sigma, mm, left rail higher, at ascending places (n,).
 
     A curve's cant rises over its first transition and falls over its last, by their laws; between two circles of a
     compound curve the fall of the one and the rise of the next are one transition, and the sum is right.
@@ -21,10 +21,13 @@ def cant_profile(curves: Sequence[Curve], chainage: Array) -> tuple[Array, Array
     for curve in curves:
         if not np.isfinite(curve.cant_mm):
             continue
-        share = _risen(curve.law_in, curve.btc_m, curve.bcc_m, chainage, 1.0)
-        share = share - _risen(curve.law_out, curve.ecc_m, curve.etc_m, chainage, 0.0)
-        cant -= np.sign(curve.curvature_1pm) * curve.cant_mm * share
-        variance += (curve.sd("cant_mm") * share) ** 2
+        ends = np.array([curve.btc_m, curve.etc_m])
+        first, stop = np.searchsorted(chainage, np.where(np.isnan(ends), [-np.inf, np.inf], ends)).tolist()
+        on = slice(first, stop)
+        share = _risen(curve.law_in, curve.btc_m, curve.bcc_m, chainage[on], 1.0)
+        share = share - _risen(curve.law_out, curve.ecc_m, curve.etc_m, chainage[on], 0.0)
+        cant[on] -= np.sign(curve.curvature_1pm) * curve.cant_mm * share
+        variance[on] += (curve.sd("cant_mm") * share) ** 2
     return cant, np.sqrt(variance)
 
 

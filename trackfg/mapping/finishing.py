@@ -8,7 +8,7 @@ import pandas as pd
 from trackfg.curves import find_curves
 from trackfg.frames import Array
 from trackfg.mapping.design import cant_profile
-from trackfg.mapping.joint import Joint, joint_solution
+from trackfg.mapping.joint import Joint
 from trackfg.mapping.landmarks import landmarks
 from trackfg.mapping.marks import seen_by
 from trackfg.mapping.reference_line import drawn_line, moved_line
@@ -23,7 +23,7 @@ def finished(survey: Survey) -> FeatureMap:
     """Everything moved to the joint solution."""
     assert survey.grid is not None
     assert survey.conventions is not None
-    at = Chainages.of(joint_solution(survey.information.values()))
+    at = survey.at
     move = Warp(np.array([survey.place[mark] for mark in at.marks]), at.place)
     grid = warped(survey.grid, move, survey.conventions.step_m)
     x = grid["chainage_m"].to_numpy()

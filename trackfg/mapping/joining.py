@@ -9,7 +9,6 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
-from trackfg.mapping.joint import joint_solution
 from trackfg.mapping.marks import (
     WINDOW_M,
     Sensor,
@@ -66,13 +65,12 @@ def joined(survey: Survey, result: Result) -> Survey:
     there = result.geometry[result.geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
     to_map, old, place_sd = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN, 0.0
     if survey.grid is not None:
-        at = Chainages.of(joint_solution(survey.information.values()))
-        to_map, recognition = _place(survey, at, run_id, result, facts)
+        to_map, recognition = _place(survey, run_id, result, facts)
         there = warped(there, to_map, conventions.step_m)
         old = _seen_again(survey, there, to_map, recognition)
         if recognition is not None:
             place_sd = float(np.hypot(recognition.sections["match_sd_m"].median(), _BETWEEN_SECTIONS_SD_M))
-        old = old[_agreeing(at, old, result, anchored=facts.anchored and survey.anchored)]
+        old = old[_agreeing(survey.at, old, result, anchored=facts.anchored and survey.anchored)]
     there = there.assign(cross_level_mm_sd=local_cross_level_sd(there))
     if survey.grid is not None:
         there = with_place_noise(there, place_sd)
@@ -119,14 +117,12 @@ def _run_id(survey: Survey, recording_id: str, facts: RunFacts) -> str:
     return run_id
 
 
-def _place(
-    survey: Survey, at: Chainages, run_id: str, result: Result, facts: RunFacts
-) -> tuple[Warp, Recognition | None]:
+def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tuple[Warp, Recognition | None]:
     """From the run's chainage to the grid's, and what was recognised; None where it has no track in common."""
     grid = survey.grid
     assert grid is not None
     both = facts.anchored and survey.anchored
-    map_sd = float(np.sqrt(np.median(np.diag(at.covariance))))
+    map_sd = float(np.sqrt(np.median(np.diag(survey.at.covariance))))
     to_map, recognition = laid_over(result, grid, map_sd if both else None)
     if to_map is not None:
         return to_map, recognition

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from threadpoolctl import threadpool_limits
 
 from trackfg.frames import Array
 from trackfg.maps.feature_map import RunInformation
@@ -49,7 +50,8 @@ def joint_solution(said: Iterable[RunInformation]) -> Joint:
     if len(offsets) == len(said):
         rows.append(np.zeros((1, len(names) + 1)))
         rows[-1][0, column[offsets[0]]] = 1.0 / _HELD_SD
-    triangle = np.linalg.qr(np.concatenate(rows), mode="r")
+    with threadpool_limits(limits=1, user_api="blas"):  # on busy cores its threads wait ten times as long
+        triangle = np.linalg.qr(np.concatenate(rows), mode="r")
     R, d = triangle[: len(names), :-1], triangle[: len(names), -1]
     inverse = solve_triangular(R, np.eye(len(names)))
     return Joint(names, inverse @ d, inverse @ inverse.T)

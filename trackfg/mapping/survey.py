@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -45,6 +46,11 @@ class Survey:
     landmarks: pd.DataFrame | None = None
     configuration: Mapping[str, JsonValue] = field(default_factory=dict)
     version: int | None = None
+
+    @cached_property
+    def at(self) -> Chainages:
+        """The joint estimate from what was said so far."""
+        return Chainages.of(joint_solution(self.information.values()))
 
     @property
     def anchored(self) -> bool:
