@@ -122,7 +122,8 @@ def diff(
     Without B and versions: what the last version changed.
     """
     from trackfg import map_tables
-    from trackfg.maps import difference, read_map
+    from trackfg.mapping import difference
+    from trackfg.maps import read_map
 
     b = read_map(first if second is None else second, to_version)
     if second is None and from_version is None:

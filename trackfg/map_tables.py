@@ -17,7 +17,7 @@ from trackfg.report_tables import titled
 
 if TYPE_CHECKING:
     from trackfg.mapping.changes import Changes
-    from trackfg.maps.map_difference import Difference
+    from trackfg.mapping.map_difference import Difference
 
 _SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
 """By a column's suffix: what it is shown in."""

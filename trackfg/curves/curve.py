@@ -66,6 +66,11 @@ class Curve:
         return self.etc_m - self.ecc_m
 
     @property
+    def arc_length_m(self) -> float:
+        """Of the circular curve."""
+        return self.ecc_m - self.bcc_m
+
+    @property
     def middle_in_m(self) -> float:
         """Of the transition at the begin: the best-known point of the curve's begin."""
         return 0.5 * (self.btc_m + self.bcc_m)
@@ -87,6 +92,7 @@ _WEIGHTS: dict[str, Array] = {
     **_UNIT,
     "length_in_m": _UNIT["bcc_m"] - _UNIT["btc_m"],
     "length_out_m": _UNIT["etc_m"] - _UNIT["ecc_m"],
+    "arc_length_m": _UNIT["ecc_m"] - _UNIT["bcc_m"],
     "middle_in_m": 0.5 * (_UNIT["bcc_m"] + _UNIT["btc_m"]),
     "middle_out_m": 0.5 * (_UNIT["etc_m"] + _UNIT["ecc_m"]),
 }
@@ -98,6 +104,7 @@ _MEASURED = (
     "cant_mm",
     "length_in_m",
     "length_out_m",
+    "arc_length_m",
     "middle_in_m",
     "middle_out_m",
 )

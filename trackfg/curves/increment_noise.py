@@ -81,7 +81,7 @@ class IncrementNoise:
         """Of such a stretch. Shape (n, n)."""
         n = len(known)
         lags = np.abs(np.arange(n)[:, None] - np.arange(n))
-        out = self.autocovariance(n)[lags]
+        out: Array = self.autocovariance(n)[lags]
         out[np.arange(n), np.arange(n)] += known
         if disturbed is not None and np.any(disturbed):
             here = np.arange(n)
@@ -138,10 +138,11 @@ def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> Incr
         usual = 0.05 * (x[1] + 9.0) ** 2 + (x[2] + 1.8) ** 2 + (x[3] / 0.7) ** 2
         return cells * whittle + float(usual)
 
-    first = np.array([0.0, -9.0, -1.8, 0.0])
-    simplex = np.vstack([first, first + np.diag([0.3, -2.0, 0.3, 0.3])])
-    options = {"xatol": 0.02, "fatol": 0.02, "initial_simplex": simplex}
-    best = minimize(cost, first, method="Nelder-Mead", options=options)
+    first = [0.0, -9.0, -1.8, 0.0]
+    simplex = np.array(first) + np.vstack([np.zeros(4), np.diag([0.3, -2.0, 0.3, 0.3])])
+    best = minimize(
+        cost, first, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "initial_simplex": simplex}
+    )
     return noise(best.x)
 
 

@@ -14,6 +14,7 @@ module              content
 ``design``          the designed cant, from the curves
 ``landmarks``       the curves' points, the same ones in every version
 ``build``           :func:`build_map`, :func:`with_runs`
+``map_difference``  what moved from one map to another, and by how many sigmas
 ``placing``         a run laid over a map, for whatever is to be done with it then
 ``finding``         :func:`find_changes`: by ``changes``, with ``overlay``, ``remaining_shift`` and ``change_noise``
 ==================  ==================================================================================================
@@ -27,13 +28,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from trackfg.mapping.build import build_map, with_runs
     from trackfg.mapping.finding import find_changes
+    from trackfg.mapping.map_difference import Difference, difference
     from trackfg.mapping.recognition import Recognition, recognise
 
-__all__ = ["Recognition", "build_map", "find_changes", "recognise", "with_runs"]
+__all__ = ["Difference", "Recognition", "build_map", "difference", "find_changes", "recognise", "with_runs"]
 
 _HOME = {
     "Recognition": "recognition",
     "build_map": "build",
+    "Difference": "map_difference",
+    "difference": "map_difference",
     "find_changes": "finding",
     "recognise": "recognition",
     "with_runs": "build",

@@ -5,7 +5,6 @@ module                 content
 =====================  ===============================================================================================
 ``feature_map``        the map in memory
 ``store``              :func:`read_map`, :func:`write_map`, :func:`read_versions`
-``map_difference``     what moved from one map to another, and by how many sigmas
 ``location``           where a map is: a GeoPackage (a file) or a PostgreSQL database
 ``schema``, ``rows``   the tables, the same in both, and the way of data frames and matrices in and out
 ``geopackage``         what makes an SQLite file a GeoPackage
@@ -17,16 +16,13 @@ module                 content
 """
 
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
-from trackfg.maps.map_difference import Difference, difference
 from trackfg.maps.store import MapConflictError, read_map, read_versions, write_map
 
 __all__ = [
-    "Difference",
     "FeatureMap",
     "MapConflictError",
     "MapConventions",
     "RunInformation",
-    "difference",
     "read_map",
     "read_versions",
     "write_map",

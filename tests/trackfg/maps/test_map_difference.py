@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.maps import FeatureMap, difference
+from trackfg.mapping import difference
+from trackfg.maps import FeatureMap
 
 MakeMap = Callable[..., FeatureMap]
 

@@ -18,6 +18,10 @@ relation       runs                         variance of b - a
                                             a yardstick there, no test
 =============  ===========================  ==========================================================================
 
+A map's chainage errs by itself, smoothly, and by some centimetres from version to version: laid over each other by
+chainage alone, steep profiles would differ by that. So the grid of a is first brought to b's chainage where its track
+is recognised there (:mod:`trackfg.mapping.recognition`).
+
 The first two hold where both maps believe the same sigmas. Where they do not (other settings), ``P_a - P_b`` can be
 negative; the sigma of the difference is NaN then, and so is the number of sigmas.
 """
@@ -31,12 +35,17 @@ import numpy as np
 import pandas as pd
 
 from trackfg.frames import Array
+from trackfg.mapping.recognition import recognise
+from trackfg.mapping.warp import Warp, warped
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]
 
 LANDMARK_QUANTITIES = ("chainage_m", "radius_m", "transition_length_m", "arc_length_m", "cant_mm")
 SECTION_M = 200.0
+
+_RATE_SD = 1e-4
+"""Of one map's scale against another's: fixes some kilometres apart have settled both."""
 
 _ROUNDING = 1e-9
 """Of a variance, relative: less than this is what is left of equal numbers."""
@@ -62,7 +71,7 @@ class Difference:
 
 
 def difference(a: FeatureMap, b: FeatureMap) -> Difference:
-    """Landmarks are the same where their ids are, grid cells where their chainages are.
+    """Landmarks are the same where their ids are, grid cells where their track is.
 
     Raises ``ValueError`` where the grids have different steps.
     """
@@ -71,14 +80,15 @@ def difference(a: FeatureMap, b: FeatureMap) -> Difference:
     relation = _relation(a, b)
     in_a = a.landmarks["landmark_id"].isin(b.landmarks["landmark_id"])
     in_b = b.landmarks["landmark_id"].isin(a.landmarks["landmark_id"])
-    cells_a, cells_b = _cells(a), _cells(b)
+    step, grid_a = a.conventions.step_m, _on_chainage_of(b, a)
+    cells_a, cells_b = _cells(grid_a, step), _cells(b.grid, step)
     common, at_a, at_b = np.intersect1d(cells_a, cells_b, assume_unique=True, return_indices=True)
     return Difference(
         relation=relation,
         moved=_moved(relation, a.landmarks, b.landmarks),
         added=b.landmarks[~in_b].reset_index(drop=True),
         removed=a.landmarks[~in_a].reset_index(drop=True),
-        sections=_sections(relation, a.grid.iloc[at_a], b.grid.iloc[at_b]),
+        sections=_sections(relation, grid_a.iloc[at_a], b.grid.iloc[at_b]),
         cells_added=len(cells_b) - len(common),
         cells_removed=len(cells_a) - len(common),
     )
@@ -119,8 +129,20 @@ def _in_sigmas(change: Array, sd: Array) -> Array:
     return np.where((change == 0.0) & (sd == 0.0), 0.0, ratio)
 
 
-def _cells(feature_map: FeatureMap) -> np.ndarray:
-    return np.round(feature_map.grid["chainage_m"].to_numpy() / feature_map.conventions.step_m).astype(np.int64)
+def _cells(grid: pd.DataFrame, step_m: float) -> np.ndarray:
+    return np.round(grid["chainage_m"].to_numpy() / step_m).astype(np.int64)
+
+
+def _on_chainage_of(b: FeatureMap, a: FeatureMap) -> pd.DataFrame:
+    """The grid of a by b's chainage; as it is where its track is not recognised there."""
+    if a.grid.empty or b.grid.empty:
+        return a.grid
+    sd = np.hypot(a.grid["chainage_m_sd"].to_numpy(), float(b.grid["chainage_m_sd"].median()))
+    found = recognise(a.grid, b.grid, place_sd_m=sd, rate_sd=_RATE_SD, direction=1).sections
+    used = found[found["used"]]
+    if len(used) < 2:
+        return a.grid
+    return warped(a.grid, Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()), a.conventions.step_m)
 
 
 def _moved(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
