@@ -47,7 +47,7 @@ _SECTION_M = 200.0
 @dataclass(frozen=True)
 class Changes:
     """``table``: one row per change, columns :data:`CHANGE_COLUMNS`: where, the quantity that changed most in mm (or,
-    where none in mm did, of gradient and curvature the one that is more above its floor), its change at the cell where
+    where none in mm did, of gradient and curvature the one that is larger by its floor), its change at the cell where
     it is largest, ``before`` in the map and ``after`` in the run, without the slow difference, in the quantity's unit.
 
     ``cells``: one row per cell of the map from the first to the last that the run covers: ``chainage_m, observations``,
@@ -97,7 +97,7 @@ def changes(
     )
     stated = stated_sigmas(over, conventions.chord_m)
     shift, shift_sd = remaining_shift(over, stated)
-    floors = _floors(conventions, floor_mm)
+    alike = _like_a_millimetre(conventions)
     each = false_alarms_per_10_km / 1e4 / len(QUANTITIES)
     found: dict[str, _Compared] = {}
     for name in QUANTITIES:
@@ -105,12 +105,12 @@ def changes(
         if name in WITHOUT_SLOW_PART:
             change = change - _slow(change, over.step_m)
         noise = change_noise(over, name, change, stated[name], shift_sd)
-        found[name] = _Compared(change, noise, noise.sigmas_for(each), floors[name])
+        found[name] = _Compared(change, noise, noise.sigmas_for(each), alike[name], floor_mm)
     cells = {"chainage_m": over.chainage, "observations": over.grid["observations"].to_numpy(), "shift_m": shift}
     for name, one in found.items():
         cells |= {name: one.change, f"{name}_sd": one.noise.sigma}
     return Changes(
-        table=_table(over, found, conventions),
+        table=_table(over, found),
         cells=pd.DataFrame(cells),
         thresholds=_thresholds(found, over.step_m),
         coverage=_coverage(over, found),
@@ -119,12 +119,17 @@ def changes(
 
 @dataclass(frozen=True)
 class _Compared:
-    """One quantity: its change, (n,), and from where on it counts."""
+    """One quantity: its change, (n,), and from where on it counts. ``like_a_mm``: what is as large as 1 mm."""
 
     change: Array
     noise: ChangeNoise
     sigmas: float
-    floor: float
+    like_a_mm: float
+    floor_mm: float
+
+    @property
+    def floor(self) -> float:
+        return self.floor_mm * self.like_a_mm
 
     @property
     def least(self) -> Array:
@@ -142,11 +147,11 @@ class _Compared:
         return rows.start + at if size[at] >= 0.0 else -1
 
 
-def _floors(conventions: GeometryConventions, floor_mm: float) -> dict[str, float]:
-    floors = dict.fromkeys(QUANTITIES, floor_mm)
-    floors["gradient_permille"] = floor_mm / conventions.gradient_base_m
-    floors["curvature_1pm"] = 8e-3 * floor_mm / conventions.curvature_base_m**2
-    return floors
+def _like_a_millimetre(conventions: GeometryConventions) -> dict[str, float]:
+    return dict.fromkeys(QUANTITIES, 1.0) | {
+        "gradient_permille": 1.0 / conventions.gradient_base_m,
+        "curvature_1pm": 8e-3 / conventions.curvature_base_m**2,
+    }
 
 
 def _slow(change: Array, step_m: float) -> Array:
@@ -156,24 +161,22 @@ def _slow(change: Array, step_m: float) -> Array:
     return smooth.to_numpy()
 
 
-def _table(over: Overlay, found: dict[str, _Compared], conventions: GeometryConventions) -> pd.DataFrame:
+def _table(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
     changed = np.any([one.changed for one in found.values()], axis=0)
     spans = true_runs(changed)
     together = round(_TOGETHER_M / over.step_m)
     first = np.flatnonzero(np.r_[True, spans[1:, 0] - spans[:-1, 1] >= together][: len(spans)])
     stops = spans[np.r_[first[1:], len(spans)] - 1, 1] if len(spans) else ()
-    rows = [_row(over, found, slice(a, b), conventions) for a, b in zip(spans[first, 0], stops, strict=True)]
+    rows = [_row(over, found, slice(a, b)) for a, b in zip(spans[first, 0], stops, strict=True)]
     return pd.DataFrame(rows, columns=list(CHANGE_COLUMNS))
 
 
-def _row(
-    over: Overlay, found: dict[str, _Compared], rows: slice, conventions: GeometryConventions
-) -> dict[str, object]:
+def _row(over: Overlay, found: dict[str, _Compared], rows: slice) -> dict[str, object]:
     """One change: cells ``rows``, the first and the last of them changed."""
     places = {name: at for name, one in found.items() if (at := one.largest(rows)) >= 0}
-    in_floors = {name: abs(found[name].change[at]) / found[name].floor for name, at in places.items()}
-    in_mm = {name: size for name, size in in_floors.items() if name.endswith("_mm")}
-    name = max(in_mm or in_floors, key=in_floors.__getitem__)
+    size = {name: abs(found[name].change[at]) / found[name].like_a_mm for name, at in places.items()}
+    in_mm = [name for name in size if name.endswith("_mm")]
+    name = max(in_mm or size, key=size.__getitem__)
     at, one = places[name], found[name]
     change, sd, before = one.change[at], one.noise.sigma[at], over.before(name)[at]
     return {
@@ -185,12 +188,12 @@ def _row(
         "sigmas": abs(change) / sd,
         "before": before,
         "after": before + change,
-        "kind": _kind(found, in_floors, rows, _LONG_M / over.step_m),
+        "kind": _kind(found, size, rows, _LONG_M / over.step_m),
     }
 
 
 def _kind(found: dict[str, _Compared], size: dict[str, float], rows: slice, long: float) -> Kind:
-    """A guess from which quantities changed, ``size`` in floors.
+    """A guess from which quantities changed, ``size`` as if in mm.
 
     One rail that dips takes the cross-level to one side and the level with it; a twist takes it to both sides, or
     leaves the level alone.

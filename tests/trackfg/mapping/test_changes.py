@@ -165,7 +165,9 @@ def test_a_changed_curve_is_no_kick(grid: pd.DataFrame) -> None:
 def test_small_changes_count_from_the_floor_on(grid: pd.DataFrame) -> None:
     run = seen(shape_of(0, (Defect("dip", at_m=1500.0, size_m=0.8e-3, length_m=5.0),)), 104)
     assert compared(run, grid).table.empty
-    assert len(compared(run, grid, floor_mm=0.5).table) == 1
+    for floor in (0.5, 0.0):
+        (row,) = compared(run, grid, floor_mm=floor).table.itertuples()
+        assert (row.kind, row.quantity) == ("dip", "versine_level_mm")
 
 
 def test_more_noise_than_stated_raises_the_sigmas(grid: pd.DataFrame) -> None:
