@@ -88,7 +88,8 @@ def located(
     check_conventions(meaning, feature_map.conventions, run)
     common = _ON_SPRINGS_SD_M if on_springs else 0.0
     grid = feature_map.grid
-    prior = np.hypot(geometry["chainage_m_sd"], float(grid["chainage_m_sd"].median())).to_numpy() if anchored else None
+    map_sd = float(grid["chainage_m_sd"].median())
+    prior = np.hypot(geometry["chainage_m_sd"].to_numpy(), map_sd) if anchored else None
     recognition = recognise(geometry, grid, place_sd_m=prior, rate_sd=wheel_scale_sd, direction=direction)
     used = recognition.sections[recognition.sections["used"]]
     if not anchored and recognition.probability < _SURE:
@@ -135,7 +136,7 @@ def _less_sure(family: Family, grid: pd.DataFrame, direction: int) -> Family:
 
 
 def _map_sd(grid: pd.DataFrame, chainage: Array) -> Array:
-    return np.interp(chainage, grid["chainage_m"], grid["chainage_m_sd"])
+    return np.asarray(np.interp(chainage, grid["chainage_m"], grid["chainage_m_sd"]))
 
 
 def _landmarks(

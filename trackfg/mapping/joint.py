@@ -51,7 +51,7 @@ def joint_solution(said: Iterable[RunInformation]) -> Joint:
         rows.append(np.zeros((1, len(names) + 1)))
         rows[-1][0, column[offsets[0]]] = 1.0 / _HELD_SD
     with threadpool_limits(limits=1, user_api="blas"):  # on busy cores its threads wait ten times as long
-        triangle = np.linalg.qr(np.concatenate(rows), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     R, d = triangle[: len(names), :-1], triangle[: len(names), -1]
     inverse = solve_triangular(R, np.eye(len(names)))
     return Joint(names, inverse @ d, inverse @ inverse.T)

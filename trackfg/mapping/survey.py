@@ -116,17 +116,18 @@ def reopened(feature_map: FeatureMap) -> Survey:
         local = np.maximum(grid["cross_level_mm_sd"] ** 2 - common, 1e-6 * grid["cross_level_mm_sd"] ** 2)
         grid = grid.assign(cross_level_mm_sd=np.sqrt(local))
     runs = {}
-    for row in feature_map.runs.itertuples():
-        information = feature_map.information[row.run_id]
+    columns = ["run_id", "recording_id", "start", "content_sha256", "direction"]
+    for run_id, recording_id, start, content, direction in feature_map.runs[columns].to_numpy().tolist():
+        information = feature_map.information[run_id]
         facts = RunFacts(
-            start=row.start or None,
-            content_sha256=row.content_sha256,
-            direction=1 if row.direction == 1 else -1,
-            anchored=offset_variable(row.run_id) not in information.variables,
-            imu_id=_sensor_in(information, row.run_id),
+            start=start or None,
+            content_sha256=content,
+            direction=1 if direction == 1 else -1,
+            anchored=offset_variable(run_id) not in information.variables,
+            imu_id=_sensor_in(information, run_id),
             mount_roll_sd_rad=0.0,
         )
-        runs[row.run_id] = SurveyedRun(row.recording_id, facts)
+        runs[run_id] = SurveyedRun(recording_id, facts)
     return Survey(
         name=feature_map.name,
         conventions=feature_map.conventions,
