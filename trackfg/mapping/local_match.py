@@ -10,8 +10,8 @@ defect) weigh less, ``1/(1 + (residual/3 sigma)^2)``; sigma is the median over t
 residual, but no less than what the tables' sigmas say of curvature and versines (those of the cross-level are mostly of
 its constant).
 
-Noise of neighbouring rows is correlated over the operators' bases. With the gradient ``G_i = f'_i w_i / sigma`` and
-the pooled periodogram ``P`` of the weighted residuals of all sections, the covariance is that of least squares under
+Noise of neighbouring rows is correlated over the operators' bases. With the gradient ``G_i = f'_i w_i / sigma`` and the
+pooled periodogram ``P`` of the weighted residuals of all sections, the covariance is that of least squares under
 coloured noise (White, Econometrica 48, 1980, in the form for stationary noise)
 
     C = A^-1 B A^-1,    A = sum G G^T + prior,    B = mean over frequencies of |G(W)|^2 P(W) + prior,
@@ -34,7 +34,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfg.frames import Array
-from trackfg.mapping.profiles import CROSS_LEVEL, CURVATURE, LONG_M, ROWS_PER_CELL, STEP_M, Profile, forward_mean
+from trackfg.mapping.profiles import (
+    CROSS_LEVEL,
+    CURVATURE,
+    LONG_M,
+    ROWS_PER_CELL,
+    STEP_M,
+    Profile,
+    forward_mean,
+    sections_of,
+)
 
 _ROUNDS = 4
 _FAR = 3.0
@@ -119,10 +128,10 @@ def match_sections(
     sections = len(middle_m)
     rows = length_m * ROWS_PER_CELL
     first = np.rint((middle_m - 0.5 * length_m) / STEP_M).astype(np.int64) - run.first
-    x = STEP_M * np.arange(rows) - 0.5 * length_m
+    x: Array = STEP_M * np.arange(rows, dtype=np.float64) - 0.5 * length_m
     place, sd, local = about_m.copy(), np.full(sections, np.nan), scale.copy()
     for which, long in ((np.flatnonzero(same), False), (np.flatnonzero(~same), True)):
-        names = [name for name in run.values if not long or name == CURVATURE]
+        names = [name for name in run.features if not long or name == CURVATURE]
         if which.size and names:
             features = [_feature(run, reference, name, first[which], rows, long=long) for name in names]
             known_scale = min(scale_sd, _CURVES_SCALE) if long else scale_sd
@@ -131,7 +140,7 @@ def match_sections(
     sd = np.hypot(sd, _walk(place - middle_m, sd))
     bias, bias_sd = np.full(sections, np.nan), np.full(sections, np.nan)
     found = np.flatnonzero(np.isfinite(sd))
-    if CROSS_LEVEL in run.values and found.size:
+    if CROSS_LEVEL in run.features and found.size:
         feature = _feature(run, reference, CROSS_LEVEL, first[found], rows, long=False)
         bias[found], bias_sd[found] = _bias(feature, x, place[found], local[found], sd[found])
     return Matches(place, sd, local, bias, bias_sd)
@@ -142,11 +151,10 @@ def _feature(
 ) -> _Feature:
     from scipy.interpolate import CubicSpline  # late: 0.2 s
 
-    r, f = run.values[name], reference.values[name]
+    r, f = run.features[name], reference.features[name]
     if long:
         r, f = (forward_mean(x, LONG_M * ROWS_PER_CELL) for x in (r, f))
-    index = first[:, None] + np.arange(rows)
-    pieces = np.where((index >= 0) & (index < len(r)), r[np.clip(index, 0, len(r) - 1)], np.nan)
+    pieces = sections_of(r, first, rows)
     known = np.isfinite(f)
     at = np.flatnonzero(known)
     if at.size < 2:
@@ -163,14 +171,9 @@ def _feature(
         reference.first,
         cubic,
         both,
-        float(np.hypot(_median(run.sigmas[name]), _median(reference.sigmas[name]))) if told else 0.0,
+        float(np.sqrt(run.claimed_variance(name) + reference.claimed_variance(name))) if told else 0.0,
         max(_LEAST * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25),
     )
-
-
-def _median(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else 0.0
 
 
 def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool) -> _Fit:
@@ -216,7 +219,7 @@ def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_s
         inverse = np.linalg.inv(A)
         step_by = np.einsum("kab,kb->ka", inverse, b)
         place, scale = place + np.clip(step_by[:, 0], -5.0, 5.0), scale + np.clip(step_by[:, 1], -0.02, 0.02)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         variance = (inverse @ noise @ inverse)[:, 0, 0] * (slopes / alike) ** 2
     variance *= np.maximum(1.0, (_OWN_DOF + squares / 10.0) / (_OWN_DOF + rows / 10.0))
     sure = (alike > _ALIKE * slopes) & (rows > 0.5 * len(features) * len(x)) & (np.abs(step_by[:, 0]) < 0.3)
@@ -238,7 +241,7 @@ def _searched(features: list[_Feature], x: Array, place: Array, scale: Array) ->
             d = _centred(np.where(known, d, 0.0), known.astype(np.float64))
             count = np.maximum(known.sum(axis=1), 1)
             evidence[k] -= 0.5 * count * np.log((d**2).sum(axis=1) / count + feature.least**2)
-    return place + STEP_M * two[np.argmax(evidence, axis=0)]
+    return np.asarray(place + STEP_M * two[np.argmax(evidence, axis=0)])
 
 
 def _centred(values: Array, weight: Array) -> Array:

@@ -10,17 +10,17 @@ one section to the next
   all along, so its sections do not speak against the place one by one;
 * the run leaves the reference (:data:`_LEAVE`, or by its end) and comes back anywhere (:data:`_RETURN`).
 
-A run that is nowhere on the reference still has curves like many there, built by the same rules. So "nowhere" is
-unlike any place, or **alike** one: its curves are as there, its short waves are not, and with every section it may go
-on there or be alike any other place (:data:`_TO_OTHER`) or none. One curve that fits then proves little, and each
-further one that fits in its place as much as finding one among all places would by chance.
+A run that is nowhere on the reference still has curves like many there, built by the same rules. So "nowhere" is unlike
+any place, or **alike** one: its curves are as there, its short waves are not, and with every section it may go on there
+or be alike any other place (:data:`_TO_OTHER`) or none. One curve that fits then proves little, and each further one
+that fits in its place as much as finding one among all places would by chance.
 
-Likelihoods are relative to "nowhere", where they are one: ``exp(curves)`` on changed track
-and alike, ``exp(short + curves)`` on track as before. Even the best section speaks against "nowhere" by :data:`_MOST` at most: it may look alike by a cause
-that no likelihood knows, such as a second track beside the first.
+Likelihoods are relative to "nowhere", where they are one: ``exp(curves)`` on changed track and alike, ``exp(short +
+curves)`` on track as before. Even the best section speaks against "nowhere" by :data:`_MOST` at most: it may look alike
+by a cause that no likelihood knows, such as a second track beside the first.
 
-Forward filtering and backward smoothing (Rabiner, Proc. IEEE 77, 1989); the filter's states are kept at every so
-manieth section and made again where the smoother needs them, so that memory grows with the root of the sections.
+Forward filtering and backward smoothing (Rabiner, Proc. IEEE 77, 1989); the filter's states are kept at some
+sections and made again between them where the smoother needs them: memory grows with the root of their number.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfg.frames import Array
-from trackfg.mapping.likelihood import PLACE_M, Array32
+from trackfg.mapping.likelihood import PLACE_M
+from trackfg.mapping.short_wave_likelihood import Array32
 
 _ON_REFERENCE = 0.5
 """Prior probability that the run is on the reference at all."""
@@ -98,7 +99,7 @@ class _State:
 
     @property
     def stop(self) -> int:
-        return self.first + self.on.shape[2]
+        return self.first + int(self.on.shape[2])
 
     def places(self) -> Array32:
         """Shape (n,)."""
@@ -124,7 +125,7 @@ class PlaceChain:
 
     def __post_init__(self) -> None:
         reach = int(np.ceil(3.0 * self.scale_sd / _SCALE_STEP)) if self.scale_sd > 0.2 * _SCALE_STEP else 0
-        self.scales = _SCALE_STEP * np.arange(-reach, reach + 1)
+        self.scales = _SCALE_STEP * np.arange(-reach, reach + 1, dtype=np.float64)
         prior = np.exp(-0.5 * (self.scales / self.scale_sd) ** 2) if reach else np.ones(1)
         self.scale_prior = (prior / prior.sum()).astype(np.float32)
 
@@ -133,8 +134,9 @@ class PlaceChain:
         sections = len(self.windows.first)
         stride = max(1, int(np.sqrt(sections)))
         kept: list[_State] = []
+        state: _State | None = None
         for k in range(sections):
-            state = self._filtered(k, state if k else None)
+            state = self._filtered(k, state)
             if k % stride == 0:
                 kept.append(state)
         found: list[tuple[float, ...]] = []
@@ -166,10 +168,10 @@ class PlaceChain:
         total = float(places.sum()) + float(state.alike.sum()) + state.off
         likely = np.flatnonzero(places > _NEGLIGIBLE * total)
         begin, stop = (int(likely[0]), int(likely[-1]) + 1) if likely.size else (0, 1)
-        by = np.float32(1.0 / total)
-        return _State(
-            state.first + begin, state.on[:, :, begin:stop] * by, state.alike[begin:stop] * by, state.off / total
-        )
+        on, by = state.on[:, :, begin:stop], np.float32(1.0 / total)
+        on = on.copy() if 2 * (stop - begin) < len(places) else on  # do not keep what was cut off
+        on *= by
+        return _State(state.first + begin, on, state.alike[begin:stop] * by, state.off / total)
 
     def _prior(self) -> _State:
         count = int(self.windows.count[0])
@@ -246,7 +248,7 @@ class PlaceChain:
         low, high = self._reach(k, before)
         count, into = before.on.shape[2], slice(future.first - low, future.stop - low)
         fresh = np.zeros(high - low, dtype=np.float32)
-        fresh[into] = np.tensordot(_FRESH[:, None] * self.scale_prior, future.on, axes=2)
+        fresh[into] = np.einsum("c,h,chp->p", _FRESH, self.scale_prior, future.on)
         slipped = _box(fresh) * np.float32(_SLIP * (1.0 - _LEAVE))
         slipped += np.float32(_LEAVE * future.off)
         on = np.empty((2, len(self.scales), count), dtype=np.float32)
@@ -278,7 +280,8 @@ class PlaceChain:
         joint = state.on * future.on
         place = joint.reshape(-1, joint.shape[2]).sum(axis=0).astype(np.float64)
         place /= float(place.sum()) + float((state.alike * future.alike).sum()) + state.off * future.off
-        mode = int(np.argmax(np.convolve(place, np.ones(3), mode="same")))
+        beside = np.pad(place, 1)
+        mode = int(np.argmax(2.0 * place + beside[:-2] + beside[2:]))
         begin, stop = max(mode - _MODE, 0), mode + _MODE + 1
         part = joint[:, :, begin:stop].astype(np.float64)
         weight = max(float(part.sum()), float(np.finfo(np.float64).tiny))
@@ -298,11 +301,12 @@ _FRESH = np.array([_SAME, 1.0 - _SAME], dtype=np.float32)
 def _move(x: Array32, by: float, share: float, out: Array32) -> None:
     """A share of each place moved ``by`` places and blurred by creep. Shape (m, n) into ``out`` (m, p).
 
-    Between places it goes to both neighbours, so that the mean moves exactly.
+    To the nearest place and its two neighbours, with mean ``by`` and the variance of creep, or its least there.
     """
-    whole = int(np.floor(by))
+    whole = round(by)
     part = by - whole
-    weights = share * np.convolve([1.0 - part, part], [_CREEP, 1.0 - 2.0 * _CREEP, _CREEP])
+    spread = max(2.0 * _CREEP, abs(part) - part**2) + part**2
+    weights = share * np.array([spread - part, 2.0 - 2.0 * spread, spread + part]) / 2.0
     out[...] = 0.0
     for offset, weight in enumerate(weights.astype(np.float32), start=whole - 1):
         low, high = max(0, offset), min(out.shape[1], x.shape[1] + offset)

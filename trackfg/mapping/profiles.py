@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
@@ -43,21 +44,26 @@ _MAD = 1.4826
 class Profile:
     """A table on whole rows: row ``i`` is at ``(first + i) * 0.25`` m, ``first`` a multiple of 4.
 
-    ``values`` and ``sigmas`` by feature, each (n,), n a multiple of 4; NaN where not known.
+    ``features`` and their ``sigmas`` by name, each (n,), n a multiple of 4; NaN where not known.
     """
 
     first: int
-    values: dict[str, Array]
+    features: dict[str, Array]
     sigmas: dict[str, Array]
 
     @property
     def rows(self) -> int:
-        return len(next(iter(self.values.values())))
+        return len(next(iter(self.features.values())))
 
     @property
     def first_cell(self) -> int:
         """Chainage of the first cell's first row, m."""
         return self.first // ROWS_PER_CELL
+
+    def claimed_variance(self, name: str) -> float:
+        """By the median sigma of a feature; 0 where the table has none."""
+        known = self.sigmas[name][np.isfinite(self.sigmas[name])]
+        return float(np.median(known)) ** 2 if known.size else 0.0
 
 
 def common_features(run: pd.DataFrame, reference: pd.DataFrame) -> tuple[str, ...]:
@@ -72,6 +78,8 @@ def common_features(run: pd.DataFrame, reference: pd.DataFrame) -> tuple[str, ..
 
 def profile_of(table: pd.DataFrame, features: Sequence[str], what: str) -> Profile:
     """Raises ``BadInputError``, naming ``what``, where chainage is not ascending on whole multiples of 0.25 m."""
+    if "chainage_m" not in table:
+        raise BadInputError(f"{what}: no column chainage_m")
     chainage = table["chainage_m"].to_numpy(dtype=np.float64)
     row = np.rint(chainage / STEP_M)
     if not (np.isfinite(chainage).all() and np.all(np.abs(chainage / STEP_M - row) < 1e-6)):
@@ -143,4 +151,19 @@ def _bridged(x: Array) -> Array:
     for hole in np.flatnonzero((np.diff(known) > 1) & (np.diff(known) <= _FILL_M + 1)):
         begin, end = known[hole], known[hole + 1]
         out[begin : end + 1] = np.linspace(x[begin], x[end], end - begin + 1)
+    return out
+
+
+def sections_of(x: Array, first: NDArray[np.int64], length: int) -> Array:
+    """Pieces of ``x`` from each ``first`` on, NaN beyond the ends. Shape (k, length)."""
+    index = first[:, None] + np.arange(length)
+    return np.where((index >= 0) & (index < len(x)), x[np.clip(index, 0, len(x) - 1)], np.nan)
+
+
+def piece(x: NDArray[np.floating], begin: int, stop: int) -> NDArray[np.floating]:
+    """``x[begin:stop]``, NaN beyond the ends."""
+    out = np.full(stop - begin, np.nan, dtype=x.dtype)
+    low, high = max(begin, 0), min(stop, len(x))
+    if low < high:
+        out[low - begin : high - begin] = x[low:high]
     return out

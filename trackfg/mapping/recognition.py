@@ -18,10 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
-from trackfg.mapping.likelihood import PLACE_M, Array32, Scores, scores_of
+from trackfg.mapping.likelihood import PLACE_M, Scores, scores_of
 from trackfg.mapping.local_match import match_sections
 from trackfg.mapping.place_chain import NEAR, PlaceChain, Places, Windows
 from trackfg.mapping.profiles import LONG_M, ROWS_PER_CELL, Profile, common_features, profile_of
@@ -104,13 +105,14 @@ def recognise(
             pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan
         )
     scores = scores_of(ours, theirs, first_cells, length, rate_sd)
-    if place_sd_m is None:
-        chain = _anywhere(scores, first_cells, length, rate_sd)
-    else:
-        middle = first_cells + 0.5 * length
-        sd = np.interp(middle, run["chainage_m"].to_numpy(dtype=np.float64), np.asarray(place_sd_m, dtype=np.float64))
-        chain = _about(scores, first_cells, sd, rate_sd)
-    places = chain.places()
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+        if place_sd_m is None:
+            chain = _anywhere(scores, first_cells, length, rate_sd)
+        else:
+            chainage, middle = run["chainage_m"].to_numpy(dtype=np.float64), first_cells + 0.5 * length
+            sd = np.interp(middle, chainage, np.asarray(place_sd_m, dtype=np.float64))
+            chain = _about(scores, first_cells, sd, rate_sd)
+        places = chain.places()
     return _recognition(ours, theirs, first_cells, length, rate_sd, places)
 
 
@@ -129,7 +131,7 @@ def _check(run: pd.DataFrame, place_sd_m: Array | None, rate_sd: float, directio
 
 def _sections(run: Profile, length: int) -> NDArray[np.int64]:
     """First cells of the sections, m: whole multiples of their length. Those at the ends are as full as asked for."""
-    known = np.any([np.isfinite(values) for values in run.values.values()], axis=0)
+    known = np.any([np.isfinite(values) for values in run.features.values()], axis=0)
     row = np.flatnonzero(known) + run.first
     if row.size == 0:
         return np.zeros(0, dtype=np.int64)
@@ -144,8 +146,8 @@ def _anywhere(scores: Scores, first_cells: NDArray[np.int64], length: int, rate_
     """The chain of a run that may be anywhere on the reference, or reach over its ends by part of a section."""
     begin = (scores.first_cell - length // 2) // PLACE_M
     stop = (scores.first_cell + scores.cells - length // 2) // PLACE_M + 1
-    short, curves = scores.everywhere(begin, stop)
     every = np.ones(len(first_cells), dtype=np.int64)
+    short, curves = scores.with_noise_of(begin * every, stop * every).everywhere(begin, stop)
     windows = Windows(begin * every, (stop - begin) * every, first_cells.astype(np.float64))
     return PlaceChain(windows, list(short), list(curves), rate_sd)
 
@@ -158,9 +160,9 @@ def _about(scores: Scores, first_cells: NDArray[np.int64], sd: Array, rate_sd: f
     reach = _WINDOW_M + np.minimum(_WINDOW_SIGMAS * sd, float(scores.cells))
     begin = np.floor((first_cells - reach) / PLACE_M).astype(np.int64)
     count = np.ceil((first_cells + reach) / PLACE_M).astype(np.int64) - begin
+    scores = scores.with_noise_of(begin, begin + count)
     parts = [scores.at(slice(k, k + 1), int(begin[k]), int(begin[k] + count[k])) for k in range(len(first_cells))]
-    short: list[Array32] = [part[0][0] for part in parts]
-    curves: list[Array32] = [part[1][0] for part in parts]
+    short, curves = ([part[i][0] for part in parts] for i in (0, 1))
     best = int(np.argmin(sd))
     away = (begin[best] + np.arange(count[best])) * PLACE_M + 0.5 * (PLACE_M - 1) - first_cells[best]
     prior = -0.5 * away**2 / (sd[best] ** 2 + PLACE_M**2 / 12.0)
@@ -177,10 +179,11 @@ def _recognition(
     places: Places,
 ) -> Recognition:
     half = 0.5 * length
+    middle: Array = first_cells.astype(np.float64) + half
     matches = match_sections(
         run,
         reference,
-        first_cells + half,
+        middle,
         length,
         about_m=places.mean_m + half * (1.0 + places.scale),
         scale=places.scale,
@@ -196,7 +199,7 @@ def _recognition(
     so_far = np.minimum((places.so_far * (away <= _KNOWN_M)).sum(axis=1), 1.0)
     sections = pd.DataFrame(
         {
-            "run_m": first_cells + half,
+            "run_m": middle,
             "reference_m": matches.reference_m,
             "match_sd_m": matches.sd_m,
             "probability": probability,
