@@ -193,7 +193,7 @@ PART = Part(
     figures=figures,
     notes=(
         "Errors are rms over all curves of all seeds, against the designed line. What a result's roll has beyond its"
-        " mounting is what is left of the accelerometer's bias. It would be known four times as well if the axes were"
+        " mounting is what is left of the accelerometer's bias. It would be known far better if the axes were"
         " at right angles; as they are off by the same in all runs of a vehicle, most of it is common to these."
     ),
 )
