@@ -7,6 +7,7 @@ changes    defects that came after the map was made, and false alarms
 speed      ten runs of 70 km: time and memory of making the map and of adding an eleventh (the first seed alone)
 
 Each line of a table has what was measured over all seeds, its range over the seeds, the target, and whether it is met.
+Twenty seeds take some 25 minutes on two free cores.
 
     python tools/positioning.py [--seeds 20] [--first-seed 0] [--jobs 2] [--parts slips map localise changes speed]
                                 [--out FILE] [--per-seed FILE]

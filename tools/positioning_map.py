@@ -193,7 +193,7 @@ PART = Part(
     figures=figures,
     notes=(
         "Errors are rms over all curves of all seeds, against the designed line. What a result's roll has beyond its"
-        " mounting is left of the accelerometer's bias and of the axes' misalignment: no motion along a track tells it"
-        " from the mounting better than that, and the runs of a vehicle have some of it in common."
+        " mounting is what is left of the accelerometer's bias. It would be known far better if the axes were"
+        " at right angles; as they are off by the same in all runs of a vehicle, most of it is common to these."
     ),
 )
