@@ -51,6 +51,8 @@ _WALK_SCALE = 1e-4
 """Scale of a section that a walk of the wheels makes by itself."""
 _CURVES_SCALE = 0.003
 """Sigma of a section's scale where there are only curves: their few slopes would rather fit irregularities."""
+_CURVES_SD = 1.3
+"""By this much more do matches by curves err (measured on tamped lines): irregularities bend the fit itself."""
 _ALIKE = 0.7
 _LEAST = 1e-4
 """Of a feature's size: the least noise."""
@@ -136,7 +138,8 @@ def match_sections(
             features = [_feature(run, reference, name, first[which], rows, long=long) for name in names]
             known_scale = min(scale_sd, _CURVES_SCALE) if long else scale_sd
             fit = _fit(features, x, about_m[which], scale[which], known_scale, searched=not long)
-            place[which], sd[which], local[which] = fit.place, fit.sd, fit.scale
+            place[which], local[which] = fit.place, fit.scale
+            sd[which] = fit.sd * (_CURVES_SD if long else 1.0)
     sd = np.hypot(sd, _walk(place - middle_m, sd))
     bias, bias_sd = np.full(sections, np.nan), np.full(sections, np.nan)
     found = np.flatnonzero(np.isfinite(sd))
