@@ -148,6 +148,7 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     )
     calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
     imu_sd = response_sigmas(*calibration)[None]
+    wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2])
     mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
     return [
         nav_prior(first, states.nav[:1], nav_sd),
@@ -156,4 +157,5 @@ def _priors(layout: Layout, states: States) -> list[Family]:
         prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
+        prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
     ]
