@@ -47,14 +47,14 @@ class TachConfig(_Section):
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
-    creep_per_traction: Positive = 0.1
+    creep_per_traction: Positive = 0.05
     creep_per_traction_sd: Positive = 0.05
     rail_offset_sd_m: Positive = 0.1
     speed_noise_mps: Positive = 0.1
     scale_walk_per_sqrt_m: Positive = 1e-7
     clock_offset_sd_s: Positive = 0.1
     clock_drift_sd: Positive = 1e-4
-    robust_width: Positive = 3.0
+    robust_width: Annotated[float, Field(gt=2.5, allow_inf_nan=False)] = 3.5
     max_gap_s: Positive = 5.0
 
 

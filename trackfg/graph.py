@@ -12,10 +12,11 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+import pandas as pd
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
@@ -27,7 +28,7 @@ from trackfg.factors.states import Kind, States
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, intervals
 from trackfg.inertial_factors import inertial_factors, own_bias_walk, tilt
-from trackfg.initial import initial_path
+from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes
 from trackfg.layout import Layout, World, world_of
 from trackfg.motion_factors import motion
@@ -37,6 +38,7 @@ from trackfg.recording import Recording
 from trackfg.spans import within
 from trackfg.standstill import find_standstills
 from trackfg.wheel import Wheel, read_wheel
+from trackfg.wheel_slip import Rolling, rolling
 
 
 @dataclass(frozen=True)
@@ -80,13 +82,16 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     wheel = read_wheel(recording, config.tach.max_gap_s)
     speedless = wheel is None and recording.gnss is None
     rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
-    rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
     path = initial_path(recording, data, wheel, rests, world.earth_rate, world.start_yaw)
+    found = None
+    if wheel is not None:
+        found, rests, path = _without_slip(recording, data, wheel, rests, path, world, config.motion.min_rest_s)
+    rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
-    layout = Layout(recording, config, world, data, wheel, rests, path, edges, t)
+    layout = Layout(recording, config, world, data, wheel, rests, path, found, edges, t)
     states = layout.initial_states()
     moving = [tilt(layout)] if speedless else motion(layout)
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
@@ -106,6 +111,21 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
         mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
         response=layout.response,
     )
+
+
+def _without_slip(recording: Recording, data: Intervals, wheel: Wheel, rests: Array, path: InitialPath, world: World, min_rest_s: float) -> tuple[Rolling, Array, InitialPath]:
+    """Where the wheel rolls; rests and initial path without the slips.
+
+    Twice, if there are any: they spoil the attitude of the initial path, and by it the speed that shows them.
+    """
+    for _ in range(2):
+        found = rolling(wheel, data, path, rests)
+        if found.rolls.all():
+            break
+        mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
+        rests = find_standstills(replace(recording, tach=mended), min_rest_s)
+        path = initial_path(recording, data, found.wheel, rests, world.earth_rate, world.start_yaw)
+    return found, rests, path
 
 
 def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:

@@ -11,6 +11,8 @@ What is left beyond is slip, and the loss switches the wheel off there.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trackfg.factors.family import Family, Loss
@@ -52,7 +54,9 @@ def odometer(layout: Layout) -> list[Family]:
         variance = np.where(silent, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
     response = wheel_response(layout.distance, turned, force)
-    families.append(tach_distance(k, response, sigma, Loss("switch", config.robust_width, huber_at_start=True)))
+    assert layout.rolling is not None
+    wheel = tach_distance(k, response, sigma, Loss("row", config.robust_width, huber_at_start=True))
+    families.append(replace(wheel, doubtful=layout.rolling.slips_within(layout.t)))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
     since = layout.t[read] - 0.5 * (layout.t[0] + layout.t[-1])
