@@ -81,17 +81,12 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
     speedless = wheel is None and recording.gnss is None
-    rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
-    path = initial_path(recording, data, wheel, rests, world.earth_rate, world.start_yaw)
-    found = None
-    if wheel is not None:
-        found, rests, path = _without_slip(recording, data, wheel, rests, path, world, config.motion.min_rest_s)
-    rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
+    rests, path, rolls = _first_pass(recording, config, world, data, wheel, speedless)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
-    layout = Layout(recording, config, world, data, wheel, rests, path, found, edges, t)
+    layout = Layout(recording, config, world, data, wheel, rests, path, rolls, edges, t)
     states = layout.initial_states()
     moving = [tilt(layout)] if speedless else motion(layout)
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
@@ -113,19 +108,27 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     )
 
 
-def _without_slip(recording: Recording, data: Intervals, wheel: Wheel, rests: Array, path: InitialPath, world: World, min_rest_s: float) -> tuple[Rolling, Array, InitialPath]:
-    """Where the wheel rolls; rests and initial path without the slips.
+def _first_pass(
+    recording: Recording, config: SmoothConfig, world: World, data: Intervals, wheel: Wheel | None, speedless: bool
+) -> tuple[Array, InitialPath, Rolling | None]:
+    """Rests and initial path, both without the slips, and where the wheel rolls.
 
-    Twice, if there are any: they spoil the attitude of the initial path, and by it the speed that shows them.
+    Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
-    for _ in range(2):
-        found = rolling(wheel, data, path, rests)
+    found = None
+    for attempt in range(3):
+        rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
+        rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
+        rolled = wheel if found is None else found.wheel
+        path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
+        if wheel is None or attempt == 2:
+            break
+        found = rolling(wheel, data, path, rests, config)
         if found.rolls.all():
             break
         mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
-        rests = find_standstills(replace(recording, tach=mended), min_rest_s)
-        path = initial_path(recording, data, found.wheel, rests, world.earth_rate, world.start_yaw)
-    return found, rests, path
+        recording = replace(recording, tach=mended)
+    return rests, path, found
 
 
 def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:

@@ -89,7 +89,9 @@ def smooth(recording: Recording, config: SmoothConfig | None = None, *, progress
     config = config or SmoothConfig()
     smoothed = smooth_states(recording, config, progress=progress)
     direction = recording.description.track.direction
-    events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
+    events = event_table(
+        smoothed.problem, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, direction
+    )
     return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed))
 
 
