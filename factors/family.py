@@ -11,7 +11,7 @@ minimised by iteratively reweighted least squares (Zhang, "Parameter estimation 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import gtsam
@@ -19,14 +19,11 @@ import numpy as np
 from scipy.special import expit
 
 from trackfg.factors.states import Kind, Nav, States, Value, retract
+from trackfg.factors.switching import OUTLIER_SIGMAS, row_cost, row_weights
 from trackfg.frames import Array
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
 """``evaluate(*values, *data) -> (residual (m, d), one Jacobian (m, d, dim) per slot)``."""
-
-
-OUTLIER_SIGMAS = 1e3
-"""How wide outliers are taken to spread under the loss ``"switch"``: finite, lest nothing hold what they measure."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +54,12 @@ class Loss:
 
     ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go;
     ``"switch"`` is the negative logarithm of a mixture, of the measurement's own normal distribution and of one
-    :data:`OUTLIER_SIGMAS` as wide, which are equally likely at the width: below it errors count in full, beyond it they
-    count for nothing, so that many of one sign do not pull together. Its weight is all but the probability that the
-    error is the measurement's own (a switch variable, averaged over). While the values are far from the solution there
-    is no loss at all, or Huber's where errors are too many and too large.
+    :data:`~trackfg.factors.switching.OUTLIER_SIGMAS` as wide, which are equally likely at the width: below it errors
+    count in full, beyond it they count for nothing, so that many of one sign do not pull together. Its weight is all but
+    the probability that the error is the measurement's own (a switch variable, averaged over). ``"row"`` is the same for
+    factors that follow each other in time, whose switches hold for some time (:mod:`trackfg.factors.switching`): an
+    outlier makes its neighbours doubtful, and errors that last need not be large. While the values are far from the
+    solution there is no loss at all, or Huber's where errors are too many and too large.
     """
 
     kind: str
@@ -76,21 +75,27 @@ class Loss:
         """The weight of a whitened residual of this norm: rho'(e)/e."""
         if self.kind == "huber":
             return np.minimum(1.0, self.width / np.maximum(norm, 1e-12))
+        if self.kind == "row":
+            return row_weights(norm, self.width)
         if self.kind == "switch":
             outlier = expit(-0.5 * self.width**2 + 0.5 * (1.0 - OUTLIER_SIGMAS**-2) * norm**2)
             return np.asarray(1.0 - outlier * (1.0 - OUTLIER_SIGMAS**-2))
         return 1.0 / (1.0 + (norm / self.width) ** 2)
 
     def to_gtsam(self) -> gtsam.noiseModel.mEstimator.Base:
-        """The same loss for GTSAM's own optimisers."""
+        """The same loss for GTSAM's own optimisers, which know no rows: there each factor has a switch of its own."""
         losses = gtsam.noiseModel.mEstimator
+        if self.kind == "row":
+            return Loss("switch", self.width).to_gtsam()
         if self.kind == "switch":
             return losses.Custom(lambda e: float(self.weight(np.array(e))), lambda e: float(self.cost(np.array(e))))
         return (losses.Huber if self.kind == "huber" else losses.Cauchy).Create(self.width)
 
     def cost(self, norm: Array) -> Array:
-        """rho(e), which is e^2/2 for small e."""
+        """rho(e), which is e^2/2 for small e; of a row the sum."""
         c = self.width
+        if self.kind == "row":
+            return np.asarray(row_cost(norm, c))
         if self.kind == "huber":
             return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
         if self.kind == "switch":
@@ -114,6 +119,8 @@ class Family:
     data: tuple[Array, ...]
     sigma: Array
     loss: Loss | None = None
+    doubtful: np.ndarray | None = None
+    """Which measurements are taken for outliers while the values are far from the solution, shape (m,) of bool."""
 
     def __post_init__(self) -> None:
         m = len(self)
@@ -138,7 +145,15 @@ class Family:
         """Some of the factors, as a family."""
         slots = tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots)
         data = tuple(array[index] for array in self.data)
-        return Family(self.name, self.evaluate, slots, data, self.sigma[index], self.loss)
+        doubtful = None if self.doubtful is None else self.doubtful[index]
+        return replace(self, slots=slots, data=data, sigma=self.sigma[index], doubtful=doubtful)
+
+    def at_start(self) -> Family:
+        """What stands in while the values are far from the solution: gentler losses, no weight on what is doubtful."""
+        sigma = self.sigma
+        if self.doubtful is not None:
+            sigma = np.where(self.doubtful[:, None], OUTLIER_SIGMAS, 1.0) * sigma
+        return replace(self, loss=None if self.loss is None else self.loss.at_start, sigma=sigma)
 
     def values(self, states: States) -> tuple[Value, ...]:
         """The values that the factors touch, one entry per slot."""
@@ -168,8 +183,8 @@ class Family:
         residual, jacobians = self._evaluated(self.values(states))
         scale = 1.0 / self.sigma
         if self.loss is not None:
-            norm = np.linalg.norm(residual * scale, axis=1, keepdims=True)
-            scale = scale * np.sqrt(self.loss.weight(norm))
+            norm = np.linalg.norm(residual * scale, axis=1)
+            scale = scale * np.sqrt(self.loss.weight(norm))[:, None]
         return LinearFactors(self.slots, [jacobian * scale[:, :, None] for jacobian in jacobians], -residual * scale)
 
     def custom_factors(self) -> list[gtsam.CustomFactor]:

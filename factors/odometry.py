@@ -33,21 +33,38 @@ def distance_chain(first: np.ndarray, sigma: Array) -> Family:
     return Family("distance chain", _chain, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma)
 
 
-def _wheel(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:
+def wheel_response(distance: Array, turned: Array, force: Array) -> Array:
+    """What each entry of ``WHEEL`` adds to the distance that a wheel rolls, shape (m, 4).
+
+    For an interval of the signed ``distance`` (m), in which the vehicle turns left by ``turned`` (rad) under the mean
+    forward force ``force`` (g). Off to the left a wheel rolls less in a curve to the left; off to the outside it rolls
+    more in every curve. A force the way the vehicle goes is traction, and the wheel creeps ahead; else it brakes.
+    """
+    way = np.sign(distance)
+    along = way * force
+    return np.stack(
+        [-turned, way * np.abs(turned), distance * np.maximum(along, 0.0), distance * np.minimum(along, 0.0)], axis=1
+    )
+
+
+def _wheel(first: Array, second: Array, wheel: Array, response: Array) -> tuple[Array, tuple[Array, ...]]:
     turned = second[:, 2] - first[:, 2]
     d_first, d_second = np.zeros((2, len(first), 1, 4))
     d_first[:, 0, 1], d_first[:, 0, 2] = turned, -first[:, 1]
     d_second[:, 0, 2], d_second[:, 0, 3] = first[:, 1], -1.0
-    return (first[:, 1] * turned - second[:, 3])[:, None], (d_first, d_second)
+    residual = first[:, 1] * turned - second[:, 3] - np.sum(response * wheel, axis=1)
+    return residual[:, None], (d_first, d_second, -response[:, None, :])
 
 
-def tach_distance(first: np.ndarray, sigma: Array, loss: Loss | None) -> Family:
-    """The wheel rolls: scale times wheel distance is distance along the track.
+def tach_distance(first: np.ndarray, response: Array, sigma: Array, loss: Loss | None) -> Family:
+    """The wheel rolls: scale times wheel distance is distance along the track, and what curves and force add.
 
-    Residual (m): ``S_k (W_k+1 - W_k) - a_k+1``, positive when the wheel turns more than the vehicle moves (slip),
-    negative when it turns less (slide). sigma (m, 1) covers creep, not rounding.
+    Residual (m): ``S_k (W_k+1 - W_k) - a_k+1 - response w``, positive when the wheel turns more than the vehicle moves
+    (slip), negative when it turns less (slide). ``response`` (m, 4) is that of :func:`wheel_response` to the shared
+    ``WHEEL`` variable w. sigma (m, 1) covers creep, not rounding.
     """
-    return Family("tach distance", _wheel, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma, loss)
+    slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1), Slot(Kind.WHEEL, np.zeros_like(first)))
+    return Family("tach distance", _wheel, slots, (response,), sigma, loss)
 
 
 def _reading(odo: Array, clock: Array, count: Array, rate: Array, since: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -12,6 +12,9 @@ kind       dim   content and tangent
 ``IMU``    21    shared: scale factors and misalignments of the inertial sensor, as :mod:`trackfg.factors.bias` says
 ``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
                  middle of the run and its drift (s/s), the GNSS receiver's offset (s)
+``WHEEL``  4     shared: where the wheel runs in curves, to the left and to the outside of the centre line (m), and its
+                 creep per force in traction and in braking (share of the distance per g), as
+                 :func:`trackfg.factors.odometry.tach_distance` says
 =========  ====  =================================================================================================
 
 Position and velocity of one keyframe are one variable with its attitude, and the odometer's scalars are another: the
@@ -20,7 +23,7 @@ cost of elimination counts variables as well as dimensions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import gtsam
@@ -38,6 +41,7 @@ class Kind(Enum):
     MOUNT = ("m", 2, True)
     CLOCK = ("c", 3, True)
     IMU = ("i", 21, True)
+    WHEEL = ("w", 4, True)
 
     def __init__(self, letter: str, dim: int, shared: bool) -> None:
         self.letter = letter
@@ -53,7 +57,7 @@ ELIMINATION_ORDER = (Kind.ODO, Kind.BIAS, Kind.NAV)
 """Within a keyframe: the order measured to be cheapest, the odometer (few neighbours) first."""
 
 KEYFRAME_DIM = sum(kind.dim for kind in ELIMINATION_ORDER)
-SHARED = (Kind.MOUNT, Kind.CLOCK, Kind.IMU)
+SHARED = (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL)
 SHARED_DIM = sum(kind.dim for kind in SHARED)
 
 
@@ -95,7 +99,9 @@ def retract(value: Value, delta: Array) -> Value:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3), imu (1, 21)."""
+    """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3), imu (1, 21),
+    wheel (1, 4).
+    """
 
     nav: Nav
     bias: Array
@@ -103,6 +109,7 @@ class States:
     mount: Array
     clock: Array
     imu: Array
+    wheel: Array = field(default_factory=lambda: np.zeros((1, Kind.WHEEL.dim)))
 
     def __len__(self) -> int:
         return len(self.nav)
@@ -116,6 +123,7 @@ class States:
             Kind.MOUNT: self.mount,
             Kind.CLOCK: self.clock,
             Kind.IMU: self.imu,
+            Kind.WHEEL: self.wheel,
         }
         return values[kind]
 
@@ -128,8 +136,8 @@ class States:
             values.insert(nav[k], gtsam.NavState(attitude, self.nav.p[k], self.nav.v[k]))
             values.insert(bias[k], gtsam.imuBias.ConstantBias(self.bias[k, :3], self.bias[k, 3:]))
             values.insert(odo[k], self.odo[k])
-        for kind, value in ((Kind.MOUNT, self.mount), (Kind.CLOCK, self.clock), (Kind.IMU, self.imu)):
-            values.insert(_shared_key(kind), value[0])
+        for kind in SHARED:
+            values.insert(_shared_key(kind), np.asarray(self.of(kind))[0])
         return values
 
     def moved(self, step: Step) -> States:
@@ -137,13 +145,13 @@ class States:
         parts = {kind: retract(self.of(kind), step.of(kind)) for kind in Kind}
         nav = parts[Kind.NAV]
         assert isinstance(nav, Nav)
-        others = (np.asarray(parts[kind]) for kind in (Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK, Kind.IMU))
+        others = (np.asarray(parts[kind]) for kind in (Kind.BIAS, Kind.ODO, *SHARED))
         return States(nav, *others)
 
 
 @dataclass(frozen=True)
 class Step:
-    """Tangents of all variables, stacked: of the keyframes (n, 19) and of the shared variables (26,)."""
+    """Tangents of all variables, stacked: of the keyframes (n, 19) and of the shared variables (30,)."""
 
     keyframes: Array
     shared: Array

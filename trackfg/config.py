@@ -38,17 +38,23 @@ class TachConfig(_Section):
     """The wheel: creep (m per sqrt(m) rolled) and the part of it that goes with driving and braking (share of the
     distance per g of force), noise of a speed signal (m/s in 1 s), walk of the scale.
 
+    What does not change during a run is estimated, with these prior sigmas: the mean creep in traction and that in
+    braking (``creep_per_traction_sd``); how far to the left, and to the outside of curves, the wheel runs
+    (``rail_offset_sd_m``).
+
     The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's.
     ``robust_width`` is where, in sigmas, a wheel slips as likely as it rolls.
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
-    creep_per_traction: Positive = 0.1
+    creep_per_traction: Positive = 0.05
+    creep_per_traction_sd: Positive = 0.05
+    rail_offset_sd_m: Positive = 0.1
     speed_noise_mps: Positive = 0.1
     scale_walk_per_sqrt_m: Positive = 1e-7
     clock_offset_sd_s: Positive = 0.1
     clock_drift_sd: Positive = 1e-4
-    robust_width: Positive = 3.0
+    robust_width: Annotated[float, Field(gt=2.5, allow_inf_nan=False)] = 3.5
     max_gap_s: Positive = 5.0
 
 

@@ -24,7 +24,7 @@ _STACKED = 64
 class Covariance:
     """``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
 
-    d is 19 + 26, elimination order.
+    d is 19 + 30, elimination order.
     """
 
     marginal: Array

@@ -12,6 +12,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States
 from trackfg.graph import Problem
 from trackfg.results import EVENT_COLUMNS
+from trackfg.slip_events import slip_events
 from trackfg.spans import true_runs
 
 _Row = tuple[str, float, float, float, float, float, float, str]
@@ -21,7 +22,9 @@ _OUTLIER_WEIGHT = 0.5
 """A robust weight below this marks a measurement that the solution does not follow."""
 
 
-def event_table(problem: Problem, states: States, covariance: Covariance, direction: int) -> pd.DataFrame:
+def event_table(
+    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+) -> pd.DataFrame:
     """Events in order of their start, columns :data:`trackfg.results.EVENT_COLUMNS`."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
@@ -35,41 +38,23 @@ def event_table(problem: Problem, states: States, covariance: Covariance, direct
     rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in problem.gaps]
     if problem.wheel is not None:
         rows += [row("tach gap", start, end) for start, end in problem.wheel.gaps]
-    wheel = problem.family("tach distance")
-    if wheel is not None and wheel.loss is not None:
-        for start, end, removed, removed_sd in _slips(problem, wheel, states, covariance):
-            rows.append(row("slip" if removed > 0 else "slide", start, end, "", removed, removed_sd))
+    for event in slip_events(problem, states, covariance, trajectory, direction):
+        rows.append(
+            row(
+                "slip" if event.removed_m > 0 else "slide",
+                event.start_s,
+                event.end_s,
+                "",
+                event.removed_m,
+                event.removed_m_sd,
+            )
+        )
     for name in ("absolute fix", "landmark", "GNSS position"):
         family = problem.family(name)
         if family is not None:
             rows += _positions(problem, family, states, row)
     rows.sort(key=lambda r: r[1])
     return pd.DataFrame(rows, columns=list(EVENT_COLUMNS))
-
-
-def _slips(
-    problem: Problem, wheel: Family, states: States, covariance: Covariance
-) -> list[tuple[float, float, float, float]]:
-    """Runs of intervals in which the wheel did not roll: start, end, distance removed and its sigma.
-
-    A slip begins and ends between keyframes: an interval beside an outlier belongs to it if its wheel erred the same
-    way by more than its sigma.
-    """
-    outlier = wheel.weights(states) < _OUTLIER_WEIGHT
-    residual, sigma = wheel.residual(states)[:, 0], wheel.sigma[:, 0]
-    return [
-        (problem.t[i], problem.t[j], float(residual[i:j].sum()), _distance_sd(covariance, int(i), int(j)))
-        for way in (1.0, -1.0)
-        for i, j in true_runs(way * residual > sigma)
-        if outlier[i:j].any()
-    ]
-
-
-def _distance_sd(covariance: Covariance, i: int, j: int) -> float:
-    """Sigma of the distance between keyframes i and j: what the wheel's excess over it is known to."""
-    cross = covariance.between(i, j)[0, 0]
-    variance = covariance.marginal[i, 0, 0] + covariance.marginal[j, 0, 0] - 2.0 * cross
-    return float(np.sqrt(max(variance, 0.0)))
 
 
 def _positions(problem: Problem, family: Family, states: States, row: Callable[..., _Row]) -> list[_Row]:

@@ -12,10 +12,11 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+import pandas as pd
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
@@ -27,7 +28,7 @@ from trackfg.factors.states import Kind, States
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, intervals
 from trackfg.inertial_factors import inertial_factors, own_bias_walk, tilt
-from trackfg.initial import initial_path
+from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes
 from trackfg.layout import Layout, World, world_of
 from trackfg.motion_factors import motion
@@ -37,6 +38,7 @@ from trackfg.recording import Recording
 from trackfg.spans import within
 from trackfg.standstill import find_standstills
 from trackfg.wheel import Wheel, read_wheel
+from trackfg.wheel_slip import Rolling, rolling
 
 
 @dataclass(frozen=True)
@@ -79,14 +81,12 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
     speedless = wheel is None and recording.gnss is None
-    rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
-    rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
-    path = initial_path(recording, data, wheel, rests, world.earth_rate, world.start_yaw)
+    rests, path, rolls = _first_pass(recording, config, world, data, wheel, speedless)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
-    layout = Layout(recording, config, world, data, wheel, rests, path, edges, t)
+    layout = Layout(recording, config, world, data, wheel, rests, path, rolls, edges, t)
     states = layout.initial_states()
     moving = [tilt(layout)] if speedless else motion(layout)
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
@@ -106,6 +106,29 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
         mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
         response=layout.response,
     )
+
+
+def _first_pass(
+    recording: Recording, config: SmoothConfig, world: World, data: Intervals, wheel: Wheel | None, speedless: bool
+) -> tuple[Array, InitialPath, Rolling | None]:
+    """Rests and initial path, both without the slips, and where the wheel rolls.
+
+    Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
+    """
+    found = None
+    for attempt in range(3):
+        rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
+        rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
+        rolled = wheel if found is None else found.wheel
+        path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
+        if wheel is None or attempt == 2:
+            break
+        found = rolling(wheel, data, path, rests, config)
+        if found.rolls.all():
+            break
+        mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
+        recording = replace(recording, tach=mended)
+    return rests, path, found
 
 
 def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:
@@ -148,6 +171,7 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     )
     calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
     imu_sd = response_sigmas(*calibration)[None]
+    wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2])
     mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
     return [
         nav_prior(first, states.nav[:1], nav_sd),
@@ -156,4 +180,5 @@ def _priors(layout: Layout, states: States) -> list[Family]:
         prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
+        prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
     ]

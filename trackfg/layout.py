@@ -18,6 +18,7 @@ from trackfg.recording import Recording
 from trackfg.spans import within
 from trackfg.units import STANDARD_GRAVITY
 from trackfg.wheel import Wheel
+from trackfg.wheel_slip import Rolling
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Layout:
     wheel: Wheel | None
     rests: Array
     path: InitialPath
+    rolling: Rolling | None
     edges: np.ndarray
     t: Array
 
@@ -77,9 +79,9 @@ class Layout:
         return np.asarray(np.diff(self.distance_at(self.t)))
 
     def distance_at(self, t: Array) -> Array:
-        """Initial distance travelled, m: the wheel's, or the length of the initial path. Shape (m,) to (m,)."""
-        if self.wheel is not None:
-            return self.wheel.at(t)
+        """Initial distance travelled, m: the wheel's without slip, or the length of the initial path. (m,) to (m,)."""
+        if self.rolling is not None:
+            return self.rolling.wheel.at(t)
         step = np.diff(self.path.p, axis=0)
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
         return np.asarray(np.interp(t, self.path.t, length))

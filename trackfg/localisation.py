@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
 
 _ANYWHERE_SD_M = 1e5
+_LEAST_SD_M = 0.01
+"""Of a match: between sections a wheel creeps by that much in kinks."""
 _SURE = 0.99
 """The probability from which a place found without any fix is believed."""
 _ON_SPRINGS_SD_M = 0.8
@@ -161,4 +163,5 @@ def _landmarks(
     D = states.odo[:, 0]
     beyond = direction * place[seen] - ((1.0 - f) * D[k] + f * D[k + 1])
     distance = direction * used["reference_m"].to_numpy()[seen] - beyond
-    return landmark(k, f, distance, used["match_sd_m"].to_numpy()[seen, None], loss)
+    sigma = np.hypot(used["match_sd_m"].to_numpy()[seen], _LEAST_SD_M)
+    return landmark(k, f, distance, sigma[:, None], loss)

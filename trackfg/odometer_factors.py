@@ -11,10 +11,13 @@ What is left beyond is slip, and the loss switches the wheel off there.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trackfg.factors.family import Family, Loss
-from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading
+from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading, wheel_response
+from trackfg.factors.states import Kind
 from trackfg.frames import Array
 from trackfg.layout import Layout
 from trackfg.spans import within
@@ -36,10 +39,12 @@ def odometer(layout: Layout) -> list[Family]:
         arc_length(k, layout.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
     ]
     if layout.wheel is None:
-        return [*families, tach_distance(k, np.full((k.size, 1), _MOVED_SD_M), None)]
+        nothing = np.zeros((k.size, Kind.WHEEL.dim))
+        return [*families, tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
+    force = _mean(layout, layout.data.accel[:, 0]) / layout.world.gravity
+    turned = _mean(layout, layout.data.gyro[:, 2]) * np.diff(layout.t)
     variance = (
-        config.creep_m_per_sqrt_m**2 * (distance + 0.01)
-        + (config.creep_per_traction * np.abs(_mean_force(layout)) / layout.world.gravity * distance) ** 2
+        config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (config.creep_per_traction * np.abs(force) * distance) ** 2
     )
     if layout.wheel.integrates_speed:
         moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
@@ -48,7 +53,10 @@ def odometer(layout: Layout) -> list[Family]:
     if layout.wheel.integrates_speed:
         variance = np.where(silent, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
-    families.append(tach_distance(k, sigma, Loss("switch", config.robust_width, huber_at_start=True)))
+    response = wheel_response(layout.distance, turned, force)
+    assert layout.rolling is not None
+    wheel = tach_distance(k, response, sigma, Loss("row", config.robust_width, huber_at_start=True))
+    families.append(replace(wheel, doubtful=layout.rolling.slips_within(layout.t)))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
     since = layout.t[read] - 0.5 * (layout.t[0] + layout.t[-1])
@@ -56,9 +64,9 @@ def odometer(layout: Layout) -> list[Family]:
     return families
 
 
-def _mean_force(layout: Layout) -> Array:
-    """Mean forward specific force between keyframes, m/s^2. Shape (n - 1,)."""
-    gained = np.concatenate([[0.0], np.cumsum(layout.data.accel[:, 0] * layout.data.durations)])
+def _mean(layout: Layout, samples: Array) -> Array:
+    """Mean of the inertial samples (m,) between keyframes. Shape (n - 1,)."""
+    gained = np.concatenate([[0.0], np.cumsum(samples * layout.data.durations)])
     return np.asarray(np.diff(gained[layout.edges]) / np.diff(layout.t))
 
 

@@ -111,7 +111,9 @@ def smooth(
     config = config or SmoothConfig()
     smoothed = smooth_states(recording, config, feature_map=feature_map, progress=progress)
     direction = recording.description.track.direction
-    events = event_table(smoothed.problem, smoothed.solution.states, smoothed.covariance, direction)
+    events = event_table(
+        smoothed.problem, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, direction
+    )
     return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed), smoothed.places)
 
 

@@ -12,7 +12,7 @@ the result.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import gtsam
@@ -61,7 +61,7 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM
     values = problem.initial.to_gtsam()
     states = problem.initial
-    families = tuple(_gentle(family) for family in problem.families)
+    families = tuple(family.at_start() for family in problem.families)
     robust = False
     cost = initial_cost = _cost(problem, families, states, values)
     stop = None
@@ -95,10 +95,6 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
     rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
     return Solution(states, values, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
-
-
-def _gentle(family: Family) -> Family:
-    return family if family.loss is None else replace(family, loss=family.loss.at_start)
 
 
 def _cost(problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values) -> float:

@@ -6,7 +6,7 @@ between two stops): the forward specific force follows the speed's derivative wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -49,6 +49,15 @@ class Wheel:
     def rate(self, t: Array, half_window_s: float = 0.25) -> Array:
         """Mean nominal speed over ``t`` plus and minus the half window, m/s."""
         return (self.at(t + half_window_s) - self.at(t - half_window_s)) / (2.0 * half_window_s)
+
+    def with_speed(self, t: Array, speed: Array, rolls: np.ndarray) -> Wheel:
+        """The same, but where it does not roll (``rolls`` (n - 1,) between the times ``t`` (n,)) by ``speed`` (n,)."""
+        gained = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t) - np.diff(self.at(t))
+        added = np.concatenate([[0.0], np.cumsum(np.where(rolls, 0.0, gained))])
+        rows = np.union1d(self.t, t[1:][~rolls])
+        inside = (rows >= self.t[0]) & (rows <= self.t[-1])
+        rows = rows[inside]
+        return replace(self, t=rows, distance=self.at(rows) + np.interp(rows, t, added))
 
     def covers(self, t: Array) -> np.ndarray:
         """Whether there is a reading at ``t``: inside the record and outside its gaps."""

@@ -31,7 +31,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
     base = so3_exp(normal(1, 3))
     nav = Nav(base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3))
     odo = normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0]
-    return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21))
+    return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21), normal(1, 4))
 
 
 def families(seed: int, loss: Loss | None = None) -> list[Family]:
@@ -61,7 +61,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         stays(first, 0.02, 0.3, loss),
         gravity_tilt(all_k, 9 * normal(n, 3), 9.8, sigma(n, 3)),
         distance_chain(first, sigma(f, 2)),
-        tach_distance(first, sigma(f, 1), loss),
+        tach_distance(first, normal(f, 4), sigma(f, 1), loss),
         tach_reading(all_k, normal(n), normal(n), normal(n), sigma(n, 1)),
         arc_length(first, lever, sigma(f, 1)),
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
@@ -73,6 +73,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         bias_walk(first, normal(f, 6, 21), sigma(f, 6)),
         prior(Kind.IMU, np.array([0]), normal(1, 21), sigma(1, 21)),
         prior(Kind.CLOCK, np.array([0]), normal(1, 3), sigma(1, 3)),
+        prior(Kind.WHEEL, np.array([0]), normal(1, 4), sigma(1, 4)),
         rail_pairs(first, first)[0],
         rail_pairs(first[:-2], first[:-2] + 2)[1],
         nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9)),

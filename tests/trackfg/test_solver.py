@@ -54,7 +54,7 @@ def moved(states: States, delta: np.ndarray) -> States:
         start += kind.dim
     nav = parts[Kind.NAV]
     assert isinstance(nav, Nav)
-    return States(nav, parts[Kind.BIAS], parts[Kind.ODO], parts[Kind.MOUNT], parts[Kind.CLOCK], parts[Kind.IMU])  # type: ignore[arg-type]
+    return States(nav, *(parts[kind] for kind in (Kind.BIAS, Kind.ODO, *SHARED)))  # type: ignore[arg-type]
 
 
 def difference_in_sigmas(a: States, b: States, solution: Solution) -> float:
@@ -69,6 +69,7 @@ def difference_in_sigmas(a: States, b: States, solution: Solution) -> float:
         Kind.MOUNT: a.mount - b.mount,
         Kind.CLOCK: a.clock - b.clock,
         Kind.IMU: a.imu - b.imu,
+        Kind.WHEEL: a.wheel - b.wheel,
     }
     return max(
         float(np.abs(x / np.sqrt(np.diagonal(covariance.of(kind), axis1=1, axis2=2))).max())

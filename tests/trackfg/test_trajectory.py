@@ -81,7 +81,7 @@ def moved(states: States, column: int, step: float) -> States:
         rows = 1 if kind.shared else N
         parts[kind] = retract(states.of(kind), np.tile(delta[start : start + kind.dim], (rows, 1)))
         start += kind.dim
-    return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, Kind.MOUNT, Kind.CLOCK, Kind.IMU)))  # type: ignore[arg-type]
+    return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, *SHARED)))  # type: ignore[arg-type]
 
 
 def test_sigmas_equal_numerical_propagation(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
