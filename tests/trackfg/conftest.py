@@ -341,7 +341,10 @@ def linearized() -> Callable[[Problem, States], tuple[Array, Array]]:
     def linearize(problem: Problem, states: States) -> tuple[Array, Array]:
         graph = gtsam.NonlinearFactorGraph(problem.native)
         for family in problem.families:
-            for factor in family.custom_factors():
+            alone = family
+            if family.loss is not None and family.loss.kind == "row":  # GTSAM knows no rows: their weights as sigmas
+                alone = replace(family, loss=None, sigma=family.sigma / np.sqrt(family.weights(states))[:, None])
+            for factor in alone.custom_factors():
                 graph.push_back(factor)
         ordering = gtsam.Ordering()
         index = np.arange(len(problem.t))
