@@ -55,11 +55,12 @@ class Loss:
     ``"huber"`` grows linearly beyond the width; ``"cauchy"`` grows with the logarithm and lets gross errors go;
     ``"switch"`` is the negative logarithm of a mixture, of the measurement's own normal distribution and of one
     :data:`~trackfg.factors.switching.OUTLIER_SIGMAS` as wide, which are equally likely at the width: below it errors
-    count in full, beyond it they count for nothing, so that many of one sign do not pull together. Its weight is all but
-    the probability that the error is the measurement's own (a switch variable, averaged over). ``"row"`` is the same for
-    factors that follow each other in time, whose switches hold for some time (:mod:`trackfg.factors.switching`): an
-    outlier makes its neighbours doubtful, and errors that last need not be large. While the values are far from the
-    solution there is no loss at all, or Huber's where errors are too many and too large.
+    count in full, beyond it they count for nothing, so that many of one sign do not pull together. Its weight is all
+    but the probability that the error is the measurement's own (a switch variable, averaged over). ``"row"`` is the
+    same for factors that follow each other in time, whose switches hold for some time
+    (:mod:`trackfg.factors.switching`): an outlier makes its neighbours doubtful, and errors that last may be small.
+    While the values are far from the solution there is no loss at all, or Huber's where errors are too many and too
+    large.
     """
 
     kind: str
