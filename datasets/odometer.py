@@ -9,12 +9,13 @@ The wheel's true circumference is ``scale`` times the nominal one, so with ``D``
 tachometer that tells the direction, and grows whichever way for one that does not. With ``v`` the vehicle's speed along
 the line, ``p`` the distance it has travelled, ``kappa`` the curvature
 
-    dD/dt = v (1 + w p - c kappa + xi(t)),
+    dD/dt = v (1 + w p - c kappa + d |kappa| + xi(t)),
 
 ``w`` the wear of the wheel (a smaller wheel turns more often: true over nominal distance is ``scale / (1 + w p)``),
 ``c`` how far to the left of the centre line the rail lies that the wheel follows (at most half the distance of the
-rails), ``xi`` the creep of :mod:`trackfg.datasets.adhesion`. The integrals are exact: of piecewise polynomials, and
-of kappa by the heading.
+rails; a wheel of its own follows its own rail), ``d`` how far to the outside of the curve (a solid axle, whose wheels
+cannot both roll in a sharp curve, may follow either rail), ``xi`` the creep of :mod:`trackfg.datasets.adhesion`. The
+integrals are exact: of piecewise polynomials, and of kappa by the heading.
 
 The count is sampled at a fixed rate, or the time of each pulse is noted (or of each so-many-th): the tables agree,
 since ``W`` is linear between the times of sampling in both. The clock may be early or late by ``clock_offset_s``:
@@ -49,8 +50,9 @@ class TachModel:
     """A tachometer and its wheel.
 
     ``scale_sd`` is the spread of the wheel's true scale, ``wear_per_100km`` the part of its diameter that it loses in
-    100 km, ``rail_offset_m`` the place of the rail that it follows, positive to the left. ``stamped`` is 0 for a
-    count sampled at ``rate_hz``, 1 for the time of every pulse, n for that of every n-th.
+    100 km, ``rail_offset_m`` and ``outward_offset_m`` the place of the rail that it follows, positive to the left and
+    to the outside of every curve. ``stamped`` is 0 for a count sampled at ``rate_hz``, 1 for the time of every pulse, n
+    for that of every n-th.
     """
 
     rate_hz: float = 50.0
@@ -62,6 +64,7 @@ class TachModel:
     clock_offset_s: float = 0.0
     wear_per_100km: float = 0.0
     rail_offset_m: float = 0.0
+    outward_offset_m: float = 0.0
     stamped: int = 0
 
     @property
@@ -177,28 +180,41 @@ def _rolled(ride: Ride, model: TachModel, slip: Slip | None) -> Callable[[Array]
     if slip is not None:
         added.append(_product(_speed(ride, model), slip.creep).antiderivative())
 
+    bent = _bent(ride.line.curvature) if model.outward_offset_m else ride.line.yaw
+
     def rolled(t: Array) -> Array:
         distance = ride.motion.distance(t) - ride.motion.distance(0.0) if model.signed else ride.motion.path(t)
         for extra in added:
             distance = distance + extra(t)
         if model.rail_offset_m:
-            distance = distance - model.rail_offset_m * _turned(ride, model, t)
+            distance = distance - model.rail_offset_m * _gained(ride.line.yaw, ride, model, t)
+        if model.outward_offset_m:
+            distance = distance + model.outward_offset_m * _gained(bent, ride, model, t)
         return np.asarray(distance)
 
     return rolled
 
 
-def _turned(ride: Ride, model: TachModel, t: Array) -> Array:
-    """The integral of the curvature over the distance that the tachometer sees, rad. Shape (n,)."""
-    yaw = ride.line.yaw(ride.motion.distance(t))
+def _gained(of_place: Callable[[Array], Array], ride: Ride, model: TachModel, t: Array) -> Array:
+    """The integral of the derivative of ``of_place`` over the distance that the tachometer sees. Shape (n,)."""
+    here = of_place(ride.motion.distance(t))
     breaks = ride.motion.breaks_s
-    at_breaks = ride.line.yaw(ride.motion.distance(breaks))
+    at_breaks = of_place(ride.motion.distance(breaks))
     if model.signed:
-        return np.asarray(yaw - at_breaks[0])
+        return np.asarray(here - at_breaks[0])
     sign = np.where(np.diff(ride.motion.distance(breaks)) < 0, -1.0, 1.0)
     before = np.concatenate([[0.0], np.cumsum(sign * np.diff(at_breaks))])
     phase = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(sign) - 1)
-    return np.asarray(before[phase] + sign[phase] * (yaw - at_breaks[phase]))
+    return np.asarray(before[phase] + sign[phase] * (here - at_breaks[phase]))
+
+
+def _bent(curvature: PPoly) -> PPoly:
+    """The integral of the curvature's magnitude, rad, as a function of the place."""
+    zeros = curvature.roots(extrapolate=False)
+    edges = np.union1d(curvature.x, zeros[np.isfinite(zeros)])
+    pieces = restricted(curvature, edges)
+    sign = np.where(curvature(0.5 * (edges[1:] + edges[:-1])) < 0, -1.0, 1.0)
+    return PPoly(sign * pieces, edges, extrapolate=True).antiderivative()
 
 
 def _product(a: PPoly, b: PPoly) -> PPoly:

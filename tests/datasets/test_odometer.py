@@ -81,7 +81,7 @@ def test_scale_is_drawn_with_its_spread():
     assert np.std(scales) == pytest.approx(0.004, rel=0.1)
 
 
-EVERYTHING = {"creep_density": 2e-3, "wear_per_100km": 0.01, "rail_offset_m": 0.5}
+EVERYTHING = {"creep_density": 2e-3, "wear_per_100km": 0.01, "rail_offset_m": 0.5, "outward_offset_m": 0.2}
 
 
 @pytest.fixture
@@ -164,6 +164,20 @@ def test_there_and_back_through_curves(curved_to_and_fro):
     unsigned = rolled_distance(ride, TachModel(rail_offset_m=0.5), end)
     assert unsigned[0] == pytest.approx(1000.0 - 2 * 0.5 * turned, abs=1e-6)
     assert rolled_distance(ride, TachModel(rail_offset_m=0.5, signed=True), end)[0] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_wheel_on_the_outer_rail_rolls_further_in_every_curve(make_line, signed):
+    line = make_line([0, 100, 150, 250, 350, 450, 500, 800], [0, 0, 1 / 250, 1 / 250, -1 / 400, -1 / 400, 0, 0])
+    there = run(np.array([600.0]), np.array([12.0]), (0.0, 0.0), Limits(0.7, 0.5))
+    ride = Ride(line, motion([*rest(5.0), *there, *rest(5.0), *reverse(there), *rest(5.0)], 20.0))
+    s = np.linspace(20.0, 620.0, 600_001)
+    bent = np.trapezoid(np.abs(line.curvature(s)), s)
+    middle, end = 0.5 * _duration(ride), _duration(ride)
+    model = TachModel(outward_offset_m=0.4, signed=signed)
+    rolled = rolled_distance(ride, model, np.array([middle, end]))
+    expected = [600.0 + 0.4 * bent, 0.0 if signed else 1200.0 + 0.8 * bent]
+    np.testing.assert_allclose(rolled, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("stamped", [0, 1])
