@@ -14,12 +14,13 @@ import pandas as pd
 from scipy.stats import chi2 as chi_squared
 from threadpoolctl import threadpool_limits
 
+from trackfg.curves.cells import Cells, cells_of
 from trackfg.curves.curve import QUANTITIES, Curve, CurveKind, CurveLaw
 from trackfg.curves.fit import Fit, Stretch, canted, fitted
 from trackfg.curves.laws import LawTrial, law_spread, law_trial, law_weights, with_likeliest_laws
 from trackfg.curves.line import CurvedLine, LineNoise, tilt_noise, turn_noise
 from trackfg.curves.model import CurveChain
-from trackfg.curves.segments import Cells, cells_of, first_chains
+from trackfg.curves.segments import first_chains
 from trackfg.curves.structure import simplified, structured
 from trackfg.frames import Array
 
@@ -43,14 +44,14 @@ def _found(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
     if not any(line.chains for line in lines):
         return []
     noise = LineNoise(turn_noise(lines, straights_only=True), None)
+    lines = [line.undisturbed(noise) for line in lines]
+    noise = LineNoise(turn_noise(lines, straights_only=True), None)
     lines = [line.structured(noise, widest_radius_m) for line in lines]
     noise = LineNoise(turn_noise(lines, straights_only=False), tilt_noise(lines))
-    lines = [line.canted(noise) for line in lines]
-    noise = replace(noise, tilt=tilt_noise(lines))
+    lines = [line.undisturbed(noise).canted(noise) for line in lines]
+    noise = LineNoise(turn_noise(lines, straights_only=False), tilt_noise(lines))
     groups = [
-        _group(chain, line.stretch(k, noise, True), widest_radius_m)
-        for line in lines
-        for k, chain in enumerate(line.chains)
+        _group(chain, line.stretch(k, noise), widest_radius_m) for line in lines for k, chain in enumerate(line.chains)
     ]
     found = [group for group in groups if group is not None]
     weights = law_weights([group.trial for group in found])
@@ -67,39 +68,32 @@ class Group:
     """
 
     trial: LawTrial
-    stretch: Stretch
     cants: Fit | None
 
     def relawed(self, weights: Array) -> Group:
-        return replace(self, trial=with_likeliest_laws(self.trial, weights, self.stretch))
+        return replace(self, trial=with_likeliest_laws(self.trial, weights))
 
 
 def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group | None:
-    bare = stretch.without_tilt()
-    alone = structured(chain, bare, widest_radius_m)
+    alone = structured(chain, stretch.without_tilt(), widest_radius_m)
     if alone is None:
         return None
     if stretch.tilt is None or not any(alone.chain.straight):
-        return Group(law_trial(alone, bare), bare, None)
-    seeded = canted(alone.chain, stretch)
+        return Group(law_trial(alone), None)
+    seeded, stretch = canted(alone.chain, replace(alone.stretch, tilt=stretch.tilt))
     together = fitted(seeded, stretch)
-    apart = _cant_alone(seeded, stretch)
+    apart = fitted(seeded, replace(stretch, turn=None))
     excess = together.chi2 / together.scale - (alone.chi2 + apart.chi2) / together.scale
     limit = float(chi_squared.isf(_SHARED_ABOVE, len(alone.chain.places)))
     if excess < limit and np.all(np.diff(together.chain.points) >= 0.0):
-        return Group(law_trial(simplified(together, stretch, widest_radius_m), stretch), stretch, None)
-    return Group(law_trial(alone, bare), bare, apart)
-
-
-def _cant_alone(chain: CurveChain, stretch: Stretch) -> Fit:
-    """The cant's levels and ramps wherever they fit the cross-level best."""
-    return fitted(chain, replace(stretch, turn=None))
+        return Group(law_trial(simplified(together, widest_radius_m)), None)
+    return Group(law_trial(alone), apart)
 
 
 def _curves(group: Group, weights: Array) -> list[Curve]:
     """The curves of a group, their ids still to come."""
     trial = group.trial
-    chain, shared = trial.fit.chain, group.stretch.tilt is not None
+    chain, stretch = trial.fit.chain, trial.fit.stretch
     covariance = trial.fit.covariance + law_spread(trial, weights)
     sure = dict(zip(trial.transitions, weights.max(axis=1), strict=True))
     p, c = len(chain.places), len(chain.curved)
@@ -115,17 +109,15 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
         values[4] = chain.curvature[level]
         of_parameter[4, p + k] = 1.0
         cant_variance = 0.0
-        if shared:
+        if stretch.tilt is not None:
             values[5] = -sign * chain.cant[level]
             of_parameter[5, p + c + k] = -sign
         elif group.cants is not None:
             values[5] = -sign * group.cants.chain.cant[level]
             cant_variance = float(group.cants.covariance[p + c + k, p + c + k])
         uncertain = of_parameter @ covariance @ of_parameter.T
-        uncertain[4, 4] += _profile_variance(group.stretch, group.stretch.curvature_known, values[:4])
-        uncertain[5, 5] += cant_variance
-        if group.stretch.cross_level_known is not None:
-            uncertain[5, 5] += _profile_variance(group.stretch, group.stretch.cross_level_known, values[:4])
+        uncertain[4, 4] += _profile_variance(stretch, stretch.curvature_known, values[:4])
+        uncertain[5, 5] += cant_variance + _profile_variance(stretch, stretch.cross_level_known, values[:4])
         unknown = np.isnan(values)
         uncertain[unknown, :] = uncertain[:, unknown] = np.nan
         law_in, law_out = _law(chain, int(level) - 1), _law(chain, int(level))

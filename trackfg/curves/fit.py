@@ -1,7 +1,7 @@
 """Fit of a chain of curves to a stretch of profile: nonlinear least squares with whitened residuals.
 
 Residuals are the increments of heading and of cross-level (:mod:`trackfg.curves.model`), whitened by their noise
-(:mod:`trackfg.curves.increment_noise`). The covariance is ``(J^T J)^-1``, times the residuals' mean square:
+(:mod:`trackfg.curves.increments`). The covariance is ``(J^T J)^-1``, times the residuals' mean square:
 irregularities are not the same all along a line.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.curves.increment_noise import Whitener
+from trackfg.curves.increments import DISTURBED_FROM, PER_DISTURBANCE, Observed
 from trackfg.curves.model import CurveChain, tilts, turns
 from trackfg.frames import Array
 
@@ -19,6 +19,9 @@ _PRIOR_CELLS = 30.0
 """The noise of the whole line counts as much as so many cells of the stretch itself."""
 
 _SCALES = (1.0, 1e-5, 0.1)
+_SUSPECT, _FREE_RAMPS = 20.0, 6.0
+"""Of chi^2: so much more than is usual casts doubt on ramps at the transitions; so much per place makes them free."""
+
 _DAMPED, _DAMPED_AGAIN = 1e-9, 1e-4
 _EVALUATIONS, _PATIENCE = 60, 8
 _SETTLED, _LITTLE = 1e-5, 1e-2
@@ -27,49 +30,49 @@ _SETTLED, _LITTLE = 1e-5, 1e-2
 
 @dataclass(frozen=True)
 class Stretch:
-    """Cells of a profile: ``edges`` (n + 2,) m, ``turn`` (n,) rad with its whitener; ``tilt`` (n - 1,) mm likewise.
-    Either is None where it is not known or not to be used. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known``
-    (n,), mm^2, are the variances that the profile states for itself.
+    """Cells of a profile: ``edges`` (n + 2,) m, ``turn`` (n), rad, and ``tilt`` (n - 1), mm, either None where it is
+    not known or not to be used. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known`` (n,), mm^2, are the
+    variances that the profile states for itself.
     """
 
     edges: Array
-    turn: Array | None
-    turn_white: Whitener
+    turn: Observed | None
+    tilt: Observed | None
     curvature_known: Array
-    tilt: Array | None = None
-    tilt_white: Whitener | None = None
-    cross_level_known: Array | None = None
+    cross_level_known: Array
 
     @property
     def tilt_edges(self) -> Array:
         """Of the increments of cross-level. Shape (n + 1,)."""
         return np.asarray(self.edges[:-1] + 0.5 * (self.edges[1] - self.edges[0]))
 
+    @property
+    def disturbances(self) -> int:
+        """How many were allowed."""
+        return sum(seen.increments.disturbances for seen in (self.turn, self.tilt) if seen is not None)
+
     def without_tilt(self) -> Stretch:
         """The curvature alone."""
-        return replace(self, tilt=None, tilt_white=None)
-
-    def chi2_of_straight(self) -> float:
-        """The sum of squares of the whitened turns without any curve."""
-        return 0.0 if self.turn is None else float(np.sum(self.turn_white(self.turn) ** 2))
+        return replace(self, tilt=None)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best chain, the sum of squares of its whitened residuals (count ``cells``), and the covariance of its
-    parameters (without those of the cant where the stretch has no cross-level), for residuals of mean square 1.
+    """The best chain on a stretch, the sum of squares of its whitened residuals (``freedom`` of them say something),
+    and the covariance of its parameters (without those of the cant where the stretch has no cross-level), for residuals
+    of mean square 1.
     """
 
     chain: CurveChain
+    stretch: Stretch
     chi2: float
-    cells: int
+    freedom: int
     unscaled: Array
 
     @property
     def scale(self) -> float:
         """How much larger the noise's variance is here than on the whole line."""
-        freedom = self.cells - len(self.unscaled)
-        return (_PRIOR_CELLS + self.chi2) / (_PRIOR_CELLS + freedom)
+        return (_PRIOR_CELLS + self.chi2) / (_PRIOR_CELLS + self.freedom - len(self.unscaled))
 
     @property
     def covariance(self) -> Array:
@@ -104,16 +107,46 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
     # What the data do not tell gets a large variance, not an infinite one.
     _, s, v = np.linalg.svd(j, full_matrices=False)
     w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
-    return Fit(chain, chi2, len(r), w.T @ w)
+    freedom = sum(seen.increments.freedom for seen in (stretch.turn, stretch.tilt) if seen is not None)
+    return Fit(chain, stretch, chi2, freedom, w.T @ w)
 
 
-def canted(chain: CurveChain, stretch: Stretch) -> CurveChain:
-    """With the cants that fit the cross-level best, the ramps where the transitions are."""
-    if stretch.tilt is None or stretch.tilt_white is None:
-        return chain
-    slopes = stretch.tilt_white(tilts(chain, stretch.tilt_edges)[1][:, len(chain.places) :])
+def canted(chain: CurveChain, stretch: Stretch) -> tuple[CurveChain, Stretch]:
+    """With the cants that fit the cross-level best, the ramps where the transitions are; and with the disturbances of
+    cross-level that are left so, or where the ramps may be anywhere, whichever explains more.
+    """
+    if stretch.tilt is None:
+        return chain, stretch
+    tied, tied_cost = _cant_disturbances(chain, stretch.tilt, stretch, free=False)
+    if tied_cost > stretch.tilt.increments.freedom + _SUSPECT:
+        free, free_cost = _cant_disturbances(chain, stretch.tilt, stretch, free=True)
+        if free_cost + _FREE_RAMPS * len(chain.places) < tied_cost:
+            tied = free
+    return _with_cants(chain, tied, stretch.tilt_edges), replace(stretch, tilt=tied)
+
+
+def _cant_disturbances(chain: CurveChain, tilt: Observed, stretch: Stretch, *, free: bool) -> tuple[Observed, float]:
+    """With the disturbances that cants leave, their ramps ``free`` or where the transitions are, and ``chi^2`` and
+    their price.
+    """
+    while True:
+        here = _with_cants(chain, tilt, stretch.tilt_edges)
+        if free:
+            fit = fitted(here, replace(stretch, turn=None, tilt=tilt))
+            r, slopes = _residuals(fit.chain, fit.stretch)
+        else:
+            model, by_all = tilts(here, stretch.tilt_edges)
+            r, slopes = tilt.white(tilt.increments.measured - model), tilt.white(by_all[:, len(chain.places) :])
+        gain, after = tilt.most_disturbed(r, slopes)
+        if gain < DISTURBED_FROM or after.increments.disturbances > len(r) // 10:
+            return tilt, float(r @ r) + PER_DISTURBANCE * tilt.increments.disturbances
+        tilt = after
+
+
+def _with_cants(chain: CurveChain, tilt: Observed, tilt_edges: Array) -> CurveChain:
+    slopes = tilt.white(tilts(chain, tilt_edges)[1][:, len(chain.places) :])
     cant = chain.cant.copy()
-    cant[chain.curved] = np.linalg.lstsq(slopes, stretch.tilt_white(stretch.tilt), rcond=1e-10)[0]
+    cant[chain.curved] = np.linalg.lstsq(slopes, tilt.white(tilt.increments.measured), rcond=1e-10)[0]
     return replace(chain, cant=cant)
 
 
@@ -130,18 +163,18 @@ def _scales(chain: CurveChain, stretch: Stretch) -> Array:
 
 def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
     p, c = len(chain.places), len(chain.curved)
-    counts = (0 if seen is None else len(seen) for seen in (stretch.turn, stretch.tilt))
+    counts = (0 if seen is None else len(seen.increments.measured) for seen in (stretch.turn, stretch.tilt))
     ends = np.cumsum([0, *counts])
     r = np.empty(ends[-1])
     slopes = np.zeros((ends[-1], p + c * (1 if stretch.tilt is None else 2)))
     if stretch.turn is not None:
         turn, by_turn = turns(chain, stretch.edges)
-        r[: ends[1]] = stretch.turn_white(turn - stretch.turn)
-        slopes[: ends[1], : p + c] = stretch.turn_white(by_turn)
-    if stretch.tilt is not None and stretch.tilt_white is not None:
+        r[: ends[1]] = stretch.turn.white(turn - stretch.turn.increments.measured)
+        slopes[: ends[1], : p + c] = stretch.turn.white(by_turn)
+    if stretch.tilt is not None:
         tilt, by_tilt = tilts(chain, stretch.tilt_edges)
-        white = stretch.tilt_white(by_tilt)
-        r[ends[1] :] = stretch.tilt_white(tilt - stretch.tilt)
+        white = stretch.tilt.white(by_tilt)
+        r[ends[1] :] = stretch.tilt.white(tilt - stretch.tilt.increments.measured)
         slopes[ends[1] :, :p] = white[:, :p]
         slopes[ends[1] :, p + c :] = white[:, p:]
     return r, slopes

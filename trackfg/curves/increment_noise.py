@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy import fft
@@ -102,6 +103,7 @@ class IncrementNoise:
         return np.asarray(self.level * moving * passed * 2.0 * (1.0 - cosine) + self.walk)
 
 
+@cache
 def _frequencies(grid: int) -> tuple[Array, Array]:
     """cos(u) and tan(u / 2), kept finite."""
     u = np.linspace(0.0, np.pi, grid + 1)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import digamma
 
 from trackfg.curves.chain_edits import with_law
-from trackfg.curves.fit import Fit, Stretch, fitted
+from trackfg.curves.fit import Fit, fitted
 from trackfg.curves.transition_laws import LAWS
 from trackfg.frames import Array
 
@@ -24,6 +24,7 @@ _PRIOR_COUNTS = np.array([2.0, 1.0, 0.2, 0.2, 0.2])
 """In the order of LAWS."""
 
 _ROUNDS = 100
+_SETTLED = 1e-4
 _UNLIKELY = 1e-3
 
 
@@ -39,7 +40,7 @@ class LawTrial:
     parameters: Array
 
 
-def law_trial(fit: Fit, stretch: Stretch) -> LawTrial:
+def law_trial(fit: Fit) -> LawTrial:
     """Every law for every transition of a group."""
     chain = fit.chain
     transitions = tuple(i for i in range(len(chain.laws)) if chain.begin[i] != chain.end[i])
@@ -47,7 +48,7 @@ def law_trial(fit: Fit, stretch: Stretch) -> LawTrial:
     parameters = np.zeros((len(transitions), len(LAWS), len(fit.unscaled)))
     for row, i in enumerate(transitions):
         for column, law in enumerate(LAWS):
-            other = fit if law == chain.laws[i] else fitted(with_law(chain, law, i), stretch)
+            other = fit if law == chain.laws[i] else fitted(with_law(chain, law, i), fit.stretch)
             if np.all(np.diff(other.chain.points) >= 0.0):
                 chi2[row, column] = other.chi2 / fit.scale
                 parameters[row, column] = other.chain.parameters[: len(fit.unscaled)]
@@ -61,19 +62,22 @@ def law_weights(trials: Sequence[LawTrial]) -> list[Array]:
     for _ in range(_ROUNDS):
         shares = np.exp(digamma(counts))
         weights = [_weights(trial.chi2, shares) for trial in trials]
-        counts = _PRIOR_COUNTS + sum((w.sum(axis=0) for w in weights), np.zeros(len(LAWS)))
+        after = _PRIOR_COUNTS + sum((w.sum(axis=0) for w in weights), np.zeros(len(LAWS)))
+        if np.abs(after - counts).max() < _SETTLED:
+            break
+        counts = after
     return weights
 
 
-def with_likeliest_laws(trial: LawTrial, weights: Array, stretch: Stretch) -> LawTrial:
+def with_likeliest_laws(trial: LawTrial, weights: Array) -> LawTrial:
     """The trial of the chain with each transition's likeliest law: the same one where they are those it has."""
     chain = trial.fit.chain
     for i, w in zip(trial.transitions, weights, strict=True):
         chain = with_law(chain, LAWS[int(np.argmax(w))], i)
     if chain.laws == trial.fit.chain.laws:
         return trial
-    fit = fitted(chain, stretch)
-    return law_trial(fit, stretch) if np.all(np.diff(fit.chain.points) >= 0.0) else trial
+    fit = fitted(chain, trial.fit.stretch)
+    return law_trial(fit) if np.all(np.diff(fit.chain.points) >= 0.0) else trial
 
 
 def law_spread(trial: LawTrial, weights: Array) -> Array:

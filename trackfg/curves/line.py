@@ -1,18 +1,21 @@
-"""A line without a gap: its cells, the groups of curves on them, and the noise that the curves leave over."""
+"""A line without a hole: its cells, the groups of curves on them, and the noise that the curves leave over."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from trackfg.curves.cells import Cells
 from trackfg.curves.fit import Stretch, canted
 from trackfg.curves.increment_noise import IncrementNoise, fitted_noise
+from trackfg.curves.increments import Increments, Observed
 from trackfg.curves.model import CurveChain, tilts, turns
-from trackfg.curves.segments import Cells
 from trackfg.curves.structure import structured
 from trackfg.frames import Array
+from trackfg.spans import true_runs
 
 _AROUND_M = 300.0
 _CLEAR_M = 15.0
@@ -20,6 +23,7 @@ _TURN_FLOOR_RAD = 2e-6
 _TILT_FLOOR_MM = 1e-3
 _LEAST_CLEAR = 0.2
 _UNEXPLAINED = 10.0
+_WINDOW, _SEEN_TWICE = 120, 10
 
 
 @dataclass(frozen=True)
@@ -30,42 +34,41 @@ class LineNoise:
 
 @dataclass(frozen=True)
 class CurvedLine:
-    """Cells without a gap, and the groups of curves on them."""
+    """Cells, and the groups of curves on them."""
 
     cells: Cells
     chains: tuple[CurveChain, ...]
 
     def turn_residuals(self) -> Array:
         """What the chains do not explain. Shape (n,)."""
-        out = self.cells.turn.copy()
+        out = self.cells.turn.measured.copy()
         for k, chain in enumerate(self.chains):
             rows = self._rows(k, overlapping=False)
             out[rows] -= turns(chain, self.cells.edges[rows.start : rows.stop + 2])[0]
         return out
 
-    def tilt_residuals(self) -> Array | None:
+    def tilt_residuals(self) -> Array:
         """What the chains do not explain of the increments of cross-level; NaN along chains that have no cant, or do
-        not explain them. Shape (n - 1,).
+        not explain them. Shape (n - 1,), or none where the profile has no cross-level.
         """
-        if self.cells.cross_level is None:
-            return None
-        out = np.diff(self.cells.cross_level)
+        if self.cells.tilt is None:
+            return np.zeros(0)
+        out, telling = self.cells.tilt.measured.copy(), self.cells.tilt.telling
         usual = float(np.median(np.abs(out)))
-        clear = self.clear()
-        beside = clear[1:] & clear[:-1]
+        beside = self._clear_tilts()
         for k, chain in enumerate(self.chains):
             rows = self._rows(k, overlapping=False)
             edges = self.cells.edges[rows.start : rows.stop + 2]
             here = slice(rows.start, rows.stop - 1)
             out[here] -= tilts(chain, edges[:-1] + 0.5 * self.cells.base_m)[0]
-            left = np.where(beside[here], 0.0, out[here])
+            left = np.where(telling[here] & ~beside[here], out[here], 0.0)
             if not np.any(chain.cant) or np.abs(left).max(initial=0.0) > _UNEXPLAINED * usual:
                 out[here] = np.where(beside[here], out[here], np.nan)
         return out
 
     def clear(self) -> np.ndarray:
         """Cells away from all curves."""
-        free = np.ones(len(self.cells.turn), dtype=bool)
+        free = np.ones(len(self.cells), dtype=bool)
         x = self.cells.centres
         for chain in self.chains:
             low = chain.points[0] if chain.straight[0] else -np.inf
@@ -73,28 +76,52 @@ class CurvedLine:
             free &= (x < low - 2 * self.cells.base_m) | (x > high + 2 * self.cells.base_m)
         return free
 
-    def stretch(self, k: int, noise: LineNoise, with_tilt: bool) -> Stretch:
+    def stretch(self, k: int, noise: LineNoise) -> Stretch:
         """Group k and what of the straights beside it is near."""
         rows, cells = self._rows(k, overlapping=True), self.cells
-        edges, known = cells.edges[rows.start : rows.stop + 2], cells.turn_known[rows]
-        stretch = Stretch(edges, cells.turn[rows], noise.turn.whitener(known), known / cells.base_m**2)
-        if not with_tilt or noise.tilt is None or cells.cross_level is None or cells.cross_level_known is None:
-            return stretch
-        tilt = np.diff(cells.cross_level[rows])
-        white = noise.tilt.whitener(np.zeros(len(tilt)))
-        return replace(stretch, tilt=tilt, tilt_white=white, cross_level_known=cells.cross_level_known[rows])
+        tilt = None
+        if noise.tilt is not None and cells.tilt is not None:
+            tilt = Observed(cells.tilt.part(slice(rows.start, rows.stop - 1)), noise.tilt)
+        return Stretch(
+            edges=cells.edges[rows.start : rows.stop + 2],
+            turn=Observed(cells.turn.part(rows), noise.turn),
+            tilt=tilt,
+            curvature_known=cells.curvature_known[rows],
+            cross_level_known=cells.cross_level_known[rows],
+        )
 
     def structured(self, noise: LineNoise, widest_radius_m: float) -> CurvedLine:
-        """With the chains that the curvature shows."""
-        stretches = [self.stretch(k, noise, False) for k in range(len(self.chains))]
-        fits = [structured(c, stretch, widest_radius_m) for c, stretch in zip(self.chains, stretches, strict=True)]
-        return replace(self, chains=tuple(fit.chain for fit in fits if fit is not None))
+        """With the chains that the curvature shows, and the cells that a defect disturbs besides."""
+        chains, turn = [], self.cells.turn
+        for k, chain in enumerate(self.chains):
+            fit = structured(chain, self.stretch(k, noise).without_tilt(), widest_radius_m)
+            if fit is not None and fit.stretch.turn is not None:
+                chains.append(fit.chain)
+                turn = turn.with_part(self._rows(k, overlapping=True), fit.stretch.turn.increments)
+        return CurvedLine(replace(self.cells, turn=turn), tuple(chains))
 
     def canted(self, noise: LineNoise) -> CurvedLine:
-        """With the cants that fit the cross-level best."""
-        stretches = [self.stretch(k, noise, True) for k in range(len(self.chains))]
-        chains = tuple(canted(chain, stretch) for chain, stretch in zip(self.chains, stretches, strict=True))
-        return replace(self, chains=chains)
+        """With the cants that fit the cross-level best, and the cells that a defect disturbs besides."""
+        chains, tilt = [], self.cells.tilt
+        for k, chain in enumerate(self.chains):
+            chain_canted, stretch = canted(chain, self.stretch(k, noise))
+            chains.append(chain_canted)
+            if tilt is not None and stretch.tilt is not None:
+                rows = self._rows(k, overlapping=True)
+                tilt = tilt.with_part(slice(rows.start, rows.stop - 1), stretch.tilt.increments)
+        return CurvedLine(replace(self.cells, tilt=tilt), tuple(chains))
+
+    def undisturbed(self, noise: LineNoise) -> CurvedLine:
+        """With the cells of the straights that a defect disturbs."""
+        turn = _undisturbed(self.cells.turn, noise.turn, self.clear())
+        tilt = self.cells.tilt
+        if tilt is not None and noise.tilt is not None:
+            tilt = _undisturbed(tilt, noise.tilt, self._clear_tilts())
+        return replace(self, cells=replace(self.cells, turn=turn, tilt=tilt))
+
+    def _clear_tilts(self) -> np.ndarray:
+        clear = self.clear()
+        return np.asarray(clear[1:] & clear[:-1])
 
     def _rows(self, k: int, *, overlapping: bool) -> slice:
         """The cells of group k: to the next groups if ``overlapping``, else to half way there."""
@@ -123,10 +150,11 @@ def turn_noise(lines: Sequence[CurvedLine], *, straights_only: bool) -> Incremen
     """Of heading, from what the curves leave over: on the straights alone if they are only guessed."""
     stretches = []
     for line in lines:
-        used = line.clear() if straights_only else np.ones(len(line.cells.turn), dtype=bool)
+        used = line.clear() if straights_only else np.ones(len(line.cells), dtype=bool)
         if used.mean() < _LEAST_CLEAR:
             used[:] = True
-        stretches.append((np.where(used, line.turn_residuals(), np.nan), line.cells.turn_known))
+        turn = line.cells.turn
+        stretches.append((np.where(used & turn.telling, line.turn_residuals(), np.nan), turn.known))
     return fitted_noise(stretches, _TURN_FLOOR_RAD)
 
 
@@ -135,9 +163,23 @@ def tilt_noise(lines: Sequence[CurvedLine]) -> IncrementNoise | None:
 
     A curve whose cant has ramps of its own explains little.
     """
-    stretches = []
-    for line in lines:
-        residuals = line.tilt_residuals()
-        if residuals is not None:
-            stretches.append((residuals, np.zeros(len(residuals))))
+    stretches = [
+        (np.where(line.cells.tilt.telling, line.tilt_residuals(), np.nan), line.cells.tilt.known)
+        for line in lines
+        if line.cells.tilt is not None
+    ]
     return fitted_noise(stretches, _TILT_FLOOR_MM) if stretches else None
+
+
+def _undisturbed(increments: Increments, noise: IncrementNoise, clear: np.ndarray) -> Increments:
+    """With the disturbances of the clear ones, which have no other cause."""
+    for first, stop in true_runs(clear):
+        count = max(1, round((stop - first) / _WINDOW))
+        for low, high in itertools.pairwise(np.linspace(first, stop, count + 1).astype(int)):
+            # A little is seen twice, so that nothing hides at a window's end.
+            rows = slice(max(int(low) - _SEEN_TWICE, int(first)), int(high))
+            seen = Observed(increments.part(rows), noise)
+            after = seen.undisturbed(seen.increments.measured, np.zeros((rows.stop - rows.start, 0)))
+            if after is not seen:
+                increments = increments.with_part(rows, after.increments)
+    return increments

@@ -1,6 +1,6 @@
-"""Where curves are, roughly: cells of a curvature profile, and a first chain of curves for each group of them.
+"""Where curves are, roughly: a first chain of curves for each group of them.
 
-The profile is cut into cells as long as the curvature's base. Averaged over five of them (50 m), curvature above a
+Averaged over five cells (50 m), curvature above a
 threshold is part of a curve: half the widest one's, or four sigmas of the irregularities, whichever is more. Curves
 closer together than :data:`APART_M` form a group that is fitted as one.
 
@@ -15,18 +15,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
+from trackfg.curves.cells import Cells
 from trackfg.curves.model import CurveChain
 from trackfg.curves.transition_laws import TransitionLaw
-from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.spans import true_runs
 
 APART_M = 60.0
 _AVERAGED = 5
 _SIGMAS = 4.0
-_FEWEST_CELLS = 12
 _FIRST_LAW: TransitionLaw = "clothoid"
 _BESIDE = 8
 """Cells of straight beside a group that are cut with it."""
@@ -36,88 +34,9 @@ _LEAST_SD = 2e-5
 """1/m: that of good track. The laws of transitions are none of the pieces: a better track shows no more of them."""
 
 
-@dataclass(frozen=True)
-class Cells:
-    """A stretch of profile without gaps, in cells of ``base_m``: ``edges`` (n + 2,) m; ``turn`` (n,), rad, the change
-    of the mean heading, with the variance ``turn_known`` (n,) that the profile states; the mean ``cross_level`` (n,),
-    mm, and its variance ``cross_level_known`` (n,), mm^2, both None where the profile has none.
-    """
-
-    base_m: float
-    edges: Array
-    turn: Array
-    turn_known: Array
-    cross_level: Array | None
-    cross_level_known: Array | None
-
-    @property
-    def centres(self) -> Array:
-        """The middles of the cells. Shape (n,)."""
-        return np.asarray(self.edges[1:-1])
-
-    @property
-    def curvature(self) -> Array:
-        """Mean curvature of the cells, 1/m. Shape (n,)."""
-        return np.asarray(self.turn / self.base_m)
-
-    @property
-    def turn_sd(self) -> float:
-        """Of a turn, by the median of its deviations from those around it, rad."""
-        around = pd.Series(self.turn).rolling(11, center=True, min_periods=1).median().to_numpy()
-        return float(np.median(np.abs(self.turn - around)) / 0.6745)
-
-
-def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
-    """The cells of a profile with ``chainage_m`` ascending on a uniform grid (with gaps, or NaN), ``curvature_1pm`` and
-    its ``_sd``, and perhaps ``cross_level_mm`` (and its ``_sd``); stretches shorter than twelve cells are left out.
-
-    Raises :class:`BadInputError` where columns are missing, or the base is no whole multiple of the grid's step.
-    """
-    missing = [name for name in ("chainage_m", "curvature_1pm", "curvature_1pm_sd") if name not in profile]
-    if missing:
-        raise BadInputError(f"a profile without column {', '.join(missing)}; it has {', '.join(map(str, profile))}")
-    chainage = profile["chainage_m"].to_numpy(dtype=np.float64)
-    if len(chainage) < 2:
-        return []
-    steps = np.diff(chainage)
-    step = float(steps.min())
-    rows = round(base_m / step) if step > 0.0 else 0
-    if step <= 0.0 or abs(rows * step - base_m) > 1e-6 * base_m:
-        raise BadInputError(f"chainage in steps of {step:g} m; expected ascending, in a whole part of {base_m:g} m")
-    values = {
-        name: profile[name].to_numpy(dtype=np.float64)
-        for name in ("curvature_1pm", "curvature_1pm_sd", "cross_level_mm", "cross_level_mm_sd")
-        if name in profile
-    }
-    known = np.isfinite(values["curvature_1pm"]) & np.isfinite(values["curvature_1pm_sd"])
-    piece = np.concatenate([[0], np.cumsum(steps > 1.5 * step)])
-    found: list[Cells] = []
-    for first, stop in true_runs(known):
-        for part in np.unique(piece[first:stop]):
-            here = first + np.flatnonzero(piece[first:stop] == part)
-            n = len(here) // rows
-            if n < _FEWEST_CELLS:
-                continue
-            means = {name: value[here[: n * rows]].reshape(n, rows).mean(axis=1) for name, value in values.items()}
-            level, level_sd = means.get("cross_level_mm"), means.get("cross_level_mm_sd", np.zeros(n))
-            if level is not None and not np.isfinite(level + level_sd).all():
-                level = None
-            found.append(
-                Cells(
-                    base_m=base_m,
-                    edges=chainage[here[0]] - 0.5 * step - 0.5 * base_m + base_m * np.arange(n + 2),
-                    turn=base_m * means["curvature_1pm"],
-                    turn_known=(base_m * means["curvature_1pm_sd"]) ** 2,
-                    cross_level=level,
-                    cross_level_known=None if level is None else level_sd**2,
-                )
-            )
-    return found
-
-
 def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
     """A chain per group of curves, in order of chainage, all transitions clothoids and without cant."""
-    weight = np.convolve(np.ones(len(cells.turn)), np.ones(_AVERAGED), mode="same")
+    weight = np.convolve(np.ones(len(cells)), np.ones(_AVERAGED), mode="same")
     mean = np.convolve(cells.curvature, np.ones(_AVERAGED), mode="same") / weight
     sd = max(cells.turn_sd / cells.base_m, _LEAST_SD)
     least = max(0.5 / widest_radius_m, _SIGMAS * sd / _AVERAGED)

@@ -29,14 +29,15 @@ from trackfg.curves.chain_edits import (
     opened,
     selected,
     straightened,
-    swapped,
-    with_crossing,
     with_law,
     with_level,
 )
-from trackfg.curves.fit import Fit, Stretch, fitted, regressors
+from trackfg.curves.fit import Fit, Stretch, regressors
+from trackfg.curves.increments import DISTURBED_FROM, PER_DISTURBANCE
 from trackfg.curves.model import CurveChain, step_turns
+from trackfg.curves.settling import settled
 from trackfg.curves.transition_laws import LAWS, TransitionLaw
+from trackfg.frames import Array
 
 _PER_PLACE, _PER_LEVEL = 4.0, 20.0
 _PER_LAW: dict[TransitionLaw, float] = {"clothoid": 0.0, "half-sine": 1.4, "sine": 4.6, "bloss": 4.6, "helmert": 4.6}
@@ -44,60 +45,62 @@ _SPLITS_FROM = 30.0
 _TRIED = 3
 _APART_CELLS = 3
 _SHORT_SIGMAS = 2.0
-_TURNED_M = 1.0
 _LEAST_GAIN = 1e-3
 _DOUBTFUL = 10.0
 """A curve whose curvature is fewer sigmas is tried without."""
 
+_SHORT_CURVE_M = 60.0
+"""Curves this short, with their transitions, are tried as disturbances."""
+
 
 def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
-    """The chain with the levels, transitions and points that the profile shows; None where it shows no curve."""
+    """The chain with the levels, transitions and points that the profile shows, on the stretch with the disturbances
+    that it shows besides; None where it shows no curve.
+    """
     best: Fit | None = None
     fewer = collapsed(chain)
     starts = [chain] if fewer is chain else [chain, fewer]
     laws = sorted(LAWS, key=lambda law: -chain.laws.count(law))
     for tried, law in enumerate(laws):
         for start in starts:
-            fit = _settled(with_law(start, law), stretch, widest_radius_m)
-            fit = None if fit is None else simplified(fit, stretch, widest_radius_m)
+            fit = settled(with_law(start, law), stretch, widest_radius_m)
+            fit = None if fit is None else simplified(fit, widest_radius_m)
             if best is None or (fit is not None and _costs_less(fit, best)):
                 best = fit
         # Several curves can hide a wrong law behind a wrong straight: they are always tried by two laws.
         if best is None:
             continue
-        if (tried or len(best.chain.curved) == 1) and not _doubtful(best, stretch):
+        if (tried or len(best.chain.curved) == 1) and not _doubtful(best):
             break
     if best is None:
         return None
-    if _doubtful(best, stretch):
-        best = simplified(_relawed(best, stretch, widest_radius_m), stretch, widest_radius_m)
+    if _doubtful(best):
+        best = simplified(_relawed(best, widest_radius_m), widest_radius_m)
     for _ in range(2 + len(chain.straight)):
-        split = (with_level(best.chain, t) for t in _doubtful(best, stretch))
-        after = _first_lower(best, split, stretch, widest_radius_m)
+        best = _undisturbed(best, widest_radius_m)
+        split = (with_level(best.chain, t) for t in _doubtful(best))
+        after = _first_lower(best, split, widest_radius_m)
         if after is best:
             break
-        best = simplified(after, stretch, widest_radius_m)
-    if len(best.chain.curved) == 1:
-        needed = (stretch.chi2_of_straight() - best.chi2) / best.scale
-        if needed < _price(best):
-            return None
-    return best
+        best = simplified(after, widest_radius_m)
+    best = _without_short_curves(best, widest_radius_m)
+    return None if len(best.chain.curved) == 1 and _straight_costs_less(best, stretch) else best
 
 
-def simplified(best: Fit, stretch: Stretch, widest_radius_m: float) -> Fit:
+def simplified(best: Fit, widest_radius_m: float) -> Fit:
     """Without levels that it does not need, nor lengths that do not differ from nothing."""
     for _ in range(4):
-        after = _merged_where_short(_pruned(best, stretch, widest_radius_m), stretch, widest_radius_m)
+        after = _merged_where_short(_pruned(best, widest_radius_m), widest_radius_m)
         if after is best:
             break
         best = after
     return best
 
 
-def _merged_where_short(best: Fit, stretch: Stretch, widest_radius_m: float) -> Fit:
+def _merged_where_short(best: Fit, widest_radius_m: float) -> Fit:
     for _ in range(len(best.chain.places)):
         shorter = _shortest_merged(best)
-        after = best if shorter is None else _lower(best, shorter, stretch, widest_radius_m)
+        after = best if shorter is None else _lower(best, shorter, widest_radius_m)
         if after is best:
             return best
         best = after
@@ -107,7 +110,8 @@ def _merged_where_short(best: Fit, stretch: Stretch, widest_radius_m: float) -> 
 def _price(fit: Fit) -> float:
     laws = sum(_PER_LAW[law] for law in fit.chain.laws)
     within = sum(fit.chain.straight[1:-1])
-    return _PER_PLACE * (len(fit.chain.places) + within) + _PER_LEVEL * len(fit.chain.curved) + laws
+    disturbances = PER_DISTURBANCE * fit.stretch.disturbances
+    return _PER_PLACE * (len(fit.chain.places) + within) + _PER_LEVEL * len(fit.chain.curved) + laws + disturbances
 
 
 def _costs_less(fit: Fit, than: Fit) -> bool:
@@ -115,24 +119,24 @@ def _costs_less(fit: Fit, than: Fit) -> bool:
     return fit.chi2 / richer.scale + _price(fit) < than.chi2 / richer.scale + _price(than) - _LEAST_GAIN
 
 
-def _pruned(best: Fit, stretch: Stretch, widest_radius_m: float) -> Fit:
+def _pruned(best: Fit, widest_radius_m: float) -> Fit:
     """Without the levels and transitions that it does not need, and with the lengths that it does."""
     for _ in range(2 * len(best.chain.straight)):
-        after = _first_lower(best, opened(best.chain), stretch, widest_radius_m)
+        after = _first_lower(best, opened(best.chain), widest_radius_m)
         if after is best:
-            after = _first_lower(best, _reduced(best), stretch, widest_radius_m)
+            after = _first_lower(best, _reduced(best), widest_radius_m)
         if after is best:
             return best
         best = after
     return best
 
 
-def _relawed(best: Fit, stretch: Stretch, widest_radius_m: float) -> Fit:
+def _relawed(best: Fit, widest_radius_m: float) -> Fit:
     """Each transition by the law that fits best."""
     for i in range(len(best.chain.laws)):
         for law in LAWS:
             if i < len(best.chain.laws) and law != best.chain.laws[i]:
-                best = _lower(best, with_law(best.chain, law, i), stretch, widest_radius_m)
+                best = _lower(best, with_law(best.chain, law, i), widest_radius_m)
     return best
 
 
@@ -164,84 +168,98 @@ def _reduced(fit: Fit) -> Iterator[CurveChain]:
             yield bridged(chain, level)
 
 
-def _lower(best: Fit, other: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit:
+def _lower(best: Fit, other: CurveChain, widest_radius_m: float) -> Fit:
     """The other chain's fit if it costs less, else the one there is."""
-    fit = _settled(other, stretch, widest_radius_m)
+    fit = settled(other, best.stretch, widest_radius_m)
     return best if fit is None or not _costs_less(fit, best) else fit
 
 
-def _first_lower(best: Fit, others: Iterable[CurveChain], stretch: Stretch, widest_radius_m: float) -> Fit:
+def _first_lower(best: Fit, others: Iterable[CurveChain], widest_radius_m: float) -> Fit:
     """The first of the other chains' fits that costs less, else the one there is."""
     for other in others:
-        fit = _lower(best, other, stretch, widest_radius_m)
+        fit = _lower(best, other, widest_radius_m)
         if fit is not best:
             return fit
     return best
 
 
-def _settled(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
-    """Fitted, its points in order, its curves not too wide; None without a curve, or where its points leave the
-    stretch.
-    """
-    turned: set[int] = set()
-    for _ in range(4 * len(chain.straight) + 8):
-        fit = fitted(chain, stretch)
-        points, nodes = fit.chain.points, fit.chain.nodes
-        if points.min() < stretch.edges[0] or points.max() > stretch.edges[-1]:
-            # Some curve of the chain is none, and its points went astray: the one that turns least.
-            if len(chain.curved) == 1:
-                return None
-            turn = [abs(chain.curvature[level]) * level_length(chain, int(level)) for level in chain.curved]
-            chain = straightened(chain, int(chain.curved[np.argmin(turn)]))
-            continue
-        back = np.where(nodes[1:] != nodes[:-1], points[:-1] - points[1:], -np.inf)
-        if back.size and back.max() >= 0.0:
-            j = int(np.argmax(back))
-            a, b = int(nodes[j]), int(nodes[j + 1])
-            # A transition the wrong way round is as good as the right way round: no reason to take its length away.
-            if j % 2 == 0 and back.max() > _TURNED_M and j not in turned:
-                turned.add(j)
-                chain = swapped(fit.chain, a, b)
-            else:
-                chain = merged(fit.chain, a, b)
-            continue
-        curved = fit.chain.curved
-        flattest = int(curved[np.argmin(np.abs(fit.chain.curvature[curved]))])
-        if abs(fit.chain.curvature[flattest]) * widest_radius_m < 1.0:
-            chain = straightened(fit.chain, flattest)
-            if not chain.curved.size:
-                return None
-            continue
-        crossing = with_crossing(fit.chain)
-        if crossing is None:
-            return fit
-        chain = crossing
+def _undisturbed(fit: Fit, widest_radius_m: float) -> Fit:
+    """With the disturbances that explain more of what is left than a step of the curvature does."""
+    for _ in range(len(fit.stretch.edges) // 10):
+        if fit.stretch.turn is None:
+            break
+        gain, turn = fit.stretch.turn.most_disturbed(*regressors(fit.chain, fit.stretch.without_tilt()))
+        if _to_scale(gain, fit) < DISTURBED_FROM or gain < _step_gains(fit)[1].max(initial=0.0):
+            break
+        after = settled(fit.chain, replace(fit.stretch, turn=turn), widest_radius_m)
+        if after is None:
+            break
+        fit = after
     return fit
 
 
-def _doubtful(fit: Fit, stretch: Stretch) -> list[float]:
+def _without_short_curves(best: Fit, widest_radius_m: float) -> Fit:
+    """Without curves that are rather disturbances."""
+    for level in reversed(best.chain.curved):
+        chain = best.chain
+        last = len(chain.laws)
+        if not 0 < level < last or len(chain.curved) == 1:
+            continue
+        if chain.places[chain.end[level]] - chain.places[chain.begin[level - 1]] > _SHORT_CURVE_M:
+            continue
+        between = chain.curvature[level - 1] * chain.curvature[level + 1] > 0.0
+        other = bridged(chain, int(level)) if between else straightened(chain, int(level))
+        fit = settled(other, best.stretch, widest_radius_m)
+        fit = None if fit is None else _undisturbed(fit, widest_radius_m)
+        if fit is not None and _costs_less(fit, best):
+            best = fit
+    return best
+
+
+def _straight_costs_less(fit: Fit, stretch: Stretch) -> bool:
+    """Whether there is no curve but perhaps disturbances, if the curve is a short one."""
+    turn = stretch.turn
+    if turn is None:
+        return False
+    points = fit.chain.points
+    if all((fit.chain.straight[0], fit.chain.straight[-1])) and points[-1] - points[0] < _SHORT_CURVE_M:
+        turn = turn.undisturbed(turn.increments.measured, np.zeros((len(turn.increments.measured), 0)))
+    chi2 = float(np.sum(turn.white(turn.increments.measured) ** 2))
+    return chi2 / fit.scale + PER_DISTURBANCE * turn.increments.disturbances < fit.chi2 / fit.scale + _price(fit)
+
+
+def _doubtful(fit: Fit) -> list[float]:
     """Places where a step of the curvature would explain most of what is left, best first; none where too little."""
-    chain = fit.chain
-    r, j = regressors(chain, stretch.without_tilt())
-    points = chain.points
-    low = points[0] if chain.straight[0] else stretch.edges[2]
-    high = points[-1] if chain.straight[-1] else stretch.edges[-3]
-    at = stretch.edges[(stretch.edges > low) & (stretch.edges < high)]
-    if not at.size:
-        return []
-    g = stretch.turn_white(step_turns(at, stretch.edges))
-    q = np.linalg.qr(j)[0]
-    g -= q @ (q.T @ g)
-    gain = (g.T @ r) ** 2 / np.maximum(np.einsum("ij,ij->j", g, g), 1e-300)
+    at, gains = _step_gains(fit)
+    apart = _APART_CELLS * (fit.stretch.edges[1] - fit.stretch.edges[0])
     found: list[float] = []
-    for k in np.argsort(-gain):
-        after = replace(fit, chi2=max(fit.chi2 - float(gain[k]), 0.0))
-        if gain[k] / after.scale < _SPLITS_FROM or len(found) == _TRIED:
+    for k in np.argsort(-gains):
+        if _to_scale(float(gains[k]), fit) < _SPLITS_FROM or len(found) == _TRIED:
             break
-        apart = _APART_CELLS * (stretch.edges[1] - stretch.edges[0])
         if all(abs(at[k] - other) >= apart for other in found):
             found.append(float(at[k]))
     return found
+
+
+def _to_scale(gain: float, fit: Fit) -> float:
+    """A gain in chi^2, by the scale that it would leave."""
+    return gain / replace(fit, chi2=max(fit.chi2 - gain, 0.0)).scale
+
+
+def _step_gains(fit: Fit) -> tuple[Array, Array]:
+    """Places within the curves, and by how much a step of the curvature there would lower chi^2. Each (k,)."""
+    chain, edges = fit.chain, fit.stretch.edges
+    points = chain.points
+    low = points[0] if chain.straight[0] else edges[2]
+    high = points[-1] if chain.straight[-1] else edges[-3]
+    at = edges[(edges > low) & (edges < high)]
+    if not at.size or fit.stretch.turn is None:
+        return at, np.zeros(len(at))
+    r, j = regressors(chain, fit.stretch.without_tilt())
+    g = fit.stretch.turn.white(step_turns(at, edges))
+    q = np.linalg.qr(j)[0]
+    g -= q @ (q.T @ g)
+    return at, (g.T @ r) ** 2 / np.maximum(np.einsum("ij,ij->j", g, g), 1e-300)
 
 
 def _shortest_merged(fit: Fit) -> CurveChain | None:

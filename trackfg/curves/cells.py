@@ -1,0 +1,116 @@
+"""A profile in cells as long as its curvature's base: turns and tilts from each to the next.
+
+Holes of up to :data:`BRIDGED_M` are bridged: what happens to the heading and the cross-level across them is not known,
+but the profile goes on. A longer hole, or the end of a profile, ends the cells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.curves.increments import Increments
+from trackfg.errors import BadInputError
+from trackfg.frames import Array
+
+BRIDGED_M = 30.0
+_FEWEST_CELLS = 12
+_LEAST_TURN_RAD, _LEAST_TILT_MM = 2e-4, 1.0
+"""Of a defect."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A stretch of profile: ``edges`` (n + 2,) m; ``turn`` (n), rad, the change of the mean heading from a cell to the
+    next; ``tilt`` (n - 1), mm, that of the mean cross-level, None where the profile has none. ``curvature_known`` (n,),
+    1/m^2, and ``cross_level_known`` (n,), mm^2, are the variances that the profile states for itself.
+    """
+
+    base_m: float
+    edges: Array
+    turn: Increments
+    tilt: Increments | None
+    curvature_known: Array
+    cross_level_known: Array
+
+    def __len__(self) -> int:
+        return len(self.turn.measured)
+
+    @property
+    def centres(self) -> Array:
+        """The middles of the cells. Shape (n,)."""
+        return np.asarray(self.edges[1:-1])
+
+    @property
+    def curvature(self) -> Array:
+        """Mean curvature of the cells, 1/m. Shape (n,)."""
+        return np.asarray(self.turn.measured / self.base_m)
+
+    @property
+    def turn_sd(self) -> float:
+        """Of a turn, by the median of its deviations from those around it, rad."""
+        turn = self.turn.measured
+        around = pd.Series(turn).rolling(11, center=True, min_periods=1).median().to_numpy()
+        return float(np.median(np.abs(turn - around)) / 0.6745)
+
+
+def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
+    """The cells of a profile with ``chainage_m`` ascending on a uniform grid (with holes, or NaN), ``curvature_1pm``
+    and its ``_sd``, and perhaps ``cross_level_mm`` (and its ``_sd``); stretches shorter than twelve cells are left out.
+
+    Raises :class:`BadInputError` where columns are missing, or the base is no whole multiple of the grid's step.
+    """
+    missing = [name for name in ("chainage_m", "curvature_1pm", "curvature_1pm_sd") if name not in profile]
+    if missing:
+        raise BadInputError(f"a profile without column {', '.join(missing)}; it has {', '.join(map(str, profile))}")
+    chainage = profile["chainage_m"].to_numpy(dtype=np.float64)
+    if len(chainage) < 2:
+        return []
+    step = float(np.diff(chainage).min())
+    rows = round(base_m / step) if step > 0.0 else 0
+    if step <= 0.0 or abs(rows * step - base_m) > 1e-6 * base_m:
+        raise BadInputError(f"chainage in steps of {step:g} m; expected ascending, in a whole part of {base_m:g} m")
+    place = np.round((chainage - chainage[0]) / step).astype(np.int64)
+    names = ("curvature_1pm", "curvature_1pm_sd", "cross_level_mm", "cross_level_mm_sd")
+    values = {name: profile[name].to_numpy(dtype=np.float64) for name in names if name in profile}
+    known = np.isfinite(values["curvature_1pm"]) & np.isfinite(values["curvature_1pm_sd"])
+    used = np.flatnonzero(known)
+    far = np.flatnonzero(np.diff(place[used]) * step > BRIDGED_M + step)
+    found = []
+    for first, stop in zip([0, *(far + 1)], [*(far + 1), len(used)], strict=True):
+        piece = used[first:stop]
+        n = (place[piece[-1]] - place[piece[0]] + 1) // rows if piece.size else 0
+        if n >= _FEWEST_CELLS:
+            start = chainage[piece[0]] - 0.5 * (step + base_m)
+            at = place - place[piece[0]]
+            here = (at >= 0) & (at < n * rows)
+            found.append(_cells(start, n, rows, base_m, at[here], {name: v[here] for name, v in values.items()}))
+    return found
+
+
+def _cells(start: float, n: int, rows: int, base_m: float, at: np.ndarray, values: dict[str, Array]) -> Cells:
+    """Cells of rows ``at`` places from 0 to n rows - 1."""
+    means, whole = {}, {}
+    for name, value in values.items():
+        measured = np.isfinite(value)
+        if measured.any():
+            everywhere = np.interp(np.arange(n * rows), at[measured], value[measured])
+            means[name] = everywhere.reshape(n, rows).mean(axis=1)
+            count = np.bincount(at[measured] // rows, minlength=n)
+            whole[name] = count == rows
+    curvature_known = means["curvature_1pm_sd"] ** 2
+    turn = Increments(
+        measured=base_m * means["curvature_1pm"],
+        known=np.where(whole["curvature_1pm"], base_m**2 * curvature_known, np.inf),
+        between=np.zeros(n + 1),
+        least=_LEAST_TURN_RAD,
+    )
+    tilt = None
+    if "cross_level_mm" in means:
+        between = np.where(whole["cross_level_mm"], 0.0, np.inf)
+        tilt = Increments(np.diff(means["cross_level_mm"]), np.zeros(n - 1), between, _LEAST_TILT_MM)
+    cross_level_known = means.get("cross_level_mm_sd", np.zeros(n)) ** 2
+    edges = start + base_m * np.arange(n + 2, dtype=np.float64)
+    return Cells(base_m, edges, turn, tilt, curvature_known, cross_level_known)

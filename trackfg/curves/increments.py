@@ -1,0 +1,122 @@
+"""Increments from cell to cell as they were measured, and the cells that a defect disturbs.
+
+A defect of the track (a kick of the alignment, a kink, a step of cross-level) is none of the irregularities, which are
+the same all along a line, and none of the curves. It disturbs the mean of one cell, or the step from one to the next.
+Both are tried for every cell at once: with the whitened residuals ``r``, free of what the curves' parameters can
+explain, and ``g`` the whitened disturbance of size 1, likewise, allowing it lowers ``chi^2`` by
+``(g^T r)^2 / g^T g``; its size is ``g^T r / g^T g``. A cell that is disturbed, or was not measured, has an infinite
+variance, and so says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from trackfg.curves.increment_noise import IncrementNoise, Whitener
+from trackfg.frames import Array
+
+DISTURBED_FROM, PER_DISTURBANCE = 25.0, 15.0
+"""The least gain, in chi^2, of a disturbance, and its price where it competes with curves."""
+
+_SILENT = 1e6
+_OTHERWISE = 0.01
+
+
+@dataclass(frozen=True)
+class Increments:
+    """``measured`` (n,); the variances that are ``known`` of the steps (n,) and of the means of the cells that they are
+    ``between`` (n + 1,); the ``least`` size of a disturbance; how many ``disturbances`` were allowed. The variance of
+    what says nothing is infinite.
+    """
+
+    measured: Array
+    known: Array
+    between: Array
+    least: float
+    disturbances: int = 0
+
+    def part(self, rows: slice) -> Increments:
+        """Those of some rows, without what was counted."""
+        cells = slice(rows.start, rows.stop + 1)
+        return Increments(self.measured[rows], self.known[rows], self.between[cells], self.least)
+
+    def with_part(self, rows: slice, part: Increments) -> Increments:
+        """With the variances of a part of it."""
+        known, between = self.known.copy(), self.between.copy()
+        known[rows], between[rows.start : rows.stop + 1] = part.known, part.between
+        return replace(self, known=known, between=between)
+
+    @property
+    def freedom(self) -> int:
+        """How many numbers there are in them that say something."""
+        silent = [int(np.isinf(variances).sum()) for variances in (self.known, self.between)]
+        return len(self.measured) - sum(silent)
+
+    @property
+    def telling(self) -> np.ndarray:
+        """Which say something by themselves. Shape (n,)."""
+        silent = np.isinf(self.between)
+        return np.asarray(~(np.isinf(self.known) | silent[1:] | silent[:-1]))
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Increments and their noise."""
+
+    increments: Increments
+    noise: IncrementNoise
+
+    @cached_property
+    def white(self) -> Whitener:
+        """What makes their noise white."""
+        # What says nothing must not drown the rest in rounding.
+        most = _SILENT * self.noise.level
+        known, between = (np.minimum(v, most) for v in (self.increments.known, self.increments.between))
+        return self.noise.whitener(known, between)
+
+    def most_disturbed(self, residuals: Array, slopes: Array) -> tuple[float, Observed]:
+        """The greatest gain of a disturbance, and the increments with it allowed: of whitened residuals (n,) of a fit
+        with the whitened derivatives (n, p).
+        """
+        n = len(residuals)
+        steps = self.white.matrix
+        cells = np.zeros((n, n + 1))
+        cells[:, 1:] += steps
+        cells[:, :-1] -= steps
+        tried = np.hstack([steps, cells])
+        size = np.einsum("ij,ij->j", tried, tried)
+        if slopes.shape[1]:
+            q = np.linalg.qr(slopes)[0]
+            residuals = residuals - q @ (q.T @ residuals)
+            explained = q.T @ tried
+            left = size - np.einsum("ij,ij->j", explained, explained)
+        else:
+            left = size
+        said = np.isfinite(np.concatenate([self.increments.known, self.increments.between]))
+        # Not what says nothing yet, nor what the curves explain as well, nor less than a defect.
+        along, left = residuals @ tried, np.maximum(left, 1e-300)
+        free = said & (left > _OTHERWISE * size) & (np.abs(along) > self.increments.least * left)
+        gains = np.where(free, along**2 / left, 0.0)
+        k = int(np.argmax(gains))
+        known, between = self.increments.known.copy(), self.increments.between.copy()
+        if k < n:
+            known[k] = np.inf
+        else:
+            between[k - n] = np.inf
+        allowed = replace(self.increments, known=known, between=between, disturbances=self.increments.disturbances + 1)
+        return float(gains[k]), replace(self, increments=allowed)
+
+    def undisturbed(self, residuals: Array, slopes: Array) -> Observed:
+        """With the disturbances allowed that residuals (n,) show besides derivatives (n, p), the greatest first, but
+        for no more than a tenth of the cells: itself where there are none.
+        """
+        observed = self
+        for _ in range(len(residuals) // 10):
+            gain, after = observed.most_disturbed(observed.white(residuals), observed.white(slopes))
+            if gain < DISTURBED_FROM:
+                break
+            observed = after
+        return observed
