@@ -5,9 +5,9 @@ overlap, turn the same way, and are each other's only one; the rest are missed a
 are known far better than their ends, which irregularities hide, so they have lines of their own: error
 ``(BTC + BCC)/2`` and the sigma of that from the covariance.
 
-The mounting's roll is the map's for each sensor less the one that was simulated. What a result's roll is off by in the
-mean is the mounting and what is left of the accelerometer's bias; half of what the ways there and back disagree by is
-the second, which is no mounting's. And what is left in the map itself: its mean cross-level less the true one.
+A sensor's roll is what makes the cross-level of a run's result wrong in the mean: its mounting, and what is left of the
+accelerometer's bias and of the axes' misalignment, which no motion along a track tells from it. The map's is held
+against the run's true one. And what is left in the map itself: its mean cross-level less the true one.
 """
 
 from __future__ import annotations
@@ -110,23 +110,18 @@ def _cross_level_error_mm(surveyed: Survey, feature_map: FeatureMap) -> float:
 
 
 def _rolls(surveyed: Survey, feature_map: FeatureMap) -> dict[str, float]:
-    """Of the sensors, each once: the errors of what the map says of their mountings, and what these have in them."""
+    """Of every run: the error of what the map says of its roll, and what that roll has besides the mounting."""
     runs = feature_map.runs.set_index("recording_id")
     order = [result.summary.recording_id for result in surveyed.results]
     roll = runs.loc[order, ["cross_level_bias_mm", "cross_level_bias_mm_sd"]].to_numpy() / _base_m(feature_map)
-    there, back = slice(0, None, 2), slice(1, None, 2)
-    error = roll[there, 0] - 1e3 * surveyed.mount_roll_rad[there]
-    left = 1e3 * (surveyed.roll_error_rad - surveyed.mount_roll_rad)
+    error = roll[:, 0] - 1e3 * surveyed.roll_error_rad
     return {
-        "sensors": float(len(error)),
+        "runs": float(len(error)),
         "roll rms": rms(error),
-        "roll sigma": rms(roll[there, 1]),
-        "roll covered": float((np.abs(error) <= 1.96 * roll[there, 1]).sum()),
-        "roll effect rms": rms(
-            roll[there, 0] - 0.5e3 * (surveyed.roll_error_rad[there] + surveyed.roll_error_rad[back])
-        ),
-        "left rms": rms(left),
-        "left apart rms": rms(0.5 * (left[there] - left[back])),
+        "roll sigma": rms(roll[:, 1]),
+        "roll covered": float((np.abs(error) <= 1.96 * roll[:, 1]).sum()),
+        "roll size": rms(1e3 * surveyed.roll_error_rad),
+        "beside mounting rms": rms(1e3 * (surveyed.roll_error_rad - surveyed.mount_roll_rad)),
     }
 
 
@@ -169,20 +164,15 @@ def figures(measured: pd.DataFrame) -> list[Figure]:
     return [
         *lines,
         at_most(
-            "roll of the mountings, error, mrad",
-            pooled_rms(measured, "roll rms", "sensors"),
+            "roll of the sensors, error, mrad",
+            pooled_rms(measured, "roll rms", "runs"),
             ROLL_MRAD,
             measured["roll rms"],
         ),
-        Figure("its sigma, rms, mrad", pooled_rms(measured, "roll sigma", "sensors")),
-        Figure("share within 1.96 sigma", ratio(measured, "roll covered", "sensors")),
-        Figure(
-            "roll less the mean of both results' errors, mrad",
-            pooled_rms(measured, "roll effect rms", "sensors"),
-            measured["roll effect rms"],
-        ),
-        Figure("roll of a result beyond its mounting, mrad", pooled_rms(measured, "left rms", "sensors")),
-        Figure("half the difference there and back, mrad", pooled_rms(measured, "left apart rms", "sensors")),
+        Figure("its sigma, rms, mrad", pooled_rms(measured, "roll sigma", "runs")),
+        Figure("share within 1.96 sigma", ratio(measured, "roll covered", "runs")),
+        Figure("roll of the sensors, rms, mrad", pooled_rms(measured, "roll size", "runs")),
+        Figure("of that not the mounting, mrad", pooled_rms(measured, "beside mounting rms", "runs")),
     ]
 
 
@@ -192,8 +182,7 @@ PART = Part(
     measure=measure,
     figures=figures,
     notes=(
-        "Errors are rms over all curves of all seeds, against the designed line. What a result's roll has beyond its"
-        " mounting is what is left of the accelerometer's bias. It would be known far better if the axes were"
-        " at right angles; as they are off by the same in all runs of a vehicle, most of it is common to these."
+        "Errors are rms over all curves of all seeds, against the designed line. A sensor's roll is what makes a run's"
+        " cross-level wrong in the mean: mounting, accelerometer's bias and axes' misalignment together."
     ),
 )
