@@ -102,15 +102,13 @@ class MapConventions:
 class RunInformation:
     """What a run said about the map's variables x: ``R x = d + e``, ``e ~ N(0, I)``; R (m, n), d (m,).
 
-    ``variables`` names the n columns, each in the unit that its name ends in: ``landmark/ID/chainage_m``,
-    ``run/ID/offset_m``, ``run/ID/scale`` and so on. ``profile``: what the run measured along the line, any columns of
-    float64; None where the map does without.
+    ``variables`` names the n columns, each in the unit that its name ends in: ``mark/ID/chainage_m``,
+    ``mark/ID/cross_level_mm``, ``run/ID/offset_m``, ``sensor/ID/roll_mrad`` (:mod:`trackfg.mapping.marks`).
     """
 
     variables: tuple[str, ...]
     R: Array
     d: Array
-    profile: pd.DataFrame | None = None
 
     def __post_init__(self) -> None:
         if len(set(self.variables)) != len(self.variables):

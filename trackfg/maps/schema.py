@@ -90,7 +90,7 @@ def map_schema(schema: str | None) -> Schema:
         landmarks=rows("map_landmarks", LANDMARK_COLUMNS),
         line=rows("map_line", LINE_COLUMNS),
         grid=rows("map_grid", GRID_COLUMNS),
-        runs=rows("map_runs", RUN_COLUMNS, sa.Column("information_sha256", _TEXT), sa.Column("profile_sha256", _TEXT)),
+        runs=rows("map_runs", RUN_COLUMNS, sa.Column("information_sha256", _TEXT)),
     )
 
 

@@ -201,24 +201,15 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
 
 
 def _runs_with_addresses(connection: sa.Connection, place: Location, written: FeatureMap) -> pd.DataFrame:
-    addresses: dict[str, list[str | None]] = {"information_sha256": [], "profile_sha256": []}
+    addresses: list[str | None] = []
     for run in written.runs["run_id"]:
         said = written.information.get(run)
         if said is None:
-            root = profile = None
+            addresses.append(None)
         else:
             names = (*said.variables, _RIGHT_HAND_SIDE)
-            root = put_matrix(connection, place.schema, names, np.column_stack([said.R, said.d]))
-            profile = said.profile
-        addresses["information_sha256"].append(root)
-        addresses["profile_sha256"].append(
-            None
-            if profile is None
-            else put_matrix(
-                connection, place.schema, tuple(map(str, profile.columns)), profile.to_numpy(dtype=np.float64)
-            )
-        )
-    return written.runs.assign(**{name: pd.Series(values, dtype="object") for name, values in addresses.items()})
+            addresses.append(put_matrix(connection, place.schema, names, np.column_stack([said.R, said.d])))
+    return written.runs.assign(information_sha256=pd.Series(addresses, dtype="object"))
 
 
 def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, ...]]) -> FeatureMap:
@@ -230,10 +221,9 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
     if names != tuple(landmarks["landmark_id"]):
         raise ValueError("the covariance is of other landmarks")
     runs = read_frame(connection, schema.runs, version)
-    roots, profiles = runs.pop("information_sha256"), runs.pop("profile_sha256")
     information = {
-        run: _information(connection, place, root, profile)
-        for run, root, profile in zip(runs["run_id"], roots, profiles, strict=True)
+        run: _information(connection, place, root)
+        for run, root in zip(runs["run_id"], runs.pop("information_sha256"), strict=True)
         if isinstance(root, str)
     }
     origin = tuple(head[name] for name in ORIGIN_COLUMNS)
@@ -255,10 +245,6 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
     )
 
 
-def _information(connection: sa.Connection, place: Location, root: str, profile: object) -> RunInformation:
+def _information(connection: sa.Connection, place: Location, root: str) -> RunInformation:
     names, values = get_matrix(connection, place.schema, root)
-    measured = None
-    if isinstance(profile, str):
-        columns, content = get_matrix(connection, place.schema, profile)
-        measured = pd.DataFrame(content, columns=list(columns))
-    return RunInformation(names[:-1], values[:, :-1], values[:, -1], measured)
+    return RunInformation(names[:-1], values[:, :-1], values[:, -1])

@@ -38,7 +38,6 @@ def make_map() -> MakeMap:
         seed: int = 0,
         origin: tuple[float, float, float] | None = None,
         name: str = "line",
-        profiles: bool = False,
     ) -> FeatureMap:
         rng = np.random.default_rng(seed)
         chainage = np.arange(cells) * 0.25
@@ -59,7 +58,7 @@ def make_map() -> MakeMap:
             grid=grid,
             line=line,
             runs=_runs(rng, runs),
-            information={f"run{i}": _information(i, landmarks, chainage, profiles) for i in range(runs)},
+            information={f"run{i}": _information(i, landmarks) for i in range(runs)},
             configuration={"gate": 3.0, "laws": ["clothoid", "half-sine"], "note": "Strecke Ä", "map": None},
             software={"trackfg": "0.1", "numpy": "2.4"},
             origin=origin,
@@ -104,15 +103,14 @@ def _runs(rng: np.random.Generator, runs: int) -> pd.DataFrame:
     return table
 
 
-def _information(run: int, landmarks: pd.DataFrame, chainage: np.ndarray, profile: bool) -> RunInformation:
+def _information(run: int, landmarks: pd.DataFrame) -> RunInformation:
     """What a run said does not depend on the map's seed: it is the same in every version."""
     rng = np.random.default_rng(1000 + run)
     marks = (f"landmark/{mark}/chainage_m" for mark in landmarks["landmark_id"])
     variables = (*marks, f"run/run{run}/offset_m")
-    measured = pd.DataFrame({"chainage_m": chainage, "curvature_1pm": rng.normal(size=chainage.size)})
     n = len(variables)
     root = np.triu(rng.normal(size=(n, n)))
-    return RunInformation(variables, root, rng.normal(size=n), measured if profile else None)
+    return RunInformation(variables, root, rng.normal(size=n))
 
 
 @pytest.fixture(scope="session")
@@ -131,9 +129,6 @@ def _assert_same_map(found: FeatureMap, expected: FeatureMap) -> None:
         assert read.variables == said.variables
         np.testing.assert_array_equal(read.R, said.R)
         np.testing.assert_array_equal(read.d, said.d)
-        assert (read.profile is None) == (said.profile is None)
-        if read.profile is not None and said.profile is not None:
-            pd.testing.assert_frame_equal(read.profile, said.profile, check_exact=True)
     for name in ("name", "conventions", "configuration", "software", "origin"):
         assert getattr(found, name) == getattr(expected, name), name
 

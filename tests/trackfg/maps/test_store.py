@@ -40,7 +40,7 @@ def sqlite(path: str | Path, statement: str) -> list[Any]:
 
 @pytest.mark.parametrize("origin", [None, (35.2, 137.1, 40.0)])
 def test_comes_back_as_written(make_map: MakeMap, assert_same_map: Same, location: str, origin: Any) -> None:
-    made = make_map(origin=origin, profiles=True)
+    made = make_map(origin=origin)
     written = write_map(made, location, parent=None)
     assert (written.version, written.parent) == (1, None)
     found = read_map(location)
@@ -102,7 +102,7 @@ def test_what_a_run_said_is_stored_once(make_map: MakeMap, tmp_path: Path) -> No
 
 
 def test_read_and_written_elsewhere(make_map: MakeMap, assert_same_map: Same, location: str, tmp_path: Path) -> None:
-    made = make_map(profiles=True, origin=(35.2, 137.1, 40.0))
+    made = make_map(origin=(35.2, 137.1, 40.0))
     write_map(make_map(seed=3), location, parent=None)
     write_map(made, location, parent=1)
     copy = tmp_path / "copy.gpkg"
