@@ -42,7 +42,7 @@ def odometer(layout: Layout) -> list[Family]:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
         return [*families, tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
     force = _mean(layout, layout.data.accel[:, 0]) / layout.world.gravity
-    turned = _mean(layout, layout.data.gyro[:, 2]) * np.diff(layout.t)
+    turned = (_mean(layout, layout.data.gyro[:, 2]) - layout.path.bias(layout.t[:-1])[:, 2]) * np.diff(layout.t)
     variance = (
         config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (config.creep_per_traction * np.abs(force) * distance) ** 2
     )

@@ -69,11 +69,12 @@ def slip_events(
             if not (way * rate[i:j] > _LEAST_CREEP * speed[i:j]).any():
                 continue
             removed = float(excess[j] - excess[i])
-            ends = _EDGE_CREEP * 0.5 * _WINDOW_S * np.linalg.norm(speed[[i, j]])
             variance = _moved_variance(problem, states, covariance, t[i], t[j])
-            sd = float(np.sqrt(variance + _count_sd(wheel, density, t[j] - t[i]) ** 2 + ends**2))
+            sd = float(np.sqrt(variance + _count_sd(wheel, density, t[j] - t[i]) ** 2))
             if way * removed > _LEAST_SIGMAS * sd:
-                events.append(SlipEvent(float(t[i]), float(t[j]), removed, sd))
+                # Where it begins and ends is known to half the window, and up to the edge's creep is added there.
+                ends = _EDGE_CREEP * 0.5 * _WINDOW_S * float(np.linalg.norm(speed[[i, j]]))
+                events.append(SlipEvent(float(t[i]), float(t[j]), removed, float(np.hypot(sd, ends))))
     return sorted(events)
 
 

@@ -8,9 +8,9 @@ each to its sigma; d is the distance that the wheel rolls. The forward accelerat
 part, for which the pitch is the gyro's alone: a slipping wheel cannot spoil that. The equation of d holds while the
 wheel rolls.
 
-1. A Kalman filter goes through time and passes over each rolled distance that it does not find credible; another one
-   goes back. Neither follows the wheel into a slip, however long and violent, since both know the speed before it; each
-   may pass over too much after one. Credible is what either of them believes.
+1. A Kalman filter goes through time and passes over each rolled distance, and each rest, that it does not find
+   credible; another one goes back. Neither follows the wheel into a slip, however long and violent, since both know the
+   speed before it; each may pass over too much after one. Credible is what either of them believes.
 2. From there, least squares and the probability of rolling by :mod:`trackfg.factors.switching` in turns.
 
 A wheel scale that is off by some per cent is in b as well, which changes when the acceleration does.
@@ -101,8 +101,9 @@ def rolling(wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, conf
     evidence = _evidence(t, wheel, data, path, rests, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
     weight = np.where(credible, 1.0, _LEAST_WEIGHT)
+    resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
     for _ in range(_ROUNDS):
-        speed = _speeds(evidence, weight)
+        speed = _speeds(evidence, weight, resting)
         z = (evidence.rolled - 0.5 * _STEP_S * (speed[1:] + speed[:-1])) / evidence.sigma
         before, weight = weight, np.maximum(first_state_probability(z, _LONE_SIGMAS), _LEAST_WEIGHT)
         if np.abs(weight - before).max() < _SETTLED:
@@ -137,7 +138,7 @@ def _pitch(t: Array, gyro: Array, path: InitialPath) -> Array:
 
 
 def _passed(evidence: _Evidence) -> np.ndarray:
-    """Which rolled distances a Kalman filter of (v, b) finds credible on its way, shape (n,) of bool.
+    """Which rolled distances and rests a Kalman filter of (v, b) finds credible on its way, shape (n,) of bool.
 
     Plain numbers: this is the one loop over time, and arrays of two would cost ten times as much.
     """
@@ -157,7 +158,7 @@ def _passed(evidence: _Evidence) -> np.ndarray:
         with_v, with_b = vv + by_b * vb, vb + by_b * bb
         variance += with_v + by_b * with_b
         innovation = measured - v - by_b * b
-        credible.append(resting or innovation**2 < _GATE_SIGMAS**2 * variance)
+        credible.append(innovation**2 < _GATE_SIGMAS**2 * variance)
         if credible[-1]:
             v += with_v / variance * innovation
             b += with_b / variance * innovation
@@ -167,8 +168,8 @@ def _passed(evidence: _Evidence) -> np.ndarray:
     return np.array(credible)
 
 
-def _speeds(evidence: _Evidence, weight: Array) -> Array:
-    """Least squares: normal equations of (v_0, b_0, v_1, b_1, ...), which are banded. Shape (n + 1,)."""
+def _speeds(evidence: _Evidence, weight: Array, resting: np.ndarray) -> Array:
+    """Least squares: normal equations of (v_0, b_0, v_1, b_1, ...), which are banded. ``resting`` and out (n + 1,)."""
     n, dt = len(weight), _STEP_S
     band, right = np.zeros((4, 2 * n + 2)), np.zeros(2 * n + 2)
 
@@ -182,7 +183,6 @@ def _speeds(evidence: _Evidence, weight: Array) -> Array:
                     band[3 - (q - p), first + q] += f * h * information
 
     nothing, ends = np.zeros(n), np.zeros(n + 1)
-    resting = np.append(evidence.rests_before, evidence.rests_after[-1])
     add((0, 1, 2), (-1.0, dt, 1.0), evidence.acceleration * dt, np.full(n, 1.0 / (_ACCELERATION_SD**2 * dt)))
     add((1, 3), (-1.0, 1.0), nothing, evidence.walk**-2)
     add((0, 2), (0.5 * dt, 0.5 * dt), evidence.rolled, weight / evidence.sigma**2)

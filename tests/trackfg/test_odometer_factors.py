@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig, TachConfig
-from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.odometer import TachModel, rolled_distance
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.vehicle import Rigid
 from trackfg.factors.family import Family
+from trackfg.factors.odometry import wheel_response
+from trackfg.factors.states import Kind
 from trackfg.graph import build_problem
-from trackfg.smoother import smooth
+from trackfg.smoother import SmoothedStates, smooth, smooth_states
 from trackfg.units import STANDARD_GRAVITY
 
 
@@ -35,6 +40,62 @@ def test_a_wheel_under_force_may_creep_by_its_share_of_the_distance(simulated: C
     expected = 0.1 * np.abs(force) / STANDARD_GRAVITY * distance
     assert expected.max() > 0.05
     np.testing.assert_allclose(added, expected, atol=2e-3)
+
+
+def test_what_curves_and_force_add_has_the_sign_of_the_way() -> None:
+    """20 m to the left under traction of 0.08 g; the same backwards; a curve to the right under the brake."""
+    added = wheel_response(np.array([20.0, -20.0, 20.0]), np.array([0.05, -0.05, -0.05]), np.array([0.08, -0.08, -0.1]))
+    expected = [[-0.05, 0.05, 1.6, 0.0], [0.05, -0.05, -1.6, 0.0], [0.05, 0.05, 0.0, -2.0]]
+    np.testing.assert_allclose(added, expected)
+
+
+def off_centre(seed: int, offsets: tuple[float, float], noise: bool = True) -> Simulation:
+    """A run through curves of R 300-500, its wheel so far to the left and to the outside of the centre line, m."""
+    plan = replace(scenario("slippery-line"), adhesion=None, irregularities=None, vehicle=Rigid())
+    tach = replace(plan.tach, rail_offset_m=offsets[0], outward_offset_m=offsets[1])
+    return simulate(replace(plan, tach=tach), seed=seed, duration_s=1200.0 if noise else 600.0, noise=noise)
+
+
+def wheel_estimate(smoothed: SmoothedStates) -> tuple[np.ndarray, np.ndarray]:
+    """The shared WHEEL variable and its sigmas, (4,)."""
+    sd = np.sqrt(np.diagonal(smoothed.covariance.of(Kind.WHEEL)[0]))
+    return smoothed.solution.states.wheel[0], sd
+
+
+def test_a_perfect_wheel_beside_the_centre_line_is_placed_exactly() -> None:
+    run = off_centre(0, (0.0, 0.0), noise=False)
+    assert run.recording.tach is not None
+    t = run.recording.tach["t_s"].to_numpy()
+    model = TachModel(rail_offset_m=-0.05, outward_offset_m=0.08)
+    tach = run.recording.tach.assign(distance_m=rolled_distance(run.ride, model, t))
+    # With a prior this wide nothing but the run says where the wheel is.
+    config = SmoothConfig(tach=TachConfig(rail_offset_sd_m=100.0))
+    smoothed = smooth_states(replace(run.recording, tach=tach), config)
+    np.testing.assert_allclose(wheel_estimate(smoothed)[0], [-0.05, 0.08, 0.0, 0.0], atol=2e-3)
+    error = smoothed.trajectory["chainage_m"] - np.interp(
+        smoothed.trajectory["t_s"], run.truth["t_s"], run.truth["chainage_m"]
+    )
+    assert error.abs().max() < 0.02
+
+
+def test_a_wheel_on_the_centre_line_that_does_not_creep_is_found_to_be_one(
+    smoothed: Callable[..., SmoothedStates],
+) -> None:
+    estimate, sd = wheel_estimate(smoothed("mainline", seed=2, duration_s=150.0))
+    assert (np.abs(estimate) < 3.0 * sd).all()
+    assert (sd <= [0.1001, 0.1001, 0.0501, 0.0501]).all()
+
+
+@pytest.mark.slow
+def test_the_place_of_the_wheel_is_found_within_its_sigma() -> None:
+    z = []
+    for seed in range(8):
+        offsets = 0.1 * np.random.default_rng(100 + seed).normal(size=2)
+        estimate, sd = wheel_estimate(smooth_states(off_centre(seed, tuple(offsets)).recording, SmoothConfig()))
+        assert (sd[:2] < 0.06).all()  # of a prior of 0.1 m
+        z += list((estimate[:2] - offsets) / sd[:2])
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.5
+    assert np.abs(z).max() < 3.5
 
 
 @pytest.mark.slow
