@@ -4,7 +4,7 @@ Random main lines (clothoids, and the same with half-sine transitions) with the 
 are turned into geometry tables without any sensor: what is left of the errors is the irregularities' doing. Each curve
 found is compared with the designed one that it overlaps. Per quantity: rms of the error, median sigma, rms of
 error / sigma, and the share within 1.96 sigma, per cent. Then curves missed and false, laws that were right, the same
-for straight track, and the time per 100 km.
+for straight track, and the time of one core per 100 km.
 
     python tools/curve_detection.py [--seeds 20] [--km 20]
 """
@@ -61,9 +61,9 @@ def scores(title: str, model: IrregularityModel, law: str, seeds: int, length_m:
         if law == "half-sine":
             line = with_half_sines(line)
         table = profile(line, model, seed)
-        start = time.perf_counter()
+        start = time.process_time()
         curves = find_curves(table)
-        seconds += time.perf_counter() - start
+        seconds += time.process_time() - start
         designed_count += len(truth)
         found_count += len(curves)
         for row in truth:
@@ -86,7 +86,7 @@ def scores(title: str, model: IrregularityModel, law: str, seeds: int, length_m:
     text = (
         f"{designed_count} curves: {designed_count - matched} missed, {found_count - matched} false; laws right "
         f"{100.0 * np.mean(right):.1f} % (believed {100.0 * np.mean(sure):.1f} %); "
-        f"{seconds / seeds / length_m * 1e5:.1f} s per 100 km\n"
+        f"{seconds / seeds / length_m * 1e5:.1f} s of one core per 100 km\n"
     )
     return table, text
 

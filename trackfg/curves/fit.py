@@ -23,7 +23,7 @@ _SUSPECT, _FREE_RAMPS = 20.0, 6.0
 """Of chi^2: so much more than is usual casts doubt on ramps at the transitions; so much per place makes them free."""
 
 _DAMPED, _DAMPED_AGAIN = 1e-9, 1e-4
-_EVALUATIONS, _PATIENCE = 60, 8
+_EVALUATIONS, _PATIENCE = 20, 4
 _SETTLED, _LITTLE = 1e-5, 1e-2
 """Of chi^2."""
 

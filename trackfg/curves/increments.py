@@ -44,9 +44,11 @@ class Increments:
         return Increments(self.measured[rows], self.known[rows], self.between[cells], self.least)
 
     def with_part(self, rows: slice, part: Increments) -> Increments:
-        """With the variances of a part of it."""
+        """With the disturbances of a part of it, too."""
         known, between = self.known.copy(), self.between.copy()
-        known[rows], between[rows.start : rows.stop + 1] = part.known, part.between
+        cells = slice(rows.start, rows.stop + 1)
+        known[rows] = np.maximum(known[rows], part.known)
+        between[cells] = np.maximum(between[cells], part.between)
         return replace(self, known=known, between=between)
 
     @property

@@ -1,8 +1,8 @@
 """Where curves are, roughly: a first chain of curves for each group of them.
 
-Averaged over five cells (50 m), curvature above a
-threshold is part of a curve: half the widest one's, or four sigmas of the irregularities, whichever is more. Curves
-closer together than :data:`APART_M` form a group that is fitted as one.
+Averaged over five cells (50 m), curvature above a threshold is part of a curve: half the widest one's, or four sigmas
+of the irregularities, whichever is more. Curves closer together than :data:`APART_M` form a group that is fitted as
+one; more than three are parted where the straights between are longest.
 
 Over a group and some straight beside it, the curvature of the cells is cut into constant and linear pieces such that
 ``sum of squares / variance + 15 per constant + 22 per linear piece`` is least (dynamic programming, exact: Jackson et
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.curves.cells import Cells
+from trackfg.curves.chain_edits import level_length, selected
 from trackfg.curves.model import CurveChain
 from trackfg.curves.transition_laws import TransitionLaw
 from trackfg.frames import Array
@@ -28,6 +29,8 @@ _SIGMAS = 4.0
 _FIRST_LAW: TransitionLaw = "clothoid"
 _BESIDE = 8
 """Cells of straight beside a group that are cut with it."""
+
+_MOST_CURVES, _CUT_M = 3, 15.0
 
 _PER_CONSTANT, _PER_LINEAR = 15.0, 22.0
 _LEAST_SD = 2e-5
@@ -56,8 +59,21 @@ def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
         within = low > 0, high < len(mean)
         chain = _chain(pieces, cells.centres[low] - 0.5 * cells.base_m, cells.base_m, least, within)
         if chain is not None:
-            chains.append(chain)
+            chains += _parts(chain)
     return chains
+
+
+def _parts(chain: CurveChain) -> list[CurveChain]:
+    """Of a chain with many curves, parts with few: a search takes the third power of their number."""
+    levels = range(1, len(chain.laws))
+    lengths = {i: level_length(chain, i) for i in levels if chain.straight[i]}
+    longest = max(lengths, key=lambda i: lengths[i], default=None)
+    if len(chain.curved) <= _MOST_CURVES or longest is None or lengths[longest] < _CUT_M:
+        return [chain]
+    every, last = list(chain.straight), len(chain.laws)
+    before = selected(chain, every, list(range(longest + 1)), list(range(longest)))
+    after = selected(chain, every, list(range(longest, last + 1)), list(range(longest, last)))
+    return [*_parts(before), *_parts(after)]
 
 
 @dataclass(frozen=True)

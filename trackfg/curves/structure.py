@@ -10,7 +10,9 @@ is only known approximately. Steps:
   or one of them part of a transition;
 * between curves of opposite sign the curvature passes through a straight, tried with and without length;
 * points that the fit has put in the wrong order are merged: the transition, or the constant stretch, has no length;
-* a transition or stretch of less than two sigmas is tried without length.
+* a transition or stretch of less than two sigmas is tried without length;
+* a disturbed cell (:mod:`trackfg.curves.increments`), at 15 each, competes with a step of the curvature, and with a
+  curve shorter than 60 m.
 """
 
 from __future__ import annotations
@@ -49,6 +51,8 @@ _LEAST_GAIN = 1e-3
 _DOUBTFUL = 10.0
 """A curve whose curvature is fewer sigmas is tried without."""
 
+_USUAL_SCALE = 3.0
+
 _SHORT_CURVE_M = 60.0
 """Curves this short, with their transitions, are tried as disturbances."""
 
@@ -70,11 +74,11 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
         # Several curves can hide a wrong law behind a wrong straight: they are always tried by two laws.
         if best is None:
             continue
-        if (tried or len(best.chain.curved) == 1) and not _doubtful(best):
+        if (tried or len(best.chain.curved) == 1) and not _misfits(best):
             break
     if best is None:
         return None
-    if _doubtful(best):
+    if _misfits(best):
         best = simplified(_relawed(best, widest_radius_m), widest_radius_m)
     for _ in range(2 + len(chain.straight)):
         best = _undisturbed(best, widest_radius_m)
@@ -226,6 +230,11 @@ def _straight_costs_less(fit: Fit, stretch: Stretch) -> bool:
         turn = turn.undisturbed(turn.increments.measured, np.zeros((len(turn.increments.measured), 0)))
     chi2 = float(np.sum(turn.white(turn.increments.measured) ** 2))
     return chi2 / fit.scale + PER_DISTURBANCE * turn.increments.disturbances < fit.chi2 / fit.scale + _price(fit)
+
+
+def _misfits(fit: Fit) -> bool:
+    """Whether there is more in what is left than noise."""
+    return bool(_doubtful(fit)) or fit.scale > _USUAL_SCALE
 
 
 def _doubtful(fit: Fit) -> list[float]:
