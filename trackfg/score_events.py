@@ -78,7 +78,7 @@ def score_slips(
     return SlipScore(
         found=found.assign(start_error_s=begun - found["start_s"], end_error_s=over - found["end_s"]),
         missed=slips[asked & ~seen],
-        false=reported[~match.any(axis=0)],
+        false=reported.loc[~match.any(axis=0)],
         distances=_distances(slips, reported, match),
         events=len(reported),
     )
