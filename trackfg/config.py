@@ -43,7 +43,7 @@ class TachConfig(_Section):
     (``rail_offset_sd_m``).
 
     The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's.
-    ``robust_width`` is where, in sigmas, a wheel slips as likely as it rolls.
+    ``robust_width`` is where, in sigmas, a lone interval is as likely a slip; several in a row are earlier.
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
