@@ -9,13 +9,14 @@ measured it adds a slow walk. The increments are thus
 ``w`` the walk's independent steps, of variance ``known + walk``; ``s`` whatever else is said to disturb a cell's own
 mean (a defect, a hole); and ``v`` the irregularities, with the spectrum, ``u`` in rad per cell,
 
-    S(u) = level |1 + theta exp(-i u)|^2 / (1 + (tan(cutoff / 2) / tan(u / 2))^10),
+    S(u) = level |1 + theta exp(-i u)|^2 / (1 + (tan(cutoff / 2) / tan(u / 2))^8),
 
-a moving average of order one behind a digital Butterworth high-pass of order five. Heading of the German spectra is
+a moving average of order one behind a digital Butterworth high-pass of order four. Heading of the German spectra is
 ``S ~ W^2 / ((W^2 + Wr^2)(W^2 + Wc^2))``: white between ``Wr`` and ``Wc``, which is beyond a 10 m cell. How steeply
 irregularities fade below ``cutoff`` decides how exactly long waves, and so curves, are known. Where they end at a
-longest wavelength, an order of two makes sigmas 1.3 times too wide; where the fade is gentler than order five,
-``cutoff`` comes out lower and sigmas stay within 15 %.
+longest wavelength, an order of two makes sigmas 1.3 times too wide; from order five on they are too narrow, as curves
+take their share of the long waves with them. Where the fade is gentler than order four, ``cutoff`` comes out lower and
+sigmas stay within 15 %.
 
 Whitening is by the Cholesky factor of the full covariance of a stretch, which any variances along it leave well
 conditioned. The four numbers are those of greatest likelihood of the stretches' mean periodogram, which is held against
@@ -37,7 +38,7 @@ from scipy.optimize import minimize
 from trackfg.frames import Array
 from trackfg.spans import true_runs
 
-_ORDER = 5
+_ORDER = 4
 _LEAST_GRID = 1024
 """Frequencies of a spectrum: enough for the memory of the slowest fading."""
 

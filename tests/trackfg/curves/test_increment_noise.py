@@ -14,7 +14,7 @@ COUNT = 40
 
 def spectrum(noise: IncrementNoise, u: np.ndarray) -> np.ndarray:
     """Of the increments, the walk's in it: the formula of the module's docstring."""
-    passed = 1.0 / (1.0 + (np.tan(0.5 * noise.cutoff) / np.tan(0.5 * u)) ** 10)
+    passed = 1.0 / (1.0 + (np.tan(0.5 * noise.cutoff) / np.tan(0.5 * u)) ** 8)
     moving = np.abs(1.0 + noise.theta * np.exp(-1j * u)) ** 2
     return np.asarray(noise.level * moving * passed * np.abs(1.0 - np.exp(-1j * u)) ** 2 + noise.walk)
 
