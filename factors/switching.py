@@ -16,6 +16,8 @@ on arrays instead of a loop over intervals.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from trackfg.frames import Array
@@ -35,7 +37,7 @@ def row_cost(z: Array, width: float) -> float:
 
     ``width``, above 2.5: a lone error of this size is as likely in the second state as in the first.
     """
-    return _cost(z, width) - _cost(np.zeros_like(z), width)
+    return _cost(z, width) - _least_cost(len(z), width)
 
 
 def row_weights(z: Array, width: float) -> Array:
@@ -52,6 +54,11 @@ def first_state_probability(z: Array, width: float) -> Array:
     after[:, :-1] = _prefix_products(reversed_)[0].sum(axis=0)[:, ::-1][:, 1:]
     first, second = before * after
     return np.asarray(first / (first + second))
+
+
+@lru_cache
+def _least_cost(n: int, width: float) -> float:
+    return _cost(np.zeros(n), width)
 
 
 def _cost(z: Array, width: float) -> float:

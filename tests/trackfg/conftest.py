@@ -335,16 +335,18 @@ def _smoothing(simulated: Callable[..., Simulation]) -> Callable[..., SmoothedSt
 @pytest.fixture(scope="session")
 def linearized() -> Callable[[Problem, States], tuple[Array, Array]]:
     """``A d = b`` of a problem's graph at given states, every factor on its own and linearised by GTSAM: A dense, its
-    columns keyframe by keyframe, shared variables last.
+    columns keyframe by keyframe, shared variables last. Losses of rows, which GTSAM does not know, as the weights that
+    they are at these states.
     """
 
     def linearize(problem: Problem, states: States) -> tuple[Array, Array]:
         graph = gtsam.NonlinearFactorGraph(problem.native)
-        for family in problem.families:
-            alone = family
-            if family.loss is not None and family.loss.kind == "row":  # GTSAM knows no rows: their weights as sigmas
-                alone = replace(family, loss=None, sigma=family.sigma / np.sqrt(family.weights(states))[:, None])
-            for factor in alone.custom_factors():
+        for given in problem.families:
+            family = given
+            if family.loss is not None and family.loss.kind == "row":
+                sigma = family.sigma / np.sqrt(family.weights(states))[:, None]
+                family = replace(family, loss=None, sigma=sigma)
+            for factor in family.custom_factors():
                 graph.push_back(factor)
         ordering = gtsam.Ordering()
         index = np.arange(len(problem.t))
