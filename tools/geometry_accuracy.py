@@ -21,14 +21,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
-from rich.progress import track as progress_over
+from side_by_side import Call, side_by_side
 
 from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
@@ -178,19 +175,6 @@ def _report_accuracy(scenario: str, runs: pd.DataFrame) -> list[pd.DataFrame]:
     return [columns.assign(scenario=scenario, table="column"), bands.assign(scenario=scenario, table="speed band")]
 
 
-def _finished(futures: Sequence[Future], description: str) -> Iterable[Future]:
-    """As they finish, with a progress bar on a terminal."""
-    console = Console(stderr=True)
-    return progress_over(
-        as_completed(futures),
-        description,
-        total=len(futures),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default: %(default)s)")
@@ -201,24 +185,19 @@ def main() -> None:
     arguments = parser.parse_args()
     start = time.perf_counter()
     durations = {name: arguments.duration or DURATIONS_S[name] for name in arguments.scenario}
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        scored = [pool.submit(score, name, k, s) for name, s in durations.items() for k in range(arguments.seeds)]
-        repeated = {
-            pool.submit(geometry_of, name, run, durations[name]): (name, run)
-            for name in durations
-            for run in REPEATED.get(name, ())
-        }
-        futures = [*scored, *repeated]
-        for future in _finished(futures, "runs"):
-            future.result()  # a failure ends the benchmark at once
-    runs = pd.concat([future.result() for future in scored])
+    calls: dict[tuple[str, str, int], Call] = {}
+    for name, duration in durations.items():
+        calls |= {("scored", name, seed): (score, (name, seed, duration)) for seed in range(arguments.seeds)}
+        calls |= {("repeated", name, run): (geometry_of, (name, run, duration)) for run in REPEATED.get(name, ())}
+    found = side_by_side(calls, arguments.jobs, "runs")
+    runs = pd.concat([table for (kind, *_), table in found.items() if kind == "scored"])
     runs["duration_s"] = runs["scenario"].map(durations)
     written = []
     with pd.option_context("display.width", 250):
         for name in durations:
             written += _report_accuracy(name, runs[runs["scenario"] == name])
         for name in [name for name in REPEATED if name in durations]:
-            geometry = {run: future.result() for future, (of, run) in repeated.items() if of == name}
+            geometry = {run: found["repeated", name, run] for run in REPEATED[name]}
             table = repeatability_table(name, geometry)
             speed = 3.6 * geometry[REPEATED[name][0]]["speed_mps"].mean()
             _show(f"{name}, seed 0: sd of the difference from run 0 ({speed:.1f} km/h) per section of 200 m", table)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import pandas as pd
@@ -21,8 +20,7 @@ from papers_friction import PAPERS as FRICTION
 from papers_positioning import PAPERS as POSITIONING
 from papers_table import Paper, printed, table_of
 from papers_versines import PAPERS as VERSINES
-from rich.console import Console
-from rich.progress import track as progress_over
+from side_by_side import add_seed_arguments, seeds_of, side_by_side
 
 PAPERS = {paper.number: paper for paper in (*ATTITUDE, *FRICTION, *VERSINES, *POSITIONING)}
 
@@ -32,38 +30,20 @@ def measured(papers: list[Paper], seeds: range, jobs: int) -> dict[str, pd.DataF
 
     A measurement that fails ends it at once.
     """
-    console = Console(stderr=True)
-    with ProcessPoolExecutor(jobs) as pool:
-        futures = {pool.submit(paper.measure, seed): (paper.number, seed) for paper in papers for seed in seeds}
-        finished = progress_over(
-            as_completed(futures),
-            "seeds",
-            total=len(futures),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-        try:
-            rows = {futures[future]: future.result() for future in finished}
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    calls = {(paper.number, seed): (paper.measure, (seed,)) for paper in papers for seed in seeds}
+    rows = side_by_side(calls, jobs)
     return {paper.number: pd.DataFrame([rows[paper.number, seed] for seed in seeds], index=seeds) for paper in papers}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="how many (default: %(default)s)")
-    parser.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="default: %(default)s")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    add_seed_arguments(parser)
     parser.add_argument("--paper", nargs="+", choices=sorted(PAPERS), default=sorted(PAPERS), metavar="NUMBER")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write every line of every table to a CSV file")
     arguments = parser.parse_args()
-    if arguments.seeds < 1 or arguments.jobs < 1 or arguments.first_seed < 0:
-        parser.error("expected one seed, one process or more, and no negative seed")
+    seeds = seeds_of(parser, arguments)
     start = time.perf_counter()
     papers = [PAPERS[number] for number in dict.fromkeys(arguments.paper)]
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     by_paper = measured(papers, seeds, arguments.jobs)
     tables = []
     for paper in papers:

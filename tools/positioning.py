@@ -20,7 +20,6 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import pandas as pd
@@ -30,8 +29,7 @@ from positioning_map import PART as MAP
 from positioning_slips import PART as SLIPS
 from positioning_speed import PART as SPEED
 from positioning_table import printed, table_of
-from rich.console import Console
-from rich.progress import track as progress_over
+from side_by_side import add_seed_arguments, seeds_of, side_by_side
 
 PARTS = {part.name: part for part in (SLIPS, MAP, LOCALISE, CHANGES, SPEED)}
 
@@ -42,31 +40,12 @@ def measured(names: Sequence[str], seeds: range, jobs: int) -> dict[str, pd.Data
     A measurement that fails ends it at once. What is measured alone comes last, when the processors are free.
     """
     together = [name for name in names if not PARTS[name].alone]
-    rows = {} if not together else _side_by_side(together, seeds, jobs)
+    rows = side_by_side({seed: (measured_on, (seed, together)) for seed in seeds}, jobs) if together else {}
     tables = {name: pd.DataFrame([rows[seed][name] for seed in seeds], index=seeds) for name in together}
     for name in names:
         if PARTS[name].alone:
             tables[name] = pd.DataFrame([PARTS[name].measure(seeds[0])], index=seeds[:1])
     return tables
-
-
-def _side_by_side(names: Sequence[str], seeds: range, jobs: int) -> dict[int, dict[str, dict[str, float]]]:
-    console = Console(stderr=True)
-    with ProcessPoolExecutor(jobs) as pool:
-        futures = {pool.submit(measured_on, seed, names): seed for seed in seeds}
-        finished = progress_over(
-            as_completed(futures),
-            "seeds",
-            total=len(futures),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-        try:
-            return {futures[future]: future.result() for future in finished}
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def measured_on(seed: int, names: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -89,20 +68,16 @@ def write_per_seed(tables: dict[str, pd.DataFrame], path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="how many (default: %(default)s)")
-    parser.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="default: %(default)s")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    add_seed_arguments(parser)
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the lines of all tables to a CSV file")
     parser.add_argument("--per-seed", type=Path, metavar="FILE", help="write what each seed gave: .csv or .json")
     arguments = parser.parse_args()
-    if arguments.seeds < 1 or arguments.jobs < 1 or arguments.first_seed < 0:
-        parser.error("expected one seed, one process or more, and no negative seed")
+    seeds = seeds_of(parser, arguments)
     if arguments.per_seed is not None and arguments.per_seed.suffix not in (".csv", ".json"):
         parser.error(f"--per-seed {arguments.per_seed}: expected a name that ends in .csv or .json")
     start = time.perf_counter()
     names = list(dict.fromkeys(arguments.parts))
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     by_part = measured(names, seeds, arguments.jobs)
     tables = []
     for name in names:

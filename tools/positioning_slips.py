@@ -15,12 +15,13 @@ import numpy as np
 import pandas as pd
 from papers_positioning import errors_percent, legs_with_slip, true_slips
 from positioning_runs import with_fixes
-from positioning_table import Figure, Part, at_least, at_most, pooled_rms, ratio, rms
+from positioning_table import Figure, Part, at_least, at_most, pooled_rms, ratio
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.results import Result
 from trackfg.score_events import score_slips
+from trackfg.scores import rms
 from trackfg.smoother import smooth
 
 SCENARIOS = {"line": "slippery-line", "leaves": "slippery-line-leaves"}

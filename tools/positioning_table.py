@@ -79,12 +79,6 @@ def pooled_rms(measured: pd.DataFrame, rms: str, count: str) -> float:
     return float(np.sqrt((known[rms] ** 2 * known[count]).sum() / known[count].sum())) if len(known) else np.nan
 
 
-def rms(errors: np.ndarray | pd.Series) -> float:
-    """NaN where there are none."""
-    values = np.asarray(errors, dtype=np.float64)
-    return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
-
-
 def table_of(part: Part, figures: Sequence[Figure]) -> pd.DataFrame:
     """A row per figure; ``least`` and ``greatest`` are of a seed."""
     rows = []

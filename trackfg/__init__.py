@@ -8,11 +8,11 @@
 ``import trackfg`` is cheap: what stands below is imported from its module when it is first used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from trackfg._version import __version__
 from trackfg.errors import BadInputError, TrackfgError, UnsolvableError
+from trackfg.late_names import late_names
 
 if TYPE_CHECKING:
     from trackfg.check import check_recording
@@ -40,26 +40,20 @@ __all__ = [
     "write_recording",
 ]
 
-_HOME = {
-    "Recording": "recording",
-    "Result": "results",
-    "SmoothConfig": "config",
-    "check_recording": "check",
-    "plot_geometry": "strip_chart",
-    "plot_trajectory": "plot",
-    "read_recording": "recording_io",
-    "smooth": "smoother",
-    "write_recording": "recording_io",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """PEP 562: the public names, imported on first use."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = late_names(
+    __name__,
+    {
+        "Recording": "recording",
+        "Result": "results",
+        "SmoothConfig": "config",
+        "check_recording": "check",
+        "plot_geometry": "strip_chart",
+        "plot_trajectory": "plot",
+        "read_recording": "recording_io",
+        "smooth": "smoother",
+        "write_recording": "recording_io",
+    },
+)
 
 
 def __dir__() -> list[str]:

@@ -27,8 +27,7 @@ from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem
-from trackfg.mapping.placing import check_conventions
-from trackfg.mapping.recognition import Recognition, recognise
+from trackfg.mapping.placing import check_conventions, recognised_near
 from trackfg.profile import Profile
 from trackfg.results import GeometryConventions, MapUse
 
@@ -46,12 +45,11 @@ _ON_SPRINGS_SD_M = 0.8
 
 @dataclass(frozen=True)
 class Located:
-    """The problem with landmarks, ready to be solved again; what was recognised; the map's grid, and ``common_sd_m``,
-    what else all matches have in common.
+    """The problem with landmarks, ready to be solved again; the map's grid, and ``common_sd_m``, what else all matches
+    have in common.
     """
 
     problem: Problem
-    recognition: Recognition
     grid: pd.DataFrame
     common_sd_m: float
     use: MapUse
@@ -59,8 +57,6 @@ class Located:
 
     def with_map_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
         """Chainages as uncertain as the map's own are, besides."""
-        if not self.use.sections:
-            return covariance
         at = offset_in_keyframe(Kind.ODO)
         marginal = covariance.marginal.copy()
         marginal[:, at, at] += _map_sd(self.grid, direction * states.odo[:, 0]) ** 2 + self.common_sd_m**2
@@ -91,9 +87,10 @@ def located(
     common = _ON_SPRINGS_SD_M if on_springs else 0.0
     grid = feature_map.grid
     map_sd = float(grid["chainage_m_sd"].median())
-    prior = np.hypot(geometry["chainage_m_sd"].to_numpy(), map_sd) if anchored else None
-    recognition = recognise(geometry, grid, place_sd_m=prior, rate_sd=wheel_scale_sd, direction=direction)
-    used = recognition.sections[recognition.sections["used"]]
+    recognition = recognised_near(
+        geometry, grid, map_sd if anchored else None, rate_sd=wheel_scale_sd, direction=direction
+    )
+    used = recognition.used
     if not anchored and recognition.probability < _SURE:
         used = used.iloc[:0]
     use = MapUse(
@@ -109,7 +106,7 @@ def located(
         finding = Finding(
             "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
         )
-        return Located(problem, recognition, grid, common, use, (finding,))
+        return Located(problem, grid, common, use, (finding,))
     moved = states
     families = problem.families
     if not anchored:
@@ -120,8 +117,8 @@ def located(
         _less_sure(family, grid, direction) if family.name == "absolute fix" else family for family in families
     )
     loss = Loss("cauchy", config.fix_width) if config.robust else None
-    family = _landmarks(used, geometry, passes, states, meaning.step_m, direction, loss)
-    return Located(replace(problem, initial=moved, families=(*families, family)), recognition, grid, common, use, ())
+    family = _landmarks(used, passes, states, meaning.step_m, direction, loss)
+    return Located(replace(problem, initial=moved, families=(*families, family)), grid, common, use, ())
 
 
 def _placeless(family: Family) -> Family:
@@ -143,7 +140,6 @@ def _map_sd(grid: pd.DataFrame, chainage: Array) -> Array:
 
 def _landmarks(
     used: pd.DataFrame,
-    geometry: pd.DataFrame,
     passes: Sequence[Profile],
     states: States,
     step_m: float,

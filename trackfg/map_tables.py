@@ -13,7 +13,7 @@ from rich.text import Text
 
 from trackfg.frames import Array
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
-from trackfg.report_tables import titled
+from trackfg.report_tables import named_values, titled
 
 if TYPE_CHECKING:
     from trackfg.mapping.changes import Changes
@@ -58,15 +58,16 @@ def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
 
 def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[RenderableType]:
     """What moved by :data:`MOVED_SIGMAS` or more, what is new and gone, and the grid quantity by quantity."""
-    table = titled("Difference, the second less the first", show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
-    table.add_row("first", Text(_which(a)))
-    table.add_row("second", Text(_which(b)))
-    table.add_row("runs", _RELATIONS[found.relation])
-    table.add_row("landmarks", f"{len(found.added)} added, {len(found.removed)} removed")
-    table.add_row("cells", f"{found.cells_added} added, {found.cells_removed} removed")
-    yield table
+    yield named_values(
+        "Difference, the second less the first",
+        {
+            "first": _which(a),
+            "second": _which(b),
+            "runs": _RELATIONS[found.relation],
+            "landmarks": f"{len(found.added)} added, {len(found.removed)} removed",
+            "cells": f"{found.cells_added} added, {found.cells_removed} removed",
+        },
+    )
     if len(found.added):
         yield _marks("Landmarks added", found.added)
     if len(found.removed):
@@ -164,13 +165,7 @@ def _overview(feature_map: FeatureMap) -> RenderableType:
         f"versines {meaning.chord_m:g} m",
         "software": ", ".join(f"{package} {version}" for package, version in feature_map.software.items()),
     }
-    table = titled("Map", show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for name, text in rows.items():
-        if text:
-            table.add_row(name, Text(text))
-    return table
+    return named_values("Map", rows)
 
 
 def _which(feature_map: FeatureMap) -> str:

@@ -77,14 +77,27 @@ class PlaceCovariance:
 def interpolation_weights(places: Array, at: Array) -> Array:
     """W (m, p): ``W @ values`` is the linear interpolation of values at ascending places (p,), constant beyond."""
     weights = np.zeros((len(at), len(places)))
-    if len(places) == 1:
-        weights[:, 0] = 1.0
-        return weights
-    left = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(places) - 2)
-    f = np.clip((at - places[left]) / (places[left + 1] - places[left]), 0.0, 1.0)
+    left, f = _bracketed(places, at)
     row = np.arange(len(at))
-    weights[row, left], weights[row, left + 1] = 1.0 - f, f
+    weights[row, left] = 1.0 - f
+    weights[row, left + (f > 0.0)] += f
     return weights
+
+
+def interpolated_variance(places: Array, covariance: Array, at: Array) -> Array:
+    """Of a quantity known at ascending places (p,) and linear in between, constant beyond. Shape (m,)."""
+    left, f = _bracketed(places, at)
+    variance = np.append(np.diag(covariance), 0.0)
+    beside = np.append(np.diag(covariance, 1), 0.0)
+    return np.asarray((1.0 - f) ** 2 * variance[left] + 2.0 * f * (1.0 - f) * beside[left] + f**2 * variance[left + 1])
+
+
+def _bracketed(places: Array, at: Array) -> tuple[np.ndarray, Array]:
+    """The place before each (m,), and the share of the way to the next: 0 before the first, 1 after the last."""
+    if len(places) == 1:
+        return np.zeros(len(at), dtype=np.int64), np.zeros(len(at))
+    left = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(places) - 2)
+    return left, np.clip((at - places[left]) / (places[left + 1] - places[left]), 0.0, 1.0)
 
 
 def place_covariance(

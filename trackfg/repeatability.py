@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import cells_of, step_of
 from trackfg.evaluate_geometry import spline_at
 from trackfg.frames import Array
 from trackfg.geometry.statistics import section_statistics
@@ -35,10 +36,10 @@ def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0
     Both have ``chainage_m`` on whole multiples of one step, and at least one of :data:`ALIGNED_BY`. Sought within
     ``about_m`` +- ``within_m``. NaN where they have no place in common.
     """
-    step = _step(run)
+    step = step_of(run)
     middle, reach = round(about_m / step), round(within_m / step)
     lags = middle + np.arange(-reach, reach + 1)
-    first, count = _cells(reference, step)[0], int(np.ptp(_cells(reference, step))) + 1
+    first, count = cells_of(reference, step)[0], int(np.ptp(cells_of(reference, step))) + 1
     mean_square = np.zeros(len(lags))
     for name in ALIGNED_BY:
         if not all(name in table and table[name].notna().any() for table in (reference, run)):
@@ -82,7 +83,7 @@ def section_repeatability(
             rows = number == section
             own = best_shift(reference[rows], run, about_m=whole, within_m=_FURTHEST_IN_SECTION_M)
             shift[rows] = own if np.isfinite(own) else whole
-    full = _FULL_SHARE * section_m / _step(reference)
+    full = _FULL_SHARE * section_m / step_of(reference)
     table = section_statistics(chainage, shift, section_m=section_m)
     table = table[["from_m", "to_m", "mean"]].rename(columns={"mean": "shift_m"}).set_index("from_m")
     for name in columns:
@@ -93,18 +94,9 @@ def section_repeatability(
     return table.dropna(subset=list(columns), how="all").reset_index()
 
 
-def _step(table: pd.DataFrame) -> float:
-    return float(np.diff(table["chainage_m"].to_numpy()).min())
-
-
-def _cells(table: pd.DataFrame, step: float) -> np.ndarray:
-    """Chainage in whole steps."""
-    return np.rint(table["chainage_m"].to_numpy() / step).astype(np.int64)
-
-
 def _on_cells(table: pd.DataFrame, column: str, first: int, count: int, step: float) -> Array:
     """A column on ``count`` cells from ``first`` on; NaN where it has none."""
-    row = _cells(table, step) - first
+    row = cells_of(table, step) - first
     out = np.full(count, np.nan)
     inside = (row >= 0) & (row < count)
     out[row[inside]] = table[column].to_numpy()[inside]

@@ -187,12 +187,17 @@ def summary(result: Result) -> RenderableType:
         "findings": _counts(finding.level for finding in page.findings),
         "time": ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in page.timings_s.items()),
     }
-    table = titled("Summary", show_header=False)
+    return named_values("Summary", rows)
+
+
+def named_values(title: str, rows: Mapping[str, str]) -> Table:
+    """A line for each name and its text; none where there is no text."""
+    table = titled(title, show_header=False)
     table.add_column(no_wrap=True)
     table.add_column()
-    for name, value in rows.items():
-        if value:
-            table.add_row(name, Text(value))
+    for name, text in rows.items():
+        if text:
+            table.add_row(name, Text(text))
     return table
 
 

@@ -127,6 +127,6 @@ def _mean_square_root(values: pd.Series[float], weights: Array | None = None) ->
     return float(np.sqrt(np.average(np.square(values), weights=weights))) if len(values) else np.nan
 
 
-def rms(values: Array) -> float:
-    """The root of the mean square; NaN where a value is."""
-    return float(np.sqrt(np.mean(values**2)))
+def rms(values: Array | pd.Series) -> float:
+    """The root of the mean square; NaN of no values, and where one is."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.nan

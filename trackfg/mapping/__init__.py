@@ -22,8 +22,9 @@ module              content
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from trackfg.late_names import late_names
 
 if TYPE_CHECKING:
     from trackfg.mapping.build import build_map, with_runs
@@ -33,21 +34,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Difference", "Recognition", "build_map", "difference", "find_changes", "recognise", "with_runs"]
 
-_HOME = {
-    "Recognition": "recognition",
-    "build_map": "build",
-    "Difference": "map_difference",
-    "difference": "map_difference",
-    "find_changes": "finding",
-    "recognise": "recognition",
-    "with_runs": "build",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """PEP 562: imported on first use, because the smoother needs recognition and no database."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+# Late, because the smoother needs recognition and no database.
+__getattr__ = late_names(
+    __name__,
+    {
+        "Recognition": "recognition",
+        "build_map": "build",
+        "Difference": "map_difference",
+        "difference": "map_difference",
+        "find_changes": "finding",
+        "recognise": "recognition",
+        "with_runs": "build",
+    },
+)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 
@@ -11,11 +13,11 @@ from trackfg.mapping.design import cant_profile
 from trackfg.mapping.joint import Joint
 from trackfg.mapping.landmarks import landmarks
 from trackfg.mapping.marks import seen_by
-from trackfg.mapping.reference_line import drawn_line, moved_line
-from trackfg.mapping.survey import Chainages, Survey, SurveyedRun, interpolated_variance
+from trackfg.mapping.reference_line import drawn_line, moved_line, positions_on
+from trackfg.mapping.survey import Chainages, Survey, SurveyedRun
 from trackfg.mapping.warp import Warp, warped
 from trackfg.maps.feature_map import GRID_COLUMNS, RUN_COLUMNS, FeatureMap, RunInformation
-from trackfg.place_covariance import interpolation_weights
+from trackfg.place_covariance import interpolated_variance, interpolation_weights
 from trackfg.results import versions
 
 
@@ -47,17 +49,9 @@ def finished(survey: Survey) -> FeatureMap:
         nearest = np.clip(np.searchsorted(x, chainage), 0, len(x) - 1)
         return grid["observations"].to_numpy()[nearest]
 
-    def position(chainage: Array) -> tuple[Array, Array]:
-        along = line["chainage_m"].to_numpy()
-        values, sigmas = (
-            np.column_stack(
-                [np.interp(chainage, along, line[f"{axis}{suffix}"]) for axis in ("east_m", "north_m", "up_m")]
-            )
-            for suffix in ("", "_sd")
-        )
-        return values, sigmas
-
-    table, covariance_of_landmarks = landmarks(curves, survey.landmarks, place_covariance, position, observations)
+    table, covariance_of_landmarks = landmarks(
+        curves, survey.landmarks, place_covariance, partial(positions_on, line), observations
+    )
     return FeatureMap(
         name=survey.name,
         conventions=survey.conventions,

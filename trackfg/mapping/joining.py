@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import multiples_between
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.mapping.marks import (
@@ -63,17 +64,16 @@ def joined(survey: Survey, result: Result) -> Survey:
     if survey.conventions is not None:
         check_conventions(result.summary.geometry, survey.conventions, run_id)
     there = result.geometry[result.geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
-    to_map, old, place_sd = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN, 0.0
+    there = there.assign(cross_level_mm_sd=local_cross_level_sd(there))
+    to_map, old = Warp(np.zeros(1), np.zeros(1)), _NOTHING_SEEN
     if survey.grid is not None:
         to_map, recognition = _place(survey, run_id, result, facts)
         there = warped(there, to_map, conventions.step_m)
         old = _seen_again(survey, there, to_map, recognition)
-        if recognition is not None:
-            place_sd = float(np.hypot(recognition.sections["match_sd_m"].median(), _BETWEEN_SECTIONS_SD_M))
         old = old[_agreeing(survey.at, old, result, anchored=facts.anchored and survey.anchored)]
-    there = there.assign(cross_level_mm_sd=local_cross_level_sd(there))
-    if survey.grid is not None:
-        there = with_place_noise(there, place_sd)
+        if recognition is not None:
+            match_sd = recognition.sections["match_sd_m"].median()
+            there = with_place_noise(there, float(np.hypot(match_sd, _BETWEEN_SECTIONS_SD_M)))
     there = there.assign(cross_level_mm=there["cross_level_mm"] - _offset(survey, old, there["chainage_m"].to_numpy()))
     new, places = _new_marks(survey, there, to_map)
     sensor = sensor_of(facts.imu_id, run_id)
@@ -138,9 +138,10 @@ def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tupl
 
 def _seen_again(survey: Survey, there: pd.DataFrame, to_map: Warp, match: Recognition | None) -> Sightings:
     """The map's marks that the run passed and that a recognised section is near to."""
-    if survey.grid is None or match is None:
+    if match is None:
         return _NOTHING_SEEN
-    used = match.sections[match.sections["used"]].sort_values("reference_m")
+    assert survey.grid is not None
+    used = match.used.sort_values("reference_m")
     marks = sorted(survey.place, key=lambda mark: survey.place[mark])
     places = np.array([survey.place[mark] for mark in marks])
     section = used["reference_m"].to_numpy()
@@ -178,7 +179,7 @@ def _new_marks(survey: Survey, there: pd.DataFrame, to_map: Warp) -> tuple[Sight
     """Marks where the run passed and the map has none, with the grid's cross-level, and their places on the grid."""
     x = there["chainage_m"].to_numpy()
     at = np.array(list(survey.place.values()))
-    regular = np.arange(np.ceil(x[0] / APART_M), np.floor(x[-1] / APART_M) + 1.0) * APART_M
+    regular = multiples_between(x[0], x[-1], APART_M)
     regular = regular[(_distance(regular, at) >= _NEW_MARK_M) & (_distance(regular, x) <= 1.0)]
     ends = x[[0, -1]]
     ends = ends[_distance(ends, np.concatenate([at, regular])) >= _END_MARK_M]
@@ -222,11 +223,4 @@ def _line_seen(survey: Survey, result: Result, facts: RunFacts, to_map: Warp) ->
 
 def _conventions(result: Result) -> MapConventions:
     meaning = result.summary.geometry
-    return MapConventions(
-        gauge_m=meaning.gauge_m,
-        cross_level_base_m=meaning.cross_level_base_m,
-        curvature_base_m=meaning.curvature_base_m,
-        gradient_base_m=meaning.gradient_base_m,
-        chord_m=meaning.chord_m,
-        step_m=meaning.step_m,
-    )
+    return MapConventions(**{part.name: getattr(meaning, part.name) for part in fields(MapConventions)})

@@ -34,9 +34,10 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import cells_of
 from trackfg.frames import Array
-from trackfg.mapping.recognition import recognise
-from trackfg.mapping.warp import Warp, warped
+from trackfg.mapping.placing import recognised_near
+from trackfg.mapping.warp import warped
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]
@@ -81,7 +82,7 @@ def difference(a: FeatureMap, b: FeatureMap) -> Difference:
     in_a = a.landmarks["landmark_id"].isin(b.landmarks["landmark_id"])
     in_b = b.landmarks["landmark_id"].isin(a.landmarks["landmark_id"])
     step, grid_a = a.conventions.step_m, _on_chainage_of(b, a)
-    cells_a, cells_b = _cells(grid_a, step), _cells(b.grid, step)
+    cells_a, cells_b = cells_of(grid_a, step), cells_of(b.grid, step)
     common, at_a, at_b = np.intersect1d(cells_a, cells_b, assume_unique=True, return_indices=True)
     return Difference(
         relation=relation,
@@ -129,20 +130,13 @@ def _in_sigmas(change: Array, sd: Array) -> Array:
     return np.where((change == 0.0) & (sd == 0.0), 0.0, ratio)
 
 
-def _cells(grid: pd.DataFrame, step_m: float) -> np.ndarray:
-    return np.round(grid["chainage_m"].to_numpy() / step_m).astype(np.int64)
-
-
 def _on_chainage_of(b: FeatureMap, a: FeatureMap) -> pd.DataFrame:
     """The grid of a by b's chainage; as it is where its track is not recognised there."""
     if a.grid.empty or b.grid.empty:
         return a.grid
-    sd = np.hypot(a.grid["chainage_m_sd"].to_numpy(), float(b.grid["chainage_m_sd"].median()))
-    found = recognise(a.grid, b.grid, place_sd_m=sd, rate_sd=_RATE_SD, direction=1).sections
-    used = found[found["used"]]
-    if len(used) < 2:
-        return a.grid
-    return warped(a.grid, Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()), a.conventions.step_m)
+    map_sd = float(b.grid["chainage_m_sd"].median())
+    to_b = recognised_near(a.grid, b.grid, map_sd, rate_sd=_RATE_SD, direction=1).warp
+    return a.grid if to_b is None else warped(a.grid, to_b, a.conventions.step_m)
 
 
 def _moved(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import cells_of, step_of
 from trackfg.frames import Array
 
 MERGED = ("curvature_1pm", "gradient_permille", "cross_level_mm", "versine_level_mm", "versine_alignment_mm")
@@ -35,7 +36,7 @@ def with_place_noise(run: pd.DataFrame, place_sd_m: Array | float) -> pd.DataFra
 
     The slope is the rms over 10 m: what counts is how steep the profile is thereabouts, not at one point.
     """
-    step, columns = _step(run), {}
+    step, columns = step_of(run), {}
     for name in MERGED:
         slope = pd.Series(np.gradient(run[name].to_numpy(), step) ** 2)
         steep = slope.rolling(round(_STEEP_OVER_M / step) + 1, center=True, min_periods=1).mean().to_numpy()
@@ -47,8 +48,8 @@ def merged(grid: pd.DataFrame, run: pd.DataFrame) -> pd.DataFrame:
     """Both have ``chainage_m`` on multiples of the same step, the columns :data:`MERGED` with sigmas and
     ``observations``; cross-level by its local sigma. The result covers what either covers.
     """
-    step = min(_step(grid), _step(run))
-    cells = [np.rint(table["chainage_m"].to_numpy() / step).astype(np.int64) for table in (grid, run)]
+    step = min(step_of(grid), step_of(run))
+    cells = [cells_of(table, step) for table in (grid, run)]
     first, last = min(c[0] for c in cells), max(c[-1] for c in cells)
     row = [c - first for c in cells]
     n = last - first + 1
@@ -73,7 +74,7 @@ def merged(grid: pd.DataFrame, run: pd.DataFrame) -> pd.DataFrame:
 
 def window_means(grid: pd.DataFrame, name: str, centres: Array, length_m: float) -> Array:
     """Means of a column over stretches about ``centres`` (m,); NaN where less than half of one is known."""
-    step, x = _step(grid), grid["chainage_m"].to_numpy()
+    step, x = step_of(grid), grid["chainage_m"].to_numpy()
     value = grid[name].to_numpy()
     known = np.isfinite(value)
     total = np.concatenate([[0.0], np.cumsum(np.where(known, value, 0.0))])
@@ -82,7 +83,3 @@ def window_means(grid: pd.DataFrame, name: str, centres: Array, length_m: float)
     number = count[high] - count[low]
     enough = number >= 0.5 * length_m / step
     return np.where(enough, (total[high] - total[low]) / np.maximum(number, 1), np.nan)
-
-
-def _step(table: pd.DataFrame) -> float:
-    return float(np.diff(table["chainage_m"].to_numpy()).min())

@@ -16,13 +16,12 @@ if TYPE_CHECKING:
     from trackfg.maps.feature_map import MapConventions
 
 _SCALE_SD_WITHOUT_WHEEL = 1e-3
-_MEANT_ALIKE = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "chord_m", "step_m")
 
 
 def check_conventions(meaning: GeometryConventions, conventions: MapConventions, run: str) -> None:
     """Raise :class:`~trackfg.errors.BadInputError` where the columns of run and map mean something else."""
-    for name in _MEANT_ALIKE:
-        ours, theirs = getattr(meaning, name), getattr(conventions, name)
+    for name, theirs in vars(conventions).items():
+        ours = getattr(meaning, name)
         if abs(ours - theirs) > 1e-9:
             raise BadInputError(f"run {run}: {name} is {ours:g}; expected that of the map, {theirs:g}")
 
@@ -32,15 +31,22 @@ def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> tup
 
     ``map_sd_m``: how well the grid's chainage is known; None where run and grid do not count from the same place.
     """
-    run, wheel = result.geometry, result.summary.wheel_scale
-    recognition = recognise(
-        run,
+    wheel, facts = result.summary.wheel_scale, result.summary.run
+    recognition = recognised_near(
+        result.geometry,
         grid,
-        place_sd_m=None if map_sd_m is None else np.hypot(run["chainage_m_sd"].to_numpy(), map_sd_m),
+        map_sd_m,
         rate_sd=_SCALE_SD_WITHOUT_WHEEL if wheel is None else wheel.sd,
-        direction=1 if result.summary.run is None else result.summary.run.direction,
+        direction=1 if facts is None else facts.direction,
     )
-    used = recognition.sections[recognition.sections["used"]]
-    if len(used) < 2:
-        return None, recognition
-    return Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()), recognition
+    return recognition.warp, recognition
+
+
+def recognised_near(
+    run: pd.DataFrame, grid: pd.DataFrame, grid_sd_m: float | None, *, rate_sd: float, direction: int
+) -> Recognition:
+    """A geometry table recognised about where its own chainage says, to the sigmas of both; anywhere where
+    ``grid_sd_m``, how well the grid's chainage is known, is None.
+    """
+    place_sd = None if grid_sd_m is None else np.hypot(run["chainage_m_sd"].to_numpy(), grid_sd_m)
+    return recognise(run, grid, place_sd_m=place_sd, rate_sd=rate_sd, direction=direction)

@@ -26,6 +26,7 @@ from trackfg.mapping.likelihood import PLACE_M, Scores, scores_of
 from trackfg.mapping.local_match import match_sections
 from trackfg.mapping.place_chain import NEAR, PlaceChain, Places, Windows
 from trackfg.mapping.profiles import LONG_M, ROWS_PER_CELL, Profile, common_features, profile_of
+from trackfg.mapping.warp import Warp
 
 COLUMNS = (
     "run_m",
@@ -72,6 +73,18 @@ class Recognition:
     sections: pd.DataFrame
     probability: float
     found_after_m: float
+
+    @property
+    def used(self) -> pd.DataFrame:
+        """The sections whose places are used."""
+        found: pd.DataFrame = self.sections[self.sections["used"]]
+        return found
+
+    @property
+    def warp(self) -> Warp | None:
+        """The way from the run's chainage to the reference's; None where not even two sections are used."""
+        used = self.used
+        return Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()) if len(used) > 1 else None
 
 
 def recognise(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import multiples_between
 from trackfg.frames import Array, geodetic_to_enu
 from trackfg.mapping.warp import Warp
 from trackfg.maps.feature_map import LINE_COLUMNS
@@ -30,7 +31,7 @@ def positions_of_run(trajectory: pd.DataFrame, to_map: Warp, run_origin: Origin,
     order = np.argsort(place, kind="stable")
     place, first = np.unique(place[order], return_index=True)
     rows = trajectory.iloc[order[first]]
-    vertices = np.arange(np.ceil(place[0] / APART_M), np.floor(place[-1] / APART_M) + 1.0) * APART_M
+    vertices = multiples_between(place[0], place[-1], APART_M)
     there = np.column_stack([np.interp(vertices, place, rows[axis]) for axis in _AXES])
     if run_origin != origin:
         there = geodetic_to_enu(enu_to_geodetic(there, run_origin), np.array(origin))
@@ -57,9 +58,19 @@ def with_positions(line: pd.DataFrame, more: pd.DataFrame) -> pd.DataFrame:
 def moved_line(line: pd.DataFrame, warp: Warp) -> pd.DataFrame:
     """The same points by other chainages, brought back to multiples of :data:`APART_M`."""
     place = warp(line["chainage_m"].to_numpy())
-    vertices = np.arange(np.ceil(place[0] / APART_M), np.floor(place[-1] / APART_M) + 1.0) * APART_M
+    vertices = multiples_between(place[0], place[-1], APART_M)
     columns = {name: np.interp(vertices, place, line[name]) for name in LINE_COLUMNS[1:]}
     return pd.DataFrame({"chainage_m": vertices, **columns})
+
+
+def positions_on(line: pd.DataFrame, chainage: Array) -> tuple[Array, Array]:
+    """East, north, up at places (n,) of a line, and their sigmas. Each (n, 3)."""
+    along = line["chainage_m"].to_numpy()
+    values, sigmas = (
+        np.column_stack([np.interp(chainage, along, line[f"{axis}{suffix}"]) for axis in _AXES])
+        for suffix in ("", "_sd")
+    )
+    return values, sigmas
 
 
 def drawn_line(grid: pd.DataFrame) -> pd.DataFrame:
@@ -69,7 +80,7 @@ def drawn_line(grid: pd.DataFrame) -> pd.DataFrame:
     curvature, slope = (np.nan_to_num(grid[name].to_numpy()) for name in ("curvature_1pm", "gradient_permille"))
     heading = np.cumsum(curvature * step)
     ways = (np.cos(heading), np.sin(heading), 1e-3 * slope)
-    vertices = np.arange(np.ceil(x[0] / APART_M), np.floor(x[-1] / APART_M) + 1.0) * APART_M
+    vertices = multiples_between(x[0], x[-1], APART_M)
     columns: dict[str, Array] = {"chainage_m": vertices}
     for axis, way in zip(_AXES, ways, strict=True):
         columns[axis] = np.interp(vertices, x, np.cumsum(way * step))

@@ -19,6 +19,7 @@ from trackfg.mapping.joint import Joint, joint_solution
 from trackfg.mapping.marks import chainage_variable, cross_level_variable, offset_variable
 from trackfg.mapping.reference_line import Origin
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
+from trackfg.place_covariance import interpolated_variance
 from trackfg.results import RunFacts
 
 
@@ -94,16 +95,6 @@ class Chainages:
     @property
     def _rows(self) -> np.ndarray:
         return self.joint.rows([chainage_variable(mark) for mark in self.marks])
-
-
-def interpolated_variance(places: Array, covariance: Array, at: Array) -> Array:
-    """Of a quantity known at ascending places and linear in between, constant beyond. Shape (n,)."""
-    if len(places) == 1:
-        return np.full(len(at), covariance[0, 0])
-    left = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(places) - 2)
-    f = np.clip((at - places[left]) / (places[left + 1] - places[left]), 0.0, 1.0)
-    variance, beside = np.diag(covariance), np.diag(covariance, 1)
-    return np.asarray((1.0 - f) ** 2 * variance[left] + 2.0 * f * (1.0 - f) * beside[left] + f**2 * variance[left + 1])
 
 
 def reopened(feature_map: FeatureMap) -> Survey:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import multiples_between
 from trackfg.evaluate_geometry import spline_at
 from trackfg.frames import Array
 
@@ -43,13 +44,13 @@ def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
     """
     old = table["chainage_m"].to_numpy()
     new = warp(old)
-    cells = np.arange(np.ceil(new[0] / step_m), np.floor(new[-1] / step_m) + 1.0)
-    place = warp.inverse(cells * step_m)
+    chainage = multiples_between(new[0], new[-1], step_m)
+    place = warp.inverse(chainage)
     nearest = np.clip(np.searchsorted(old, place), 1, len(old) - 1)
     nearest = nearest - (place - old[nearest - 1] < old[nearest] - place)
     there = np.abs(place - old[nearest]) <= step_m
     place, nearest = place[there], nearest[there]
-    columns: dict[str, Array] = {"chainage_m": cells[there] * step_m}
+    columns: dict[str, Array] = {"chainage_m": chainage[there]}
     for name in table.columns.drop("chainage_m"):
         values = table[name].to_numpy()
         if values.dtype.kind in "iu":

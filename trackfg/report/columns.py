@@ -23,6 +23,8 @@ from trackfg.frames import Array
 _OF_SIGMA, _OF_RANGE, _OF_SIZE = 20.0, 1e5, 200.0
 _LARGEST = 2**28
 """Whole numbers up to this have second differences of 32 bits."""
+_FINEST = -300.0
+"""Power of ten: below are numbers without all their digits."""
 
 _SQUEEZE = 6
 
@@ -82,8 +84,8 @@ def packed(values: Array, accuracy: float) -> Column:
     largest = float(np.abs(filled).max(initial=0.0))
     exponent = np.floor(np.log10(accuracy)) if accuracy > 0.0 else -np.inf
     if largest > 0.0:
-        exponent = max(exponent, np.ceil(np.log10(largest / _LARGEST)))
-    step = 10.0 ** float(exponent) if np.isfinite(exponent) else 1.0
+        exponent = max(exponent, np.ceil(np.log10(largest) - np.log10(_LARGEST)))
+    step = 10.0 ** max(float(exponent), _FINEST) if np.isfinite(exponent) else 1.0
     whole = np.rint(filled / step).astype(np.int64)
     once = np.diff(whole, prepend=0)
     twice = np.diff(once, prepend=0)

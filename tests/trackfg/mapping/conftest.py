@@ -46,11 +46,11 @@ class Run:
         return np.asarray(np.interp(t, self.simulation.truth["t_s"], self.simulation.truth["chainage_m"]))
 
 
-def short_line(**changes: object) -> Scenario:
+def short_line(**changes: Any) -> Scenario:
     """``shuttle``, cut to three kilometres."""
     balises = BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, LENGTH_M - 100.0))
     plan = replace(scenario("shuttle"), length_m=LENGTH_M, duration_s=420.0, balises=balises)
-    return replace(plan, **changes)  # type: ignore[arg-type]
+    return replace(plan, **changes)
 
 
 @pytest.fixture(scope="session")

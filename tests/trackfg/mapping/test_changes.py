@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -262,14 +263,14 @@ def test_little_or_nothing_in_common(grid: pd.DataFrame, cells: int) -> None:
 def test_what_is_refused(grid: pd.DataFrame) -> None:
     run = seen(shape_of(0), 112)
     sd = np.full(len(run), 0.05)
-    options: dict[str, object]
+    options: dict[str, Any]
     for options, message in (
         ({"to_map": lambda x: -x, "shift_sd_m": sd}, "rise with those of the run"),
         ({"to_map": lambda x: np.where(x > 9.0, np.nan, x), "shift_sd_m": sd}, "finite"),
         ({"to_map": same, "shift_sd_m": sd[1:]}, "a value for each of 16001 rows"),
     ):
         with pytest.raises(ValueError, match=message):
-            changes(run, grid, conventions=CONVENTIONS, **options)  # type: ignore[arg-type]
+            changes(run, grid, conventions=CONVENTIONS, **options)
 
 
 def test_changes_as_csv(grid: pd.DataFrame, tmp_path: Path) -> None:
@@ -327,9 +328,9 @@ def test_rice() -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_defects_between_simulated_runs(seed: int) -> None:
     """The other way, another wheel, another sensor; 3 mm defects of every kind are found, and nothing else."""
-    every = itertools.product(("dip", "kink", "twist"), ("both", "left", "right"), (3e-3, -3e-3))
+    every: Iterable[Any] = itertools.product(("dip", "kink", "twist"), ("both", "left", "right"), (3e-3, -3e-3))
     defects = tuple(
-        Defect(kind, at_m=500.0 + 400.0 * i, size_m=size, length_m=5.0, rail=rail)  # type: ignore[arg-type]
+        Defect(kind, at_m=500.0 + 400.0 * i, size_m=size, length_m=5.0, rail=rail)
         for i, (kind, rail, size) in enumerate(every)
     )
     plan = scenario("shuttle")

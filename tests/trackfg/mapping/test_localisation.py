@@ -12,7 +12,8 @@ import pytest
 
 from trackfg import localisation
 from trackfg.errors import BadInputError
-from trackfg.mapping.recognition import Recognition, recognise
+from trackfg.mapping.placing import recognised_near
+from trackfg.mapping.recognition import Recognition
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.smoother import smooth
 
@@ -64,13 +65,13 @@ def test_wrong_matches_are_outliers_and_no_jumps(
     before = smooth(given, feature_map=line_map)
 
     def mistaken(*args: Any, **kwargs: Any) -> Recognition:
-        right = recognise(*args, **kwargs)
+        right = recognised_near(*args, **kwargs)
         sections: pd.DataFrame = right.sections.copy()
         wrong = sections.index[sections["used"]][4:20:5]
         sections.loc[wrong, "reference_m"] += 12.0
         return Recognition(sections, right.probability, right.found_after_m)
 
-    monkeypatch.setattr(localisation, "recognise", mistaken)
+    monkeypatch.setattr(localisation, "recognised_near", mistaken)
     after = smooth(given, feature_map=line_map)
     assert (after.events["kind"] == "landmark set aside").sum() == 4
     apart = np.abs(after.trajectory["chainage_m"] - before.trajectory["chainage_m"])

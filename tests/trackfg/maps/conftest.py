@@ -154,7 +154,7 @@ class Server:
 
 @pytest.fixture(scope="session")
 def server() -> Iterator[Server]:
-    """A server for this session, with the databases ``plain`` and, where it can be, ``spatial`` (with PostGIS).
+    """A server for the tests, with the databases ``plain`` and, where it can be, ``spatial`` (with PostGIS).
 
     PostgreSQL refuses to run as root, so root lends it to the unprivileged user of the Debian package or ``nobody``.
     """

@@ -70,3 +70,10 @@ def test_a_uniform_chainage_takes_no_room_and_a_smooth_curve_little() -> None:
     rng = np.random.default_rng(0)
     waves = 3.0 * np.sin(chainage / 3.0) + 0.05 * rng.normal(size=chainage.size)
     assert len(packed_value(waves, np.full(chainage.size, 0.05)).text) < 1.6 * chainage.size
+
+
+@pytest.mark.parametrize("accuracy", [0.0, 5e-324, 1.0])
+def test_the_least_numbers_there_are(accuracy: float) -> None:
+    column = packed(np.array([0.0, 5e-324]), accuracy)
+    assert column.step > 0.0
+    np.testing.assert_allclose(column.numbers, 0.0, atol=1e-299)
