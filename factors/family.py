@@ -149,6 +149,35 @@ class Family:
         doubtful = None if self.doubtful is None else self.doubtful[index]
         return replace(self, slots=slots, data=data, sigma=self.sigma[index], doubtful=doubtful)
 
+    def shifted(self, by: int) -> Family:
+        """The same factors on the keyframes that are ``by`` later."""
+        slots = (slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
+        return replace(self, slots=tuple(slots))
+
+    def joined(self, later: Family) -> Family:
+        """These factors, then those of a family of the same sort."""
+        slots = (Slot(a.kind, np.concatenate([a.index, b.index])) for a, b in zip(self.slots, later.slots, strict=True))
+        data = (np.concatenate([a, b]) for a, b in zip(self.data, later.data, strict=True))
+        doubtful = None
+        if self.doubtful is not None and later.doubtful is not None:
+            doubtful = np.concatenate([self.doubtful, later.doubtful])
+        sigma = np.concatenate([self.sigma, later.sigma])
+        return replace(self, slots=tuple(slots), data=tuple(data), sigma=sigma, doubtful=doubtful)
+
+    @property
+    def first_keyframe(self) -> np.ndarray:
+        """The first keyframe that each factor touches, -1 where it touches shared variables alone. Shape (m,)."""
+        return self._own(np.min)
+
+    @property
+    def last_keyframe(self) -> np.ndarray:
+        """The last one, likewise."""
+        return self._own(np.max)
+
+    def _own(self, choose: Callable[..., np.ndarray]) -> np.ndarray:
+        own = [slot.index for slot in self.slots if not slot.kind.shared]
+        return choose(own, axis=0) if own else np.full(len(self), -1)
+
     def at_start(self) -> Family:
         """What stands in while the values are far from the solution: gentler losses, no weight on what is doubtful."""
         sigma = self.sigma

@@ -23,13 +23,13 @@ cost of elimination counts variables as well as dimensions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import gtsam
 import numpy as np
 
-from trackfg.frames import Array, so3_exp
+from trackfg.frames import Array, so3_exp, so3_log
 
 
 class Kind(Enum):
@@ -97,6 +97,21 @@ def retract(value: Value, delta: Array) -> Value:
     return value + delta
 
 
+def local(value: Value, origin: Value) -> Array:
+    """The tangent vectors (m, dim) by which ``origin`` is moved to ``value``: :func:`retract` the other way."""
+    if isinstance(value, Nav) and isinstance(origin, Nav):
+        back = np.swapaxes(origin.R, 1, 2)
+        return np.concatenate(
+            [
+                so3_log(back @ value.R),
+                np.einsum("mij,mj->mi", back, value.p - origin.p),
+                np.einsum("mij,mj->mi", back, value.v - origin.v),
+            ],
+            axis=1,
+        )
+    return np.asarray(value) - np.asarray(origin)
+
+
 @dataclass(frozen=True)
 class States:
     """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3), imu (1, 21),
@@ -113,6 +128,26 @@ class States:
 
     def __len__(self) -> int:
         return len(self.nav)
+
+    def take(self, rows: slice) -> States:
+        """The keyframes of some rows, and the shared variables."""
+        return replace(self, nav=self.nav[rows], bias=self.bias[rows], odo=self.odo[rows])
+
+    def joined(self, later: States) -> States:
+        """These keyframes, then the later ones; shared variables of the later."""
+        nav = Nav(
+            np.concatenate([self.nav.R, later.nav.R]),
+            np.concatenate([self.nav.p, later.nav.p]),
+            np.concatenate([self.nav.v, later.nav.v]),
+        )
+        bias, odo = np.concatenate([self.bias, later.bias]), np.concatenate([self.odo, later.odo])
+        return replace(later, nav=nav, bias=bias, odo=odo)
+
+    def away_from(self, origin: States) -> Step:
+        """The step by which ``origin`` is moved to this."""
+        parts = {kind: local(self.of(kind), origin.of(kind)) for kind in Kind}
+        keyframes = np.concatenate([parts[kind] for kind in ELIMINATION_ORDER], axis=1)
+        return Step(keyframes, np.concatenate([parts[kind] for kind in SHARED], axis=1)[0])
 
     def of(self, kind: Kind) -> Value:
         """All values of one kind."""

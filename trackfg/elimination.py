@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
@@ -26,7 +27,7 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
-from trackfg.square_root import NAV, NAV_DIM, SquareRoot
+from trackfg.square_root import NAV, NAV_DIM, SIZE, SquareRoot
 
 _PAIR = 2 * KEYFRAME_DIM
 _TAIL = SHARED_DIM + 1
@@ -41,6 +42,14 @@ _INDETERMINATE = 1e-14
 _UNDETERMINED = "the measurements do not determine the states"
 
 
+class Conditionals(NamedTuple):
+    """``R`` (n, 19, 19), ``S`` (n, 19, 49 + ...) and ``d`` (n, 19) of keyframes, as :class:`SquareRoot` has them."""
+
+    R: Array
+    S: Array
+    d: Array
+
+
 def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
     """Eliminate keyframe by keyframe, shared variables last. Raises ``UnsolvableError`` where they are not determined.
 
@@ -49,11 +58,38 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
     ahead = _ahead(factors, keyframes)
     widths = _PAIR + NAV_DIM * ahead
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
-        return _square_root(*_factored(_systems(factors, widths), widths), ahead)
+        conditional, _, alone = _factored(_systems(factors, widths), widths, whole=True)
+        shared = _triangle(alone)[:SHARED_DIM]
+        if len(shared) < SHARED_DIM:
+            raise UnsolvableError(_UNDETERMINED)
+        R, sign = _positive(np.triu(shared[:, :-1]))
+        return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead)
 
 
-def _factored(systems: Iterator[Array], widths: np.ndarray) -> tuple[Array, Array]:
-    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window, and [R d] of the shared."""
+def left_behind(factors: Sequence[LinearFactors], gone: int) -> tuple[Conditionals, Array]:
+    """What factors that touch the first ``gone`` keyframes of a chain, or shared variables alone, say: the conditionals
+    of these keyframes, and what is left for the rest, rows [A b] of ``A (x_gone, s) = b``, shape (49, 50).
+
+    Raises ``ValueError`` where factors reach further than to the next keyframe, ``UnsolvableError`` where the keyframes
+    are not determined.
+    """
+    ahead = _ahead(factors, gone)
+    if ahead.any():
+        raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
+    widths = np.full(gone, _PAIR)
+    with threadpool_limits(limits=1, user_api="blas"):
+        conditional, left, alone = _factored(_systems(factors, widths), widths, whole=False)
+        shared = np.triu(_triangle(alone)[:SHARED_DIM])
+    rest = np.zeros((SIZE, SIZE + 1))
+    rest[: len(left)] = left
+    rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
+    return _conditionals(conditional, ahead), rest
+
+
+def _factored(systems: Iterator[Array], widths: np.ndarray, *, whole: bool) -> tuple[Array, Array, Array]:
+    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; what is left for the keyframe
+    after the last, nothing if they are the ``whole`` chain; rows of the shared variables alone.
+    """
     keyframes = len(widths)
     conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
     alone = [next(systems)]
@@ -70,21 +106,16 @@ def _factored(systems: Iterator[Array], widths: np.ndarray) -> tuple[Array, Arra
         conditional[k, :, : width + _TAIL] = triangle[:KEYFRAME_DIM]
         rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
-        after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
+        after = 0 if whole and k + 1 == keyframes else width - KEYFRAME_DIM
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
         place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
-    shared = _triangle(np.concatenate(alone))
-    if len(shared) < SHARED_DIM:
-        raise UnsolvableError(_UNDETERMINED)
-    return conditional, shared[:SHARED_DIM]
+    return conditional, left, np.concatenate(alone)
 
 
-def _square_root(conditional: Array, shared: Array, ahead: np.ndarray) -> SquareRoot:
+def _conditionals(conditional: Array, ahead: np.ndarray) -> Conditionals:
     """From what :func:`_factored` gives."""
-    R, R_shared = conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM), np.triu(shared[:, :-1])
-    if not (_determined(R) and _determined(R_shared)):
-        raise UnsolvableError(_UNDETERMINED)
+    R, sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
     later = _PAIR - KEYFRAME_DIM + SHARED_DIM
     S = np.zeros((len(ahead), KEYFRAME_DIM, conditional.shape[2] - KEYFRAME_DIM - 1))
     d = np.empty((len(ahead), KEYFRAME_DIM))
@@ -94,12 +125,20 @@ def _square_root(conditional: Array, shared: Array, ahead: np.ndarray) -> Square
         S[own, :, _PAIR - KEYFRAME_DIM : later] = conditional[own, :, end : end + SHARED_DIM]
         S[own, :, later : later + NAV_DIM * count] = conditional[own, :, _PAIR:end]
         d[own] = conditional[own, :, end + SHARED_DIM]
-    # The sign of a row is arbitrary; with a positive diagonal R is unique, and so are samples drawn with it.
-    sign = np.copysign(1.0, np.diagonal(R, axis1=1, axis2=2))
-    sign_shared = np.copysign(1.0, np.diagonal(R_shared))
-    R *= sign[:, :, None]
     S *= sign[:, :, None]
-    return SquareRoot(R, S, d * sign, R_shared * sign_shared[:, None], shared[:, -1] * sign_shared, ahead)
+    return Conditionals(R, S, d * sign)
+
+
+def _positive(R: Array) -> tuple[Array, Array]:
+    """Triangles with a positive diagonal, and the signs that their rows were multiplied by.
+
+    The sign of a row is arbitrary; so R is unique, and so are samples drawn with it. Raises ``UnsolvableError`` where a
+    triangle is singular.
+    """
+    if not _determined(R):
+        raise UnsolvableError(_UNDETERMINED)
+    sign = np.copysign(1.0, np.diagonal(R, axis1=-2, axis2=-1))
+    return R * sign[..., None], sign
 
 
 def _triangle(rows: Array) -> Array:

@@ -62,6 +62,8 @@ class Problem:
     """The keyframes as indices into ``inertial.edges``, shape (n,)."""
     mount_roll_sd: float
     """Uncertainty of the mounting's roll, rad."""
+    clock_origin: float
+    """When the offsets of other clocks are what the states say, s: before and after, they drift."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
 
@@ -70,9 +72,12 @@ class Problem:
         return next((f for f in self.families if f.name == name), None)
 
 
-def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
-    """Lay out keyframes, factors and initial values. Raises ``UnsolvableError`` for a run too short to hold a graph."""
-    data = intervals(recording)
+def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | None = None) -> Problem:
+    """Lay out keyframes, factors and initial values; ``data`` are the inertial intervals, if laid out already.
+
+    Raises ``UnsolvableError`` for a run too short to hold a graph.
+    """
+    data = data or intervals(recording)
     if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:
         raise UnsolvableError(
             f"the IMU record has {len(recording.imu)} samples over {data.edges[-1] - data.edges[0]:.3g} s: "
@@ -86,7 +91,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
-    layout = Layout(recording, config, world, data, wheel, rests, path, rolls, edges, t)
+    layout = Layout(recording, config, world, data, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1]))
     states = layout.initial_states()
     moving = [tilt(layout)] if speedless else motion(layout)
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
@@ -104,6 +109,7 @@ def build_problem(recording: Recording, config: SmoothConfig) -> Problem:
         noise=layout.noise,
         edges=edges,
         mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
+        clock_origin=layout.clock_origin,
         response=layout.response,
     )
 

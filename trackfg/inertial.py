@@ -35,6 +35,20 @@ class Intervals:
     def __len__(self) -> int:
         return len(self.gyro)
 
+    def take(self, rows: slice) -> Intervals:
+        """Some of the intervals, in a row."""
+        first, end, _ = rows.indices(len(self))
+        return Intervals(self.edges[first : end + 1], self.gyro[rows], self.accel[rows], self.bridged[rows])
+
+    def joined(self, later: Intervals) -> Intervals:
+        """These, and those that begin where these end."""
+        return Intervals(
+            np.concatenate([self.edges, later.edges[1:]]),
+            np.concatenate([self.gyro, later.gyro]),
+            np.concatenate([self.accel, later.accel]),
+            np.concatenate([self.bridged, later.bridged]),
+        )
+
     @property
     def durations(self) -> Array:
         """Length of each interval, s."""
@@ -49,8 +63,11 @@ class Intervals:
 def intervals(recording: Recording) -> Intervals:
     """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
     t = recording.imu["t_s"].to_numpy()
-    gyro, accel = recording.gyro, recording.accel
-    dt = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    return laid_out(t, recording.gyro, recording.accel, float(np.median(np.diff(t))) if t.size > 1 else 0.0)
+
+
+def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None = None) -> Intervals:
+    """:func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``, if known."""
     holes = np.flatnonzero(np.diff(t) > max(3.5 * dt, 0.05))
     bridged = np.zeros(t.size, dtype=bool)
     if holes.size:
@@ -64,7 +81,7 @@ def intervals(recording: Recording) -> Intervals:
     middle = 0.5 * (t[1:] + t[:-1])
     # To the nanosecond, so that a record that starts at 0 does so exactly and covers what others measure there.
     start, end = np.round([t[0] - 0.5 * dt, t[-1] + 0.5 * dt], 9)
-    edges = np.concatenate([[start], middle, [end]])
+    edges = np.concatenate([[start if begin is None else begin], middle, [end]])
     return Intervals(edges, gyro, accel, bridged)
 
 

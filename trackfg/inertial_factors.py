@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 
+from trackfg import description
 from trackfg.factors.bias import bias_walk
 from trackfg.factors.family import Family
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
 from trackfg.factors.states import States
-from trackfg.frames import EARTH_RADIUS, transport_rate
+from trackfg.frames import EARTH_RADIUS, Array, transport_rate
 from trackfg.inertial import compress, increment_starts
 from trackfg.layout import Layout
 
@@ -25,6 +27,19 @@ _UNKNOWN_ACCELERATION = 0.3
 
 def inertial_factors(layout: Layout, states: States, speedless: bool) -> gtsam.NonlinearFactorGraph:
     """GTSAM's own, one per interval; without weight on the accelerometer where nothing measures speed."""
+    return graph_of(preintegrated(layout, states, speedless))
+
+
+def graph_of(measurements: Iterable[gtsam.PreintegratedImuMeasurements]) -> gtsam.NonlinearFactorGraph:
+    """The factors of intervals in a row, from the first keyframe on."""
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in imu_factors(measurements):
+        graph.push_back(factor)
+    return graph
+
+
+def preintegrated(layout: Layout, states: States, speedless: bool) -> list[gtsam.PreintegratedImuMeasurements]:
+    """What the inertial sensor measured in each interval, about the biases of ``states``."""
     config = layout.config.imu
     measured = replace(layout.noise, accel=1e3) if speedless else layout.noise
     gyro_bias = states.bias[:, 3:].mean(axis=0)
@@ -39,8 +54,7 @@ def inertial_factors(layout: Layout, states: States, speedless: bool) -> gtsam.N
     starts, first = increment_starts(layout.data, layout.edges, _INCREMENT_S)
     increments = compress(layout.data, starts, gyro_bias)
     bridged = layout.data.bridged[layout.edges[:-1]]
-    graph = gtsam.NonlinearFactorGraph()
-    for factor in imu_factors(
+    return [
         preintegrate(
             (bridge if bridged[k] else measured).parameters(float(weight[k]), turning[k]),
             states.bias[k],
@@ -49,17 +63,18 @@ def inertial_factors(layout: Layout, states: States, speedless: bool) -> gtsam.N
             increments.velocity[a:b],
         )
         for k, (a, b) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True))
-    ):
-        graph.push_back(factor)
-    return graph
+    ]
 
 
 def own_bias_walk(layout: Layout) -> Family:
     """The sensor's own biases walk with the declared densities."""
-    noise = layout.recording.description.imu.noise
+    return walk_of(layout.t, layout.response, layout.recording.description.imu.noise)
+
+
+def walk_of(t: Array, response: Array, noise: description.ImuNoise) -> Family:
+    """The same, of keyframes at ``t`` (n,) with their responses to the calibration (n, 6, 21)."""
     density = np.repeat([noise.accel_bias_walk, noise.gyro_bias_walk], 3)
-    sigma = np.sqrt(np.diff(layout.t))[:, None] * density
-    return bias_walk(np.arange(len(layout.t) - 1), np.diff(layout.response, axis=0), sigma)
+    return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), np.sqrt(np.diff(t))[:, None] * density)
 
 
 def tilt(layout: Layout) -> Family:

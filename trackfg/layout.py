@@ -46,6 +46,13 @@ def world_of(recording: Recording) -> World:
     return World(gravity, rate, start_yaw)
 
 
+def still_between(t: Array, rests: Array) -> np.ndarray:
+    """Whether both ends of the intervals between ``t`` (n,) and their middles are in a rest, shape (n - 1,)."""
+    resting = within(t, rests)
+    still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (t[1:] + t[:-1]), rests)
+    return still
+
+
 @dataclass(frozen=True)
 class Layout:
     """Keyframes at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""
@@ -60,6 +67,8 @@ class Layout:
     rolling: Rolling | None
     edges: np.ndarray
     t: Array
+    clock_origin: float
+    """When the offset of other clocks is what it is said to be, before it drifts: the middle of a run."""
 
     @property
     def lever_arm(self) -> Array:
@@ -69,9 +78,7 @@ class Layout:
     @cached_property
     def still(self) -> np.ndarray:
         """Whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
-        resting = within(self.t, self.rests)
-        still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (self.t[1:] + self.t[:-1]), self.rests)
-        return still
+        return still_between(self.t, self.rests)
 
     @cached_property
     def distance(self) -> Array:

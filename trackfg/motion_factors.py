@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from trackfg.config import MotionConfig
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.path import follows_path
 from trackfg.frames import Array
 from trackfg.inertial import means_around, turning
-from trackfg.layout import Layout
+from trackfg.layout import Layout, still_between
 from trackfg.spans import within
 
 _RATE_WINDOW_S = 0.1
@@ -20,19 +21,26 @@ def motion(layout: Layout) -> list[Family]:
     """No sideways velocity, no motion at rest; a sensor that follows the track moves where it points all the way."""
     config, n = layout.config.motion, len(layout.t)
     k = np.arange(n)
-    resting = within(layout.t, layout.rests)
     speed = np.abs(np.interp(layout.t, layout.path.t, layout.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
     sigma = sigma * layout.config.noise.motion
     huber = Loss("huber", config.robust_width)
-    still = (config.rest_speed_sd_mps, config.rest_turn_sd_rad, config.rest_shift_sd_m)
-    if layout.recording.description.imu.rigid:
-        still = (config.rigid_rest_speed_sd_mps, config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
     return [
         _path(layout, huber),
         non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
-        at_rest(np.flatnonzero(resting), still[0], huber),
-        stays(np.flatnonzero(layout.still), *still[1:], huber),
+        *resting(layout.t, layout.rests, config, rigid=layout.recording.description.imu.rigid),
+    ]
+
+
+def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> list[Family]:
+    """No velocity at keyframes ``t`` (n,), s, within ``rests`` (r, 2), and no motion between two within one."""
+    still = (config.rest_speed_sd_mps, config.rest_turn_sd_rad, config.rest_shift_sd_m)
+    if rigid:
+        still = (config.rigid_rest_speed_sd_mps, config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
+    huber = Loss("huber", config.robust_width)
+    return [
+        at_rest(np.flatnonzero(within(t, rests)), still[0], huber),
+        stays(np.flatnonzero(still_between(t, rests)), *still[1:], huber),
     ]
 
 

@@ -59,7 +59,7 @@ def odometer(layout: Layout) -> list[Family]:
     families.append(replace(wheel, doubtful=layout.rolling.slips_within(layout.t)))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
-    since = layout.t[read] - 0.5 * (layout.t[0] + layout.t[-1])
+    since = layout.t[read] - layout.clock_origin
     families.append(tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd)))
     return families
 

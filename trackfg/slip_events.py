@@ -81,7 +81,7 @@ def slip_events(
 def _rolled(wheel: Wheel, problem: Problem, states: States, t: Array) -> Array:
     """The integral of S dW up to ``t``."""
     offset, drift = states.clock[0, :2]
-    count = wheel.at(t - offset - drift * (t - 0.5 * (problem.t[0] + problem.t[-1])))
+    count = wheel.at(t - offset - drift * (t - problem.clock_origin))
     scale = np.interp(t, problem.t, states.odo[:, 1])
     return np.concatenate([[0.0], np.cumsum(0.5 * (scale[1:] + scale[:-1]) * np.diff(count))])
 

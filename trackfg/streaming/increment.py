@@ -1,0 +1,114 @@
+"""The next interval of a stream: where its keyframe is, and its factors, by the functions that the batch smoother uses.
+
+The motion over the interval is predicted by the inertial sensor from the newest keyframe: the wheel may slip. Rows a
+little after the keyframe are needed for its own rates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.description import RecordingDescription
+from trackfg.factors.family import Family
+from trackfg.factors.states import Nav, States
+from trackfg.frames import Array, rpy_from_matrix
+from trackfg.inertial import Intervals
+from trackfg.inertial_factors import preintegrated
+from trackfg.initial import InitialPath
+from trackfg.layout import Layout, World
+from trackfg.motion_factors import motion
+from trackfg.odometer_factors import odometer
+from trackfg.position_factors import positions
+from trackfg.recording import Recording
+from trackfg.streaming.window import Interval, Window
+from trackfg.wheel import Wheel
+from trackfg.wheel_slip import Rolling
+
+_NO_RESTS = np.zeros((0, 2))
+_OF_THE_INTERVAL = ("absolute fix", "GNSS position")
+"""Families that may touch the older keyframe alone, and are new all the same."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What stays as it is along a stream."""
+
+    description: RecordingDescription
+    config: SmoothConfig
+    world: World
+    clock_origin: float
+
+    @property
+    def lever_arm(self) -> Array:
+        """The IMU's position in the vehicle, m, shape (3,)."""
+        return np.array(self.description.imu.lever_arm_m)
+
+
+def interval(
+    setting: Setting, window: Window, recording: Recording, data: Intervals, wheel: Wheel | None, edges: np.ndarray
+) -> Interval:
+    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``; ``wheel`` covers them."""
+    k = len(window) - 1
+    here = window.states.take(slice(k, k + 1))
+    t = data.edges[edges]
+    standing = _path(data.edges, here, np.zeros(len(data.edges)))
+    layout = Layout(
+        recording, setting.config, setting.world, data, wheel, _NO_RESTS, standing, None, edges, t, setting.clock_origin
+    )
+    response = layout.response[0]
+    here = replace(here, bias=here.bias + response @ here.imu[0])
+    measured = preintegrated(layout, here.joined(here), speedless=False)[0]
+    nav = _predicted(measured, here)
+    distance = _distance(here.nav, nav, setting.lever_arm)
+    layout = _with_motion(layout, here, nav, distance)
+    count = here.odo[0, 2] + distance if wheel is None else float(wheel.at(t[1:])[0])
+    odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
+    ahead = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
+    families = [*odometer(layout), *motion(layout), *positions(layout)]
+    return Interval(
+        float(t[1]), ahead, measured, response, tuple(new for family in families if len(new := _new(family)))
+    )
+
+
+def _new(family: Family) -> Family:
+    """Without what the interval before has said already: factors of the older keyframe alone."""
+    return family if family.name in _OF_THE_INTERVAL else family.take(family.last_keyframe == 1)
+
+
+def _predicted(measured: gtsam.PreintegratedImuMeasurements, here: States) -> Nav:
+    state = gtsam.NavState(gtsam.Rot3(here.nav.R[0]), here.nav.p[0], here.nav.v[0])
+    bias = gtsam.imuBias.ConstantBias(here.bias[0, :3], here.bias[0, 3:])
+    ahead = measured.predict(state, bias)
+    return Nav(ahead.attitude().matrix()[None], ahead.position()[None], ahead.velocity()[None])
+
+
+def _distance(here: Nav, ahead: Nav, lever_arm: Array) -> float:
+    """Along the track, backwards negative."""
+    chord = (ahead.p - ahead.R @ lever_arm) - (here.p - here.R @ lever_arm)
+    forward = 0.5 * (here.R[0, :, 0] + ahead.R[0, :, 0])
+    return float(np.copysign(np.linalg.norm(chord), chord[0] @ forward))
+
+
+def _path(t: Array, here: States, speed: Array) -> InitialPath:
+    """A first guess of the motion about the interval, as factors need it: attitude and bias as they are."""
+    n = len(t)
+    rpy = np.repeat(rpy_from_matrix(here.nav.R), n, axis=0)
+    p = np.zeros((n, 3))
+    p[1:, 0] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))
+    return InitialPath(t, rpy, p, np.zeros((n, 3)), speed, np.repeat(here.bias[:, 3:], n, axis=0))
+
+
+def _with_motion(layout: Layout, here: States, ahead: Nav, distance: float) -> Layout:
+    """With speeds that change evenly over the interval and cover its distance."""
+    edges, (begin, end) = layout.data.edges, layout.t
+    slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (here.nav, ahead))
+    speed = slow + (fast - slow) * (edges - begin) / (end - begin)
+    speed += distance / (end - begin) - 0.5 * (slow + fast)
+    path = _path(edges, here, speed)
+    travelled = Wheel(edges, path.p[:, 0], 1e-4, 0.0, False, _NO_RESTS)
+    rolling = Rolling(edges, speed, np.ones(len(edges) - 1, dtype=bool), travelled)
+    return replace(layout, path=path, rolling=rolling)

@@ -1,0 +1,128 @@
+"""The graph of the newest keyframes, as it moves along: one keyframe more in front, the oldest left behind.
+
+Families, inertial measurements and solution are those of :mod:`trackfg.graph`; keyframes are numbered from the oldest
+one that is in the window. What is left behind stays as one factor, :mod:`trackfg.factors.past`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from trackfg.elimination import Conditionals, eliminate, left_behind
+from trackfg.factors.family import Family, LinearFactors, Slot
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.past import past
+from trackfg.factors.states import States
+from trackfg.frames import Array
+from trackfg.inertial_factors import graph_of
+from trackfg.square_root import SquareRoot
+
+
+class Interval(NamedTuple):
+    """What the time from the newest keyframe (number 0) to the next one (number 1) brings.
+
+    ``ahead``: the next keyframe as predicted, alone. ``response`` (6, 21) of the biases of the interval.
+    """
+
+    t: float
+    ahead: States
+    measured: gtsam.PreintegratedImuMeasurements
+    response: Array
+    families: tuple[Family, ...]
+
+
+class Gone(NamedTuple):
+    """Keyframes left behind: when, their conditionals, and where these were linearised, next keyframe included."""
+
+    t: Array
+    conditionals: Conditionals
+    origin: States
+
+
+@dataclass(frozen=True)
+class Window:
+    """Keyframes at ``t`` (n,), s; the first keyframe's past is among the ``families``."""
+
+    t: Array
+    states: States
+    measured: tuple[gtsam.PreintegratedImuMeasurements, ...]
+    response: Array
+    families: tuple[Family, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def family(self, name: str) -> Family | None:
+        """The family of that name, if there is one."""
+        return next((family for family in self.families if family.name == name), None)
+
+    def with_families(self, *families: Family) -> Window:
+        """With these in the place of those of the same names."""
+        names = {family.name for family in families}
+        kept = (family for family in self.families if family.name not in names)
+        return replace(self, families=(*kept, *(family for family in families if len(family))))
+
+    def extended(self, interval: Interval) -> Window:
+        """With the next keyframe."""
+        last = len(self) - 1
+        known = {family.name: family for family in self.families}
+        for family in interval.families:
+            later = family.shifted(last)
+            known[family.name] = known[family.name].joined(later) if family.name in known else later
+        response = np.concatenate([self.response[:-1], interval.response[None], np.zeros_like(self.response[:1])])
+        return Window(
+            np.append(self.t, interval.t),
+            self.states.joined(interval.ahead),
+            (*self.measured, interval.measured),
+            response,
+            tuple(known.values()),
+        )
+
+    def linearized(self) -> list[LinearFactors]:
+        """All factors at the window's states."""
+        inertial = linearize_imu_factors(graph_of(self.measured), self.states.to_gtsam())
+        return [inertial, *(family.linearize(self.states) for family in self.families)]
+
+    def moved(self) -> tuple[Window, SquareRoot, list[LinearFactors]]:
+        """One Gauss-Newton step on: the window, the square root of the information, what it was made from.
+
+        Raises ``UnsolvableError`` where the states are not determined.
+        """
+        linear = self.linearized()
+        root = eliminate(linear, len(self))
+        return replace(self, states=self.states.moved(root.solution())), root, linear
+
+    def left(self, gone: int, linear: list[LinearFactors], origin: States) -> tuple[Window, Gone]:
+        """Without the first ``gone`` keyframes, and what went; ``linear`` are all factors, linearised at ``origin``."""
+        early = [some for factors in linear if (some := _before(factors, gone)) is not None]
+        conditionals, rest = left_behind(early, gone)
+        kept = [
+            family.take(later).shifted(-gone)
+            for family in self.families
+            if (later := np.flatnonzero(family.first_keyframe >= gone)).size
+        ]
+        here = origin.take(slice(gone, gone + 1))
+        window = Window(
+            self.t[gone:],
+            self.states.take(slice(gone, None)),
+            self.measured[gone:],
+            self.response[gone:],
+            (past(rest, here), *kept),
+        )
+        return window, Gone(self.t[:gone], conditionals, origin.take(slice(0, gone + 1)))
+
+
+def _before(factors: LinearFactors, keyframe: int) -> LinearFactors | None:
+    """Those that touch keyframes before, or shared variables alone."""
+    own = [slot.index for slot in factors.slots if not slot.kind.shared]
+    if not own:
+        return factors
+    early = np.flatnonzero(np.min(own, axis=0) < keyframe)
+    if not early.size:
+        return None
+    slots = tuple(Slot(slot.kind, slot.index[early]) for slot in factors.slots)
+    return LinearFactors(slots, [jacobian[early] for jacobian in factors.jacobians], factors.b[early])
