@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
-from threadpoolctl import threadpool_limits
 
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
+from trackfg.one_thread import one_thread
 from trackfg.square_root import NAV, NAV_DIM, SIZE, SquareRoot
 
 _PAIR = 2 * KEYFRAME_DIM
@@ -57,7 +57,7 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
     """
     ahead = _ahead(factors, keyframes)
     widths = _PAIR + NAV_DIM * ahead
-    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+    with one_thread():
         conditional, _, alone = _factored(_systems(factors, widths), widths, whole=True)
         shared = _triangle(alone)[:SHARED_DIM]
         if len(shared) < SHARED_DIM:
@@ -77,7 +77,7 @@ def left_behind(factors: Sequence[LinearFactors], gone: int) -> tuple[Conditiona
     if ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
     widths = np.full(gone, _PAIR)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         conditional, left, alone = _factored(_systems(factors, widths), widths, whole=False)
         shared = np.triu(_triangle(alone)[:SHARED_DIM])
     rest = np.zeros((SIZE, SIZE + 1))

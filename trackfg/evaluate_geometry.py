@@ -48,20 +48,20 @@ def geometry_errors(
 
 
 def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
-    """``y`` over ascending, evenly spaced ``x``, both (n,), as a quintic spline through the finite values.
+    """``y`` (n, ...) over ascending, evenly spaced ``x`` (n,) as a quintic spline through the rows that are finite.
 
-    It takes places of any shape; NaN outside of the finite values, in gaps between them, and everywhere if they are
-    fewer than six.
+    It takes places of any shape, to which that of a row is added; NaN outside of the finite rows, in gaps between them,
+    and everywhere if they are fewer than six.
     """
-    known = np.isfinite(y)
+    known = np.isfinite(y.reshape(len(x), -1)).all(axis=1)
     x, y = x[known], y[known]
     if len(x) <= _DEGREE:
-        return lambda places: np.full(places.shape, np.nan)
+        return lambda places: np.full((*places.shape, *y.shape[1:]), np.nan)
     gap = np.diff(x) > 1.5 * np.diff(x).min()
     spline = make_interp_spline(x, y, k=_DEGREE)
 
     def at(places: Array) -> Array:
-        out = np.full(places.shape, np.nan)
+        out = np.full((*places.shape, *y.shape[1:]), np.nan)
         with np.errstate(invalid="ignore"):
             inside = (places >= x[0]) & (places <= x[-1])
         inside[inside] = ~gap[np.clip(np.searchsorted(x, places[inside], side="right") - 1, 0, len(gap) - 1)]
@@ -72,7 +72,7 @@ def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
 
 
 def spline_at(x: Array, y: Array, places: Array) -> Array:
-    """:func:`spline_through` at ``places``, in their shape."""
+    """:func:`spline_through` at ``places``."""
     return spline_through(x, y)(places)
 
 

@@ -134,16 +134,35 @@ def running_turn(starts: np.ndarray, vectors: Array) -> tuple[Array, Array]:
     """
     first, counts = starts[:-1], np.diff(starts)
     steps = quaternion_exp(vectors.T)
+    longest = int(counts.max(initial=0))
+    if len(first) < longest:
+        return _running_product(first, counts, steps)
     before = np.empty_like(steps)
     now = np.zeros((4, len(first)))
     now[0] = 1.0
-    for i in range(int(counts.max(initial=0))):
+    for i in range(longest):
         live = np.flatnonzero(counts > i)
         row = first[live] + i
         here = now[:, live]
         before[:, row] = here
         now[:, live] = quaternion_product(here, steps[:, row])
     return before, now
+
+
+def _running_product(first: np.ndarray, counts: np.ndarray, steps: Array) -> tuple[Array, Array]:
+    """The same for few long groups: products of 2, 4, 8, ... steps, all at once."""
+    since = np.arange(steps.shape[1]) - np.repeat(first, counts)
+    product, reach = steps, 1
+    while reach < int(counts.max()):
+        far = np.flatnonzero(since >= reach)
+        longer = product.copy()
+        longer[:, far] = quaternion_product(product[:, far - reach], product[:, far])
+        product, reach = longer, 2 * reach
+    before = np.zeros_like(steps)
+    before[0] = 1.0
+    later = np.flatnonzero(since > 0)
+    before[:, later] = product[:, later - 1]
+    return before, product[:, first + counts - 1]
 
 
 @dataclass(frozen=True)

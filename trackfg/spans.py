@@ -20,3 +20,13 @@ def within(t: Array, spans: Array) -> np.ndarray:
     k = np.searchsorted(spans[:, 0], t, side="right") - 1
     inside: np.ndarray = (k >= 0) & (t <= spans[np.maximum(k, 0), 1])
     return inside
+
+
+def joined_spans(spans: Array) -> Array:
+    """Spans (m, 2) in order, those that overlap or touch as one."""
+    if len(spans) == 0:
+        return spans
+    ordered = spans[np.argsort(spans[:, 0], kind="stable")]
+    until = np.maximum.accumulate(ordered[:, 1])
+    first = np.append(True, ordered[1:, 0] > until[:-1])
+    return np.stack([ordered[first, 0], until[np.append(first[1:], True)]], axis=1)

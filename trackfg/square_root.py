@@ -9,7 +9,7 @@ where the reach w is 1 unless a factor ties keyframes further apart (two passes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -39,6 +39,12 @@ class SquareRoot:
     R_shared: Array
     d_shared: Array
     ahead: np.ndarray
+
+    def last(self, keyframes: int) -> SquareRoot:
+        """Of the last keyframes alone, all others eliminated; along a chain."""
+        return replace(
+            self, R=self.R[-keyframes:], S=self.S[-keyframes:], d=self.d[-keyframes:], ahead=self.ahead[-keyframes:]
+        )
 
     @cached_property
     def inverse(self) -> Array:

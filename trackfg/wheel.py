@@ -19,7 +19,7 @@ from trackfg.recording import Recording
 from trackfg.spans import true_runs
 
 _GRID_S = 0.1
-_CRAWL_MPS = 0.25
+CRAWL_MPS = 0.25
 """A reversal needs a stop, and a stop may be too short for the tach to show: slower than this may be one."""
 
 _CLEARLY_BACKWARDS = -0.5
@@ -76,14 +76,19 @@ def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
     speed = description.integrates_speed
     quantum = 0.0 if speed else tach_quantum_m(table)
     step = np.abs(np.diff(distance))
-    silent = (np.diff(t) > max_gap_s) & (step > 1.5 * quantum)
-    gaps = np.stack([t[:-1][silent], t[1:][silent]], axis=1)
+    gaps = silences(t, distance, quantum, max_gap_s)
     if not description.signed:
         distance = _signed(t, distance, recording)
     rounding = quantum / np.sqrt(12.0)
     if quantum > 0 and _rows_are_pulses(t, step, quantum):
         rounding = _EDGE_STAMPED_FRACTION * quantum
     return Wheel(t, distance, max(rounding, 1e-4), quantum, speed, gaps)
+
+
+def silences(t: Array, distance: Array, quantum: float, max_gap_s: float) -> Array:
+    """Spans without rows over which the wheel rolled, s, shape (g, 2)."""
+    silent = (np.diff(t) > max_gap_s) & (np.abs(np.diff(distance)) > 1.5 * quantum)
+    return np.stack([t[:-1][silent], t[1:][silent]], axis=1)
 
 
 def _rows_are_pulses(t: Array, step: Array, quantum: float) -> bool:
@@ -105,7 +110,7 @@ def _signed(t: Array, distance: Array, recording: Recording) -> Array:
     )
     force = gaussian_filter1d(np.gradient(np.interp(grid, imu_t, integral), _GRID_S), 0.5 / _GRID_S)
     acceleration = np.gradient(speed, _GRID_S)
-    movements = true_runs(speed > _CRAWL_MPS)
+    movements = true_runs(speed > CRAWL_MPS)
     # A movement reaches to the middle of the crawl on either side, where it began and ended.
     middle = np.concatenate([[0], (movements[1:, 0] + movements[:-1, 1]) // 2, [grid.size]])
     sense = np.ones(grid.size)

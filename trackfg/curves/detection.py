@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from scipy.stats import chi2 as chi_squared
-from threadpoolctl import threadpool_limits
 
 from trackfg.curves.cells import Cells, cells_of
 from trackfg.curves.curve import QUANTITIES, Curve, CurveKind, CurveLaw
@@ -23,6 +22,7 @@ from trackfg.curves.model import CurveChain
 from trackfg.curves.segments import first_chains
 from trackfg.curves.structure import simplified, structured
 from trackfg.frames import Array
+from trackfg.one_thread import one_thread
 
 _SHARED_ABOVE = 1e-4
 
@@ -35,7 +35,7 @@ def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0, widest_radius_m:
     ``widest_radius_m`` is held to be straight. Sigmas refer to the profile's own chainage: that of the chainage itself
     is not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
     """
-    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+    with one_thread():
         return _found(cells_of(profile, base_m), widest_radius_m)
 
 

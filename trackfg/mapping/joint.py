@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from threadpoolctl import threadpool_limits
 
 from trackfg.frames import Array
 from trackfg.maps.feature_map import RunInformation
+from trackfg.one_thread import one_thread
 
 _HELD_SD = 1e-3
 """Of the offset of one run, m, where no run knows where on the line it was."""
@@ -50,7 +50,7 @@ def joint_solution(said: Iterable[RunInformation]) -> Joint:
     if len(offsets) == len(said):
         rows.append(np.zeros((1, len(names) + 1)))
         rows[-1][0, column[offsets[0]]] = 1.0 / _HELD_SD
-    with threadpool_limits(limits=1, user_api="blas"):  # on busy cores its threads wait ten times as long
+    with one_thread():
         triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     R, d = triangle[: len(names), :-1], triangle[: len(names), -1]
     inverse = solve_triangular(R, np.eye(len(names)))

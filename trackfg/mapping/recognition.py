@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
@@ -27,6 +26,7 @@ from trackfg.mapping.local_match import match_sections
 from trackfg.mapping.place_chain import NEAR, PlaceChain, Places, Windows
 from trackfg.mapping.profiles import LONG_M, ROWS_PER_CELL, Profile, common_features, profile_of
 from trackfg.mapping.warp import Warp
+from trackfg.one_thread import one_thread
 
 COLUMNS = (
     "run_m",
@@ -118,7 +118,7 @@ def recognise(
             pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan
         )
     scores = scores_of(ours, theirs, first_cells, length, rate_sd)
-    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small and many: threads would only wait
+    with one_thread():
         if place_sd_m is None:
             chain = _anywhere(scores, first_cells, length, rate_sd)
         else:

@@ -51,6 +51,7 @@ def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
     there = np.abs(place - old[nearest]) <= step_m
     place, nearest = place[there], nearest[there]
     columns: dict[str, Array] = {"chainage_m": chainage[there]}
+    splines: dict[bytes, list[str]] = {}  # columns known at the same rows have one matrix to be solved
     for name in table.columns.drop("chainage_m"):
         values = table[name].to_numpy()
         if values.dtype.kind in "iu":
@@ -58,5 +59,7 @@ def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
         elif str(name).endswith("_sd"):
             columns[name] = np.interp(place, old, values)
         else:
-            columns[name] = spline_at(old, values, place)
-    return pd.DataFrame(columns)
+            splines.setdefault(np.isfinite(values).tobytes(), []).append(name)
+    for names in splines.values():
+        columns |= dict(zip(names, spline_at(old, table[names].to_numpy(), place).T, strict=True))
+    return pd.DataFrame(columns, columns=list(table.columns))

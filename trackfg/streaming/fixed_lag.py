@@ -1,64 +1,53 @@
-"""The fixed-lag smoother: the batch smoother's graph on the last seconds of a stream, at constant cost.
+"""The fixed-lag smoother: rows in, estimates out, at constant cost.
 
-rows -> the next keyframe's factors -> one Gauss-Newton step of the window -> the newest state (filtered); keyframes
-older than the lag leave -> smoothed states
+rows -> tape -> moving window -> the newest state at once (filtered); what is older than the lag, in pieces (smoothed)
 
-The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors, the states move
-by one step, and what is older than the lag is eliminated: what it said stays as a factor. Where a step fails or does
-not settle, the whole window is solved as a batch from what it knows.
+>>> smoother = FixedLagSmoother(description, lag_s=10.0)
+>>> for imu, tach in rows:
+...     estimates = smoother.put(imu=imu, tach=tach)
+...     print(estimates.filtered[["t_s", "chainage_m", "chainage_m_sd"]])
+>>> rest = smoother.finish()
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
+from trackfg.covariance import posterior_covariance
+from trackfg.dense import DenseMotion
 from trackfg.description import RecordingDescription
-from trackfg.errors import UnsolvableError
-from trackfg.factors.states import States
+from trackfg.errors import BadInputError
 from trackfg.frames import Array
-from trackfg.graph import Problem, build_problem
-from trackfg.inertial_factors import graph_of, walk_of
-from trackfg.layout import world_of
-from trackfg.motion_factors import resting
-from trackfg.solver import solve
-from trackfg.square_root import SquareRoot
-from trackfg.standstill import find_standstills
-from trackfg.streaming.increment import Setting, interval
+from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
+from trackfg.streaming.setting import Setting
+from trackfg.streaming.smoothed import SmoothedTables
 from trackfg.streaming.tape import Tape
-from trackfg.streaming.window import Gone, Window
-from trackfg.wheel import Wheel, read_wheel
+from trackfg.trajectory import trajectory_table
 
-START_S = 10.0
-"""What the first window covers."""
-AFTER_S = 0.3
-"""A keyframe needs rows this much younger than itself."""
-_BEFORE_S = 0.6
-_REST_LOOK_S = 8.0
-_REST_MARGIN_S = 1.5
-"""A gentle start takes as long to show."""
-_TOO_CLOSE = 0.35
-_SETTLED = 3.0
-"""Length of a step, in posterior sigmas, that needs no second one."""
-_STEPS = 4
+PIECE_S = 10.0
+"""Smoothed tables come in pieces about as long."""
 
 
-class Update(NamedTuple):
-    """The window after a keyframe, the square root of its information, and what left it."""
+class Estimates(NamedTuple):
+    """``filtered``: a row per new keyframe, from the rows up to it. ``smoothed``: rows of the trajectory, ``geometry``:
+    rows of the geometry table, of what the lag is over for. Columns as in a result; tables may be empty.
+    """
 
-    window: Window
-    root: SquareRoot
-    gone: Gone | None
-    by_batch: bool
+    filtered: pd.DataFrame
+    smoothed: pd.DataFrame
+    geometry: pd.DataFrame
 
 
 class FixedLagSmoother:
-    """Rows in, estimates out."""
+    """The batch smoother's graph on the last ``lag_s`` seconds of a stream.
+
+    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes.
+    """
 
     def __init__(
         self,
@@ -69,103 +58,89 @@ class FixedLagSmoother:
         gnss_origin: Array | None = None,
     ) -> None:
         self.config = config or SmoothConfig()
-        self.lag_s = lag_s
-        self.tape = Tape(description, gnss_origin)
-        self.window: Window | None = None
-        self.setting: Setting | None = None
-        self.rests = np.zeros((0, 2))
-        self._begin: float | None = None
+        if not lag_s >= 2.0 * self.config.keyframes.interval_s:
+            raise BadInputError(
+                f"a lag of {lag_s:g} s: expected {2.0 * self.config.keyframes.interval_s:g} s or more, two keyframes"
+            )
+        self._tape = Tape(description, gnss_origin)
+        self._moving = MovingWindow(self._tape, self.config, lag_s)
+        self._tables: SmoothedTables | None = None
+        self._newest: Update | None = None
 
-    def updates(self) -> Iterator[Update]:
-        """One keyframe after the other, as far as the rows go."""
-        if self.window is None:
-            first = self._first()
-            if first is None:
-                return
-            yield first
-        while (t := self._next_keyframe()) is not None:
-            yield self._advanced(t)
+    def put(
+        self,
+        *,
+        imu: Array | None = None,
+        tach: Array | None = None,
+        fixes: pd.DataFrame | None = None,
+        gnss: pd.DataFrame | None = None,
+    ) -> Estimates:
+        """Take rows, each table in order of time, and give what they make known.
 
-    def _first(self) -> Update | None:
-        tape = self.tape
-        if tape.data is None or tape.until < tape.data.edges[0] + START_S + AFTER_S:
-            return None
-        begin = float(tape.data.edges[0])
-        recording, data = tape.between(begin, begin + START_S)
-        problem = build_problem(recording, self.config, data)
-        solution = solve(problem, self.config.solver)
-        measured = tuple(problem.native.at(k).preintegratedMeasurements() for k in range(problem.native.size()))
-        self.rests = problem.rests
-        self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
-        self.window = Window(problem.t, solution.states, measured, problem.response, problem.families)
-        return Update(self.window, solution.root, None, by_batch=True)
-
-    def _next_keyframe(self) -> float | None:
-        """When the next keyframe is; None while rows are missing."""
-        window, tape = self.window, self.tape
-        assert window is not None
-        assert tape.data is not None
-        here, config = float(window.t[-1]), self.config.keyframes
-        speed = float(np.linalg.norm(window.states.nav.v[-1]))
-        due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
-        if len(self.rests) and self.rests[-1, 1] >= here - _REST_MARGIN_S - 2.0 * config.interval_s and speed < 0.01:
-            due = here + config.interval_s
-        for table in tape.positions.values():
-            times = table["t_s"].to_numpy()
-            coming = times[(times > here + 1e-3) & (times < here + (1.0 + _TOO_CLOSE) * (due - here))]
-            if coming.size:
-                due = min(due if coming[0] > due else np.inf, float(coming[0]))
-        edges = tape.data.edges
-        at = int(np.searchsorted(edges, due))
-        if at >= len(edges) or edges[-1] < edges[at] + AFTER_S:
-            return None
-        if at > 0 and due - edges[at - 1] < edges[at] - due and edges[at - 1] > here:
-            at -= 1
-        return float(edges[at])
-
-    def _advanced(self, t: float) -> Update:
-        window, setting = self.window, self.setting
-        assert window is not None
-        assert setting is not None
-        here = float(window.t[-1])
-        recording, data = self.tape.between(here - _BEFORE_S, t + AFTER_S)
-        edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
-        new = interval(setting, window, recording, data, self._wheel(here - 3.0, t + AFTER_S), edges)
-        self._find_rests(t + AFTER_S)
-        description = setting.description
-        window = window.extended(new)
-        window = window.with_families(
-            walk_of(window.t, window.response, description.imu.noise),
-            *resting(window.t, self.rests, self.config.motion, rigid=description.imu.rigid),
+        ``imu`` (m, 7), ``tach`` (m, 2): columns as in :mod:`trackfg.recording`; ``fixes``, ``gnss``: such tables.
+        """
+        self._tape.put(imu, tach, fixes, gnss)
+        filtered, smoothed, geometry = [], [], []
+        for update in self._moving.updates():
+            filtered.append(self._filtered(update))
+            pieces = self._smoothed(update)
+            smoothed.append(pieces.smoothed)
+            geometry.append(pieces.geometry)
+        return Estimates(
+            _joined(filtered, TRAJECTORY_COLUMNS),
+            _joined(smoothed, TRAJECTORY_COLUMNS),
+            _joined(geometry, GEOMETRY_COLUMNS),
         )
-        by_batch = False
-        origin = window.states
-        for _ in range(_STEPS):
-            origin = window.states
-            window, root, linear = window.moved()
-            if root.length < _SETTLED:
-                break
-        gone = None
-        count = int(np.searchsorted(window.t, t - self.lag_s))
-        if count > 0:
-            window, gone = window.left(count, linear, origin)
-        self.window = window
-        return Update(window, root, gone, by_batch)
 
-    def _wheel(self, begin: float, end: float) -> Wheel | None:
-        recording, _ = self.tape.between(begin, end)
-        return read_wheel(recording, self.config.tach.max_gap_s)
+    def finish(self) -> Estimates:
+        """What is left when no more rows come."""
+        if self._newest is None or self._tables is None:
+            return Estimates(
+                _joined([], TRAJECTORY_COLUMNS), _joined([], TRAJECTORY_COLUMNS), _joined([], GEOMETRY_COLUMNS)
+            )
+        window = self._newest.window
+        tables = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
+        return Estimates(_joined([], TRAJECTORY_COLUMNS), tables.trajectory, tables.geometry)
 
-    def _find_rests(self, until: float) -> None:
-        recording, _ = self.tape.between(until - _REST_LOOK_S, until)
-        found = find_standstills(recording, self.config.motion.min_rest_s)
-        if len(found):
-            found[:, 1] = np.minimum(found[:, 1], until - _REST_MARGIN_S)
-            spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])
-            merged: list[list[float]] = []
-            for a, b in spans[np.argsort(spans[:, 0])].tolist():
-                if merged and a <= merged[-1][1]:
-                    merged[-1][1] = max(merged[-1][1], b)
-                else:
-                    merged.append([a, b])
-            self.rests = np.array(merged)
+    def _filtered(self, update: Update) -> pd.DataFrame:
+        """The newest keyframe's row."""
+        window, setting = update.window, self._setting
+        k = len(window) - 1
+        two = window.states.take(slice(k - 1, None))
+        covariance = posterior_covariance(update.root.last(2))
+        problem = setting.problem_of(window.t[-2:], two, self._tape.data)
+        at = np.array([window.t[-1]])
+        rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
+        motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
+        return trajectory_table(problem, motion, two, covariance, setting.description.track.direction)
+
+    def _smoothed(self, update: Update) -> Estimates:
+        if self._tables is None:
+            begin = float(update.window.t[0]) - 1e-6
+            self._tables = SmoothedTables(self._setting, begin, begin)
+        none = _joined([], TRAJECTORY_COLUMNS)
+        tables, self._newest = self._tables, update
+        settled = float(update.window.t[-1]) - self._moving.lag_s
+        pieces = Estimates(none, none, _joined([], GEOMETRY_COLUMNS))
+        if settled - tables.done_s >= PIECE_S:
+            trajectory, geometry = tables.up_to(self._tape, update.window, update.root, settled)
+            pieces = Estimates(none, trajectory, geometry)
+        if update.gone is not None:
+            tables.history.append(update.gone)
+        if len(pieces.smoothed):
+            tables.forget()
+            oldest = tables.history.t[0] if tables.history.parts else update.window.t[0]
+            self._tape.forget(float(oldest) - BEFORE_S)
+        return pieces
+
+    @property
+    def _setting(self) -> Setting:
+        assert self._moving.setting is not None
+        return self._moving.setting
+
+
+def _joined(tables: list[pd.DataFrame], columns: tuple[str, ...]) -> pd.DataFrame:
+    filled = [table for table in tables if len(table)]
+    if not filled:
+        return pd.DataFrame(columns=list(columns), dtype=np.float64)
+    return filled[0] if len(filled) == 1 else pd.concat(filled, ignore_index=True)

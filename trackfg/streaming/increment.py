@@ -6,24 +6,23 @@ little after the keyframe are needed for its own rates.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import gtsam
 import numpy as np
 
-from trackfg.config import SmoothConfig
-from trackfg.description import RecordingDescription
 from trackfg.factors.family import Family
 from trackfg.factors.states import Nav, States
 from trackfg.frames import Array, rpy_from_matrix
 from trackfg.inertial import Intervals
 from trackfg.inertial_factors import preintegrated
 from trackfg.initial import InitialPath
-from trackfg.layout import Layout, World
+from trackfg.layout import Layout
 from trackfg.motion_factors import motion
 from trackfg.odometer_factors import odometer
 from trackfg.position_factors import positions
 from trackfg.recording import Recording
+from trackfg.streaming.setting import Setting
 from trackfg.streaming.window import Interval, Window
 from trackfg.wheel import Wheel
 from trackfg.wheel_slip import Rolling
@@ -31,21 +30,6 @@ from trackfg.wheel_slip import Rolling
 _NO_RESTS = np.zeros((0, 2))
 _OF_THE_INTERVAL = ("absolute fix", "GNSS position")
 """Families that may touch the older keyframe alone, and are new all the same."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What stays as it is along a stream."""
-
-    description: RecordingDescription
-    config: SmoothConfig
-    world: World
-    clock_origin: float
-
-    @property
-    def lever_arm(self) -> Array:
-        """The IMU's position in the vehicle, m, shape (3,)."""
-        return np.array(self.description.imu.lever_arm_m)
 
 
 def interval(

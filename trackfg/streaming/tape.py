@@ -95,6 +95,12 @@ class Tape:
         )
         return recording, self.data.take(slice(low, high))
 
+    def rate_at(self, t: float) -> Array:
+        """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
+        assert self.data is not None
+        rows = slice(*np.searchsorted(self.samples[:, 0], [t - 0.05, t + 0.05]).tolist())
+        return np.asarray(self.samples[rows, 1:4].mean(axis=0, keepdims=True))
+
     def forget(self, before: float) -> None:
         """Rows that end before a time."""
         if self.data is None:

@@ -90,10 +90,12 @@ class Window:
     def moved(self) -> tuple[Window, SquareRoot, list[LinearFactors]]:
         """One Gauss-Newton step on: the window, the square root of the information, what it was made from.
 
-        Raises ``UnsolvableError`` where the states are not determined.
+        Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
         """
         linear = self.linearized()
         root = eliminate(linear, len(self))
+        if not np.isfinite(root.length):
+            raise ValueError("the step is not finite")
         return replace(self, states=self.states.moved(root.solution())), root, linear
 
     def left(self, gone: int, linear: list[LinearFactors], origin: States) -> tuple[Window, Gone]:

@@ -1,0 +1,53 @@
+"""The tachometer of a stream: the newest rows as a :class:`~trackfg.wheel.Wheel`, signed as the vehicle was moving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.frames import Array
+from trackfg.wheel import CRAWL_MPS, Wheel, silences
+
+_KEPT_S = 3.0
+
+
+@dataclass
+class Odometer:
+    """``wheel``: that of the first seconds, whose resolution stays. ``rows`` (m, 2): times and signed distances of the
+    newest rows that were taken, ``raw`` the last one's distance as recorded. ``sense`` of an unsigned tach's counting.
+    """
+
+    wheel: Wheel
+    rows: Array
+    raw: float
+    signed: bool
+    max_gap_s: float
+    sense: float = 1.0
+
+    @classmethod
+    def of(cls, wheel: Wheel, rows: Array, *, signed: bool, max_gap_s: float) -> Odometer:
+        """From the first seconds: their wheel, and the rows it was read from (n, 2)."""
+        known = np.column_stack([wheel.t, wheel.distance])
+        return cls(wheel, known, float(rows[len(known) - 1, 1]), signed, max_gap_s)
+
+    def about(self, rows: Array, here: float, until: float, speed: float) -> Wheel:
+        """The wheel up to ``until``; ``rows`` (n, 2) as recorded, none left out since the last call.
+
+        What is older than ``here``, where the vehicle's forward ``speed`` is known, is settled with its sign.
+        """
+        if not self.signed and abs(speed) > CRAWL_MPS:
+            self.sense = float(np.sign(speed))
+        fresh = rows[(rows[:, 0] > self.rows[-1, 0]) & (rows[:, 0] <= until)]
+        signed = self.rows[-1, 1] + self.sense * (fresh[:, 1] - self.raw)
+        every = np.concatenate([self.rows, np.column_stack([fresh[:, 0], signed])])
+        raw = np.concatenate([np.full(len(self.rows), self.raw), fresh[:, 1]])
+        settled = max(int(np.searchsorted(every[:, 0], here, side="right")), 1)
+        first = min(max(int(np.searchsorted(every[:, 0], here - _KEPT_S)) - 1, 0), settled - 1)
+        self.rows, self.raw = every[first:settled], float(raw[settled - 1])
+        if not self.wheel.integrates_speed and every[-1, 0] < until:
+            every = np.concatenate([every, [[until, every[-1, 1]]]])  # a wheel that says nothing does not roll
+        t, distance = every.T
+        return replace(
+            self.wheel, t=t, distance=distance, gaps=silences(t, distance, self.wheel.quantum, self.max_gap_s)
+        )

@@ -1,0 +1,60 @@
+"""What stays as it is along a stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.description import RecordingDescription
+from trackfg.factors.imu import ImuNoise
+from trackfg.factors.states import Kind, States
+from trackfg.frames import Array
+from trackfg.graph import Problem
+from trackfg.inertial import Intervals
+from trackfg.layout import World
+
+_NOTHING = np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """``clock_origin``, s: see :class:`trackfg.graph.Problem`."""
+
+    description: RecordingDescription
+    config: SmoothConfig
+    world: World
+    clock_origin: float
+
+    @property
+    def lever_arm(self) -> Array:
+        """The IMU's position in the vehicle, m, shape (3,)."""
+        return np.array(self.description.imu.lever_arm_m)
+
+    @property
+    def noise(self) -> ImuNoise:
+        """White noise of the inertial samples as assumed."""
+        declared, level = self.description.imu.noise, self.config.noise
+        return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+
+    def problem_of(self, t: Array, states: States, data: Intervals) -> Problem:
+        """Keyframes on edges of the inertial ``data``, without factors: what tables are made from."""
+        return Problem(
+            t=t,
+            native=gtsam.NonlinearFactorGraph(),
+            families=(),
+            initial=states,
+            world=self.world,
+            lever_arm=self.lever_arm,
+            rests=_NOTHING,
+            gaps=_NOTHING,
+            wheel=None,
+            inertial=data,
+            noise=self.noise,
+            edges=np.searchsorted(data.edges, t - 1e-9),
+            mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
+            clock_origin=self.clock_origin,
+            response=np.zeros((len(t), 6, Kind.IMU.dim)),
+        )

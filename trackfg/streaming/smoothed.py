@@ -1,0 +1,113 @@
+"""The tables of what left the window: trajectory and geometry, by the functions that the batch smoother uses.
+
+They are made a piece at a time, with some track on either side, because a chord or a band of wavelengths reaches
+beyond the place that it is of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from trackfg.covariance import posterior_covariance
+from trackfg.dense import dense_motion
+from trackfg.factors.states import States
+from trackfg.frames import Array
+from trackfg.geometry.bands import Band, end_margin_m
+from trackfg.graph import Problem
+from trackfg.profile import profiles
+from trackfg.profile_samples import Points
+from trackfg.square_root import SquareRoot
+from trackfg.streaming.history import History
+from trackfg.streaming.setting import Setting
+from trackfg.streaming.tape import Tape
+from trackfg.streaming.window import Window
+from trackfg.track_geometry import conventions, geometry_table
+from trackfg.trajectory import trajectory_table
+
+_DENSE_STEP_S = 0.02
+_MARGIN_S = 1.0
+
+
+class Tables(NamedTuple):
+    """Rows of both tables, in order of time and of passing."""
+
+    trajectory: pd.DataFrame
+    geometry: pd.DataFrame
+
+
+@dataclass
+class SmoothedTables:
+    """Makes the tables of a stream; ``done_s`` (trajectory) and ``passed_s`` (geometry): up to when they are made."""
+
+    setting: Setting
+    done_s: float
+    passed_s: float
+    history: History = field(default_factory=History)
+
+    def up_to(self, tape: Tape, window: Window, root: SquareRoot, settled_s: float, *, at_end: bool = False) -> Tables:
+        """The tables of what is older than ``settled_s``; at the end of the stream of all there is."""
+        t, states, whole = self.history.with_window(window, root)
+        assert tape.data is not None
+        problem = self.setting.problem_of(t, states, tape.data)
+        track, config = self.setting.description.track, self.setting.config
+        covariance = posterior_covariance(whole)
+        clock = _clock(self.done_s, settled_s, config.output.rate_hz, last=at_end)
+        meaning = conventions(config.geometry, track)
+        fastest = float(np.linalg.norm(states.nav.v, axis=1).max())
+        motion = dense_motion(problem, states, min(_DENSE_STEP_S, 0.8 * meaning.step_m / max(fastest, 1e-3)), clock)
+        trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
+        shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if self._follows_track else []
+        until = t[-1] if at_end else self._settled_place(t, states, settled_s)
+        geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
+        passed = [self._passed(problem, profile.views[0].points, profile.cell, until) for profile in shapes]
+        cells = np.concatenate([np.zeros(0, dtype=np.int64), *passed])
+        rows = np.rint(geometry["chainage_m"].to_numpy() / meaning.step_m).astype(np.int64)
+        own: pd.DataFrame = geometry[np.isin(rows, cells)].reset_index(drop=True)
+        if len(own) and states.odo[-1, 0] * track.direction < states.odo[0, 0] * track.direction:
+            own = own.iloc[::-1].reset_index(drop=True)
+        self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
+        return Tables(trajectory, own)
+
+    @property
+    def _follows_track(self) -> bool:
+        return self.setting.description.imu.rigid
+
+    def forget(self) -> None:
+        """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches."""
+        t, distance = self.history.t, self.history.distance
+        if not len(t):
+            return
+        here = float(np.interp(self.passed_s, t, distance))
+        behind = np.flatnonzero((np.abs(distance - here) > self._reach_m) & (t < self.passed_s))
+        self.history.forget(float(min(t[behind[-1]] if behind.size else t[0], self.done_s - _MARGIN_S)))
+
+    @property
+    def _reach_m(self) -> float:
+        config = self.setting.config.geometry
+        band = end_margin_m(config.step_m, Band(*config.band_m))
+        return max(band, config.twist_base_m, 0.5 * config.gradient_base_m, config.chord_m) + 5.0
+
+    def _settled_place(self, t: Array, states: States, settled_s: float) -> float:
+        """Until when places are passed that have enough track on the far side."""
+        distance = states.odo[:, 0]
+        beyond = np.abs(distance - distance[-1]) >= self._reach_m
+        if not beyond.any():
+            return self.passed_s
+        return float(min(t[np.flatnonzero(beyond)[-1]], settled_s))
+
+    def _passed(self, problem: Problem, points: Points, cell: np.ndarray, until: float) -> np.ndarray:
+        k, f = points.keyframe, points.fraction
+        when = problem.t[k] * (1.0 - f) + problem.t[k + 1] * f
+        chosen: np.ndarray = cell[(when > self.passed_s) & (when <= until)]
+        return chosen
+
+
+def _clock(after: float, until: float, rate_hz: float, *, last: bool) -> Array:
+    """Whole multiples of the output interval after one time and up to another."""
+    first = np.floor(after * rate_hz + 1e-9) + 1.0
+    stop = np.floor(until * rate_hz + (1e-9 if last else -1e-9))
+    return np.arange(first, stop + 1.0) / rate_hz
