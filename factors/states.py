@@ -143,11 +143,9 @@ class States:
         bias, odo = np.concatenate([self.bias, later.bias]), np.concatenate([self.odo, later.odo])
         return replace(later, nav=nav, bias=bias, odo=odo)
 
-    def away_from(self, origin: States) -> Step:
-        """The step by which ``origin`` is moved to this."""
-        parts = {kind: local(self.of(kind), origin.of(kind)) for kind in Kind}
-        keyframes = np.concatenate([parts[kind] for kind in ELIMINATION_ORDER], axis=1)
-        return Step(keyframes, np.concatenate([parts[kind] for kind in SHARED], axis=1)[0])
+    def turned(self, R: Array) -> States:
+        """With other attitudes (n, 3, 3)."""
+        return replace(self, nav=Nav(R, self.nav.p, self.nav.v))
 
     def of(self, kind: Kind) -> Value:
         """All values of one kind."""

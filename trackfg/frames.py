@@ -146,6 +146,17 @@ def rpy_from_matrix(R: Array) -> Array:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
+def euler_rates(rpy: Array) -> Array:
+    """The matrices that make angular rates in body axes the rates of roll, pitch and yaw. Shape (n, 3) to (n, 3, 3)."""
+    roll, pitch = rpy[:, 0], rpy[:, 1]
+    sin_r, cos_r, cos_p, tan_p = np.sin(roll), np.cos(roll), np.cos(pitch), np.tan(pitch)
+    out = np.zeros((len(rpy), 3, 3))
+    out[:, 0] = np.stack([np.ones(len(rpy)), sin_r * tan_p, cos_r * tan_p], axis=1)
+    out[:, 1, 1], out[:, 1, 2] = cos_r, -sin_r
+    out[:, 2, 1], out[:, 2, 2] = sin_r / cos_p, cos_r / cos_p
+    return out
+
+
 def axes_matrix(axes: str) -> Array:
     """The signed permutation that maps sensor columns to FLU, from a string such as ``"RFU"``.
 

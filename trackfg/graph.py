@@ -40,6 +40,8 @@ from trackfg.standstill import find_standstills
 from trackfg.wheel import Wheel, read_wheel
 from trackfg.wheel_slip import Rolling, rolling
 
+_ANYWHERE_SD_M = 1e5
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -159,6 +161,17 @@ def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
     return np.concatenate(times)
 
 
+def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
+    """With a start that may be anywhere along the track."""
+
+    def anywhere(family: Family) -> Family:
+        sigma = family.sigma.copy()
+        sigma[:, 0] = _ANYWHERE_SD_M
+        return replace(family, sigma=sigma)
+
+    return tuple(anywhere(family) if family.name == "prior on odo" else family for family in families)
+
+
 def _priors(layout: Layout, states: States) -> list[Family]:
     noise, config = layout.recording.description.imu.noise, layout.config
     first = np.array([0])
@@ -169,7 +182,7 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
     tach = layout.recording.description.tach
     scale_sd = 1e-2 if tach is None else tach.scale_sd
-    start_sd = 1e5 if layout.recording.fixes is not None and len(layout.recording.fixes) else 1e-4
+    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else 1e-4
     odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
     tach_clock = config.tach
     clock_sd = np.array(

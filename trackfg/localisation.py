@@ -26,7 +26,7 @@ from trackfg.factors.landmark import landmark
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.findings import Finding
 from trackfg.frames import Array
-from trackfg.graph import Problem
+from trackfg.graph import Problem, placeless
 from trackfg.mapping.placing import check_conventions, recognised_near
 from trackfg.profile import Profile
 from trackfg.results import GeometryConventions, MapUse
@@ -34,7 +34,6 @@ from trackfg.results import GeometryConventions, MapUse
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
 
-_ANYWHERE_SD_M = 1e5
 _LEAST_SD_M = 0.01
 """Of a match: between sections a wheel creeps by that much in kinks."""
 _SURE = 0.99
@@ -112,20 +111,13 @@ def located(
     if not anchored:
         offset = direction * float((used["reference_m"] - used["run_m"]).mean())
         moved = replace(states, odo=states.odo + np.array([offset, 0.0, 0.0, 0.0]))
-        families = tuple(_placeless(family) if family.name == "prior on odo" else family for family in families)
+        families = placeless(families)
     families = tuple(
         _less_sure(family, grid, direction) if family.name == "absolute fix" else family for family in families
     )
     loss = Loss("cauchy", config.fix_width) if config.robust else None
     family = _landmarks(used, passes, states, meaning.step_m, direction, loss)
     return Located(replace(problem, initial=moved, families=(*families, family)), grid, common, use, ())
-
-
-def _placeless(family: Family) -> Family:
-    """The prior on the odometer with a start that may be anywhere."""
-    sigma = family.sigma.copy()
-    sigma[:, 0] = _ANYWHERE_SD_M
-    return replace(family, sigma=sigma)
 
 
 def _less_sure(family: Family, grid: pd.DataFrame, direction: int) -> Family:

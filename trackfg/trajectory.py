@@ -9,7 +9,7 @@ from trackfg.covariance import Covariance
 from trackfg.dense import DenseMotion
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States, offset_in_keyframe
-from trackfg.frames import Array, rpy_from_matrix, skew
+from trackfg.frames import Array, euler_rates, rpy_from_matrix, skew
 from trackfg.graph import Problem
 
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
@@ -18,6 +18,13 @@ QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad"
 def trajectory_table(
     problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
 ) -> pd.DataFrame:
+    """The table of :func:`trajectory_columns`."""
+    return pd.DataFrame(trajectory_columns(problem, motion, states, covariance, direction))
+
+
+def trajectory_columns(
+    problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
+) -> dict[str, Array]:
     """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
 
     Sigmas are those of the keyframes on either side, their variances interpolated in time, and what the white ``noise``
@@ -45,7 +52,7 @@ def trajectory_table(
     table = {"t_s": motion.t}
     for name, values, sd in zip(QUANTITIES, columns, sigma.T, strict=True):
         table |= {name: values, f"{name}_sd": sd}
-    return pd.DataFrame(table)
+    return table
 
 
 def calibration_table(problem: Problem, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
@@ -86,7 +93,7 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)
     mounting = slice(KEYFRAME_DIM, KEYFRAME_DIM + 2)
     R_bt = mount_matrix(mount)[0][0]
-    roll, pitch, _ = rpy_from_matrix(nav.R @ R_bt).T
+    rpy = rpy_from_matrix(nav.R @ R_bt)
 
     J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + SHARED_DIM))
     J[:, 0, odo] = 1.0
@@ -97,11 +104,7 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     J[:, 4, turn] = np.einsum("i,nij->nj", forward, skew(body))
     J[:, 4, faster] = forward
 
-    sin_r, cos_r, cos_p, tan_p = np.sin(roll), np.cos(roll), np.cos(pitch), np.tan(pitch)
-    euler = np.zeros((n, 3, 3))
-    euler[:, 0] = np.stack([np.ones(n), sin_r * tan_p, cos_r * tan_p], axis=1)
-    euler[:, 1, 1], euler[:, 1, 2] = cos_r, -sin_r
-    euler[:, 2, 1], euler[:, 2, 2] = sin_r / cos_p, cos_r / cos_p
+    euler = euler_rates(rpy)
     mount_pitch = mount[0, 0]
     by_mount = np.array([[0.0, -np.sin(mount_pitch)], [1.0, 0.0], [0.0, np.cos(mount_pitch)]])
     J[:, 5:8, turn] = euler @ R_bt.T

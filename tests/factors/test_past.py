@@ -5,33 +5,49 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.factors.family import check_jacobians
-from trackfg.factors.past import past
+from trackfg.factors.past import moved_from, past, step_from
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step
-from trackfg.frames import so3_exp
+from trackfg.frames import matrix_from_rpy
 
 
 def one_keyframe(rng: np.random.Generator) -> States:
-    nav = Nav(so3_exp(rng.standard_normal((1, 3))), *rng.standard_normal((2, 1, 3)))
+    R = matrix_from_rpy(*(0.3 * rng.standard_normal((3, 1))))
+    nav = Nav(R, *rng.standard_normal((2, 1, 3)))
     shared = (rng.standard_normal((1, kind.dim)) for kind in SHARED)
     return States(nav, rng.standard_normal((1, Kind.BIAS.dim)), rng.standard_normal((1, Kind.ODO.dim)), *shared)
 
 
-def moved(states: States, rng: np.random.Generator, size: float) -> tuple[States, np.ndarray]:
+def a_step(rng: np.random.Generator, size: float) -> Step:
     tangent = size * rng.standard_normal(KEYFRAME_DIM + SHARED_DIM)
-    return states.moved(Step(tangent[None, :KEYFRAME_DIM], tangent[KEYFRAME_DIM:])), tangent
+    return Step(tangent[None, :KEYFRAME_DIM], tangent[KEYFRAME_DIM:])
 
 
 def test_it_measures_from_where_it_was_linearised() -> None:
     rng = np.random.default_rng(0)
-    origin = one_keyframe(rng)
-    rows = rng.standard_normal((49, 50))
-    states, tangent = moved(origin, rng, 0.3)
-    np.testing.assert_allclose(past(rows, origin).residual(states)[0], rows[:, :-1] @ tangent - rows[:, -1], atol=1e-9)
-    back = states.away_from(origin)
-    np.testing.assert_allclose(np.concatenate([back.keyframes[0], back.shared]), tangent, atol=1e-12)
+    origin, step, rows = one_keyframe(rng), a_step(rng, 0.3), rng.standard_normal((49, 50))
+    states = moved_from(origin, step)
+    x = np.concatenate([step.keyframes[0], step.shared])
+    np.testing.assert_allclose(past(rows, origin).residual(states)[0], rows[:, :-1] @ x - rows[:, -1], atol=1e-9)
+    back = step_from(origin, states)
+    np.testing.assert_allclose(np.concatenate([back.keyframes[0], back.shared]), x, atol=1e-12)
+
+
+def test_small_steps_are_those_of_the_graph() -> None:
+    rng = np.random.default_rng(1)
+    origin, step = one_keyframe(rng), a_step(rng, 1e-6)
+    one, other = moved_from(origin, step).nav, origin.moved(step).nav
+    np.testing.assert_allclose(one.R, other.R, atol=1e-11)
+
+
+def test_a_turn_about_the_vertical_leaves_roll_and_pitch() -> None:
+    origin = one_keyframe(np.random.default_rng(2))
+    turned = matrix_from_rpy(np.zeros(1), np.zeros(1), np.full(1, 2.0)) @ origin.nav.R
+    x = step_from(origin, origin.turned(turned)).of(Kind.NAV)[0, :3]
+    np.testing.assert_allclose(x, 2.0 * origin.nav.R[0, 2], atol=1e-12)
 
 
 def test_jacobians() -> None:
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(3)
     origin = one_keyframe(rng)
-    check_jacobians(past(rng.standard_normal((49, 50)), origin), moved(origin, rng, 0.2)[0], rtol=1e-6, atol=1e-6)
+    family = past(rng.standard_normal((49, 50)), origin)
+    check_jacobians(family, moved_from(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)

@@ -27,7 +27,10 @@ from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables
 from trackfg.streaming.tape import Tape
-from trackfg.trajectory import trajectory_table
+from trackfg.trajectory import trajectory_columns
+
+NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
+NO_GEOMETRY = pd.DataFrame(columns=list(GEOMETRY_COLUMNS), dtype=np.float64)
 
 PIECE_S = 10.0
 """Smoothed tables come in pieces about as long."""
@@ -80,30 +83,28 @@ class FixedLagSmoother:
         ``imu`` (m, 7), ``tach`` (m, 2): columns as in :mod:`trackfg.recording`; ``fixes``, ``gnss``: such tables.
         """
         self._tape.put(imu, tach, fixes, gnss)
-        filtered, smoothed, geometry = [], [], []
+        rows, smoothed, geometry = [], [], []
         for update in self._moving.updates():
-            filtered.append(self._filtered(update))
+            rows.append(self._filtered(update))
             pieces = self._smoothed(update)
             smoothed.append(pieces.smoothed)
             geometry.append(pieces.geometry)
         return Estimates(
-            _joined(filtered, TRAJECTORY_COLUMNS),
-            _joined(smoothed, TRAJECTORY_COLUMNS),
-            _joined(geometry, GEOMETRY_COLUMNS),
+            _table(rows),
+            _joined(smoothed, NO_TRAJECTORY),
+            _joined(geometry, NO_GEOMETRY),
         )
 
     def finish(self) -> Estimates:
         """What is left when no more rows come."""
         if self._newest is None or self._tables is None:
-            return Estimates(
-                _joined([], TRAJECTORY_COLUMNS), _joined([], TRAJECTORY_COLUMNS), _joined([], GEOMETRY_COLUMNS)
-            )
+            return Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
         window = self._newest.window
         tables = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
-        return Estimates(_joined([], TRAJECTORY_COLUMNS), tables.trajectory, tables.geometry)
+        return Estimates(NO_TRAJECTORY, tables.trajectory, tables.geometry)
 
-    def _filtered(self, update: Update) -> pd.DataFrame:
-        """The newest keyframe's row."""
+    def _filtered(self, update: Update) -> dict[str, Array]:
+        """The newest keyframe's row, by columns."""
         window, setting = update.window, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
@@ -112,21 +113,21 @@ class FixedLagSmoother:
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
-        return trajectory_table(problem, motion, two, covariance, setting.description.track.direction)
+        return trajectory_columns(problem, motion, two, covariance, setting.description.track.direction)
 
     def _smoothed(self, update: Update) -> Estimates:
         if self._tables is None:
             begin = float(update.window.t[0]) - 1e-6
             self._tables = SmoothedTables(self._setting, begin, begin)
-        none = _joined([], TRAJECTORY_COLUMNS)
-        tables, self._newest = self._tables, update
+        none = NO_TRAJECTORY
+        tables, before, self._newest = self._tables, self._newest, update
+        if before is not None and before.gone is not None:  # not before: its window still had them
+            tables.history.append(before.gone)
         settled = float(update.window.t[-1]) - self._moving.lag_s
-        pieces = Estimates(none, none, _joined([], GEOMETRY_COLUMNS))
+        pieces = Estimates(none, none, NO_GEOMETRY)
         if settled - tables.done_s >= PIECE_S:
             trajectory, geometry = tables.up_to(self._tape, update.window, update.root, settled)
             pieces = Estimates(none, trajectory, geometry)
-        if update.gone is not None:
-            tables.history.append(update.gone)
         if len(pieces.smoothed):
             tables.forget()
             oldest = tables.history.t[0] if tables.history.parts else update.window.t[0]
@@ -139,8 +140,14 @@ class FixedLagSmoother:
         return self._moving.setting
 
 
-def _joined(tables: list[pd.DataFrame], columns: tuple[str, ...]) -> pd.DataFrame:
+def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:
+    if not rows:
+        return NO_TRAJECTORY
+    return pd.DataFrame({name: np.concatenate([row[name] for row in rows]) for name in TRAJECTORY_COLUMNS})
+
+
+def _joined(tables: list[pd.DataFrame], none: pd.DataFrame) -> pd.DataFrame:
     filled = [table for table in tables if len(table)]
     if not filled:
-        return pd.DataFrame(columns=list(columns), dtype=np.float64)
+        return none
     return filled[0] if len(filled) == 1 else pd.concat(filled, ignore_index=True)

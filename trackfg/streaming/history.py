@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trackfg.elimination import Conditionals
-from trackfg.factors.states import KEYFRAME_DIM, States, Step
+from trackfg.factors.past import moved_from, step_from
+from trackfg.factors.states import States, Step
 from trackfg.frames import Array
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.window import Gone, Window
@@ -68,8 +69,7 @@ class History:
 def _estimated(part: Gone, later: States) -> States:
     """One keyframe from the states of those after it."""
     origin = part.origin
-    step = later.take(slice(0, 1)).away_from(origin.take(slice(1, 2)))
+    step = step_from(origin.take(slice(1, 2)), later.take(slice(0, 1)))
     y = np.concatenate([step.keyframes[0], step.shared])
     x = np.linalg.solve(part.conditionals.R[0], part.conditionals.d[0] - part.conditionals.S[0] @ y)
-    assert x.shape == (KEYFRAME_DIM,)
-    return origin.take(slice(0, 1)).moved(Step(x[None], step.shared))
+    return moved_from(origin.take(slice(0, 1)), Step(x[None], step.shared))

@@ -18,7 +18,7 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors
 from trackfg.factors.states import States
 from trackfg.frames import Array
-from trackfg.graph import build_problem
+from trackfg.graph import build_problem, placeless
 from trackfg.inertial_factors import graph_of, walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
@@ -44,8 +44,8 @@ _REST_LOOK_S = 8.0
 _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
 _TOO_CLOSE = 0.35
-_SETTLED = 3.0
-"""Length of a step, in posterior sigmas, that needs no second one."""
+_SETTLED = 15.0
+"""Length of a step, in posterior sigmas, that needs no second one: what a keyframe tells moves its own by some 5."""
 _STEPS = 4
 
 
@@ -88,7 +88,7 @@ class MovingWindow:
         if tape.data is None or tape.until < tape.data.edges[0] + START_S + AFTER_S:
             return None
         begin = float(tape.data.edges[0])
-        recording, data = tape.between(begin, begin + START_S)
+        recording, data = tape.recording(begin, begin + START_S), tape.intervals(begin, begin + START_S)
         problem = build_problem(recording, self.config, data)
         solution = solve(problem, self.config.solver)
         measured = tuple(problem.native.at(k).preintegratedMeasurements() for k in range(problem.native.size()))
@@ -97,7 +97,10 @@ class MovingWindow:
         if problem.wheel is not None and tape.description.tach is not None:
             signed = tape.description.tach.signed or problem.wheel.integrates_speed
             self.odometer = Odometer.of(problem.wheel, tape.tach, signed=signed, max_gap_s=self.config.tach.max_gap_s)
-        self.window = Window(problem.t, solution.states, measured, problem.response, problem.families)
+        families = problem.families
+        if tape.description.fixes is not None and problem.family("absolute fix") is None:
+            families = placeless(families)  # the first one is to come
+        self.window = Window(problem.t, solution.states, measured, problem.response, families)
         return Update(self.window, solution.root, None, "the first seconds")
 
     def _next_keyframe(self) -> float | None:
@@ -126,7 +129,8 @@ class MovingWindow:
         assert window is not None
         assert setting is not None
         here = float(window.t[-1])
-        recording, data = self.tape.between(here - _BEFORE_S, t + AFTER_S)
+        recording = self.tape.positions_between(here, t)
+        data = self.tape.intervals(here - _BEFORE_S, t + AFTER_S)
         edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
         wheel = None
         if self.odometer is not None:
@@ -173,7 +177,7 @@ class MovingWindow:
         span = np.array([until - self.config.motion.min_rest_s, until])
         if wheel is not None and wheel.covers(span).all() and abs(np.diff(wheel.at(span))[0]) > 1.5 * wheel.quantum:
             return
-        recording, _ = self.tape.between(until - _REST_LOOK_S, until)
+        recording = self.tape.recording(until - _REST_LOOK_S, until)
         found = find_standstills(recording, self.config.motion.min_rest_s)
         found[:, 1] = np.minimum(found[:, 1], until - _REST_MARGIN_S)
         spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])

@@ -6,7 +6,7 @@ next tells where its own interval ends. How rows were grouped on their way makes
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from trackfg.frames import Array
 from trackfg.inertial import Intervals, laid_out
 from trackfg.recording import IMU_COLUMNS, TACH_COLUMNS, Recording
 
+_NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
 
@@ -75,25 +76,26 @@ class Tape:
         self.samples = np.concatenate([self.samples, rows[:-1]])
         self.waiting = rows[-1:]
 
-    def between(self, begin: float, end: float) -> tuple[Recording, Intervals]:
-        """The rows from one time to another, and the inertial intervals that lie in between."""
+    def intervals(self, begin: float, end: float) -> Intervals:
+        """The inertial intervals that lie between two times."""
         assert self.data is not None
         edges = self.data.edges
         low, high = int(np.searchsorted(edges, begin - 1e-9)), int(np.searchsorted(edges, end + 1e-9, side="right")) - 1
+        return self.data.take(slice(low, high))
+
+    def positions_between(self, begin: float, end: float) -> Recording:
+        """A recording of fixes and GNSS alone."""
+        fixes, gnss = (self._between(name, begin, end) for name in ("fixes", "gnss"))
+        return Recording(self.description, _NO_SAMPLES, None, fixes, gnss, gnss_origin=self.gnss_origin)
+
+    def recording(self, begin: float, end: float) -> Recording:
+        """The rows from one time to another."""
         imu = self.samples[slice(*np.searchsorted(self.samples[:, 0], [begin, end]).tolist())]
         tach = None
         if self.description.tach is not None:
             rows = slice(*np.searchsorted(self.tach[:, 0], [begin, end]).tolist())
             tach = pd.DataFrame(self.tach[rows], columns=list(TACH_COLUMNS))
-        recording = Recording(
-            self.description,
-            pd.DataFrame(imu, columns=list(IMU_COLUMNS)),
-            tach,
-            self._between("fixes", begin, end),
-            self._between("gnss", begin, end),
-            gnss_origin=self.gnss_origin,
-        )
-        return recording, self.data.take(slice(low, high))
+        return replace(self.positions_between(begin, end), imu=pd.DataFrame(imu, columns=list(IMU_COLUMNS)), tach=tach)
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
