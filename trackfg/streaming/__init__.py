@@ -1,0 +1,14 @@
+"""The smoother on a stream: rows come as they are measured, estimates go out at once and when they leave the lag.
+
+=======================  =============================================================================================
+module                   content
+=======================  =============================================================================================
+``sources``              batches of rows: a recording replayed; ``json_lines_source``, ``mcap_source``
+``rows``                 :class:`Rows`, canonical rows of all tables
+``intake``               from a source's batches to complete, sound rows: ``stamps``, ``arrival``, ``conversion``,
+                         ``row_checks``
+``imu_clock``            the clock of the stream
+``stream_events``        what happened, and where every row went that was not passed on
+``sinks``                where estimates go: JSON lines, a callback; ``parquet_parts``
+=======================  =============================================================================================
+"""
