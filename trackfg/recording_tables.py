@@ -119,7 +119,7 @@ def imu_table(part: Imu, columns: Columns) -> pd.DataFrame:
 def tach_table(part: Tach, columns: Columns) -> pd.DataFrame:
     """The ``tach`` table."""
     t = canonical.on_common_clock(part, columns.t_s)
-    return _table(TACH_COLUMNS, t, canonical.tach_distance(part, t, *columns.data))
+    return _table(TACH_COLUMNS, t, canonical.tach_distance(part, t, columns.data[0]))
 
 
 def fix_table(part: Fixes, columns: Columns) -> pd.DataFrame:
@@ -137,7 +137,7 @@ def gnss_table(part: Gnss, columns: Columns) -> tuple[pd.DataFrame, Array | None
 def laser_table(part: Laser, columns: Columns) -> pd.DataFrame:
     """The table of one laser."""
     t = canonical.on_common_clock(part, columns.t_s)
-    return _table(LASER_COLUMNS, t, canonical.laser_displacement(part, *columns.data))
+    return _table(LASER_COLUMNS, t, canonical.laser_displacement(part, columns.data[0]))
 
 
 def _table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:

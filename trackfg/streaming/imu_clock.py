@@ -63,7 +63,7 @@ class ImuClock:
     @property
     def in_doubt(self) -> bool:
         """Whether the clock may be about to change, or has not begun."""
-        return bool(self._doubtful) or np.isneginf(self.newest_s)
+        return bool(self._doubtful) or bool(np.isneginf(self.newest_s))
 
     def placed(self, rows: Array, passed_s: float, report: LossReport) -> Array:
         """The rows that belong to the clock, on the stream's time. All up to ``passed_s`` was released before."""

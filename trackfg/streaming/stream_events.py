@@ -8,7 +8,7 @@ succession go into one event: it closes when ``QUIET_PUSHES`` batches have gone 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -63,11 +63,13 @@ class StreamEvent:
         return f"{where}{self.kind}{when}{count}" + (f": {self.detail}" if self.detail else "")
 
 
+EVENT_TYPES = {"kind": "str", "input": "str", "t_s": "float64", "until_s": "float64", "rows": "int64", "detail": "str"}
+"""Columns of a table of events: the fields, but ``input`` for ``table``."""
+
+
 def event_table(events: Iterable[StreamEvent]) -> pd.DataFrame:
-    """One row per event, columns as the fields; NaN where there is no time."""
-    rows = [astuple(event) for event in events]
-    table = pd.DataFrame(rows, columns=[field.name for field in fields(StreamEvent)])
-    return table.astype({"kind": "str", "table": "str", "detail": "str", "t_s": float, "until_s": float, "rows": int})
+    """One row per event, NaN where there is no time."""
+    return pd.DataFrame([astuple(event) for event in events], columns=list(EVENT_TYPES)).astype(EVENT_TYPES)
 
 
 @dataclass
