@@ -20,7 +20,7 @@ from trackfg.streaming.conversion import Conversion
 from trackfg.streaming.imu_clock import ClockLimits
 from trackfg.streaming.row_checks import RowChecks
 from trackfg.streaming.rows import Rows, described_tables
-from trackfg.streaming.sources import Batch
+from trackfg.streaming.sources import Batch, Source
 from trackfg.streaming.stamps import Stamps
 from trackfg.streaming.stream_events import LossReport, StreamEvent
 
@@ -44,6 +44,11 @@ class Intake:
         self._gnss_origin = gnss_origin
         self.rows_in = 0
         self.rows_out = 0
+
+    @classmethod
+    def of(cls, source: Source, limits: ClockLimits | None = None) -> Intake:
+        """For the batches of ``source``."""
+        return cls(source.description, canonical=source.canonical, limits=limits, gnss_origin=source.gnss_origin)
 
     def push(self, batch: Batch) -> tuple[Rows, tuple[StreamEvent, ...]]:
         """The rows that are complete now, and what is to be said of others."""

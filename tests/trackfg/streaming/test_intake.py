@@ -100,7 +100,7 @@ def test_a_stream_gives_what_reading_gives(variant: str, draft: Draft, tmp_path:
 def test_a_recording_replayed_comes_out_as_it_is(draft: Draft, tmp_path: Path) -> None:
     recording = read_recording(draft.write(tmp_path / "rec"))
     source = RecordingSource(recording)
-    intake = Intake(source.description, canonical=source.canonical, gnss_origin=source.gnss_origin)
+    intake = Intake.of(source)
     rows, events = taken_in(intake, iter(source))
     assert not events
     for name, table in recording_rows(recording).tables().items():
