@@ -4,8 +4,8 @@ A row that is at most ``hold_s`` ahead of the newest one moves the clock on. One
 ``back_s`` behind what was released, puts the clock in doubt: it is set aside, and so are the next, until
 
 * either the old clock goes on for ``hold_s``: then the rows that were set aside are refused (``clock-jump``);
-* or they have gone on among themselves for ``hold_s`` (``settle_s`` where they are more than ``ahead_s`` ahead, or
-  behind): then they are the clock, and none of them is lost.
+* or they have gone on among themselves, but for single wrong stamps, for ``hold_s`` (``settle_s`` where they are more
+  than ``ahead_s`` ahead, or behind): then they are the clock, and none of them is lost.
 
 A clock that went forward left a ``gap``, and is believed. One that was set back (``clock-restart``) cannot be: times on
 the stream must grow, so from there on they are the sensor's times plus a shift, by which the first row after comes one
@@ -29,6 +29,7 @@ from trackfg.streaming.stream_events import LossReport, StreamEvent
 
 _AT_ONCE = 256
 _MOST_DOUBTFUL = 100_000
+_RIVAL_ROWS = 10
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class ImuClock:
     def __init__(self, limits: ClockLimits) -> None:
         self._limits = limits
         self._doubtful: list[Array] = []
+        self._rival: list[Array] = []
         self._doubted_at_s = -np.inf
         self.newest_s = -np.inf
         """On the stream's clock; minus infinity before the first rows have proved themselves."""
@@ -82,6 +84,7 @@ class ImuClock:
 
     def finished(self, report: LossReport) -> Array:
         """Nothing more will come: rows in doubt that more than one stamp speaks for, if they lie within reach."""
+        self._refuse_rival(report)
         if not self._doubtful:
             return np.empty((0, 1))
         t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
@@ -110,14 +113,29 @@ class ImuClock:
         if passed_s - self._limits.back_s < t <= passed_s:
             report.lose("late", "imu", np.array([t]))
             return row[:0]
-        if self._doubtful:
-            newest = max(float(other[0, 0]) for other in self._doubtful[-2:]) + self.shift_s
-            if abs(t - newest) > self._limits.step_s or len(self._doubtful) >= _MOST_DOUBTFUL:
-                self._refuse(report)
+        if len(self._doubtful) >= _MOST_DOUBTFUL:
+            self._refuse(report)
         if not self._doubtful:
             self._doubted_at_s = self.newest_s
-        self._doubtful.append(row)
+        if not self._doubtful or self._continues(self._doubtful, row):
+            self._doubtful.append(row)
+            self._refuse_rival(report)
+        else:
+            self._rivals(row, report)
         return self._settled(report) if self._settles() else row[:0]
+
+    def _rivals(self, row: Array, report: LossReport) -> None:
+        """One wrong stamp must not end a succession, and a succession that began with one must end."""
+        if not self._continues(self._rival, row):
+            self._refuse_rival(report)
+        self._rival.append(row)
+        if len(self._rival) > min(len(self._doubtful), _RIVAL_ROWS):
+            self._doubtful, self._rival = self._rival, self._doubtful
+            self._refuse_rival(report)
+
+    def _continues(self, rows: list[Array], row: Array) -> bool:
+        newest = max((float(other[0, 0]) for other in rows[-2:]), default=np.inf)
+        return bool(abs(row[0, 0] - newest) <= self._limits.step_s)
 
     def _settles(self) -> bool:
         first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
@@ -128,6 +146,7 @@ class ImuClock:
     def _settled(self, report: LossReport) -> Array:
         rows = np.concatenate(self._doubtful)
         self._doubtful = []
+        self._refuse_rival(report)
         first, before = float(rows[:, 0].min()) + self.shift_s, self.newest_s
         if first > before:
             if first - before > self._limits.gap_s and np.isfinite(before):
@@ -149,18 +168,27 @@ class ImuClock:
         count = self._leading(rows, passed_s)
         kept = self._accepted(rows[:count]) if count else rows[:0]
         self._doubtful = list(rows[count:, None, :])
-        if self._doubtful and self.newest_s > self._doubted_at_s + self._limits.hold_s:
+        if not self._doubtful:
+            self._refuse_rival(report)
+        elif self.newest_s > self._doubted_at_s + self._limits.hold_s:
             self._refuse(report)
         return kept
 
     def _refuse(self, report: LossReport) -> None:
         report.lose("clock-jump", "imu", np.concatenate(self._doubtful)[:, 0] + self.shift_s)
         self._doubtful = []
+        self._refuse_rival(report)
+
+    def _refuse_rival(self, report: LossReport) -> None:
+        if self._rival:
+            report.lose("clock-jump", "imu", np.concatenate(self._rival)[:, 0] + self.shift_s)
+            self._rival = []
 
     def state(self) -> dict[str, Any]:
         """All of it, as JSON values."""
         return {
             "doubtful": [row[0].tolist() for row in self._doubtful],
+            "rival": [row[0].tolist() for row in self._rival],
             "doubted_at_s": _number(self._doubted_at_s),
             "newest_s": _number(self.newest_s),
             "shift_s": self.shift_s,
@@ -169,6 +197,7 @@ class ImuClock:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a :meth:`state`."""
         self._doubtful = [np.array([row], dtype=np.float64) for row in state["doubtful"]]
+        self._rival = [np.array([row], dtype=np.float64) for row in state["rival"]]
         self._doubted_at_s = -np.inf if state["doubted_at_s"] is None else state["doubted_at_s"]
         self.newest_s = -np.inf if state["newest_s"] is None else state["newest_s"]
         self.shift_s = state["shift_s"]

@@ -17,12 +17,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError, OutputError
-from trackfg.streaming.sinks import TABLES
+from trackfg.streaming.sinks import TABLES, columns_of
 
 ROWS_PER_PART = 6000
 """Ten minutes at 10 Hz."""
@@ -33,17 +34,30 @@ _UNFINISHED = ".unfinished-"
 
 @dataclass
 class _Table:
-    """``number`` of the part that is being filled, its rows so far, and how many of these are in its file."""
+    """``number`` of the part that is being filled, its rows so far by column, and how many of them its file has."""
 
     folder: Path
     number: int = 1
-    pending: list[pa.Table] = field(default_factory=list)
+    pending: dict[str, list[Any]] = field(default_factory=dict)
+    rows: int = 0
     written: int = 0
     schema: pa.Schema | None = None
 
-    @property
-    def rows(self) -> int:
-        return sum(part.num_rows for part in self.pending)
+    def add(self, frame: pd.DataFrame) -> None:
+        """Arrays are kept as they are: making an Arrow table of every few rows would take longer than all else."""
+        for name, values in columns_of(frame).items():
+            self.pending.setdefault(name, []).append(values)
+        self.rows += len(frame)
+
+    def content(self) -> pa.Table:
+        columns = {name: np.concatenate(parts) for name, parts in self.pending.items()}
+        if self.schema is None:
+            self.schema = pa.table(columns).schema
+        return pa.table(columns, schema=self.schema)
+
+    def keep(self, rows: pa.Table) -> None:
+        self.pending = {name: [rows[name].to_numpy()] for name in rows.column_names} if rows.num_rows else {}
+        self.rows = rows.num_rows
 
 
 class ParquetParts:
@@ -78,20 +92,18 @@ class ParquetParts:
         if not len(frame):
             return
         to = self._tables[table]
-        rows = pa.Table.from_pandas(frame, schema=to.schema, preserve_index=False).replace_schema_metadata(None)
-        to.schema = rows.schema
-        to.pending.append(rows)
+        to.add(frame)
         while to.rows >= self._rows_per_part:
-            whole = pa.concat_tables(to.pending)
-            _write(_place(to), whole.slice(0, self._rows_per_part))
-            rest = whole.slice(self._rows_per_part)
-            to.number, to.written, to.pending = to.number + 1, 0, [rest] if rest.num_rows else []
+            content = to.content()
+            _write(_place(to), content.slice(0, self._rows_per_part))
+            to.number, to.written = to.number + 1, 0
+            to.keep(content.slice(self._rows_per_part))
 
     def checkpoint(self) -> dict[str, Any]:
         """Write the last parts as far as they are."""
         for table in self._tables.values():
             if table.rows > table.written:
-                _write(_place(table), pa.concat_tables(table.pending))
+                _write(_place(table), table.content())
                 table.written = table.rows
         return {name: {"part": table.number, "rows": table.rows} for name, table in self._tables.items()}
 
@@ -132,8 +144,9 @@ def _go_back(table: _Table, part: int, rows: int) -> None:
         there = _read(_place(table))
         if there.num_rows < rows:
             raise BadInputError(f"{_place(table)}: {there.num_rows} rows; expected {rows} as at the checkpoint")
-        table.pending, table.schema = [there.slice(0, rows)], there.schema
-        _write(_place(table), there.slice(0, rows))
+        table.schema = there.schema
+        table.keep(there.slice(0, rows))
+        _write(_place(table), table.content())
         table.written = rows
     for number in _numbers(table.folder):
         if number > part or (number == part and not rows):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import IO, Any, Protocol
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from trackfg.errors import BadInputError, OutputError
 
@@ -92,22 +94,25 @@ class JsonLines:
             self._file.close()
 
 
+def columns_of(frame: pd.DataFrame) -> dict[str, NDArray[Any]]:
+    """The columns as arrays; one by one, as pandas gives them, takes ten times as long where all are alike."""
+    if all(kind == np.float64 for kind in frame.dtypes):
+        return dict(zip(map(str, frame.columns), frame.to_numpy().T, strict=True))
+    return {str(name): column.to_numpy() for name, column in frame.items()}
+
+
 def json_lines(table: str, frame: pd.DataFrame) -> str:
     """The rows of a table as lines."""
-    columns = [_values(frame[name]) for name in frame.columns]
-    names = list(frame.columns)
-    lines = [
-        json.dumps({"table": table, **dict(zip(names, row, strict=True))}, allow_nan=False)
-        for row in zip(*columns, strict=True)
-    ]
-    return "".join(f"{line}\n" for line in lines)
+    columns = columns_of(frame)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return "".join(
+        json.dumps({"table": table, **dict(zip(columns, map(_known, row), strict=True))}, allow_nan=False) + "\n"
+        for row in rows
+    )
 
 
-def _values(column: pd.Series[Any]) -> list[Any]:
-    if column.dtype.kind != "f":
-        return list(column.tolist())
-    values = column.to_numpy()
-    return np.where(np.isfinite(values), values, None).tolist()  # type: ignore[call-overload,no-any-return]
+def _known(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class _LinesFile:

@@ -6,6 +6,7 @@ which wait for it; then it stays, because stamps must not move against each othe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -57,9 +58,14 @@ class Stamps:
 
     def state(self) -> dict[str, Any]:
         """What carries over to the next batch, as JSON values."""
-        return {"interval_s": self._interval_s, "waiting": [rows.tolist() for rows in self._waiting]}
+        return {"interval_s": self._interval_s, "waiting": [_json(rows) for rows in self._waiting]}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a :meth:`state`."""
         self._interval_s = state["interval_s"]
-        self._waiting = [np.array(rows, dtype=np.float64) for rows in state["waiting"]]
+        self._waiting = [np.array([[float(x) for x in row] for row in rows]) for rows in state["waiting"]]
+
+
+def _json(rows: Array) -> list[list[float | str]]:
+    """These rows have not been looked at yet: what is not finite, JSON knows as text only."""
+    return [[x if math.isfinite(x) else repr(x) for x in row] for row in rows.tolist()]

@@ -235,6 +235,23 @@ def test_a_clock_set_back_for_good_goes_on_shifted(back_s: float) -> None:
     assert {(event.kind, event.table, event.rows) for event in events} == {("clock-restart", name, 0) for name in RATES}
 
 
+@pytest.mark.parametrize("jump_s", [-3600.0, 3600.0])
+def test_wrong_stamps_among_the_first_of_a_new_clock_cost_themselves_only(jump_s: float) -> None:
+    tables = rows_of(30.0)
+    pushed = batches(in_order(tables), 13)
+    wrong = 0
+    for k, batch in enumerate(pushed):
+        for name, rows in batch.items():
+            rows[rows[:, 0] >= 10, 0] += jump_s
+            if name == "imu" and rows[0, 1] >= 1000 and k % 7 == 0:
+                rows[0, 0] += 1e6 + k
+                wrong += 1
+    out, events = through(Arrival(RATES), pushed)
+    assert lost(events) == {("clock-jump", "imu"): wrong}
+    assert wrong > 30
+    assert out["imu"].shape[0] == 3000 - wrong
+
+
 def test_a_clock_set_back_by_little_is_waited_for() -> None:
     """It looks like rows that were sent again: they are refused until their times are new."""
     tables = rows_of(30.0)
