@@ -26,7 +26,9 @@ TABLES = ("filtered", "smoothed", "events")
 
 
 class Sink(Protocol):
-    """Takes tables. Raises :class:`OutputError` where they cannot be written; nothing is half written then."""
+    """Takes tables. Raises :class:`OutputError` where they cannot be written; nothing is half written then, and a sink
+    opened from the last checkpoint goes on.
+    """
 
     def write(self, table: str, frame: pd.DataFrame) -> None:
         """Rows of a table, in their order."""
