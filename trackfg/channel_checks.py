@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.canonical import imu_rotation
 from trackfg.check_limits import CheckLimits
 from trackfg.description import Imu
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.recording import IMU_COLUMNS
-from trackfg.recording_tables import imu_rotation
 from trackfg.spans import true_runs
 
 _MIN_PLATEAU = 3

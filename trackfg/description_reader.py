@@ -77,14 +77,15 @@ def read_description(path: Path | str) -> ReadDescription:
         )
     except RecursionError:
         return _only(Finding("error", "toml-syntax", "nested too deeply", file=toml.name, expected="TOML 1.0"))
-    return _validate(data, toml.name)
+    return validated(data, toml.name)
 
 
 def _only(finding: Finding) -> ReadDescription:
     return ReadDescription((finding,))
 
 
-def _validate(data: dict[str, Any], file: str) -> ReadDescription:
+def validated(data: dict[str, Any], file: str) -> ReadDescription:
+    """A description that was read already, from TOML or elsewhere; ``file`` names it in findings. Never raises."""
     findings: list[Finding] = []
     parts: dict[str, Model] = {}
     doubtful: set[str] = set()

@@ -11,3 +11,7 @@ class BadInputError(TrackfgError):
 
 class UnsolvableError(TrackfgError):
     """A recording that is well-formed but does not determine what was asked for; the message says why."""
+
+
+class OutputError(TrackfgError):
+    """Output that cannot be written: a full disk, a closed pipe, no permission. What was written before is whole."""

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 
 from trackfg import diagnose_axes
+from trackfg.canonical import imu_rotation
 from trackfg.check_limits import CheckLimits
 from trackfg.description import Imu, Laser, Model, Table, Tach, Track
 from trackfg.findings import Finding, Level
 from trackfg.frames import Array
 from trackfg.motion import Motion, averaged
-from trackfg.recording_tables import imu_rotation
 from trackfg.units import STANDARD_GRAVITY, known_units, to_si
 
 _STEP_S = 0.5

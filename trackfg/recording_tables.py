@@ -1,13 +1,7 @@
-"""From the tables as they were recorded to those of :mod:`trackfg.recording`: SI, FLU, one clock.
+"""The tables of a recording, from its files to those of :mod:`trackfg.recording`.
 
 For each part of the description one function reads the columns, checks their structure (:mod:`trackfg.series_checks`)
-and, if nothing is wrong, converts:
-
-* time: ``t = raw * unit + time_offset_s``; an IMU stamp at the start or end of the interval that a sample averages is
-  moved to its centre by half the median interval (not by each row's own, which would spread the stamps' jitter);
-* IMU: ``x_body = R_mount A x_columns``, with A from ``axes`` and R_mount from ``mount_rpy_deg``;
-* tach: pulses to ``count * pi * wheel_diameter_m / pulses_per_rev``; speed by the trapezoid rule, from 0;
-* GNSS: geodetic to ENU about ``gnss.origin``, or the first row.
+and, if nothing is wrong, converts them by the formulas of :mod:`trackfg.canonical`.
 """
 
 from __future__ import annotations
@@ -19,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg import frames, series_checks, units
+from trackfg import canonical, series_checks
+from trackfg.canonical import data_columns
 from trackfg.check_limits import CheckLimits
 from trackfg.description import Fixes, Gnss, Imu, Laser, Model, Table, Tach
 from trackfg.findings import Finding, errors
@@ -37,20 +32,6 @@ class Columns:
 
     t_s: Array
     data: tuple[Array, ...]
-
-
-def data_columns(part: Table) -> tuple[str, ...]:
-    """The columns that a part of the description refers to, without the time."""
-    match part:
-        case Imu():
-            return (*part.gyro, *part.accel)
-        case Tach() | Laser():
-            return (part.column,)
-        case Fixes():
-            return (part.chainage, part.sd)
-        case Gnss():
-            return (*part.position, *part.sd)
-    return ()
 
 
 class Tables:
@@ -80,7 +61,7 @@ class Tables:
             read[name], faults = table.numbers(name)
             findings = findings + faults
         raw_t = read[part.time]
-        t = None if raw_t is None else raw_t * units.to_si("time", getattr(part, "time_unit", "s"))
+        t = None if raw_t is None else canonical.seconds(part, raw_t)
         rows = next((values.size for values in read.values() if values is not None), None)
         if rows is not None and rows < (least := MIN_ROWS.get(type(part), 1)):
             message = "the table is empty" if rows == 0 else f"the table has {rows} row(s)"
@@ -131,85 +112,32 @@ def _value_checks(part: Table, read: Mapping[str, Array | None], t: Array | None
 
 def imu_table(part: Imu, columns: Columns) -> pd.DataFrame:
     """The ``imu`` table."""
-    shift = {"start": 0.5, "centre": 0.0, "end": -0.5}[part.stamp] * float(np.median(np.diff(columns.t_s)))
-    R = imu_rotation(part)
-    gyro = _rotated(columns.data[:3], R, units.to_si("angular rate", part.gyro_unit))
-    accel = _rotated(columns.data[3:], R, units.to_si("acceleration", part.accel_unit))
-    return _table(IMU_COLUMNS, _shifted(columns.t_s, part.time_offset_s + shift), *gyro, *accel)
-
-
-def imu_rotation(part: Imu) -> Array:
-    """The matrix from the file's columns to the vehicle's FLU axes, ``R_mount A``. Shape (3, 3)."""
-    A = frames.axes_matrix(part.axes)
-    if not any(part.mount_rpy_deg):
-        return A
-    roll, pitch, yaw = np.radians(part.mount_rpy_deg)
-    return frames.matrix_from_rpy(roll, pitch, yaw) @ A
-
-
-def _rotated(columns: tuple[Array, ...], R: Array, scale: float) -> list[Array]:
-    """``scale * R`` applied to three columns, without arithmetic where it would change nothing (values stay exact)."""
-    out = []
-    for row in scale * R:
-        used = np.flatnonzero(row)
-        if used.size == 1:
-            column = columns[used[0]]
-            out.append(column if row[used[0]] == 1.0 else row[used[0]] * column)
-        else:
-            out.append(row[0] * columns[0] + row[1] * columns[1] + row[2] * columns[2])
-    return out
+    t = canonical.on_common_clock(part, columns.t_s, canonical.median_interval(columns.t_s))
+    return _table(IMU_COLUMNS, t, *canonical.imu_in_body(part, canonical.imu_rotation(part), columns.data))
 
 
 def tach_table(part: Tach, columns: Columns) -> pd.DataFrame:
     """The ``tach`` table."""
-    (values,) = columns.data
-    if part.kind == "pulses":
-        distance = values * pulse_m(part)
-    elif part.kind == "distance":
-        distance = _scaled(values, units.to_si("length", part.unit))
-    else:
-        speed = _scaled(values, units.to_si("speed", part.unit))
-        steps = np.diff(columns.t_s) * 0.5 * (speed[1:] + speed[:-1])
-        distance = np.concatenate([[0.0], np.cumsum(steps)])
-    return _table(TACH_COLUMNS, _shifted(columns.t_s, part.time_offset_s), distance)
-
-
-def pulse_m(part: Tach) -> float:
-    """The nominal distance of one pulse, m. Raises ``ValueError`` unless the tach counts pulses."""
-    if part.kind != "pulses" or part.wheel_diameter_m is None or part.pulses_per_rev is None:
-        raise ValueError(f"a tach of kind {part.kind!r} has no pulses")
-    return float(np.pi * part.wheel_diameter_m / part.pulses_per_rev)
+    t = canonical.on_common_clock(part, columns.t_s)
+    return _table(TACH_COLUMNS, t, canonical.tach_distance(part, t, columns.data[0]))
 
 
 def fix_table(part: Fixes, columns: Columns) -> pd.DataFrame:
     """The ``fixes`` table."""
-    return _table(FIX_COLUMNS, _shifted(columns.t_s, part.time_offset_s), *columns.data)
+    return _table(FIX_COLUMNS, canonical.on_common_clock(part, columns.t_s), *columns.data)
 
 
 def gnss_table(part: Gnss, columns: Columns) -> tuple[pd.DataFrame, Array | None]:
     """The ``gnss`` table and its origin (latitude deg, longitude deg, height m), None where that is not known."""
-    origin = None if part.origin is None else np.array(part.origin)
-    position = columns.data[:3]
-    if part.frame == "geodetic":
-        geodetic = np.column_stack(position)
-        origin = geodetic[0] if origin is None else origin
-        position = tuple(frames.geodetic_to_enu(geodetic, origin).T)
-    return _table(GNSS_COLUMNS, _shifted(columns.t_s, part.time_offset_s), *position, *columns.data[3:]), origin
+    origin = canonical.gnss_origin(part, columns.data)
+    position = canonical.gnss_position(part, origin, columns.data)
+    return _table(GNSS_COLUMNS, canonical.on_common_clock(part, columns.t_s), *position, *columns.data[3:]), origin
 
 
 def laser_table(part: Laser, columns: Columns) -> pd.DataFrame:
     """The table of one laser."""
-    (values,) = columns.data
-    displacement = _scaled(values, units.to_si("length", part.unit))
-    return _table(LASER_COLUMNS, _shifted(columns.t_s, part.time_offset_s), displacement)
-
-
-def _scaled(values: Array, factor: float) -> Array:
-    return values if factor == 1.0 else values * factor
-
-
-def _shifted(t: Array, offset_s: float) -> Array:
-    return t if offset_s == 0.0 else t + offset_s
+    t = canonical.on_common_clock(part, columns.t_s)
+    return _table(LASER_COLUMNS, t, canonical.laser_displacement(part, columns.data[0]))
 
 
 def _table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:

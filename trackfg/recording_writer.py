@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from trackfg.atomic_folder import replaced_folder
+from trackfg.canonical import pulse_m
 from trackfg.description import Gnss, RecordingDescription, Table, Tach, Truth
 from trackfg.description_reader import FILE_NAME, read_description
 from trackfg.errors import BadInputError
 from trackfg.recording import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
-from trackfg.recording_tables import pulse_m
 
 TableFormat = Literal["parquet", "csv"]
 

@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from trackfg.findings import Finding
 from trackfg.frames import Array
 
-_LARGEST = 1e12
+LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
 
 
 def not_finite(values: Array, file: str, column: str, t: Array | None = None) -> list[Finding]:
     """Empty cells, NaN, infinities, and numbers that no quantity here can have; one finding for each kind."""
     magnitude = np.abs(values)
-    if (magnitude <= _LARGEST).all():
+    if (magnitude <= LARGEST).all():
         return []
     empty = np.isnan(values)
     mend = "remove the row, or write the value"
     return [
         *_at_first(empty, "nan", "empty or NaN", file, column, t, expected="a finite number", mend=mend),
         *_at_first(
-            magnitude > _LARGEST,
+            magnitude > LARGEST,
             "infinite",
-            f"infinite, or above {_LARGEST:g}",
+            f"infinite, or above {LARGEST:g}",
             file,
             column,
             t,

@@ -1,0 +1,207 @@
+"""The IMU is the clock of a stream: which of its rows move the clock on, and which stamps are nonsense.
+
+A row that is at most ``hold_s`` ahead of the newest one moves the clock on. One that is further ahead, or more than
+``back_s`` behind what was released, puts the clock in doubt: it is set aside, and so are the next, until
+
+* either the old clock goes on for ``hold_s``: then the rows that were set aside are refused (``clock-jump``);
+* or they have gone on among themselves, but for single wrong stamps, for ``hold_s`` (``settle_s`` where they are more
+  than ``ahead_s`` ahead, or behind): then they are the clock, and none of them is lost.
+
+A clock that went forward left a ``gap``, and is believed. One that was set back (``clock-restart``) cannot be: times on
+the stream must grow, so from there on they are the sensor's times plus a shift, by which the first row after comes one
+sampling interval after the last row before. That is right where a running logger's clock was corrected; where a device
+was off for a time, nobody knows for how long.
+
+A wrong stamp therefore costs itself and nothing else, whatever it says, and the first row of all is no exception.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from trackfg.canonical import median_interval
+from trackfg.frames import Array
+from trackfg.streaming.stream_events import LossReport, StreamEvent
+
+_AT_ONCE = 256
+_MOST_DOUBTFUL = 100_000
+_RIVAL_ROWS = 10
+
+
+@dataclass(frozen=True)
+class ClockLimits:
+    """What is waited for and believed, s.
+
+    ``hold_s``: how late a row of any table may be against the newest of the IMU; ``back_s``: how much further behind a
+    row of the IMU is merely late; ``ahead_s``: a longer gap must prove itself; ``settle_s``: by so long a succession;
+    ``step_s``: between rows that belong together; ``gap_s``: a longer gap of the IMU is an event.
+    """
+
+    hold_s: float = 0.2
+    back_s: float = 1.0
+    ahead_s: float = 60.0
+    settle_s: float = 5.0
+    step_s: float = 1.0
+    gap_s: float = 0.5
+
+
+class ImuClock:
+    """Places the IMU's rows on the clock of the stream."""
+
+    def __init__(self, limits: ClockLimits) -> None:
+        self._limits = limits
+        self._doubtful: list[Array] = []
+        self._rival: list[Array] = []
+        self._doubted_at_s = -np.inf
+        self.newest_s = -np.inf
+        """On the stream's clock; minus infinity before the first rows have proved themselves."""
+        self.shift_s = 0.0
+        """What is added to the sensor's time."""
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the clock may be about to change, or has not begun."""
+        return bool(self._doubtful) or bool(np.isneginf(self.newest_s))
+
+    def placed(self, rows: Array, passed_s: float, report: LossReport) -> Array:
+        """The rows that belong to the clock, on the stream's time. All up to ``passed_s`` was released before."""
+        kept = [rows[:0]]
+        while rows.shape[0]:
+            count = self._leading(rows[:_AT_ONCE], passed_s)
+            if count:
+                kept.append(self._accepted(rows[:count]))
+            else:
+                kept.append(self._doubt(rows[:1], passed_s, report))
+                count = 1
+            rows = rows[count:]
+            if self._doubtful and self.newest_s > self._doubted_at_s:
+                kept.append(self._reviewed(passed_s, report))
+        return np.concatenate(kept)
+
+    def finished(self, report: LossReport) -> Array:
+        """Nothing more will come: rows in doubt that more than one stamp speaks for, if they lie within reach."""
+        self._refuse_rival(report)
+        if not self._doubtful:
+            return np.empty((0, 1))
+        t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
+        beginning = np.isneginf(self.newest_s)
+        if beginning or (t.size > 1 and self.newest_s < t.min() <= self.newest_s + self._limits.ahead_s):
+            return self._settled(report)
+        self._refuse(report)
+        return np.empty((0, 1))
+
+    def _leading(self, rows: Array, passed_s: float) -> int:
+        """How many rows from the first on move the clock on, or fill in behind it."""
+        t = rows[:, 0] + self.shift_s
+        before = np.maximum.accumulate(np.concatenate([[self.newest_s], t]))[:-1]
+        sound = (t > passed_s) & (t <= before + self._limits.hold_s)
+        return t.size if sound.all() else int(np.argmin(sound))
+
+    def _accepted(self, rows: Array) -> Array:
+        out = np.array(rows)
+        out[:, 0] += self.shift_s
+        self.newest_s = max(self.newest_s, float(out[:, 0].max()))
+        return out
+
+    def _doubt(self, row: Array, passed_s: float, report: LossReport) -> Array:
+        """Set one row aside, and take the rows set aside for the clock if this one settles it."""
+        t = float(row[0, 0]) + self.shift_s
+        if passed_s - self._limits.back_s < t <= passed_s:
+            report.lose("late", "imu", np.array([t]))
+            return row[:0]
+        if len(self._doubtful) >= _MOST_DOUBTFUL:
+            self._refuse(report)
+        if not self._doubtful:
+            self._doubted_at_s = self.newest_s
+        if not self._doubtful or self._continues(self._doubtful, row):
+            self._doubtful.append(row)
+            self._refuse_rival(report)
+        else:
+            self._rivals(row, report)
+        return self._settled(report) if self._settles() else row[:0]
+
+    def _rivals(self, row: Array, report: LossReport) -> None:
+        """One wrong stamp must not end a succession, and a succession that began with one must end."""
+        if not self._continues(self._rival, row):
+            self._refuse_rival(report)
+        self._rival.append(row)
+        if len(self._rival) > min(len(self._doubtful), _RIVAL_ROWS):
+            self._doubtful, self._rival = self._rival, self._doubtful
+            self._refuse_rival(report)
+
+    def _continues(self, rows: list[Array], row: Array) -> bool:
+        newest = max((float(other[0, 0]) for other in rows[-2:]), default=np.inf)
+        return bool(abs(row[0, 0] - newest) <= self._limits.step_s)
+
+    def _settles(self) -> bool:
+        first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
+        ahead = first + self.shift_s - self.newest_s
+        near = np.isneginf(self.newest_s) or 0.0 < ahead <= self._limits.ahead_s
+        return bool(last - first >= (self._limits.hold_s if near else self._limits.settle_s))
+
+    def _settled(self, report: LossReport) -> Array:
+        rows = np.concatenate(self._doubtful)
+        self._doubtful = []
+        self._refuse_rival(report)
+        first, before = float(rows[:, 0].min()) + self.shift_s, self.newest_s
+        if first > before:
+            if first - before > self._limits.gap_s and np.isfinite(before):
+                detail = f"no rows for {first - before:.3f} s"
+                report.note(StreamEvent("gap", "imu", before, first, 0, detail))
+            return self._accepted(rows)
+        interval = median_interval(np.unique(rows[:, 0]))
+        self.shift_s += before + interval - first
+        detail = (
+            f"the clock went back by {before - first:.3f} s; from here times are the sensor's plus {self.shift_s:.6f} s"
+        )
+        report.note(StreamEvent("clock-restart", "imu", before, before + interval, 0, detail))
+        return self._accepted(rows)
+
+    def _reviewed(self, passed_s: float, report: LossReport) -> Array:
+        """The old clock has moved on: rows set aside that it has caught up with; all others go when it has gone on."""
+        rows = np.concatenate(self._doubtful)
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        count = self._leading(rows, passed_s)
+        kept = self._accepted(rows[:count]) if count else rows[:0]
+        self._doubtful = list(rows[count:, None, :])
+        if not self._doubtful:
+            self._refuse_rival(report)
+        elif self.newest_s > self._doubted_at_s + self._limits.hold_s:
+            self._refuse(report)
+        return kept
+
+    def _refuse(self, report: LossReport) -> None:
+        report.lose("clock-jump", "imu", np.concatenate(self._doubtful)[:, 0] + self.shift_s)
+        self._doubtful = []
+        self._refuse_rival(report)
+
+    def _refuse_rival(self, report: LossReport) -> None:
+        if self._rival:
+            report.lose("clock-jump", "imu", np.concatenate(self._rival)[:, 0] + self.shift_s)
+            self._rival = []
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as JSON values."""
+        return {
+            "doubtful": [row[0].tolist() for row in self._doubtful],
+            "rival": [row[0].tolist() for row in self._rival],
+            "doubted_at_s": _number(self._doubted_at_s),
+            "newest_s": _number(self.newest_s),
+            "shift_s": self.shift_s,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a :meth:`state`."""
+        self._doubtful = [np.array([row], dtype=np.float64) for row in state["doubtful"]]
+        self._rival = [np.array([row], dtype=np.float64) for row in state["rival"]]
+        self._doubted_at_s = -np.inf if state["doubted_at_s"] is None else state["doubted_at_s"]
+        self.newest_s = -np.inf if state["newest_s"] is None else state["newest_s"]
+        self.shift_s = state["shift_s"]
+
+
+def _number(t: float) -> float | None:
+    return float(t) if np.isfinite(t) else None

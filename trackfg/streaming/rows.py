@@ -1,0 +1,119 @@
+"""Rows of a stream: a few of each table at a time, as arrays, because a data frame costs more than the rows in it.
+
+A table is an array of shape (n, columns) whose first column is the time; what the others are is said by
+
+==================  =================================================================================================
+raw                 the recording's description: columns, units and axes as the sensor sends them (:func:`raw_columns`)
+canonical           :mod:`trackfg.recording`: SI, FLU, one clock (:data:`CANONICAL_COLUMNS`)
+==================  =================================================================================================
+
+Tables are called ``imu``, ``tach``, ``fixes``, ``gnss`` and, for each laser, ``laser/NAME``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import pandas as pd
+
+from trackfg.canonical import data_columns
+from trackfg.description import RecordingDescription, Table
+from trackfg.frames import Array
+from trackfg.recording import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+
+LASER = "laser/"
+
+CANONICAL_COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"imu": IMU_COLUMNS, "tach": TACH_COLUMNS, "fixes": FIX_COLUMNS, "gnss": GNSS_COLUMNS}
+)
+"""Of the four tables; a laser's are :data:`trackfg.recording.LASER_COLUMNS`."""
+
+RowTables = Mapping[str, Array]
+"""Rows by table, raw or canonical; tables without rows may be left out."""
+
+
+def described_tables(description: RecordingDescription) -> dict[str, Table]:
+    """The parts of a description that have rows, by the table's name; the IMU first."""
+    parts: dict[str, Table | None] = {
+        "imu": description.imu,
+        "tach": description.tach,
+        "fixes": description.fixes,
+        "gnss": description.gnss,
+        **{f"{LASER}{laser.name}": laser for laser in description.laser},
+    }
+    return {name: part for name, part in parts.items() if part is not None}
+
+
+def raw_columns(description: RecordingDescription) -> dict[str, tuple[str, ...]]:
+    """The columns of each table as the sensors send them, the time first."""
+    return {name: (part.time, *data_columns(part)) for name, part in described_tables(description).items()}
+
+
+def canonical_columns(table: str) -> tuple[str, ...]:
+    """The columns of a table in canonical form, the time first."""
+    return LASER_COLUMNS if table.startswith(LASER) else CANONICAL_COLUMNS[table]
+
+
+def _none(table: str) -> Array:
+    return np.empty((0, len(canonical_columns(table))))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Canonical rows, in each table sorted by time without repetition; a table without rows has length 0.
+
+    Rows up to ``until_s`` (s) are complete: what comes later on the stream is later than this. ``gnss_origin`` is that
+    of the recording: latitude (deg), longitude (deg), height (m), or None.
+    """
+
+    imu: Array = field(default_factory=lambda: _none("imu"))
+    tach: Array = field(default_factory=lambda: _none("tach"))
+    fixes: Array = field(default_factory=lambda: _none("fixes"))
+    gnss: Array = field(default_factory=lambda: _none("gnss"))
+    lasers: Mapping[str, Array] = field(default_factory=dict)
+    until_s: float = -np.inf
+    gnss_origin: Array | None = None
+
+    def __len__(self) -> int:
+        return sum(table.shape[0] for table in self.tables().values())
+
+    def tables(self) -> dict[str, Array]:
+        """By name."""
+        lasers = {f"{LASER}{name}": table for name, table in self.lasers.items()}
+        return {"imu": self.imu, "tach": self.tach, "fixes": self.fixes, "gnss": self.gnss, **lasers}
+
+    @classmethod
+    def of(cls, tables: RowTables, until_s: float, origin: Array | None = None) -> Rows:
+        """From canonical tables by name."""
+        lasers = {name.removeprefix(LASER): table for name, table in tables.items() if name.startswith(LASER)}
+        named = {name: table for name, table in tables.items() if not name.startswith(LASER)}
+        return cls(**named, lasers=lasers, until_s=until_s, gnss_origin=origin)
+
+    def frame(self, table: str) -> pd.DataFrame:
+        """One table with its columns' names."""
+        rows = self.tables().get(table, _none(table))
+        return pd.DataFrame(rows, columns=list(canonical_columns(table)))
+
+
+def joined(batches: Iterable[Rows]) -> Rows:
+    """Successive batches as one."""
+    batches = list(batches)
+    names = dict.fromkeys(name for batch in batches for name in batch.tables())
+    tables = {name: np.concatenate([batch.tables().get(name, _none(name)) for batch in batches]) for name in names}
+    if not batches:
+        return Rows()
+    origins = [batch.gnss_origin for batch in batches if batch.gnss_origin is not None]
+    return Rows.of(tables, batches[-1].until_s, origins[0] if origins else None)
+
+
+def recording_rows(recording: Recording) -> Rows:
+    """All of a recording at once."""
+    tables = {"imu": recording.imu, "tach": recording.tach, "fixes": recording.fixes, "gnss": recording.gnss}
+    tables |= {f"{LASER}{name}": table for name, table in recording.lasers.items()}
+    arrays = {
+        name: table[list(canonical_columns(name))].to_numpy() for name, table in tables.items() if table is not None
+    }
+    return Rows.of(arrays, np.inf, recording.gnss_origin)

@@ -1,0 +1,95 @@
+"""Where rows come from: an iterator of batches, and a recording replayed as one.
+
+Other sources: :mod:`trackfg.streaming.json_lines_source`, :mod:`trackfg.streaming.mcap_source`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from trackfg.description import RecordingDescription
+from trackfg.frames import Array
+from trackfg.recording import Recording
+from trackfg.streaming.rows import recording_rows
+from trackfg.streaming.stream_events import StreamEvent
+
+BATCH_S = 0.1
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Rows by table as they arrived, and what the source itself could not read.
+
+    ``position`` counts what the source has read so far (lines, messages, batches): a source opened at this position
+    goes on with the batch after this one.
+    """
+
+    tables: Mapping[str, Array] = field(default_factory=dict)
+    events: tuple[StreamEvent, ...] = ()
+    position: int = 0
+
+
+class Source(Protocol):
+    """Batches of rows, and their description. ``canonical``: see :mod:`trackfg.streaming.rows`."""
+
+    @property
+    def description(self) -> RecordingDescription: ...
+
+    @property
+    def canonical(self) -> bool: ...
+
+    @property
+    def gnss_origin(self) -> Array | None:
+        """Of canonical rows; None where it is not known, or comes with the first row."""
+
+    def __iter__(self) -> Iterator[Batch]: ...
+
+
+class RecordingSource:
+    """A recording as a stream: each batch holds the rows of ``batch_s`` seconds, of all tables.
+
+    As fast as they are taken, or at ``speed`` times real time: then a batch comes when its last row would have. Batches
+    that were not taken in time come at once, until the stream has caught up. ``position`` counts batches.
+    """
+
+    canonical = True
+
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        batch_s: float = BATCH_S,
+        speed: float | None = None,
+        position: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.description = recording.description
+        self.gnss_origin = recording.gnss_origin
+        self._tables = {name: rows for name, rows in recording_rows(recording).tables().items() if rows.shape[0]}
+        self._batch_s, self._speed, self._position = batch_s, speed, position
+        self._clock, self._sleep = clock, sleep
+
+    def __iter__(self) -> Iterator[Batch]:
+        start = min(rows[0, 0] for rows in self._tables.values())
+        end = max(rows[-1, 0] for rows in self._tables.values())
+        began = self._clock()
+        count = int((end - start) // self._batch_s) + 1
+        edges = start + self._batch_s * np.arange(1, count + 1)
+        until = {name: np.searchsorted(rows[:, 0], edges, side="left") for name, rows in self._tables.items()}
+        for i in range(self._position, count):
+            tables = {}
+            for name, rows in self._tables.items():
+                first, last = (until[name][i - 1] if i else 0), until[name][i] if i < count - 1 else rows.shape[0]
+                if last > first:
+                    tables[name] = rows[first:last]
+            if self._speed is not None:
+                wait = (i + 1 - self._position) * self._batch_s / self._speed - (self._clock() - began)
+                if wait > 0.0:
+                    self._sleep(wait)
+            yield Batch(tables, position=i + 1)

@@ -1,0 +1,146 @@
+"""What happened on a stream: small frozen records, and the report that collects rows which were not passed on.
+
+Every row that is not passed on is counted in exactly one event. Rows of one kind and table that are met in short
+succession go into one event: it closes when ``QUIET_PUSHES`` batches have gone by without another, or after
+``LONGEST_PUSHES``. Batches are counted, not seconds, so that the same batches give the same events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, astuple, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.frames import Array
+
+QUIET_PUSHES = 10
+LONGEST_PUSHES = 100
+
+LOSS_KINDS = {
+    "not-finite": "NaN, infinite or above 1e12",
+    "duplicate": "the time of another row of the table again",
+    "late": "came after the stream had passed their time; a longer hold keeps them",
+    "clock-jump": "times that neither fit the clock nor made a new one",
+    "buffer-full": "more rows than are kept waiting for the IMU",
+    "bad-sigma": "a sigma that is zero or negative",
+    "position-range": "no such position on the Earth",
+    "tach-jump": "the tach runs faster than 170 m/s, or backwards although it is declared unsigned",
+}
+"""Kinds of events that count rows which were not passed on, and what each means."""
+
+
+@dataclass(frozen=True)
+class StreamEvent:
+    """One fact about a stretch of a stream.
+
+    ``t_s`` and ``until_s`` are the first and the last time that it concerns, on the stream's clock, None where no
+    time could be read. ``rows`` counts rows (or lines) that were not passed on because of it.
+    """
+
+    kind: str
+    table: str = ""
+    t_s: float | None = None
+    until_s: float | None = None
+    rows: int = 0
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        """Names come from the input: control characters in them must not reach a terminal."""
+        for name in ("kind", "table", "detail"):
+            text = getattr(self, name)
+            if not text.isprintable():
+                object.__setattr__(self, name, "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text))
+
+    def __str__(self) -> str:
+        where = f"{self.table}: " if self.table else ""
+        when = "" if self.t_s is None else f" at t = {self.t_s:.3f} s"
+        if self.t_s is not None and self.until_s is not None and self.until_s > self.t_s:
+            when = f" from t = {self.t_s:.3f} to {self.until_s:.3f} s"
+        count = "" if self.rows == 0 else f", {self.rows} row{'s' if self.rows > 1 else ''}"
+        return f"{where}{self.kind}{when}{count}" + (f": {self.detail}" if self.detail else "")
+
+
+EVENT_TYPES = {"kind": "str", "input": "str", "t_s": "float64", "until_s": "float64", "rows": "int64", "detail": "str"}
+"""Columns of a table of events: the fields, but ``input`` for ``table``."""
+
+
+def event_table(events: Iterable[StreamEvent]) -> pd.DataFrame:
+    """One row per event, NaN where there is no time."""
+    return pd.DataFrame([astuple(event) for event in events], columns=list(EVENT_TYPES)).astype(EVENT_TYPES)
+
+
+@dataclass
+class _Open:
+    event: StreamEvent
+    pushes: int = 0
+    quiet: int = 0
+
+
+class LossReport:
+    """Collects rows that are not passed on, and other events, in the order in which they began."""
+
+    def __init__(self) -> None:
+        self._open: dict[tuple[str, str], _Open] = {}
+        self._ready: list[StreamEvent] = []
+
+    def lose(self, kind: str, table: str, t: Array) -> None:
+        """Rows with the times ``t`` (which may hold NaN) are not passed on."""
+        if t.size == 0:
+            return
+        known = t[np.isfinite(t)]
+        first, last = (float(known.min()), float(known.max())) if known.size else (None, None)
+        now = StreamEvent(kind, table, first, last, int(t.size), LOSS_KINDS[kind])
+        entry = self._open.get((kind, table))
+        if entry is None:
+            self._open[kind, table] = _Open(now)
+        else:
+            entry.event, entry.quiet = _joined(entry.event, now), 0
+
+    def note(self, event: StreamEvent) -> None:
+        """An event that loses nothing here."""
+        self._ready.append(event)
+
+    def end_of_push(self) -> tuple[StreamEvent, ...]:
+        """A batch has gone by: the events that are complete now."""
+        for key, entry in list(self._open.items()):
+            entry.pushes += 1
+            entry.quiet += 1
+            if entry.quiet > QUIET_PUSHES or entry.pushes >= LONGEST_PUSHES:
+                self._ready.append(self._open.pop(key).event)
+        return self._drained()
+
+    def end_of_stream(self) -> tuple[StreamEvent, ...]:
+        """All that are left."""
+        self._ready += [entry.event for entry in self._open.values()]
+        self._open.clear()
+        return self._drained()
+
+    def _drained(self) -> tuple[StreamEvent, ...]:
+        ready, self._ready = tuple(self._ready), []
+        return ready
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as JSON values."""
+        return {
+            "open": [{"event": asdict(o.event), "pushes": o.pushes, "quiet": o.quiet} for o in self._open.values()],
+            "ready": [asdict(event) for event in self._ready],
+        }
+
+    @classmethod
+    def restored(cls, state: Mapping[str, Any]) -> LossReport:
+        """The one whose :meth:`state` this was."""
+        report = cls()
+        for entry in state["open"]:
+            event = StreamEvent(**entry["event"])
+            report._open[event.kind, event.table] = _Open(event, entry["pushes"], entry["quiet"])
+        report._ready = [StreamEvent(**event) for event in state["ready"]]
+        return report
+
+
+def _joined(a: StreamEvent, b: StreamEvent) -> StreamEvent:
+    first = [t for t in (a.t_s, b.t_s) if t is not None]
+    last = [t for t in (a.until_s, b.until_s) if t is not None]
+    return StreamEvent(a.kind, a.table, min(first, default=None), max(last, default=None), a.rows + b.rows, a.detail)
