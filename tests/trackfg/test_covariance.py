@@ -12,9 +12,10 @@ from scipy.linalg import solve_triangular
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
 from trackfg.datasets.scenarios import Simulation
-from trackfg.elimination import eliminate
+from trackfg.elimination import eliminate, left_behind
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.past import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph import Problem, build_problem
 from trackfg.rails import rail_views, tied_by_rails
@@ -54,6 +55,36 @@ def solved_of(recording: Recording, linearized: Linearized) -> Solved:
     inertial = linearize_imu_factors(problem.native, states.to_gtsam())
     root = eliminate([inertial, *(family.linearize(states) for family in problem.families)], n)
     return Solved(n, A, b, inverse @ inverse.T, R, root, posterior_covariance(root))
+
+
+def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simulation]) -> None:
+    """Once some are eliminated and stand as one factor, the rest is known as before."""
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    n, gone, states = len(problem.t), 7, problem.initial
+    inertial = linearize_imu_factors(problem.native, states.to_gtsam())
+    factors = [inertial, *(family.linearize(states) for family in problem.families)]
+    early, late = zip(*(divided(one, gone) for one in factors), strict=True)
+    conditionals, rows = left_behind([one for one in early if len(one.b)], gone)
+    whole = eliminate(factors, n)
+    np.testing.assert_allclose(conditionals.R, whole.R[:gone], rtol=1e-6, atol=1e-6 * np.abs(whole.R[:gone]).max())
+    rest = eliminate(
+        [past(rows, states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late], n - gone
+    )
+    np.testing.assert_allclose(rest.solution().keyframes, whole.solution().keyframes[gone:], rtol=1e-5, atol=1e-9)
+    marginal = posterior_covariance(rest).marginal
+    np.testing.assert_allclose(marginal, posterior_covariance(whole).marginal[gone:], rtol=1e-4, atol=1e-14)
+
+
+def divided(factors: LinearFactors, keyframe: int) -> tuple[LinearFactors, LinearFactors]:
+    """Those that touch keyframes before, or none, and the others by numbers of their own."""
+    own = [slot.index for slot in factors.slots if not slot.kind.shared]
+    early = np.min(own, axis=0) < keyframe if own else np.ones(len(factors.b), dtype=bool)
+
+    def some(chosen: np.ndarray, shift: int) -> LinearFactors:
+        slots = tuple(Slot(s.kind, s.index[chosen] - (0 if s.kind.shared else shift)) for s in factors.slots)
+        return LinearFactors(slots, [jacobian[chosen] for jacobian in factors.jacobians], factors.b[chosen])
+
+    return some(early, 0), some(~early, keyframe)
 
 
 @pytest.fixture(scope="module")

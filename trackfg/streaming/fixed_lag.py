@@ -2,9 +2,11 @@
 
 rows -> tape -> moving window -> the newest state at once (filtered); what is older than the lag, in pieces (smoothed)
 
->>> smoother = FixedLagSmoother(description, lag_s=10.0)
->>> for imu, tach in rows:
-...     estimates = smoother.put(imu=imu, tach=tach)
+>>> smoother = FixedLagSmoother(source.description, lag_s=10.0)
+>>> intake = Intake.of(source)
+>>> for batch in source:
+...     rows, events = intake.push(batch)
+...     estimates = smoother.put(rows)
 ...     print(estimates.filtered[["t_s", "chainage_m", "chainage_m_sd"]])
 >>> rest = smoother.finish()
 """
@@ -24,6 +26,7 @@ from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
+from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables
 from trackfg.streaming.tape import Tape
@@ -58,39 +61,28 @@ class FixedLagSmoother:
         config: SmoothConfig | None = None,
         *,
         lag_s: float = 10.0,
-        gnss_origin: Array | None = None,
     ) -> None:
         self.config = config or SmoothConfig()
         if not lag_s >= 2.0 * self.config.keyframes.interval_s:
             raise BadInputError(
                 f"a lag of {lag_s:g} s: expected {2.0 * self.config.keyframes.interval_s:g} s or more, two keyframes"
             )
-        self._tape = Tape(description, gnss_origin)
+        self._tape = Tape(description)
         self._moving = MovingWindow(self._tape, self.config, lag_s)
         self._tables: SmoothedTables | None = None
         self._newest: Update | None = None
 
-    def put(
-        self,
-        *,
-        imu: Array | None = None,
-        tach: Array | None = None,
-        fixes: pd.DataFrame | None = None,
-        gnss: pd.DataFrame | None = None,
-    ) -> Estimates:
-        """Take rows, each table in order of time, and give what they make known.
-
-        ``imu`` (m, 7), ``tach`` (m, 2): columns as in :mod:`trackfg.recording`; ``fixes``, ``gnss``: such tables.
-        """
-        self._tape.put(imu, tach, fixes, gnss)
-        rows, smoothed, geometry = [], [], []
+    def put(self, rows: Rows) -> Estimates:
+        """Take the next rows and give what they make known."""
+        self._tape.put(rows)
+        at_once, smoothed, geometry = [], [], []
         for update in self._moving.updates():
-            rows.append(self._filtered(update))
+            at_once.append(self._filtered(update))
             pieces = self._smoothed(update)
             smoothed.append(pieces.smoothed)
             geometry.append(pieces.geometry)
         return Estimates(
-            _table(rows),
+            _table(at_once),
             _joined(smoothed, NO_TRAJECTORY),
             _joined(geometry, NO_GEOMETRY),
         )

@@ -90,6 +90,8 @@ class MovingWindow:
         begin = float(tape.data.edges[0])
         recording, data = tape.recording(begin, begin + START_S), tape.intervals(begin, begin + START_S)
         problem = build_problem(recording, self.config, data)
+        if tape.description.fixes is not None and problem.family("absolute fix") is None:
+            problem = replace(problem, families=placeless(problem.families))  # the first one is to come
         solution = solve(problem, self.config.solver)
         measured = tuple(problem.native.at(k).preintegratedMeasurements() for k in range(problem.native.size()))
         self.rests = problem.rests
@@ -97,10 +99,7 @@ class MovingWindow:
         if problem.wheel is not None and tape.description.tach is not None:
             signed = tape.description.tach.signed or problem.wheel.integrates_speed
             self.odometer = Odometer.of(problem.wheel, tape.tach, signed=signed, max_gap_s=self.config.tach.max_gap_s)
-        families = problem.families
-        if tape.description.fixes is not None and problem.family("absolute fix") is None:
-            families = placeless(families)  # the first one is to come
-        self.window = Window(problem.t, solution.states, measured, problem.response, families)
+        self.window = Window(problem.t, solution.states, measured, problem.response, problem.families)
         return Update(self.window, solution.root, None, "the first seconds")
 
     def _next_keyframe(self) -> float | None:
@@ -112,7 +111,7 @@ class MovingWindow:
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
         due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
         for table in tape.positions.values():
-            times = table["t_s"].to_numpy()
+            times = table[:, 0]
             coming = times[(times > here + 1e-3) & (times < here + (1.0 + _TOO_CLOSE) * (due - here))]
             if coming.size:
                 due = float(coming[0])

@@ -18,8 +18,7 @@ from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph import Problem
-from trackfg.profile import profiles
-from trackfg.profile_samples import Points
+from trackfg.profile import Profile, profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
 from trackfg.streaming.setting import Setting
@@ -41,11 +40,13 @@ class Tables(NamedTuple):
 
 @dataclass
 class SmoothedTables:
-    """Makes the tables of a stream; ``done_s`` (trajectory) and ``passed_s`` (geometry): up to when they are made."""
+    """Makes the tables of a stream; ``done_s`` (trajectory) and ``passed_s`` (geometry): up to when they are made;
+    ``last_cell``, in steps of chainage: the last place of the geometry."""
 
     setting: Setting
     done_s: float
     passed_s: float
+    last_cell: int | None = None
     history: History = field(default_factory=History)
 
     def up_to(self, tape: Tape, window: Window, root: SquareRoot, settled_s: float, *, at_end: bool = False) -> Tables:
@@ -55,7 +56,7 @@ class SmoothedTables:
         problem = self.setting.problem_of(t, states, tape.data)
         track, config = self.setting.description.track, self.setting.config
         covariance = posterior_covariance(whole)
-        clock = _clock(self.done_s, settled_s, config.output.rate_hz, last=at_end)
+        clock = _clock(self.done_s, settled_s, config.output.rate_hz)
         meaning = conventions(config.geometry, track)
         fastest = float(np.linalg.norm(states.nav.v, axis=1).max())
         motion = dense_motion(problem, states, min(_DENSE_STEP_S, 0.8 * meaning.step_m / max(fastest, 1e-3)), clock)
@@ -63,12 +64,10 @@ class SmoothedTables:
         shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if self._follows_track else []
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
         geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
-        passed = [self._passed(problem, profile.views[0].points, profile.cell, until) for profile in shapes]
-        cells = np.concatenate([np.zeros(0, dtype=np.int64), *passed])
-        rows = np.rint(geometry["chainage_m"].to_numpy() / meaning.step_m).astype(np.int64)
-        own: pd.DataFrame = geometry[np.isin(rows, cells)].reset_index(drop=True)
-        if len(own) and states.odo[-1, 0] * track.direction < states.odo[0, 0] * track.direction:
-            own = own.iloc[::-1].reset_index(drop=True)
+        cells = [self._passed(problem, profile, until) for profile in shapes]
+        step = geometry["chainage_m"].to_numpy() / meaning.step_m
+        row = pd.Series(np.arange(len(step)), index=np.rint(step).astype(np.int64))
+        own = geometry.iloc[row[np.concatenate([np.zeros(0, dtype=np.int64), *cells])]].reset_index(drop=True)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         return Tables(trajectory, own)
 
@@ -99,15 +98,21 @@ class SmoothedTables:
             return self.passed_s
         return float(min(t[np.flatnonzero(beyond)[-1]], settled_s))
 
-    def _passed(self, problem: Problem, points: Points, cell: np.ndarray, until: float) -> np.ndarray:
-        k, f = points.keyframe, points.fraction
-        when = problem.t[k] * (1.0 - f) + problem.t[k + 1] * f
-        chosen: np.ndarray = cell[(when > self.passed_s) & (when <= until)]
-        return chosen
+    def _passed(self, problem: Problem, profile: Profile, until: float) -> np.ndarray:
+        """The cells of a pass that are due, in the order of passing; a pass that goes on does so at the next cell."""
+        points, cell = profile.views[0].points, profile.cell
+        when = problem.t[points.keyframe] * (1.0 - points.fraction) + problem.t[points.keyframe + 1] * points.fraction
+        sense = 1 if when[-1] >= when[0] else -1
+        due = when > self.passed_s
+        if self.last_cell is not None and when.min() < self.passed_s:
+            due = sense * (cell - self.last_cell) > 0
+        cells = cell[due & (when <= until)][::sense]
+        if len(cells):
+            self.last_cell = int(cells[-1])
+        return cells
 
 
-def _clock(after: float, until: float, rate_hz: float, *, last: bool) -> Array:
+def _clock(after: float, until: float, rate_hz: float) -> Array:
     """Whole multiples of the output interval after one time and up to another."""
-    first = np.floor(after * rate_hz + 1e-9) + 1.0
-    stop = np.floor(until * rate_hz + (1e-9 if last else -1e-9))
-    return np.arange(first, stop + 1.0) / rate_hz
+    first, last = np.floor(np.array([after, until]) * rate_hz + 1e-9)
+    return np.arange(first + 1.0, last + 1.0) / rate_hz

@@ -15,10 +15,16 @@ from trackfg.description import RecordingDescription
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, laid_out
 from trackfg.recording import IMU_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows
 
-_NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
+_NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
+_POSITIONS = ("fixes", "gnss")
+
+
+def _none(table: str) -> Array:
+    return np.zeros((0, len(CANONICAL_COLUMNS[table])))
 
 
 @dataclass
@@ -29,30 +35,24 @@ class Tape:
     gnss_origin: Array | None = None
     dt: float | None = None
     data: Intervals | None = None
-    waiting: Array = field(default_factory=lambda: np.zeros((0, len(IMU_COLUMNS))))
+    waiting: Array = field(default_factory=lambda: _none("imu"))
     """Samples not laid out yet, as rows of the recording's columns."""
-    samples: Array = field(default_factory=lambda: np.zeros((0, len(IMU_COLUMNS))))
+    samples: Array = field(default_factory=lambda: _none("imu"))
     """Those laid out."""
-    tach: Array = field(default_factory=lambda: np.zeros((0, len(TACH_COLUMNS))))
-    positions: dict[str, pd.DataFrame] = field(default_factory=dict)
-    """By table: ``fixes`` and ``gnss``."""
+    tach: Array = field(default_factory=lambda: _none("tach"))
+    positions: dict[str, Array] = field(default_factory=lambda: {name: _none(name) for name in _POSITIONS})
+    """By table: fixes and GNSS."""
 
-    def put(
-        self,
-        imu: Array | None = None,
-        tach: Array | None = None,
-        fixes: pd.DataFrame | None = None,
-        gnss: pd.DataFrame | None = None,
-    ) -> None:
-        """Append rows, each table in order of time: arrays with the columns of the recording, or tables."""
-        if tach is not None and len(tach):
-            self.tach = np.concatenate([self.tach, tach])
-        for name, table in (("fixes", fixes), ("gnss", gnss)):
-            if table is not None and len(table):
-                known = self.positions.get(name)
-                self.positions[name] = table if known is None else pd.concat([known, table], ignore_index=True)
-        if imu is not None and len(imu):
-            self.waiting = np.concatenate([self.waiting, imu])
+    def put(self, rows: Rows) -> None:
+        """Append rows."""
+        self.gnss_origin = rows.gnss_origin if self.gnss_origin is None else self.gnss_origin
+        if len(rows.tach):
+            self.tach = np.concatenate([self.tach, rows.tach])
+        for name, table in (("fixes", rows.fixes), ("gnss", rows.gnss)):
+            if len(table):
+                self.positions[name] = np.concatenate([self.positions[name], table])
+        if len(rows.imu):
+            self.waiting = np.concatenate([self.waiting, rows.imu])
             self._lay_out()
 
     @property
@@ -85,23 +85,27 @@ class Tape:
 
     def positions_between(self, begin: float, end: float) -> Recording:
         """A recording of fixes and GNSS alone."""
-        fixes, gnss = (self._between(name, begin, end) for name in ("fixes", "gnss"))
-        return Recording(self.description, _NO_SAMPLES, None, fixes, gnss, gnss_origin=self.gnss_origin)
+        fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
+        return Recording(
+            self.description,
+            _NO_SAMPLES,
+            None,
+            fixes if self.description.fixes is not None else None,
+            gnss if self.description.gnss is not None else None,
+            gnss_origin=self.gnss_origin,
+        )
 
     def recording(self, begin: float, end: float) -> Recording:
         """The rows from one time to another."""
-        imu = self.samples[slice(*np.searchsorted(self.samples[:, 0], [begin, end]).tolist())]
+        imu = pd.DataFrame(_between(self.samples, begin, end), columns=list(IMU_COLUMNS))
         tach = None
         if self.description.tach is not None:
-            rows = slice(*np.searchsorted(self.tach[:, 0], [begin, end]).tolist())
-            tach = pd.DataFrame(self.tach[rows], columns=list(TACH_COLUMNS))
-        return replace(self.positions_between(begin, end), imu=pd.DataFrame(imu, columns=list(IMU_COLUMNS)), tach=tach)
+            tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
+        return replace(self.positions_between(begin, end), imu=imu, tach=tach)
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        assert self.data is not None
-        rows = slice(*np.searchsorted(self.samples[:, 0], [t - 0.05, t + 0.05]).tolist())
-        return np.asarray(self.samples[rows, 1:4].mean(axis=0, keepdims=True))
+        return np.asarray(_between(self.samples, t - 0.05, t + 0.05)[:, 1:4].mean(axis=0, keepdims=True))
 
     def forget(self, before: float) -> None:
         """Rows that end before a time."""
@@ -111,12 +115,14 @@ class Tape:
         self.data = self.data.take(slice(gone, len(self.data)))
         self.samples = self.samples[np.searchsorted(self.samples[:, 0], self.data.edges[0]) :]
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
-        self.positions = {name: table[table["t_s"] >= before] for name, table in self.positions.items()}
+        self.positions = {name: table[table[:, 0] >= before] for name, table in self.positions.items()}
 
-    def _between(self, name: str, begin: float, end: float) -> pd.DataFrame | None:
-        table = self.positions.get(name)
-        if table is None:
-            return None
-        rows = table["t_s"].to_numpy()
-        chosen: pd.DataFrame = table[(rows >= begin) & (rows < end)]
-        return chosen
+    @staticmethod
+    def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:
+        rows = _between(table, begin, end)
+        return pd.DataFrame(rows, columns=list(CANONICAL_COLUMNS[name])) if len(rows) else None
+
+
+def _between(table: Array, begin: float, end: float) -> Array:
+    rows = slice(*np.searchsorted(table[:, 0], [begin, end]).tolist())
+    return np.asarray(table[rows])

@@ -1,0 +1,101 @@
+"""The fixed-lag smoother against the batch smoother, and against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg import smooth
+from trackfg.config import KeyframeConfig, SmoothConfig
+from trackfg.datasets.scenarios import simulate
+from trackfg.errors import BadInputError
+from trackfg.evaluate_geometry import geometry_errors
+from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.streaming.fixed_lag import FixedLagSmoother
+
+ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
+
+
+def at(table: pd.DataFrame, name: str, t: np.ndarray) -> np.ndarray:
+    return np.interp(t, table["t_s"], table[name])
+
+
+@pytest.fixture(scope="module")
+def run() -> Any:
+    return simulate("mainline-gnss", seed=3, duration_s=120.0)
+
+
+def test_a_lag_as_long_as_the_run_is_the_batch(stream: Callable[..., Any], run: Any) -> None:
+    ours = stream(run.recording, lag_s=1000.0)
+    batch = smooth(run.recording, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))).trajectory
+    t = ours.smoothed["t_s"].to_numpy()
+    for name in ATTITUDE:
+        sd = at(batch, f"{name}_sd", t)
+        away = (ours.smoothed[name].to_numpy() - at(batch, name, t)) / sd
+        assert np.sqrt(np.mean(away**2)) < 0.3, name
+        np.testing.assert_allclose(np.median(ours.smoothed[f"{name}_sd"] / sd), 1.0, rtol=0.05)
+
+
+def test_how_rows_are_grouped_makes_no_difference(stream: Callable[..., Any]) -> None:
+    recording = simulate("mainline", seed=1, duration_s=50.0).recording
+    first, second = (stream(recording, lag_s=5.0, batch_s=batch_s) for batch_s in (0.1, 1.7))
+    for one, other in zip(first[1:], second[1:], strict=True):
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+
+
+def test_tables(stream: Callable[..., Any], run: Any) -> None:
+    ours = stream(run.recording, lag_s=10.0)
+    assert tuple(ours.filtered) == tuple(ours.smoothed) == TRAJECTORY_COLUMNS
+    assert tuple(ours.geometry) == GEOMETRY_COLUMNS
+    np.testing.assert_allclose(np.diff(ours.smoothed["t_s"]), 0.1, atol=1e-9)
+    np.testing.assert_allclose(np.diff(ours.geometry["chainage_m"]), 0.25, atol=1e-9)
+    assert ours.smoothed["t_s"].iloc[-1] > run.recording.imu["t_s"].iloc[-1] - 1.0
+    assert (np.diff(ours.filtered["t_s"]) > 0.0).all()
+
+
+def test_errors_are_within_their_sigmas_and_shrink_with_the_lag(stream: Callable[..., Any], run: Any) -> None:
+    ours, truth = stream(run.recording, lag_s=20.0), run.truth
+    rms = {}
+    for what, table in (("filtered", ours.filtered), ("smoothed", ours.smoothed)):
+        t = table["t_s"].to_numpy()
+        for name in ("speed_mps", "roll_rad", "pitch_rad"):
+            z = (table[name].to_numpy() - at(truth, name, t)) / table[f"{name}_sd"].to_numpy()
+            assert np.sqrt(np.mean(z**2)) < 2.0
+            rms[what, name] = float(np.sqrt(np.mean((table[name].to_numpy() - at(truth, name, t)) ** 2)))
+    assert rms["smoothed", "speed_mps"] < rms["filtered", "speed_mps"]
+
+
+def test_twist_is_as_good_as_the_batch_smoothers(stream: Callable[..., Any], run: Any) -> None:
+    batch = smooth(run.recording, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)))
+    ours = stream(run.recording, lag_s=20.0)
+    rms = []
+    for geometry, trajectory in ((ours.geometry, ours.smoothed), (batch.geometry, batch.trajectory)):
+        errors = geometry_errors(geometry, trajectory, run.truth, run.truth_geometry)["twist_mm"].dropna()
+        assert len(errors) > 0.9 * len(batch.geometry)
+        rms.append(np.sqrt(np.mean(errors**2)))
+    assert rms[0] < 2.0 * rms[1]  # in two minutes the sensor is not as well known as over a whole run
+
+
+def test_a_start_that_no_fix_has_told_yet_is_not_claimed(stream: Callable[..., Any]) -> None:
+    """Without a fix in the first seconds the place along the track is unknown, then it is known."""
+    simulation = simulate("shuttle", seed=0, duration_s=100.0)
+    fixes = simulation.recording.fixes
+    late = fixes[fixes["t_s"] > 15.0]
+    if late.empty:
+        pytest.skip("no fix on the way")
+    ours = stream(simulation.recording, lag_s=10.0).filtered
+    before = ours[ours["t_s"] < late["t_s"].iloc[0] - 1.0]
+    after = ours[ours["t_s"] > late["t_s"].iloc[0] + 1.0]
+    if len(fixes) == len(late):
+        assert (before["chainage_m_sd"] > 1e3).all()
+    error = after["chainage_m"] - at(simulation.truth, "chainage_m", after["t_s"].to_numpy())
+    assert (np.abs(error) < 4.0 * after["chainage_m_sd"] + 0.1).all()
+
+
+def test_a_lag_without_two_keyframes_is_refused(run: Any) -> None:
+    with pytest.raises(BadInputError, match="a lag of 1 s: expected 2 s or more"):
+        FixedLagSmoother(run.recording.description, lag_s=1.0)
