@@ -49,7 +49,7 @@ def moved_from(origin: States, step: Step) -> States:
 
 def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
     values, (R, p, v, *others, A, b) = parts[: len(_KINDS)], (np.asarray(part) for part in parts[len(_KINDS) :])
-    origins = dict(zip((kind for kind in _KINDS if kind is not Kind.NAV), others, strict=True))
+    origins: dict[Kind, Array] = dict(zip((kind for kind in _KINDS if kind is not Kind.NAV), others, strict=True))
     residual, jacobians = -b, []
     for kind, value in zip(_KINDS, values, strict=True):
         at = offset_in_keyframe(kind)

@@ -109,7 +109,7 @@ def local(value: Value, origin: Value) -> Array:
             ],
             axis=1,
         )
-    return np.asarray(value) - np.asarray(origin)
+    return np.asarray(value, dtype=np.float64) - np.asarray(origin, dtype=np.float64)
 
 
 @dataclass(frozen=True)

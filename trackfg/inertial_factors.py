@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -36,6 +37,12 @@ def graph_of(measurements: Iterable[gtsam.PreintegratedImuMeasurements]) -> gtsa
     for factor in imu_factors(measurements):
         graph.push_back(factor)
     return graph
+
+
+def measurements_of(graph: gtsam.NonlinearFactorGraph) -> tuple[gtsam.PreintegratedImuMeasurements, ...]:
+    """What :func:`graph_of` was given."""
+    factors: list[Any] = [graph.at(k) for k in range(graph.size())]
+    return tuple(factor.preintegratedMeasurements() for factor in factors)
 
 
 def preintegrated(layout: Layout, states: States, speedless: bool) -> list[gtsam.PreintegratedImuMeasurements]:

@@ -101,6 +101,7 @@ class FixedLagSmoother:
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
         covariance = posterior_covariance(update.root.last(2))
+        assert self._tape.data is not None
         problem = setting.problem_of(window.t[-2:], two, self._tape.data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]

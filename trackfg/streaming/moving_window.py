@@ -19,7 +19,7 @@ from trackfg.factors.family import LinearFactors
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.graph import build_problem, placeless
-from trackfg.inertial_factors import graph_of, walk_of
+from trackfg.inertial_factors import graph_of, measurements_of, walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
 from trackfg.solver import solve
@@ -93,7 +93,7 @@ class MovingWindow:
         if tape.description.fixes is not None and problem.family("absolute fix") is None:
             problem = replace(problem, families=placeless(problem.families))  # the first one is to come
         solution = solve(problem, self.config.solver)
-        measured = tuple(problem.native.at(k).preintegratedMeasurements() for k in range(problem.native.size()))
+        measured = measurements_of(problem.native)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         if problem.wheel is not None and tape.description.tach is not None:

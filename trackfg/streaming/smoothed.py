@@ -106,7 +106,7 @@ class SmoothedTables:
         due = when > self.passed_s
         if self.last_cell is not None and when.min() < self.passed_s:
             due = sense * (cell - self.last_cell) > 0
-        cells = cell[due & (when <= until)][::sense]
+        cells: np.ndarray = cell[due & (when <= until)][::sense]
         if len(cells):
             self.last_cell = int(cells[-1])
         return cells
