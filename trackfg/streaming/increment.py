@@ -49,12 +49,17 @@ def interval(
     nav = _predicted(measured, here)
     distance = _distance(here.nav, nav, setting.lever_arm)
     layout = _with_motion(layout, here, nav, distance)
-    count = here.odo[0, 2] + distance if wheel is None else float(wheel.at(t[1:])[0])
+    count = here.odo[0, 2] + (distance if wheel is None else float(np.diff(wheel.at(t))[0]))
     odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
     ahead = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
     families = [*odometer(layout), *motion(layout), *positions(layout)]
     return Interval(
-        float(t[1]), ahead, measured, response, tuple(new for family in families if len(new := _new(family)))
+        float(t[1]),
+        here.bias[0],
+        ahead,
+        measured,
+        response,
+        tuple(new for family in families if len(new := _new(family))),
     )
 
 

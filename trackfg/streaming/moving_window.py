@@ -44,8 +44,10 @@ _REST_LOOK_S = 8.0
 _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
 _TOO_CLOSE = 0.35
-_SETTLED = 15.0
-"""Length of a step, in posterior sigmas, that needs no second one: what a keyframe tells moves its own by some 5."""
+_SETTLED = 1000.0
+"""Length of a step, in posterior sigmas, that needs no second one: a wheel's distance against that of the inertial
+sensor alone makes some hundred, and what is left after the step is less than one.
+"""
 _STEPS = 4
 
 

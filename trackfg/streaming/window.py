@@ -25,10 +25,12 @@ from trackfg.square_root import SquareRoot
 class Interval(NamedTuple):
     """What the time from the newest keyframe (number 0) to the next one (number 1) brings.
 
-    ``ahead``: the next keyframe as predicted, alone. ``response`` (6, 21) of the biases of the interval.
+    ``bias`` (6,) over the interval, what the calibration adds included; ``response`` (6, 21) to it. ``ahead``: the next
+    keyframe as predicted, alone.
     """
 
     t: float
+    bias: Array
     ahead: States
     measured: gtsam.PreintegratedImuMeasurements
     response: Array
@@ -74,9 +76,10 @@ class Window:
             later = family.shifted(last)
             known[family.name] = known[family.name].joined(later) if family.name in known else later
         response = np.concatenate([self.response[:-1], interval.response[None], np.zeros_like(self.response[:1])])
+        bias = np.concatenate([self.states.bias[:-1], interval.bias[None]])
         return Window(
             np.append(self.t, interval.t),
-            self.states.joined(interval.ahead),
+            replace(self.states, bias=bias).joined(interval.ahead),
             (*self.measured, interval.measured),
             response,
             tuple(known.values()),
