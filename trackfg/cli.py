@@ -14,6 +14,7 @@ import typer
 
 from trackfg import __version__
 from trackfg.cli_maps import maps
+from trackfg.cli_stream import stream
 from trackfg.errors import BadInputError, TrackfgError
 from trackfg.terminal import progress_bar, show
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(maps, name="map")
+app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]

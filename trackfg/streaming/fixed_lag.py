@@ -89,7 +89,7 @@ class FixedLagSmoother:
 
     def finish(self) -> Estimates:
         """What is left when no more rows come."""
-        if self._newest is None or self._tables is None:
+        if self._newest is None or self._tables is None:  # too short to begin with
             return Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
         window = self._newest.window
         tables = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from trackfg.errors import BadInputError, OutputError
 
-TABLES = ("filtered", "smoothed", "events")
+TABLES = ("filtered", "smoothed", "geometry", "events")
 
 
 class Sink(Protocol):

@@ -1,0 +1,79 @@
+"""``trackfg stream`` through its real entry point."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trackfg.datasets.scenarios import simulate
+from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.streaming.parquet_parts import read_parts
+
+TRACKFG = [sys.executable, "-m", "trackfg", "stream"]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stream") / "run"
+    simulate("trolley", seed=0, duration_s=90.0).write(folder)
+    return folder
+
+
+def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [*TRACKFG, recording, "--lag", "5", "-o", tmp_path / "out"], capture_output=True, text=True, check=True
+    )
+    assert "no events" in done.stderr
+    filtered, smoothed, geometry = (read_parts(tmp_path / "out", name) for name in ("filtered", "smoothed", "geometry"))
+    assert tuple(filtered) == tuple(smoothed) == TRAJECTORY_COLUMNS
+    assert tuple(geometry) == GEOMETRY_COLUMNS
+    assert smoothed["t_s"].iloc[-1] > 88.0
+    np.testing.assert_allclose(np.diff(smoothed["t_s"]), 0.1, atol=1e-9)
+
+
+def test_json_lines_in_and_out(recording: Path) -> None:
+    description = {
+        "id": "lines",
+        "imu": {"gyro": ["wx", "wy", "wz"], "accel": ["fx", "fy", "fz"]},
+        "tach": {"column": "s", "kind": "distance", "unit": "m", "signed": True},
+    }
+    run = simulate("trolley", seed=0, duration_s=30.0).recording
+    lines = [json.dumps({"description": description})]
+    keyed = [(row[0], {"table": "tach", "t": row[0], "s": row[1]}) for row in run.tach.to_numpy().tolist()]
+    names = ("t", "wx", "wy", "wz", "fx", "fy", "fz")
+    keyed += [(row[0], {"table": "imu", **dict(zip(names, row, strict=True))}) for row in run.imu.to_numpy().tolist()]
+    lines += [json.dumps(row) for _, row in sorted(keyed, key=lambda one: one[0])]
+    done = subprocess.run(
+        [*TRACKFG, "-", "--lag", "5", "-o", "-"], input="\n".join(lines), capture_output=True, text=True, check=True
+    )
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert {row["table"] for row in rows} >= {"filtered", "smoothed"}
+    assert f"{len(keyed)} rows, {len(keyed)} of them used" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere", "-o", "out"], "nowhere"),
+        (["-", "--real-time", "-o", "out"], "--real-time -: expected the folder of a recording"),
+    ],
+)
+def test_what_is_refused(arguments: list[str], said: str, tmp_path: Path) -> None:
+    done = subprocess.run([*TRACKFG, *arguments], capture_output=True, text=True, cwd=tmp_path, input="")
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_with_something_in_it_is_refused(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    done = subprocess.run([*TRACKFG, recording, "-o", tmp_path / "out"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "a stream is never added to another" in done.stderr
