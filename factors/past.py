@@ -1,9 +1,9 @@
 """The past: what keyframes that are gone said of the next one and of the shared variables.
 
-Once they are eliminated (:func:`trackfg.elimination.left_behind`), all their factors together are rows ``A x = b`` on
-the tangent x = (keyframe, shared variables) at the states where they were linearised. The factor keeps these rows, and
-measures x from there however far the states have moved since. (Sibley, Matthies and Sukhatme, "Sliding window filter
-with application to planetary landing", J. Field Robotics 27 (2010).)
+Once they are eliminated (:func:`trackfg.elimination.eliminate_leaving`), all their factors together are rows
+``A x = b`` on the tangent x = (keyframe, shared variables) at the states where they were linearised. The factor keeps
+these rows, and measures x from there however far the states have moved since. (Sibley, Matthies and Sukhatme, "Sliding
+window filter with application to planetary landing", J. Field Robotics 27 (2010).)
 
 Far away the chart matters. Until a vehicle has moved its heading may be off by any angle, while roll and pitch, and
 their part in the accelerometer's bias, are known to a milliradian. So attitudes are compared by their angles roll,

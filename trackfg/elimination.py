@@ -55,45 +55,36 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
 
     Shared variables have index 0. Cost is linear in the number of keyframes.
     """
+    return eliminate_leaving(factors, keyframes, 0)[0]
+
+
+def eliminate_leaving(factors: Sequence[LinearFactors], keyframes: int, gone: int) -> tuple[SquareRoot, Array]:
+    """As :func:`eliminate`, and what the factors that touch the first ``gone`` keyframes of a chain, or the shared
+    variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50); nothing where none goes.
+
+    Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
+    """
     ahead = _ahead(factors, keyframes)
+    if gone and ahead.any():
+        raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
     widths = _PAIR + NAV_DIM * ahead
     with one_thread():
-        conditional, _, alone = _factored(_systems(factors, widths), widths, whole=True)
+        conditional, alone, left = _factored(_systems(factors, widths), widths, gone)
         shared = _triangle(alone)[:SHARED_DIM]
         if len(shared) < SHARED_DIM:
             raise UnsolvableError(_UNDETERMINED)
         R, sign = _positive(np.triu(shared[:, :-1]))
-        return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead)
+        return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead), left
 
 
-def left_behind(factors: Sequence[LinearFactors], gone: int) -> tuple[Conditionals, Array]:
-    """What factors that touch the first ``gone`` keyframes of a chain, or shared variables alone, say: the conditionals
-    of these keyframes, and what is left for the rest, rows [A b] of ``A (x_gone, s) = b``, shape (49, 50).
-
-    Raises ``ValueError`` where factors reach further than to the next keyframe, ``UnsolvableError`` where the keyframes
-    are not determined.
-    """
-    ahead = _ahead(factors, gone)
-    if ahead.any():
-        raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
-    widths = np.full(gone, _PAIR)
-    with one_thread():
-        conditional, left, alone = _factored(_systems(factors, widths), widths, whole=False)
-        shared = np.triu(_triangle(alone)[:SHARED_DIM])
-    rest = np.zeros((SIZE, SIZE + 1))
-    rest[: len(left)] = left
-    rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
-    return _conditionals(conditional, ahead), rest
-
-
-def _factored(systems: Iterator[Array], widths: np.ndarray, *, whole: bool) -> tuple[Array, Array, Array]:
-    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; what is left for the keyframe
-    after the last, nothing if they are the ``whole`` chain; rows of the shared variables alone.
+def _factored(systems: Iterator[Array], widths: np.ndarray, gone: int) -> tuple[Array, Array, Array]:
+    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; rows of the shared variables
+    alone; what the first ``gone`` keyframes leave, as :func:`eliminate_leaving` says.
     """
     keyframes = len(widths)
     conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
     alone = [next(systems)]
-    left = np.zeros((0, 0))
+    left, left_by_gone = np.zeros((0, 0)), np.zeros((0, SIZE + 1))
     place: np.ndarray | slice = slice(0)
     for k, own in enumerate(systems):
         width, carried = int(widths[k]), len(left)
@@ -106,11 +97,22 @@ def _factored(systems: Iterator[Array], widths: np.ndarray, *, whole: bool) -> t
         conditional[k, :, : width + _TAIL] = triangle[:KEYFRAME_DIM]
         rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
-        after = 0 if whole and k + 1 == keyframes else width - KEYFRAME_DIM
+        after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
         place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
-    return conditional, left, np.concatenate(alone)
+        if k + 1 == gone:
+            left_by_gone = _left(left, np.concatenate(alone))
+    return conditional, np.concatenate(alone), left_by_gone
+
+
+def _left(left: Array, alone: Array) -> Array:
+    """Rows over (x, s | b) of both, (49, 50)."""
+    shared = np.triu(_triangle(alone)[:SHARED_DIM])
+    rest = np.zeros((SIZE, SIZE + 1))
+    rest[: len(left)] = left
+    rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
+    return rest
 
 
 def _conditionals(conditional: Array, ahead: np.ndarray) -> Conditionals:

@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
 from trackfg.datasets.scenarios import Simulation
-from trackfg.elimination import eliminate, left_behind
+from trackfg.elimination import eliminate, eliminate_leaving
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.past import past
@@ -63,10 +63,8 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     n, gone, states = len(problem.t), 7, problem.initial
     inertial = linearize_imu_factors(problem.native, states.to_gtsam())
     factors = [inertial, *(family.linearize(states) for family in problem.families)]
-    early, late = zip(*(divided(one, gone) for one in factors), strict=True)
-    conditionals, rows = left_behind([one for one in early if len(one.b)], gone)
-    whole = eliminate(factors, n)
-    np.testing.assert_allclose(conditionals.R, whole.R[:gone], rtol=1e-6, atol=1e-6 * np.abs(whole.R[:gone]).max())
+    late = [from_keyframe(one, gone) for one in factors]
+    whole, rows = eliminate_leaving(factors, n, gone)
     rest = eliminate(
         [past(rows, states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late], n - gone
     )
@@ -75,16 +73,12 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     np.testing.assert_allclose(marginal, posterior_covariance(whole).marginal[gone:], rtol=1e-4, atol=1e-14)
 
 
-def divided(factors: LinearFactors, keyframe: int) -> tuple[LinearFactors, LinearFactors]:
-    """Those that touch keyframes before, or none, and the others by numbers of their own."""
+def from_keyframe(factors: LinearFactors, keyframe: int) -> LinearFactors:
+    """Those that touch none before, by numbers of their own."""
     own = [slot.index for slot in factors.slots if not slot.kind.shared]
-    early = np.min(own, axis=0) < keyframe if own else np.ones(len(factors.b), dtype=bool)
-
-    def some(chosen: np.ndarray, shift: int) -> LinearFactors:
-        slots = tuple(Slot(s.kind, s.index[chosen] - (0 if s.kind.shared else shift)) for s in factors.slots)
-        return LinearFactors(slots, [jacobian[chosen] for jacobian in factors.jacobians], factors.b[chosen])
-
-    return some(early, 0), some(~early, keyframe)
+    late = np.min(own, axis=0) >= keyframe if own else np.zeros(len(factors.b), dtype=bool)
+    slots = tuple(Slot(s.kind, s.index[late] - (0 if s.kind.shared else keyframe)) for s in factors.slots)
+    return LinearFactors(slots, [jacobian[late] for jacobian in factors.jacobians], factors.b[late])
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.config import SmoothConfig
+from trackfg.covariance import posterior_covariance
 from trackfg.errors import UnsolvableError
-from trackfg.factors.family import LinearFactors
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.graph import build_problem, placeless
@@ -31,6 +31,7 @@ from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.tape import Tape
 from trackfg.streaming.window import Gone, Window
+from trackfg.trajectory import QUANTITIES, keyframe_variances
 from trackfg.wheel import Wheel
 
 START_S = 10.0
@@ -48,7 +49,13 @@ _SETTLED = 1000.0
 """Length of a step, in posterior sigmas, that needs no second one: a wheel's distance against that of the inertial
 sensor alone makes some hundred, and what is left after the step is less than one.
 """
+_SETTLED_AT_START = 15.0
 _STEPS = 4
+_ORIENTED_RAD = 0.03
+_LONGEST_WITHOUT_HEADING = 240
+"""Keyframes: a vehicle may stand for hours before it shows its heading."""
+_TOGETHER = 4
+"""Keyframes leave that many at a time."""
 
 
 class Update(NamedTuple):
@@ -73,6 +80,8 @@ class MovingWindow:
     setting: Setting | None = None
     window: Window | None = None
     odometer: Odometer | None = None
+    oriented: bool = False
+    """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def updates(self) -> Iterator[Update]:
@@ -143,28 +152,29 @@ class MovingWindow:
         window = window.extended(new)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
-        window, root, linear, origin, by_batch = self._solved(window)
-        count, left, gone = int(np.searchsorted(window.t, t - self.lag_s)), window, None
-        if count > 0:
-            left, gone = window.left(count, linear, origin)
-        self.window = left
+        leaving = int(np.searchsorted(window.t, t - self.lag_s))
+        if leaving < _TOGETHER or not (self.oriented or len(window) > _LONGEST_WITHOUT_HEADING):
+            leaving = 0
+        window, root, left, origin, by_batch = self._solved(window, leaving)
+        self.oriented = self.oriented or self._heading_sd(window, root) < _ORIENTED_RAD
+        self.window, gone = window.without(leaving, root, left, origin) if leaving else (window, None)
         return Update(window, root, gone, by_batch)
 
-    def _solved(self, window: Window) -> tuple[Window, SquareRoot, list[LinearFactors], States, str]:
-        """By a few steps, or as a batch; with the factors as linearised last, and where."""
+    def _solved(self, window: Window, leaving: int) -> tuple[Window, SquareRoot, Array, States, str]:
+        """By a few steps, or as a batch; with what keyframes leave that are leaving, and where it was linearised."""
         try:
             for _ in range(_STEPS):
                 origin = window.states
-                window, root, linear = window.moved()
-                if root.length < _SETTLED:
-                    return window, root, linear, origin, ""
+                window, root, left = window.moved(leaving)
+                if root.length < (_SETTLED if self.oriented else _SETTLED_AT_START):
+                    return window, root, left, origin, ""
             reason = f"the step was {root.length:.2g} posterior sigmas after {_STEPS} of them"
         except (UnsolvableError, ValueError, np.linalg.LinAlgError) as error:
             reason = str(error)
         window = self._by_batch(window)
         origin = window.states
-        window, root, linear = window.moved()
-        return window, root, linear, origin, reason
+        window, root, left = window.moved(leaving)
+        return window, root, left, origin, reason
 
     def _by_batch(self, window: Window) -> Window:
         """The whole window from what it knows."""
@@ -173,6 +183,13 @@ class MovingWindow:
         problem = self.setting.problem_of(window.t, window.states, self.tape.data)
         problem = replace(problem, native=graph_of(window.measured), families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
+
+    def _heading_sd(self, window: Window, root: SquareRoot) -> float:
+        """The sigma of the newest yaw, rad."""
+        assert self.setting is not None
+        covariance = posterior_covariance(root.last(1))
+        variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.setting.lever_arm)
+        return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
 
     def _find_rests(self, wheel: Wheel | None, until: float) -> None:
         span = np.array([until - self.config.motion.min_rest_s, until])

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from trackfg.elimination import Conditionals, eliminate, left_behind
-from trackfg.factors.family import Family, LinearFactors, Slot
+from trackfg.elimination import Conditionals, eliminate_leaving
+from trackfg.factors.family import Family, LinearFactors
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.past import past
 from trackfg.factors.states import States
@@ -90,44 +90,32 @@ class Window:
         inertial = linearize_imu_factors(graph_of(self.measured), self.states.to_gtsam())
         return [inertial, *(family.linearize(self.states) for family in self.families)]
 
-    def moved(self) -> tuple[Window, SquareRoot, list[LinearFactors]]:
-        """One Gauss-Newton step on: the window, the square root of the information, what it was made from.
+    def moved(self, gone: int) -> tuple[Window, SquareRoot, Array]:
+        """One Gauss-Newton step on: the window, the square root of the information, and what its first ``gone``
+        keyframes leave for the rest (:func:`~trackfg.elimination.eliminate_leaving`), linearised before the step.
 
         Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
         """
-        linear = self.linearized()
-        root = eliminate(linear, len(self))
+        root, left = eliminate_leaving(self.linearized(), len(self), gone)
         if not np.isfinite(root.length):
             raise ValueError("the step is not finite")
-        return replace(self, states=self.states.moved(root.solution())), root, linear
+        return replace(self, states=self.states.moved(root.solution())), root, left
 
-    def left(self, gone: int, linear: list[LinearFactors], origin: States) -> tuple[Window, Gone]:
-        """Without the first ``gone`` keyframes, and what went; ``linear`` are all factors, linearised at ``origin``."""
-        early = [some for factors in linear if (some := _before(factors, gone)) is not None]
-        conditionals, rest = left_behind(early, gone)
+    def without(self, gone: int, root: SquareRoot, left: Array, origin: States) -> tuple[Window, Gone]:
+        """Without the first ``gone`` keyframes, and what went; ``root`` and what is ``left`` as linearised at
+        ``origin``.
+        """
         kept = [
             family.take(later).shifted(-gone)
             for family in self.families
             if (later := np.flatnonzero(family.first_keyframe >= gone)).size
         ]
-        here = origin.take(slice(gone, gone + 1))
         window = Window(
             self.t[gone:],
             self.states.take(slice(gone, None)),
             self.measured[gone:],
             self.response[gone:],
-            (past(rest, here), *kept),
+            (past(left, origin.take(slice(gone, gone + 1))), *kept),
         )
+        conditionals = Conditionals(root.R[:gone], root.S[:gone], root.d[:gone])
         return window, Gone(self.t[:gone], conditionals, origin.take(slice(0, gone + 1)))
-
-
-def _before(factors: LinearFactors, keyframe: int) -> LinearFactors | None:
-    """Those that touch keyframes before, or shared variables alone."""
-    own = [slot.index for slot in factors.slots if not slot.kind.shared]
-    if not own:
-        return factors
-    early = np.flatnonzero(np.min(own, axis=0) < keyframe)
-    if not early.size:
-        return None
-    slots = tuple(Slot(slot.kind, slot.index[early]) for slot in factors.slots)
-    return LinearFactors(slots, [jacobian[early] for jacobian in factors.jacobians], factors.b[early])

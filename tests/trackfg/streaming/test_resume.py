@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from trackfg.streaming.intake import Intake
 from trackfg.streaming.json_lines_source import JsonLinesSource
 from trackfg.streaming.parquet_parts import ParquetParts, read_parts
+from trackfg.streaming.sinks import TABLES
 from trackfg.streaming.sources import Source
 from trackfg.streaming.stream_events import event_table
 
@@ -87,7 +88,7 @@ def test_killed_at_any_moment(
         intake = Intake.of(source)
         if state["intake"] is not None:
             intake.restore(state["intake"])
-        begun = state["sink"] or {name: {"part": 1, "rows": 0} for name in ("filtered", "smoothed", "events")}
+        begun = state["sink"] or {name: {"part": 1, "rows": 0} for name in TABLES}
         sink = ParquetParts(folder / "killed", rows_per_part=100, state=begun)
         try:
             run(source, intake, sink, saved, every=every, killed_at=killed_at)

@@ -193,7 +193,7 @@ def test_parts_that_are_not_there_or_damaged_are_one_error(tmp_path: Path) -> No
     assert read_parts(tmp_path, "filtered").empty
     sink.write("filtered", frame(0, 35))
     state = sink.checkpoint()
-    with pytest.raises(BadInputError, match="no such folder; expected one of filtered, smoothed, events"):
+    with pytest.raises(BadInputError, match="no such folder; expected one of filtered, smoothed, geometry, events"):
         read_parts(tmp_path, "others")
     (tmp_path / "filtered" / "part-000004.parquet").write_bytes(b"PAR1")
     with pytest.raises(BadInputError, match=r"part-000004\.parquet: cannot be read"):
