@@ -22,10 +22,12 @@ if TYPE_CHECKING:
     from trackfg.recording_io import read_recording, write_recording
     from trackfg.results import Result
     from trackfg.smoother import smooth
+    from trackfg.streaming.fixed_lag import FixedLagSmoother
     from trackfg.strip_chart import plot_geometry
 
 __all__ = [
     "BadInputError",
+    "FixedLagSmoother",
     "Recording",
     "Result",
     "SmoothConfig",
@@ -43,6 +45,7 @@ __all__ = [
 __getattr__ = late_names(
     __name__,
     {
+        "FixedLagSmoother": "streaming.fixed_lag",
         "Recording": "recording",
         "Result": "results",
         "SmoothConfig": "config",

@@ -8,11 +8,12 @@ rows -> tape -> moving window -> the newest state at once (filtered); what is ol
 ...     rows, events = intake.push(batch)
 ...     estimates = smoother.put(rows)
 ...     print(estimates.filtered[["t_s", "chainage_m", "chainage_m_sd"]])
->>> rest = smoother.finish()
+>>> last = [smoother.put(intake.finish()[0]), smoother.finish()]
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -75,25 +76,30 @@ class FixedLagSmoother:
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
         self._tape.put(rows)
+        return self._estimates(self._moving.updates())
+
+    def finish(self) -> Estimates:
+        """What is left when no more rows come; nothing where they were too few to begin with."""
+        last = self._moving.last()
+        estimates = self._estimates(iter([] if last is None else [last]))
+        if self._newest is None or self._tables is None:
+            return estimates
+        window = self._newest.window
+        tables = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
+        return Estimates(
+            estimates.filtered,
+            _joined([estimates.smoothed, tables.trajectory], NO_TRAJECTORY),
+            _joined([estimates.geometry, tables.geometry], NO_GEOMETRY),
+        )
+
+    def _estimates(self, updates: Iterator[Update]) -> Estimates:
         at_once, smoothed, geometry = [], [], []
-        for update in self._moving.updates():
+        for update in updates:
             at_once.append(self._filtered(update))
             pieces = self._smoothed(update)
             smoothed.append(pieces.smoothed)
             geometry.append(pieces.geometry)
-        return Estimates(
-            _table(at_once),
-            _joined(smoothed, NO_TRAJECTORY),
-            _joined(geometry, NO_GEOMETRY),
-        )
-
-    def finish(self) -> Estimates:
-        """What is left when no more rows come."""
-        if self._newest is None or self._tables is None:  # too short to begin with
-            return Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
-        window = self._newest.window
-        tables = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
-        return Estimates(NO_TRAJECTORY, tables.trajectory, tables.geometry)
+        return Estimates(_table(at_once), _joined(smoothed, NO_TRAJECTORY), _joined(geometry, NO_GEOMETRY))
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""

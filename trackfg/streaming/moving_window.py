@@ -45,6 +45,7 @@ _REST_LOOK_S = 8.0
 _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
 _TOO_CLOSE = 0.35
+_LEAST_S = 0.02
 _SETTLED = 1000.0
 """Length of a step, in posterior sigmas, that needs no second one: a wheel's distance against that of the inertial
 sensor alone makes some hundred, and what is left after the step is less than one.
@@ -93,6 +94,13 @@ class MovingWindow:
             yield first
         while (t := self._next_keyframe()) is not None:
             yield self._advanced(t)
+
+    def last(self) -> Update | None:
+        """A keyframe at the end of the rows, if they reach beyond the newest one."""
+        self.tape.end()
+        if self.window is None or self.tape.until < self.window.t[-1] + _LEAST_S:
+            return None
+        return self._advanced(self.tape.until)
 
     def _first(self) -> Update | None:
         tape = self.tape

@@ -55,6 +55,15 @@ class Tape:
             self.waiting = np.concatenate([self.waiting, rows.imu])
             self._lay_out()
 
+    def end(self) -> None:
+        """No more rows come: the sample that waits is as long as the others."""
+        if self.data is not None and len(self.waiting):
+            rows = self.waiting
+            assert self.dt is not None
+            last = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, float(self.data.edges[-1]))
+            self.data, self.samples = self.data.joined(last), np.concatenate([self.samples, rows])
+            self.waiting = rows[:0]
+
     @property
     def until(self) -> float:
         """Up to where the inertial record is laid out, s."""
