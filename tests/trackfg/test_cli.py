@@ -20,7 +20,19 @@ from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
 from trackfg.results import Result
 
-COMMANDS = ("demo", "scenarios", "simulate", "check", "smooth", "estimators", "baseline", "compare", "plot", "report")
+COMMANDS = (
+    "demo",
+    "scenarios",
+    "simulate",
+    "check",
+    "smooth",
+    "stream",
+    "estimators",
+    "baseline",
+    "compare",
+    "plot",
+    "report",
+)
 MODULE = [sys.executable, "-m", "trackfg"]
 
 

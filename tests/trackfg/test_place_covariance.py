@@ -20,7 +20,8 @@ def test_its_diagonal_is_what_the_geometry_table_says(smoothed: Callable[..., Sm
     p = len(places.chainage_m)
     assert p >= 4
     at = geometry.loc[places.chainage_m.round(6)]
-    np.testing.assert_allclose(sd[:p], at["chainage_m_sd"], rtol=0.02)
+    # Where it grows from nothing, at the start, the two interpolate it differently between keyframes.
+    np.testing.assert_allclose(sd[:p], at["chainage_m_sd"], rtol=0.02, atol=2e-5)
     if scenario == "mainline":  # without lasers, and with a mounting whose roll is known
         known = at["cross_level_mm_sd"].notna().to_numpy()
         np.testing.assert_allclose(sd[p:][known], at["cross_level_mm_sd"][known], rtol=0.02)

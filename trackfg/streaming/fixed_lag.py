@@ -53,7 +53,8 @@ class Estimates(NamedTuple):
 class FixedLagSmoother:
     """The batch smoother's graph on the last ``lag_s`` seconds of a stream.
 
-    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes.
+    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, and for a
+    description in which nothing measures speed.
     """
 
     def __init__(
@@ -68,6 +69,8 @@ class FixedLagSmoother:
             raise BadInputError(
                 f"a lag of {lag_s:g} s: expected {2.0 * self.config.keyframes.interval_s:g} s or more, two keyframes"
             )
+        if description.tach is None and description.gnss is None:
+            raise BadInputError(f"{description.id}: nothing measures speed: expected [tach] or [gnss] for a stream")
         self._tape = Tape(description)
         self._moving = MovingWindow(self._tape, self.config, lag_s)
         self._tables: SmoothedTables | None = None

@@ -41,7 +41,8 @@ class Tables(NamedTuple):
 @dataclass
 class SmoothedTables:
     """Makes the tables of a stream; ``done_s`` (trajectory) and ``passed_s`` (geometry): up to when they are made;
-    ``last_cell``, in steps of chainage: the last place of the geometry."""
+    ``last_cell``, in steps of chainage: the last place of the geometry.
+    """
 
     setting: Setting
     done_s: float

@@ -99,3 +99,9 @@ def test_a_start_that_no_fix_has_told_yet_is_not_claimed(stream: Callable[..., A
 def test_a_lag_without_two_keyframes_is_refused(run: Any) -> None:
     with pytest.raises(BadInputError, match="a lag of 1 s: expected 2 s or more"):
         FixedLagSmoother(run.recording.description, lag_s=1.0)
+
+
+def test_without_anything_that_measures_speed_it_is_refused(run: Any) -> None:
+    blind = run.recording.description.model_copy(update={"tach": None, "gnss": None})
+    with pytest.raises(BadInputError, match="nothing measures speed"):
+        FixedLagSmoother(blind)
