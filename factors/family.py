@@ -40,6 +40,11 @@ class Slot:
         return keys
 
 
+def own_keyframes(slots: Sequence[Slot]) -> list[np.ndarray]:
+    """The keyframes that factors touch, (m,) for each slot whose variable is not shared."""
+    return [slot.index for slot in slots if not slot.kind.shared]
+
+
 class LinearFactors(NamedTuple):
     """m linear factors ``A d = b``, whitened: Jacobians (m, r, dim), one per slot, and right-hand sides (m, r)."""
 
@@ -175,7 +180,7 @@ class Family:
         return self._own(np.max)
 
     def _own(self, choose: Callable[..., np.ndarray]) -> np.ndarray:
-        own = [slot.index for slot in self.slots if not slot.kind.shared]
+        own = own_keyframes(self.slots)
         return choose(own, axis=0) if own else np.full(len(self), -1)
 
     def at_start(self) -> Family:

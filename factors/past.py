@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.factors.family import Family, Slot
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, local, offset_in_keyframe
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
 from trackfg.frames import Array, euler_rates, matrix_from_rpy, rpy_from_matrix
 
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
@@ -25,12 +25,14 @@ _IN_KEYFRAME = len(ELIMINATION_ORDER)
 
 def away(value: Value, origin: Value) -> Array:
     """The tangents (m, dim) from ``origin`` to ``value``, in this module's chart."""
-    x = local(value, origin)
-    if isinstance(value, Nav) and isinstance(origin, Nav):
-        angles = rpy_from_matrix(value.R) - rpy_from_matrix(origin.R)
-        angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
-        x[:, :3] = np.linalg.solve(euler_rates(rpy_from_matrix(origin.R)), angles[:, :, None])[:, :, 0]
-    return x
+    if not (isinstance(value, Nav) and isinstance(origin, Nav)):
+        return np.asarray(value, dtype=np.float64) - np.asarray(origin, dtype=np.float64)
+    rpy = rpy_from_matrix(origin.R)
+    angles = rpy_from_matrix(value.R) - rpy
+    angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
+    turn = np.linalg.solve(euler_rates(rpy), angles[:, :, None])[:, :, 0]
+    shift, faster = (np.einsum("mji,mj->mi", origin.R, part) for part in (value.p - origin.p, value.v - origin.v))
+    return np.concatenate([turn, shift, faster], axis=1)
 
 
 def step_from(origin: States, states: States) -> Step:

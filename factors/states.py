@@ -98,21 +98,6 @@ def retract(value: Value, delta: Array) -> Value:
     return value + delta
 
 
-def local(value: Value, origin: Value) -> Array:
-    """The tangent vectors (m, dim) by which ``origin`` is moved to ``value``: :func:`retract` the other way."""
-    if isinstance(value, Nav) and isinstance(origin, Nav):
-        back = np.swapaxes(origin.R, 1, 2)
-        return np.concatenate(
-            [
-                so3_log(back @ value.R),
-                np.einsum("mij,mj->mi", back, value.p - origin.p),
-                np.einsum("mij,mj->mi", back, value.v - origin.v),
-            ],
-            axis=1,
-        )
-    return np.asarray(value, dtype=np.float64) - np.asarray(origin, dtype=np.float64)
-
-
 @dataclass(frozen=True)
 class States:
     """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3), imu (1, 21),
@@ -134,15 +119,12 @@ class States:
         """The keyframes of some rows, and the shared variables."""
         return replace(self, nav=self.nav[rows], bias=self.bias[rows], odo=self.odo[rows])
 
-    def joined(self, later: States) -> States:
-        """These keyframes, then the later ones; shared variables of the later."""
-        nav = Nav(
-            np.concatenate([self.nav.R, later.nav.R]),
-            np.concatenate([self.nav.p, later.nav.p]),
-            np.concatenate([self.nav.v, later.nav.v]),
-        )
-        bias, odo = np.concatenate([self.bias, later.bias]), np.concatenate([self.odo, later.odo])
-        return replace(later, nav=nav, bias=bias, odo=odo)
+    def joined(self, *later: States) -> States:
+        """These keyframes, then the later ones; shared variables of the last."""
+        every = (self, *later)
+        nav = Nav(*(np.concatenate([getattr(states.nav, part) for states in every]) for part in ("R", "p", "v")))
+        bias, odo = (np.concatenate([getattr(states, part) for states in every]) for part in ("bias", "odo"))
+        return replace(every[-1], nav=nav, bias=bias, odo=odo)
 
     def turned(self, R: Array) -> States:
         """With other attitudes (n, 3, 3)."""

@@ -75,9 +75,9 @@ def defects(seed: int, length_m: float, size_mm: float) -> tuple[Defect, ...]:
 def compared(base: Result, result: Result) -> tuple[Changes, float]:
     """What changed from the first result to the second, and the seconds it took."""
     grid = base.geometry.assign(observations=1)
-    to_map, match = laid_over(result, grid, MAP_SD_M)
+    match = laid_over(result, grid, MAP_SD_M)
+    to_map, used = match.warp, match.used
     assert to_map is not None
-    used = match.sections[match.sections["used"]]
     shift_sd = np.interp(result.geometry["chainage_m"], used["run_m"], used["match_sd_m"])
     began = time.perf_counter()
     meaning = result.summary.geometry

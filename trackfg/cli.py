@@ -110,9 +110,9 @@ def simulate(
     from trackfg.datasets.line_file import read_line_file
     from trackfg.datasets.scenarios import scenario as named
     from trackfg.datasets.scenarios import simulate as run_scenario
+    from trackfg.own_folder import refuse_used
 
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise BadInputError(f"{out}: exists; recordings are never overwritten: choose another folder")
+    refuse_used(out, "recordings are never overwritten")
     plan = named(scenario)
     if line is not None:
         given = read_line_file(line)

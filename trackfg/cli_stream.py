@@ -41,14 +41,15 @@ def stream(
     In OUT are the tables filtered, smoothed, geometry and events, in parts.
     """
     from trackfg.config import SmoothConfig
+    from trackfg.own_folder import refuse_used
     from trackfg.streaming.fixed_lag import FixedLagSmoother
     from trackfg.streaming.parquet_parts import ParquetParts
     from trackfg.streaming.run import run_stream
     from trackfg.streaming.sinks import JsonLines, Sink
 
     settings = SmoothConfig.from_toml(config) if config else None
-    if out != _STANDARD and Path(out).exists() and not (Path(out).is_dir() and not any(Path(out).iterdir())):
-        raise BadInputError(f"{out}: exists; a stream is never added to another: choose another folder")
+    if out != _STANDARD:
+        refuse_used(Path(out), "a stream is never added to another")
     rows = _source(source, real_time=real_time)
     smoother = FixedLagSmoother(rows.description, settings, lag_s=lag)
     sink: Sink = JsonLines(sys.stdout) if out == _STANDARD else ParquetParts(out)

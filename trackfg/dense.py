@@ -29,6 +29,7 @@ from trackfg.graph import Problem
 from trackfg.hermite import hermite_rates, hermite_weights
 from trackfg.inertial import compress, increment_starts, running_turn
 
+_LONGEST_STEP_S = 0.02
 _CHUNK = 400
 """Intervals at a time: what is needed on the way stays small."""
 
@@ -70,6 +71,12 @@ class DenseMotion:
         end = np.where(self.keyframe[i + 1] > keyframe, 1.0, self.fraction[i + 1])
         fraction = self.fraction[i] + f[:, 0] * (end - self.fraction[i])
         return DenseMotion(t, nav, distance, self.gyro[i], keyframe, fraction)
+
+
+def dense_step(states: States, step_m: float) -> float:
+    """Fine enough for a row per step of the geometry's grid at the highest speed, s."""
+    fastest = float(np.linalg.norm(states.nav.v, axis=1).max())
+    return min(_LONGEST_STEP_S, 0.8 * step_m / max(fastest, 1e-3))
 
 
 def dense_motion(problem: Problem, states: States, step_s: float, times: Array | None = None) -> DenseMotion:

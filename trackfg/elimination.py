@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from trackfg.errors import UnsolvableError
-from trackfg.factors.family import LinearFactors, Slot
+from trackfg.factors.family import LinearFactors, Slot, own_keyframes
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.one_thread import one_thread
@@ -175,7 +175,7 @@ def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
     """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
     last = np.arange(1, keyframes + 1)
     for slots, _, _ in factors:
-        own = [slot.index for slot in slots if not slot.kind.shared]
+        own = own_keyframes(slots)
         if own:
             np.maximum.at(last, np.min(own, axis=0), np.max(own, axis=0))
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
@@ -200,7 +200,7 @@ def _systems(factors: Sequence[LinearFactors], widths: np.ndarray) -> Iterator[A
 def _by_first(factors: LinearFactors) -> tuple[LinearFactors, np.ndarray]:
     """Factors in order of the first keyframe of each, -1 for shared variables alone, and these keyframes (m,)."""
     slots, jacobians, b = factors
-    own = [slot.index for slot in slots if not slot.kind.shared]
+    own = own_keyframes(slots)
     first = np.min(own, axis=0) if own else np.full(len(b), -1)
     if (np.diff(first) >= 0).all():
         return factors, first

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trackfg.canonical import median_interval
 from trackfg.frames import Array, matrix_from_quaternion, quaternion_exp, quaternion_log, quaternion_product
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
@@ -63,7 +64,7 @@ class Intervals:
 def intervals(recording: Recording) -> Intervals:
     """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
     t = recording.imu["t_s"].to_numpy()
-    return laid_out(t, recording.gyro, recording.accel, float(np.median(np.diff(t))) if t.size > 1 else 0.0)
+    return laid_out(t, recording.gyro, recording.accel, median_interval(t))
 
 
 def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None = None) -> Intervals:

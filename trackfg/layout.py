@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from trackfg.config import SmoothConfig
+from trackfg.description import RecordingDescription
 from trackfg.factors.bias import response_terms
 from trackfg.factors.imu import ImuNoise
 from trackfg.factors.states import SHARED, Nav, States
@@ -44,6 +45,12 @@ def world_of(recording: Recording) -> World:
     if not georeferenced:
         rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
     return World(gravity, rate, start_yaw)
+
+
+def assumed_noise(description: RecordingDescription, config: SmoothConfig) -> ImuNoise:
+    """White noise of the inertial samples: the declared one times its level."""
+    declared, level = description.imu.noise, config.noise
+    return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
 
 
 def still_between(t: Array, rests: Array) -> np.ndarray:
@@ -95,9 +102,8 @@ class Layout:
 
     @property
     def noise(self) -> ImuNoise:
-        """White noise of the inertial samples as assumed: the declared one times its level."""
-        declared, level = self.recording.description.imu.noise, self.config.noise
-        return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+        """White noise of the inertial samples as assumed."""
+        return assumed_noise(self.recording.description, self.config)
 
     @cached_property
     def response(self) -> Array:

@@ -77,6 +77,12 @@ class FolderKind:
                 os.close(descriptor)
 
 
+def refuse_used(path: Path, why: str) -> None:
+    """Raise :class:`BadInputError` unless ``path`` is absent or an empty folder; ``why`` ends the message."""
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise BadInputError(f"{path}: exists; {why}: choose another folder")
+
+
 def _read_in(folder: int, name: str) -> bytes:
     with open(os.open(name, os.O_RDONLY, dir_fd=folder), "rb") as file:
         return file.read()

@@ -17,7 +17,7 @@ import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, posterior_covariance
-from trackfg.dense import DenseMotion, dense_motion
+from trackfg.dense import DenseMotion, dense_motion, dense_step
 from trackfg.events import event_table
 from trackfg.factors.states import Kind, States
 from trackfg.findings import Finding
@@ -37,9 +37,6 @@ from trackfg.trajectory import calibration_table, trajectory_table
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
-
-_DENSE_STEP_S = 0.02
-"""Longest step of the integration between keyframes."""
 
 _NOISE_SETTLED = 0.05
 """Relative change of the noise levels below which they are not adapted further."""
@@ -150,7 +147,7 @@ def _written_out(
     track = recording.description.track
     with stages.stage("output"):
         clock = _clock(problem, config.output.rate_hz)
-        motion = dense_motion(problem, solution.states, _dense_step(solution, config.geometry.step_m), clock)
+        motion = dense_motion(problem, solution.states, dense_step(solution.states, config.geometry.step_m), clock)
         at_clock = motion.at(clock)
         trajectory = trajectory_table(problem, at_clock, solution.states, covariance, track.direction)
         calibration = calibration_table(problem, at_clock, solution.states, covariance)
@@ -248,12 +245,6 @@ def _profiles(
     if {view.side for view in views} == set(SIDES):
         return rail_profiles(problem, motion, states, direction, step_m, views)
     return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []
-
-
-def _dense_step(solution: Solution, step_m: float) -> float:
-    """Fine enough for a row per step of the geometry's grid at the highest speed, s."""
-    fastest = float(np.linalg.norm(solution.states.nav.v, axis=1).max())
-    return min(_DENSE_STEP_S, 0.8 * step_m / max(fastest, 1e-3))
 
 
 def _clock(problem: Problem, rate_hz: float) -> Array:

@@ -123,7 +123,8 @@ def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tupl
     assert grid is not None
     both = facts.anchored and survey.anchored
     map_sd = float(np.sqrt(np.median(np.diag(survey.at.covariance))))
-    to_map, recognition = laid_over(result, grid, map_sd if both else None)
+    recognition = laid_over(result, grid, map_sd if both else None)
+    to_map = recognition.warp
     if to_map is not None:
         return to_map, recognition
     mine, theirs = result.geometry["chainage_m"], grid["chainage_m"]

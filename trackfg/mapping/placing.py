@@ -9,7 +9,6 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.recognition import Recognition, recognise
-from trackfg.mapping.warp import Warp
 from trackfg.results import GeometryConventions, Result
 
 if TYPE_CHECKING:
@@ -26,20 +25,19 @@ def check_conventions(meaning: GeometryConventions, conventions: MapConventions,
             raise BadInputError(f"run {run}: {name} is {ours:g}; expected that of the map, {theirs:g}")
 
 
-def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> tuple[Warp | None, Recognition]:
-    """The way from the run's chainage to the grid's, None where the run is not recognised, and what was recognised.
+def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Recognition:
+    """A run recognised on a grid; its ``warp`` is the way from the run's chainage to the grid's.
 
     ``map_sd_m``: how well the grid's chainage is known; None where run and grid do not count from the same place.
     """
     wheel, facts = result.summary.wheel_scale, result.summary.run
-    recognition = recognised_near(
+    return recognised_near(
         result.geometry,
         grid,
         map_sd_m,
         rate_sd=_SCALE_SD_WITHOUT_WHEEL if wheel is None else wheel.sd,
         direction=1 if facts is None else facts.direction,
     )
-    return recognition.warp, recognition
 
 
 def recognised_near(

@@ -29,7 +29,7 @@ from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
-from trackfg.streaming.smoothed import SmoothedTables
+from trackfg.streaming.smoothed import SmoothedTables, Tables
 from trackfg.streaming.tape import Tape
 from trackfg.trajectory import trajectory_columns
 
@@ -88,21 +88,15 @@ class FixedLagSmoother:
         if self._newest is None or self._tables is None:
             return estimates
         window = self._newest.window
-        tables = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
-        return Estimates(
-            estimates.filtered,
-            _joined([estimates.smoothed, tables.trajectory], NO_TRAJECTORY),
-            _joined([estimates.geometry, tables.geometry], NO_GEOMETRY),
-        )
+        rest = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
+        return _estimates_of(estimates.filtered, [Tables(estimates.smoothed, estimates.geometry), rest])
 
     def _estimates(self, updates: Iterator[Update]) -> Estimates:
-        at_once, smoothed, geometry = [], [], []
+        at_once, pieces = [], []
         for update in updates:
             at_once.append(self._filtered(update))
-            pieces = self._smoothed(update)
-            smoothed.append(pieces.smoothed)
-            geometry.append(pieces.geometry)
-        return Estimates(_table(at_once), _joined(smoothed, NO_TRAJECTORY), _joined(geometry, NO_GEOMETRY))
+            pieces += self._smoothed(update)
+        return _estimates_of(_table(at_once), pieces)
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
@@ -117,29 +111,32 @@ class FixedLagSmoother:
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
         return trajectory_columns(problem, motion, two, covariance, setting.description.track.direction)
 
-    def _smoothed(self, update: Update) -> Estimates:
+    def _smoothed(self, update: Update) -> list[Tables]:
+        """The next piece of the smoothed tables, if it is due."""
         if self._tables is None:
             begin = float(update.window.t[0]) - 1e-6
             self._tables = SmoothedTables(self._setting, begin, begin)
-        none = NO_TRAJECTORY
         tables, before, self._newest = self._tables, self._newest, update
         if before is not None and before.gone is not None:  # not before: its window still had them
             tables.history.append(before.gone)
         settled = float(update.window.t[-1]) - self._moving.lag_s
-        pieces = Estimates(none, none, NO_GEOMETRY)
-        if settled - tables.done_s >= PIECE_S:
-            trajectory, geometry = tables.up_to(self._tape, update.window, update.root, settled)
-            pieces = Estimates(none, trajectory, geometry)
-        if len(pieces.smoothed):
-            tables.forget()
-            oldest = tables.history.t[0] if tables.history.parts else update.window.t[0]
-            self._tape.forget(float(oldest) - BEFORE_S)
-        return pieces
+        if settled - tables.done_s < PIECE_S:
+            return []
+        piece = tables.up_to(self._tape, update.window, update.root, settled)
+        tables.forget()
+        oldest = tables.history.t[0] if tables.history.parts else update.window.t[0]
+        self._tape.forget(float(oldest) - BEFORE_S)
+        return [piece]
 
     @property
     def _setting(self) -> Setting:
         assert self._moving.setting is not None
         return self._moving.setting
+
+
+def _estimates_of(filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
+    smoothed = _joined([piece.trajectory for piece in pieces], NO_TRAJECTORY)
+    return Estimates(filtered, smoothed, _joined([piece.geometry for piece in pieces], NO_GEOMETRY))
 
 
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:

@@ -51,9 +51,7 @@ class History:
         states = [window.states]
         for part in reversed(self.parts):
             states.append(_estimated(part, states[-1]))
-        together = states[-1]
-        for later in reversed(states[:-1]):
-            together = together.joined(later)
+        oldest, *later = reversed(states)
         R, S, d = (
             np.concatenate([*(part.conditionals[i] for part in self.parts), own])
             for i, own in enumerate((root.R, root.S, root.d))
@@ -61,7 +59,7 @@ class History:
         ahead = np.zeros(len(R), dtype=np.int64)
         return (
             np.concatenate([self.t, window.t]),
-            together,
+            oldest.joined(*later),
             SquareRoot(R, S, d, root.R_shared, root.d_shared, ahead),
         )
 

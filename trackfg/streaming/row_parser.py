@@ -101,12 +101,11 @@ _NUMBERS = (float, int, type(None))
 
 
 def _number(value: object) -> float:
-    kind = type(value)
-    if kind is float:
-        return value  # type: ignore[return-value]
-    if kind is int:
+    if type(value) is float:
+        return value
+    if type(value) is int:
         try:
-            return float(value)  # type: ignore[arg-type]
+            return float(value)
         except OverflowError:
             return math.inf
     if value is None:

@@ -12,7 +12,7 @@ Tables are called ``imu``, ``tach``, ``fixes``, ``gnss`` and, for each laser, ``
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -57,7 +57,8 @@ def canonical_columns(table: str) -> tuple[str, ...]:
     return LASER_COLUMNS if table.startswith(LASER) else CANONICAL_COLUMNS[table]
 
 
-def _none(table: str) -> Array:
+def no_rows(table: str) -> Array:
+    """A canonical table of length 0."""
     return np.empty((0, len(canonical_columns(table))))
 
 
@@ -69,10 +70,10 @@ class Rows:
     of the recording: latitude (deg), longitude (deg), height (m), or None.
     """
 
-    imu: Array = field(default_factory=lambda: _none("imu"))
-    tach: Array = field(default_factory=lambda: _none("tach"))
-    fixes: Array = field(default_factory=lambda: _none("fixes"))
-    gnss: Array = field(default_factory=lambda: _none("gnss"))
+    imu: Array = field(default_factory=lambda: no_rows("imu"))
+    tach: Array = field(default_factory=lambda: no_rows("tach"))
+    fixes: Array = field(default_factory=lambda: no_rows("fixes"))
+    gnss: Array = field(default_factory=lambda: no_rows("gnss"))
     lasers: Mapping[str, Array] = field(default_factory=dict)
     until_s: float = -np.inf
     gnss_origin: Array | None = None
@@ -94,19 +95,8 @@ class Rows:
 
     def frame(self, table: str) -> pd.DataFrame:
         """One table with its columns' names."""
-        rows = self.tables().get(table, _none(table))
+        rows = self.tables().get(table, no_rows(table))
         return pd.DataFrame(rows, columns=list(canonical_columns(table)))
-
-
-def joined(batches: Iterable[Rows]) -> Rows:
-    """Successive batches as one."""
-    batches = list(batches)
-    names = dict.fromkeys(name for batch in batches for name in batch.tables())
-    tables = {name: np.concatenate([batch.tables().get(name, _none(name)) for batch in batches]) for name in names}
-    if not batches:
-        return Rows()
-    origins = [batch.gnss_origin for batch in batches if batch.gnss_origin is not None]
-    return Rows.of(tables, batches[-1].until_s, origins[0] if origins else None)
 
 
 def recording_rows(recording: Recording) -> Rows:

@@ -9,12 +9,11 @@ import numpy as np
 
 from trackfg.config import SmoothConfig
 from trackfg.description import RecordingDescription
-from trackfg.factors.imu import ImuNoise
 from trackfg.factors.states import Kind, States
 from trackfg.frames import Array
 from trackfg.graph import Problem
 from trackfg.inertial import Intervals
-from trackfg.layout import World
+from trackfg.layout import World, assumed_noise
 
 _NOTHING = np.zeros((0, 2))
 
@@ -33,12 +32,6 @@ class Setting:
         """The IMU's position in the vehicle, m, shape (3,)."""
         return np.array(self.description.imu.lever_arm_m)
 
-    @property
-    def noise(self) -> ImuNoise:
-        """White noise of the inertial samples as assumed."""
-        declared, level = self.description.imu.noise, self.config.noise
-        return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
-
     def problem_of(self, t: Array, states: States, data: Intervals) -> Problem:
         """Keyframes on edges of the inertial ``data``, without factors: what tables are made from."""
         return Problem(
@@ -52,7 +45,7 @@ class Setting:
             gaps=_NOTHING,
             wheel=None,
             inertial=data,
-            noise=self.noise,
+            noise=assumed_noise(self.description, self.config),
             edges=np.searchsorted(data.edges, t - 1e-9),
             mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
             clock_origin=self.clock_origin,

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from trackfg.chainage_grid import cells_of
 from trackfg.covariance import posterior_covariance
-from trackfg.dense import dense_motion
+from trackfg.dense import dense_motion, dense_step
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.bands import Band, end_margin_m
@@ -27,7 +28,6 @@ from trackfg.streaming.window import Window
 from trackfg.track_geometry import conventions, geometry_table
 from trackfg.trajectory import trajectory_table
 
-_DENSE_STEP_S = 0.02
 _MARGIN_S = 1.0
 
 
@@ -59,15 +59,13 @@ class SmoothedTables:
         covariance = posterior_covariance(whole)
         clock = _clock(self.done_s, settled_s, config.output.rate_hz)
         meaning = conventions(config.geometry, track)
-        fastest = float(np.linalg.norm(states.nav.v, axis=1).max())
-        motion = dense_motion(problem, states, min(_DENSE_STEP_S, 0.8 * meaning.step_m / max(fastest, 1e-3)), clock)
+        motion = dense_motion(problem, states, dense_step(states, meaning.step_m), clock)
         trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
         shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if self._follows_track else []
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
         geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
         cells = [self._passed(problem, profile, until) for profile in shapes]
-        step = geometry["chainage_m"].to_numpy() / meaning.step_m
-        row = pd.Series(np.arange(len(step)), index=np.rint(step).astype(np.int64))
+        row = pd.Series(np.arange(len(geometry)), index=cells_of(geometry, meaning.step_m))
         own = geometry.iloc[row[np.concatenate([np.zeros(0, dtype=np.int64), *cells])]].reset_index(drop=True)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         return Tables(trajectory, own)

@@ -11,20 +11,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
+from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, laid_out
 from trackfg.recording import IMU_COLUMNS, TACH_COLUMNS, Recording
-from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows
+from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows, no_rows
 
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
 _NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 _POSITIONS = ("fixes", "gnss")
-
-
-def _none(table: str) -> Array:
-    return np.zeros((0, len(CANONICAL_COLUMNS[table])))
 
 
 @dataclass
@@ -35,12 +32,12 @@ class Tape:
     gnss_origin: Array | None = None
     dt: float | None = None
     data: Intervals | None = None
-    waiting: Array = field(default_factory=lambda: _none("imu"))
+    waiting: Array = field(default_factory=lambda: no_rows("imu"))
     """Samples not laid out yet, as rows of the recording's columns."""
-    samples: Array = field(default_factory=lambda: _none("imu"))
+    samples: Array = field(default_factory=lambda: no_rows("imu"))
     """Those laid out."""
-    tach: Array = field(default_factory=lambda: _none("tach"))
-    positions: dict[str, Array] = field(default_factory=lambda: {name: _none(name) for name in _POSITIONS})
+    tach: Array = field(default_factory=lambda: no_rows("tach"))
+    positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
     """By table: fixes and GNSS."""
 
     def put(self, rows: Rows) -> None:
@@ -75,7 +72,7 @@ class Tape:
         if self.dt is None:
             if len(rows) < _FIRST_SAMPLES:
                 return
-            self.dt = float(np.median(np.diff(rows[:_FIRST_SAMPLES, 0])))
+            self.dt = median_interval(rows[:_FIRST_SAMPLES, 0])
         if len(rows) < 2:
             return
         begin = None if self.data is None else float(self.data.edges[-1])

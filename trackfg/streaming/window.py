@@ -58,10 +58,6 @@ class Window:
     def __len__(self) -> int:
         return len(self.t)
 
-    def family(self, name: str) -> Family | None:
-        """The family of that name, if there is one."""
-        return next((family for family in self.families if family.name == name), None)
-
     def with_families(self, *families: Family) -> Window:
         """With these in the place of those of the same names."""
         names = {family.name for family in families}

@@ -111,8 +111,14 @@ def test_dragging_zooms_and_a_double_click_goes_back(shown: Any) -> None:
     assert (start, end) == pytest.approx((300.0, 449.0), abs=6.0)
     x, _ = drawn(shown)
     assert np.diff(x[(x > start) & (x < end)]).max() == pytest.approx(0.25)
-    shown.tab.mouse.dblclick(box["x"] + 0.5 * box["width"], y)
-    shown.tab.wait_for_selector(f"#geometry .chart[data-shown='{whole}']")
+
+    def double_clicked_back() -> bool:
+        """On a busy machine two clicks may be too far apart to be a double click: again, as a reader would."""
+        shown.tab.mouse.dblclick(box["x"] + 0.5 * box["width"], y)
+        shown.tab.wait_for_timeout(500)
+        return bool(shown.tab.get_attribute("#geometry .chart", "data-shown") == whole)
+
+    until(double_clicked_back)
 
 
 def test_vertical_scales_follow_when_asked(shown: Any) -> None:

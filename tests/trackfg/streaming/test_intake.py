@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,22 @@ from trackfg.recording_io import read_recording
 from trackfg.streaming.conversion import Conversion
 from trackfg.streaming.intake import Intake
 from trackfg.streaming.row_checks import RowChecks
-from trackfg.streaming.rows import Rows, joined, raw_columns, recording_rows
+from trackfg.streaming.rows import Rows, no_rows, raw_columns, recording_rows
 from trackfg.streaming.sources import Batch, RecordingSource
 from trackfg.streaming.stream_events import LossReport, StreamEvent
 
 Draft = Any
+
+
+def joined(batches: Iterable[Rows]) -> Rows:
+    """Successive batches as one."""
+    batches = list(batches)
+    names = dict.fromkeys(name for batch in batches for name in batch.tables())
+    tables = {name: np.concatenate([batch.tables().get(name, no_rows(name)) for batch in batches]) for name in names}
+    if not batches:
+        return Rows()
+    origins = [batch.gnss_origin for batch in batches if batch.gnss_origin is not None]
+    return Rows.of(tables, batches[-1].until_s, origins[0] if origins else None)
 
 
 def raw_batches(draft: Draft, description: RecordingDescription, batch_s: float = 0.1) -> Iterator[Batch]:

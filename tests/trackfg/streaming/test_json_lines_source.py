@@ -107,7 +107,7 @@ BAD_LINES: dict[str, tuple[str | bytes, str]] = {
     "text for a number": (TACH + '"12"}', "tach: 'count' is '12'; expected a number"),
     "true for a number": (TACH + "true}", "tach: 'count' is True; expected a number"),
     "a list for a number": (TACH + "[1]}", "tach: 'count' is [1]; expected a number"),
-    "a description later": ({"description": DESCRIPTION}, 'no "table"'),  # type: ignore[dict-item]
+    "a description later": (json.dumps({"description": DESCRIPTION}), 'no "table"'),
     "escapes for the terminal": ('{"table": "\\u001b[2J"}', "'\\x1b[2J': expected"),
 }
 
