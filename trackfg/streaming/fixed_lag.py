@@ -30,6 +30,7 @@ from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
+from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.trajectory import trajectory_columns
 
@@ -42,12 +43,14 @@ PIECE_S = 10.0
 
 class Estimates(NamedTuple):
     """``filtered``: a row per new keyframe, from the rows up to it. ``smoothed``: rows of the trajectory, ``geometry``:
-    rows of the geometry table, of what the lag is over for. Columns as in a result; tables may be empty.
+    rows of the geometry table, of what the lag is over for. Columns as in a result; tables may be empty. ``events``:
+    what else became known.
     """
 
     filtered: pd.DataFrame
     smoothed: pd.DataFrame
     geometry: pd.DataFrame
+    events: tuple[StreamEvent, ...] = ()
 
 
 class FixedLagSmoother:

@@ -30,6 +30,7 @@ def run_stream(source: Source, smoother: FixedLagSmoother, sink: Sink) -> Stream
     intake, counts = Intake.of(source), StreamCounts()
 
     def put(estimates: Estimates, events: tuple[StreamEvent, ...]) -> None:
+        events += estimates.events
         sink.write("events", event_table(events))
         sink.write("filtered", estimates.filtered)
         sink.write("smoothed", estimates.smoothed)
