@@ -116,13 +116,23 @@ class FixedLagSmoother:
         if step is None:
             return []
         if self._tables is None:
-            begin = float(step.window.t[0]) - 1e-6
-            self._tables = SmoothedTables(self._setting, begin, begin)
+            self._tables = SmoothedTables.beginning(self._setting, float(step.window.t[0]))
         tables, newest = self._tables, float(step.window.t[-1])
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
-            pieces = [tables.up_to(self._tape, step.window, step.root, settled, at_end=at_end)]
+            moving = self._moving
+            pieces = [
+                tables.up_to(
+                    self._tape,
+                    step.window,
+                    step.root,
+                    settled,
+                    rests=moving.rests,
+                    odometer=moving.odometer,
+                    at_end=at_end,
+                )
+            ]
         if step.gone is not None:
             tables.history.append(step.gone)
         if pieces:
@@ -139,7 +149,8 @@ class FixedLagSmoother:
 
 def _estimates_of(filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
     smoothed = _joined([piece.trajectory for piece in pieces], NO_TRAJECTORY)
-    return Estimates(filtered, smoothed, _joined([piece.geometry for piece in pieces], NO_GEOMETRY))
+    geometry = _joined([piece.geometry for piece in pieces], NO_GEOMETRY)
+    return Estimates(filtered, smoothed, geometry, tuple(event for piece in pieces for event in piece.events))
 
 
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:

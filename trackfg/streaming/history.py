@@ -7,11 +7,14 @@ Striebel, without any of the factors. (Bierman, "Factorization methods for discr
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from trackfg.elimination import Conditionals
+from trackfg.events import TOLD
+from trackfg.factors.family import Family
 from trackfg.factors.past import moved_from, step_from
 from trackfg.factors.states import States, Step
 from trackfg.frames import Array
@@ -21,9 +24,12 @@ from trackfg.streaming.window import Gone, Window
 
 @dataclass
 class History:
-    """Some keyframes in a row, each with what :class:`~trackfg.streaming.window.Gone` holds of it."""
+    """Some keyframes in a row, each with what :class:`~trackfg.streaming.window.Gone` holds of it, and together those
+    of their ``families`` that events are told by; keyframe 0 is the first of them.
+    """
 
     parts: list[Gone] = field(default_factory=list)
+    families: tuple[Family, ...] = ()
 
     @property
     def t(self) -> Array:
@@ -37,14 +43,27 @@ class History:
 
     def append(self, gone: Gone) -> None:
         """The next ones that left, one by one."""
+        self.families = self.with_families(gone.families)
         for k in range(len(gone.t)):
             one = Conditionals(*(part[k : k + 1] for part in gone.conditionals))
             self.parts.append(Gone(gone.t[k : k + 1], one, gone.origin.take(slice(k, k + 2))))
 
     def forget(self, before: float) -> None:
         """Those whose next keyframe is not later than ``before``, s."""
-        while len(self.parts) > 1 and self.parts[1].t[0] <= before:
-            del self.parts[0]
+        count = 0
+        while len(self.parts) > count + 1 and self.parts[count + 1].t[0] <= before:
+            count += 1
+        self.parts = self.parts[count:]
+        self.families = tuple(family.take(family.first_keyframe >= count).shifted(-count) for family in self.families)
+
+    def with_families(self, later: Iterable[Family]) -> tuple[Family, ...]:
+        """Those of these keyframes, and the same ones of keyframes that follow, in a row."""
+        known = {family.name: family for family in self.families}
+        for family in later:
+            if family.name in TOLD:
+                own = family.shifted(len(self.parts))
+                known[family.name] = known[family.name].joined(own) if family.name in known else own
+        return tuple(known.values())
 
     def with_window(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:
         """Times, states and square root of the information of these keyframes and of the window's, in a row."""

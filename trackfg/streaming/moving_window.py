@@ -259,6 +259,10 @@ class MovingWindow:
             if (np.abs(rolled) > 1.5 * self.odometer.wheel.quantum).all():
                 return
         found = find_standstills(self.tape.recording(begin, until), config.min_rest_s)
-        found[:, 1] = np.minimum(found[:, 1], until - _REST_MARGIN_S)
+        last = tach[: np.searchsorted(tach[:, 0], until), 0][-1:]
+        if (last > until - _REST_MARGIN_S).all():  # else it is a tach that says nothing at rest
+            until = min(until, *last)
+        # What the rows before and after these would show is not known.
+        found = np.clip(found, begin + _REST_MARGIN_S, until - _REST_MARGIN_S)
         spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])
         self.rests = joined_spans(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])

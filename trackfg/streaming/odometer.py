@@ -45,9 +45,24 @@ class Odometer:
         settled = max(int(np.searchsorted(every[:, 0], here, side="right")), 1)
         first = min(max(int(np.searchsorted(every[:, 0], here - _KEPT_S)) - 1, 0), settled - 1)
         self.rows, self.raw = every[first:settled], float(raw[settled - 1])
-        if not self.wheel.integrates_speed and every[-1, 0] < until:
-            every = np.concatenate([every, [[until, every[-1, 1]]]])  # a wheel that says nothing does not roll
-        t, distance = every.T
+        return self._wheel(every, until)
+
+    def over(self, rows: Array, t: Array, count: Array) -> Wheel:
+        """The wheel over keyframes at ``t`` (n,), s, in the sense in which their ``count`` (n,), m, goes; ``rows``
+        (m, 2) as recorded.
+        """
+        way = np.ones(max(len(rows) - 1, 0))
+        if not self.signed:
+            middle = 0.5 * (rows[1:, 0] + rows[:-1, 0])
+            way[np.interp(middle + 1e-3, t, count) < np.interp(middle - 1e-3, t, count)] = -1.0
+        signed = rows[0, 1] + np.concatenate([[0.0], np.cumsum(way * np.diff(rows[:, 1]))])
+        return self._wheel(np.column_stack([rows[:, 0], signed]), float(t[-1]))
+
+    def _wheel(self, rows: Array, until: float) -> Wheel:
+        """From signed rows (n, 2) up to a time."""
+        if not self.wheel.integrates_speed and rows[-1, 0] < until:
+            rows = np.concatenate([rows, [[until, rows[-1, 1]]]])  # a wheel that says nothing does not roll
+        t, distance = rows.T
         return replace(
             self.wheel, t=t, distance=distance, gaps=silences(t, distance, self.wheel.quantum, self.max_gap_s)
         )

@@ -1,4 +1,4 @@
-"""The tables of what left the window: trajectory and geometry, by the functions that the batch smoother uses.
+"""What is told of what left the window: trajectory, geometry and events, by the functions that the batch smoother uses.
 
 They are made a piece at a time, with some track on either side, because a chord or a band of wavelengths reaches
 beyond the place that it is of.
@@ -6,7 +6,7 @@ beyond the place that it is of.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,10 @@ from trackfg.graph import Problem
 from trackfg.profile import Profile, profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
+from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
+from trackfg.streaming.settled_events import SettledEvents
+from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.streaming.window import Window
 from trackfg.track_geometry import conventions, geometry_table
@@ -32,10 +35,11 @@ _MARGIN_S = 1.0
 
 
 class Tables(NamedTuple):
-    """Rows of both tables, in order of time and of passing."""
+    """Rows of both tables, in order of time and of passing, and events."""
 
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
+    events: tuple[StreamEvent, ...]
 
 
 @dataclass
@@ -47,11 +51,30 @@ class SmoothedTables:
     setting: Setting
     done_s: float
     passed_s: float
+    events: SettledEvents
     last_cell: int | None = None
     history: History = field(default_factory=History)
 
-    def up_to(self, tape: Tape, window: Window, root: SquareRoot, settled_s: float, *, at_end: bool = False) -> Tables:
-        """The tables of what is older than ``settled_s``; at the end of the stream of all there is."""
+    @classmethod
+    def beginning(cls, setting: Setting, begin_s: float) -> SmoothedTables:
+        """Of a stream whose first keyframe is at ``begin_s``."""
+        before = begin_s - 1e-6
+        return cls(setting, before, before, SettledEvents(begin_s))
+
+    def up_to(
+        self,
+        tape: Tape,
+        window: Window,
+        root: SquareRoot,
+        settled_s: float,
+        *,
+        rests: Array,
+        odometer: Odometer | None,
+        at_end: bool = False,
+    ) -> Tables:
+        """The tables of what is older than ``settled_s``; at the end of the stream of all there is. ``rests`` (r, 2),
+        s, are those of late.
+        """
         t, states, whole = self.history.with_window(window, root)
         assert tape.data is not None
         problem = self.setting.problem_of(t, states, tape.data)
@@ -60,6 +83,14 @@ class SmoothedTables:
         clock = _clock(self.done_s, settled_s, config.output.rate_hz)
         meaning = conventions(config.geometry, track)
         motion = dense_motion(problem, states, dense_step(states, meaning.step_m), clock)
+        told = replace(
+            problem,
+            rests=rests,
+            gaps=tape.data.gaps(),
+            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2]),
+            families=self.history.with_families(window.families),
+        )
+        events = self.events.until(told, motion, states, covariance, settled_s, track.direction, at_end=at_end)
         trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
         shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if self._follows_track else []
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
@@ -68,7 +99,7 @@ class SmoothedTables:
         row = pd.Series(np.arange(len(geometry)), index=cells_of(geometry, meaning.step_m))
         own = geometry.iloc[row[np.concatenate([np.zeros(0, dtype=np.int64), *cells])]].reset_index(drop=True)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
-        return Tables(trajectory, own)
+        return Tables(trajectory, own, events)
 
     @property
     def _follows_track(self) -> bool:
@@ -81,7 +112,8 @@ class SmoothedTables:
             return
         here = float(np.interp(self.passed_s, t, distance))
         behind = np.flatnonzero((np.abs(distance - here) > self._reach_m) & (t < self.passed_s))
-        self.history.forget(float(min(t[behind[-1]] if behind.size else t[0], self.done_s - _MARGIN_S)))
+        needed = self.done_s - _MARGIN_S, self.events.since_s
+        self.history.forget(float(min(t[behind[-1]] if behind.size else t[0], *needed)))
 
     @property
     def _reach_m(self) -> float:

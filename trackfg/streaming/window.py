@@ -39,11 +39,14 @@ class Interval(NamedTuple):
 
 
 class Gone(NamedTuple):
-    """Keyframes left behind: when, their conditionals, and where these were linearised, next keyframe included."""
+    """Keyframes left behind: when, their conditionals, and where these were linearised, next keyframe included; and the
+    factors that went with them.
+    """
 
     t: Array
     conditionals: Conditionals
     origin: States
+    families: tuple[Family, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,4 +127,5 @@ class Stepped(NamedTuple):
             (past(self.left[gone], origin.take(slice(gone, gone + 1))), *kept),
         )
         conditionals = Conditionals(root.R[:gone], root.S[:gone], root.d[:gone])
-        return rest, Gone(window.t[:gone], conditionals, origin.take(slice(0, gone + 1)))
+        left = tuple(family.take(family.first_keyframe < gone) for family in window.families)
+        return rest, Gone(window.t[:gone], conditionals, origin.take(slice(0, gone + 1)), left)
