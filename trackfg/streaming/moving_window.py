@@ -146,13 +146,14 @@ class MovingWindow:
         problem = build_problem(recording, self.config, data)
         if tape.description.fixes is not None and problem.family("absolute fix") is None:
             problem = replace(problem, families=placeless(problem.families))  # the first one is to come
+        if problem.wheel is not None and tape.description.tach is not None:
+            max_gap_s = self.config.tach.max_gap_s
+            self.odometer = Odometer.of(problem.wheel, tape.tach, tape.description.tach, max_gap_s=max_gap_s)
+            problem = replace(problem, families=self.odometer.rounded(problem.families))
         solution = solve(problem, self.config.solver)
         measured = measurements_of(problem.native)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
-        if problem.wheel is not None and tape.description.tach is not None:
-            signed = tape.description.tach.signed or problem.wheel.integrates_speed
-            self.odometer = Odometer.of(problem.wheel, tape.tach, signed=signed, max_gap_s=self.config.tach.max_gap_s)
         self.window = self.front = Window(problem.t, solution.states, measured, problem.response, problem.families)
         self.early = Pass(self.window, solution.root, None, "")
         return Update(self.front, solution.root)
