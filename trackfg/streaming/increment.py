@@ -12,6 +12,7 @@ import gtsam
 import numpy as np
 
 from trackfg.factors.family import Family
+from trackfg.factors.imu import Preintegration
 from trackfg.factors.states import Nav, States
 from trackfg.frames import Array, rpy_from_matrix
 from trackfg.inertial import Intervals
@@ -68,10 +69,10 @@ def _new(family: Family) -> Family:
     return family if family.name in _OF_THE_INTERVAL else family.take(family.last_keyframe == 1)
 
 
-def _predicted(measured: gtsam.PreintegratedImuMeasurements, here: States) -> Nav:
+def _predicted(interval: Preintegration, here: States) -> Nav:
     state = gtsam.NavState(gtsam.Rot3(here.nav.R[0]), here.nav.p[0], here.nav.v[0])
     bias = gtsam.imuBias.ConstantBias(here.bias[0, :3], here.bias[0, 3:])
-    ahead = measured.predict(state, bias)
+    ahead = interval.measured.predict(state, bias)
     return Nav(ahead.attitude().matrix()[None], ahead.position()[None], ahead.velocity()[None])
 
 

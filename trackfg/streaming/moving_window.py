@@ -19,7 +19,7 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.graph import build_problem, placeless
-from trackfg.inertial_factors import graph_of, measurements_of, walk_of
+from trackfg.inertial_factors import walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
 from trackfg.solver import solve
@@ -112,13 +112,12 @@ class MovingWindow:
         if tape.description.fixes is not None and problem.family("absolute fix") is None:
             problem = replace(problem, families=placeless(problem.families))  # the first one is to come
         solution = solve(problem, self.config.solver)
-        measured = measurements_of(problem.native)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         if problem.wheel is not None and tape.description.tach is not None:
             signed = tape.description.tach.signed or problem.wheel.integrates_speed
             self.odometer = Odometer.of(problem.wheel, tape.tach, signed=signed, max_gap_s=self.config.tach.max_gap_s)
-        self.window = Window(problem.t, solution.states, measured, problem.response, problem.families)
+        self.window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
         return Update(self.window, solution.root, None, "the first seconds")
 
     def _next_keyframe(self) -> float | None:
@@ -189,7 +188,7 @@ class MovingWindow:
         assert self.setting is not None
         assert self.tape.data is not None
         problem = self.setting.problem_of(window.t, window.states, self.tape.data)
-        problem = replace(problem, native=graph_of(window.measured), families=window.families)
+        problem = replace(problem, measured=window.measured, families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:

@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 
 from trackfg.elimination import Conditionals, eliminate_leaving
 from trackfg.factors.family import Family, LinearFactors
-from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.imu import Preintegration, linearize_imu_factors
 from trackfg.factors.past import past
 from trackfg.factors.states import States
 from trackfg.frames import Array
@@ -32,7 +31,7 @@ class Interval(NamedTuple):
     t: float
     bias: Array
     ahead: States
-    measured: gtsam.PreintegratedImuMeasurements
+    measured: Preintegration
     response: Array
     families: tuple[Family, ...]
 
@@ -51,7 +50,7 @@ class Window:
 
     t: Array
     states: States
-    measured: tuple[gtsam.PreintegratedImuMeasurements, ...]
+    measured: tuple[Preintegration, ...]
     response: Array
     families: tuple[Family, ...]
 
