@@ -159,14 +159,17 @@ class Family:
         slots = (slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
         return replace(self, slots=tuple(slots))
 
-    def joined(self, later: Family) -> Family:
-        """These factors, then those of a family of the same sort."""
-        slots = (Slot(a.kind, np.concatenate([a.index, b.index])) for a, b in zip(self.slots, later.slots, strict=True))
-        data = (np.concatenate([a, b]) for a, b in zip(self.data, later.data, strict=True))
-        doubtful = None
-        if self.doubtful is not None and later.doubtful is not None:
-            doubtful = np.concatenate([self.doubtful, later.doubtful])
-        sigma = np.concatenate([self.sigma, later.sigma])
+    def joined(self, *later: Family) -> Family:
+        """These factors, then those of families of the same sort."""
+        every = (self, *later)
+        slots = (
+            Slot(same[0].kind, np.concatenate([slot.index for slot in same]))
+            for same in zip(*(family.slots for family in every), strict=True)
+        )
+        data = (np.concatenate(same) for same in zip(*(family.data for family in every), strict=True))
+        doubts = [family.doubtful for family in every if family.doubtful is not None]
+        doubtful = np.concatenate(doubts) if len(doubts) == len(every) else None
+        sigma = np.concatenate([family.sigma for family in every])
         return replace(self, slots=tuple(slots), data=tuple(data), sigma=sigma, doubtful=doubtful)
 
     @property

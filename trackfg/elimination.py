@@ -15,7 +15,7 @@ precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation",
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -55,12 +55,14 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
 
     Shared variables have index 0. Cost is linear in the number of keyframes.
     """
-    return eliminate_leaving(factors, keyframes, 0)[0]
+    return eliminate_leaving(factors, keyframes, ())[0]
 
 
-def eliminate_leaving(factors: Sequence[LinearFactors], keyframes: int, gone: int) -> tuple[SquareRoot, Array]:
-    """As :func:`eliminate`, and what the factors that touch the first ``gone`` keyframes of a chain, or the shared
-    variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50); nothing where none goes.
+def eliminate_leaving(
+    factors: Sequence[LinearFactors], keyframes: int, gone: Collection[int]
+) -> tuple[SquareRoot, dict[int, Array]]:
+    """As :func:`eliminate`, and for each number of keyframes ``gone`` what the factors that touch the first so many of
+    a chain, or the shared variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50).
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
@@ -77,14 +79,16 @@ def eliminate_leaving(factors: Sequence[LinearFactors], keyframes: int, gone: in
         return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead), left
 
 
-def _factored(systems: Iterator[Array], widths: np.ndarray, gone: int) -> tuple[Array, Array, Array]:
+def _factored(
+    systems: Iterator[Array], widths: np.ndarray, gone: Collection[int]
+) -> tuple[Array, Array, dict[int, Array]]:
     """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; rows of the shared variables
-    alone; what the first ``gone`` keyframes leave, as :func:`eliminate_leaving` says.
+    alone; what the first keyframes leave, as :func:`eliminate_leaving` says.
     """
     keyframes = len(widths)
     conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
     alone = [next(systems)]
-    left, left_by_gone = np.zeros((0, 0)), np.zeros((0, SIZE + 1))
+    left, left_by_gone = np.zeros((0, 0)), {}
     place: np.ndarray | slice = slice(0)
     for k, own in enumerate(systems):
         width, carried = int(widths[k]), len(left)
@@ -101,8 +105,8 @@ def _factored(systems: Iterator[Array], widths: np.ndarray, gone: int) -> tuple[
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
         place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
-        if k + 1 == gone:
-            left_by_gone = _left(left, np.concatenate(alone))
+        if k + 1 in gone:
+            left_by_gone[k + 1] = _left(left, np.concatenate(alone))
     return conditional, np.concatenate(alone), left_by_gone
 
 

@@ -2,6 +2,9 @@
 
 rows -> tape -> moving window -> the newest state at once (filtered); what is older than the lag, in pieces (smoothed)
 
+What a keyframe leaves to do, a step of the whole window or a piece of the smoothed tables, is done when the next rows
+come: filtered rows do not wait for it.
+
 >>> smoother = FixedLagSmoother(source.description, lag_s=10.0)
 >>> intake = Intake.of(source)
 >>> for batch in source:
@@ -13,7 +16,6 @@ rows -> tape -> moving window -> the newest state at once (filtered); what is ol
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -82,28 +84,22 @@ class FixedLagSmoother:
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
         self._tape.put(rows)
-        return self._estimates(self._moving.updates())
+        behind, at_once = self._behind(), []
+        while self._moving.ready():
+            behind += self._behind()
+            if self._moving.ready():  # it may be that the vehicle is slower than was thought
+                at_once.append(self._filtered(self._moving.advanced()))
+        return _estimates_of(_table(at_once), behind)
 
     def finish(self) -> Estimates:
         """What is left when no more rows come; nothing where they were too few to begin with."""
-        last = self._moving.last()
-        estimates = self._estimates(iter([] if last is None else [last]))
-        if self._newest is None or self._tables is None:
-            return estimates
-        window = self._newest.window
-        rest = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
-        return _estimates_of(estimates.filtered, [Tables(estimates.smoothed, estimates.geometry), rest])
-
-    def _estimates(self, updates: Iterator[Update]) -> Estimates:
-        at_once, pieces = [], []
-        for update in updates:
-            at_once.append(self._filtered(update))
-            pieces += self._smoothed(update)
-        return _estimates_of(_table(at_once), pieces)
+        behind, update = self._behind(), self._moving.last()
+        behind += self._behind(at_end=True)
+        return _estimates_of(_table([] if update is None else [self._filtered(update)]), behind)
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
-        window, setting = update.window, self._setting
+        window, setting = update.front, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
         covariance = posterior_covariance(update.root.last(2))
@@ -114,22 +110,26 @@ class FixedLagSmoother:
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
         return trajectory_columns(problem, motion, two, covariance, setting.description.track.direction)
 
-    def _smoothed(self, update: Update) -> list[Tables]:
-        """The next piece of the smoothed tables, if it is due."""
-        if self._tables is None:
-            begin = float(update.window.t[0]) - 1e-6
-            self._tables = SmoothedTables(self._setting, begin, begin)
-        tables, before, self._newest = self._tables, self._newest, update
-        if before is not None and before.gone is not None:  # not before: its window still had them
-            tables.history.append(before.gone)
-        settled = float(update.window.t[-1]) - self._moving.lag_s
-        if settled - tables.done_s < PIECE_S:
+    def _behind(self, *, at_end: bool = False) -> list[Tables]:
+        """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""
+        step = self._moving.passed(at_end=at_end)
+        if step is None:
             return []
-        piece = tables.up_to(self._tape, update.window, update.root, settled)
-        tables.forget()
-        oldest = tables.history.t[0] if tables.history.parts else update.window.t[0]
-        self._tape.forget(float(oldest) - BEFORE_S)
-        return [piece]
+        if self._tables is None:
+            begin = float(step.window.t[0]) - 1e-6
+            self._tables = SmoothedTables(self._setting, begin, begin)
+        tables, newest = self._tables, float(step.window.t[-1])
+        settled = newest if at_end else newest - self._moving.lag_s
+        pieces = []
+        if at_end or settled - tables.done_s >= PIECE_S:
+            pieces = [tables.up_to(self._tape, step.window, step.root, settled, at_end=at_end)]
+        if step.gone is not None:
+            tables.history.append(step.gone)
+        if pieces:
+            tables.forget()
+            oldest = tables.history.t[0] if tables.history.parts else step.window.t[0]
+            self._tape.forget(float(oldest) - BEFORE_S)
+        return pieces
 
     @property
     def _setting(self) -> Setting:

@@ -1,13 +1,15 @@
 """The window moving along a stream: from rows to one keyframe after the other.
 
-The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors, the states move
-by a Gauss-Newton step or a few, and what is older than the lag is eliminated: what it said stays as a factor. Where a
-step fails or the steps do not settle, the whole window is solved as a batch from what it knows.
+The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors to the newest
+few, the front, which move by a Gauss-Newton step at once: what the rest of the window says is a factor on the front's
+first one. Every few keyframes the whole window takes a step, where robust weights and linearisations are made anew;
+what is older than the lag is eliminated then, and what it said stays as a factor. Where a step fails or the steps do
+not settle, the whole window is solved as a batch from what it knows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,7 +18,6 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.covariance import posterior_covariance
 from trackfg.errors import UnsolvableError
-from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.graph import build_problem, placeless
 from trackfg.inertial_factors import walk_of
@@ -30,9 +31,8 @@ from trackfg.streaming.increment import interval
 from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.tape import Tape
-from trackfg.streaming.window import Gone, Window
+from trackfg.streaming.window import Gone, Interval, Stepped, Window
 from trackfg.trajectory import QUANTITIES, keyframe_variances
-from trackfg.wheel import Wheel
 
 START_S = 10.0
 """What the first window covers."""
@@ -52,15 +52,25 @@ sensor alone makes some hundred, and what is left after the step is less than on
 """
 _SETTLED_AT_START = 15.0
 _STEPS = 4
+_FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError)
 _ORIENTED_RAD = 0.03
 _LONGEST_WITHOUT_HEADING = 240
 """Keyframes: a vehicle may stand for hours before it shows its heading."""
-_TOGETHER = 4
-"""Keyframes leave that many at a time."""
+TOGETHER = 4
+"""The whole window takes a step when so many keyframes have come."""
+_FRONT = 4
+"""As many older ones are in the front: a slip shows in intervals one after the other."""
 
 
 class Update(NamedTuple):
-    """The window with its newest keyframe, the square root of its information, and what leaves it then.
+    """The newest keyframes, and the square root of the information as it is then."""
+
+    front: Window
+    root: SquareRoot
+
+
+class Pass(NamedTuple):
+    """A step of the whole window: the window, the square root of its information, and what leaves it then.
 
     ``by_batch``: why it was solved as a batch, empty where it was not.
     """
@@ -73,39 +83,54 @@ class Update(NamedTuple):
 
 @dataclass
 class MovingWindow:
-    """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late."""
+    """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late.
+
+    ``window`` is as the last pass left it, ``since`` what has come after, ``front`` the newest keyframes.
+    """
 
     tape: Tape
     config: SmoothConfig
     lag_s: float
     setting: Setting | None = None
     window: Window | None = None
+    front: Window | None = None
+    since: list[Interval] = field(default_factory=list)
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    early: Pass | None = None
+    """A pass that could not wait."""
 
-    def updates(self) -> Iterator[Update]:
-        """One keyframe after the other, as far as the rows go."""
-        if self.window is None:
-            first = self._first()
-            if first is None:
-                return
-            yield first
-        while (t := self._next_keyframe()) is not None:
-            yield self._advanced(t)
+    def ready(self) -> bool:
+        """Whether the rows reach the next keyframe."""
+        return self._next_keyframe() is not None
+
+    def advanced(self) -> Update:
+        """The next keyframe, where :meth:`ready` says that there is one."""
+        if self.front is None:
+            return self._begun()
+        t = self._next_keyframe()
+        assert t is not None
+        return self._advanced(t)
 
     def last(self) -> Update | None:
         """A keyframe at the end of the rows, if they reach beyond the newest one."""
         self.tape.end()
-        if self.window is None or self.tape.until < self.window.t[-1] + _LEAST_S:
+        if self.front is None or self.tape.until < self.front.t[-1] + _LEAST_S:
             return None
         return self._advanced(self.tape.until)
 
-    def _first(self) -> Update | None:
+    def passed(self, *, at_end: bool = False) -> Pass | None:
+        """The step of the whole window, if it is due; at the end of the stream it always is."""
+        if self.early is None and self.window is not None and (len(self.since) >= TOGETHER or at_end):
+            return self._passed()
+        early, self.early = self.early, None
+        return early
+
+    def _begun(self) -> Update:
         tape = self.tape
-        if tape.data is None or tape.until < tape.data.edges[0] + START_S + AFTER_S:
-            return None
+        assert tape.data is not None
         begin = float(tape.data.edges[0])
         recording, data = tape.recording(begin, begin + START_S), tape.intervals(begin, begin + START_S)
         problem = build_problem(recording, self.config, data)
@@ -117,20 +142,26 @@ class MovingWindow:
         if problem.wheel is not None and tape.description.tach is not None:
             signed = tape.description.tach.signed or problem.wheel.integrates_speed
             self.odometer = Odometer.of(problem.wheel, tape.tach, signed=signed, max_gap_s=self.config.tach.max_gap_s)
-        self.window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
-        return Update(self.window, solution.root, None, "the first seconds")
+        window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
+        self.window = self.front = window
+        self.early = Pass(window, solution.root, None, "")
+        return Update(window, solution.root)
 
     def _next_keyframe(self) -> float | None:
         """When the next keyframe is; None while rows are missing."""
-        window, tape = self.window, self.tape
-        assert window is not None
-        assert tape.data is not None
+        window, tape = self.front, self.tape
+        if tape.data is None:
+            return None
+        if window is None:
+            end = float(tape.data.edges[0]) + START_S
+            return end if tape.until >= end + AFTER_S else None
         here, config = float(window.t[-1]), self.config.keyframes
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
         due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
         for table in tape.positions.values():
             times = table[:, 0]
-            coming = times[(times > here + 1e-3) & (times < here + (1.0 + _TOO_CLOSE) * (due - here))]
+            soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)
+            coming = times[(times > here + 1e-3) & (times < soon)]
             if coming.size:
                 due = float(coming[0])
         edges = tape.data.edges
@@ -142,46 +173,68 @@ class MovingWindow:
         return float(edges[at])
 
     def _advanced(self, t: float) -> Update:
-        window, setting = self.window, self.setting
-        assert window is not None
+        front, setting = self.front, self.setting
+        assert front is not None
         assert setting is not None
-        here = float(window.t[-1])
+        here = float(front.t[-1])
         recording = self.tape.positions_between(here, t)
         data = self.tape.intervals(here - _BEFORE_S, t + AFTER_S)
         edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
         wheel = None
         if self.odometer is not None:
-            newest = window.states.nav[-1:]
+            newest = front.states.nav[-1:]
             wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, float(newest.v[0] @ newest.R[0, :, 0]))
-        new = interval(setting, window, recording, data, wheel, edges)
-        self._find_rests(wheel, t + AFTER_S)
-        imu = setting.description.imu
-        window = window.extended(new)
+        new = interval(setting, front, recording, data, wheel, edges)
+        self.since.append(new)
+        front = front.extended(new)
+        self.front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
+        try:
+            step = self._step(self.front)
+        except _FAILURES as error:
+            self.early = self._passed(str(error))
+            return Update(self.front, self.early.root)
+        self.front = step.window
+        return Update(step.window, step.root)
+
+    def _passed(self, failure: str = "") -> Pass:
+        """``failure``: why the front could not take its step."""
+        window, front, setting = self.window, self.front, self.setting
+        assert window is not None
+        assert front is not None
+        assert setting is not None
+        imu, begin = setting.description.imu, float(window.t[-1])
+        window = window.extended(*self.since)
+        older = window.states.take(slice(0, len(window) - len(front)))
+        window = replace(window, states=older.joined(front.states))
+        self._find_rests(begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
-        leaving = int(np.searchsorted(window.t, t - self.lag_s))
-        if leaving < _TOGETHER or not (self.oriented or len(window) > _LONGEST_WITHOUT_HEADING):
-            leaving = 0
-        window, root, left, origin, by_batch = self._solved(window, leaving)
-        self.oriented = self.oriented or self._heading_sd(window, root) < _ORIENTED_RAD
-        self.window, gone = window.without(leaving, root, left, origin) if leaving else (window, None)
-        return Update(window, root, gone, by_batch)
+        leaving = ahead = 0
+        if self.oriented or len(window) > _LONGEST_WITHOUT_HEADING:
+            leaving = int(np.searchsorted(window.t, window.t[-1] - self.lag_s))
+            ahead = max(len(window) - _FRONT, leaving)
+        step, failure = self._solved(window, {leaving, ahead} - {0}, failure)
+        self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
+        self.window, gone = step.without(leaving) if leaving else (step.window, None)
+        self.front = step.without(ahead)[0] if ahead else step.window
+        self.since = []
+        return Pass(step.window, step.root, gone, failure)
 
-    def _solved(self, window: Window, leaving: int) -> tuple[Window, SquareRoot, Array, States, str]:
-        """By a few steps, or as a batch; with what keyframes leave that are leaving, and where it was linearised."""
+    def _step(self, window: Window, gone: Collection[int] = ()) -> Stepped:
+        """Steps until one is short. Raises ``UnsolvableError`` or ``ValueError`` where that does not happen."""
+        for _ in range(_STEPS):
+            step = window.moved(gone)
+            if step.root.length < (_SETTLED if self.oriented else _SETTLED_AT_START):
+                return step
+            window = step.window
+        raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_STEPS} of them")
+
+    def _solved(self, window: Window, gone: Collection[int], failure: str) -> tuple[Stepped, str]:
+        """By a few steps, or as a batch."""
         try:
-            for _ in range(_STEPS):
-                origin = window.states
-                window, root, left = window.moved(leaving)
-                if root.length < (_SETTLED if self.oriented else _SETTLED_AT_START):
-                    return window, root, left, origin, ""
-            reason = f"the step was {root.length:.2g} posterior sigmas after {_STEPS} of them"
-        except (UnsolvableError, ValueError, np.linalg.LinAlgError) as error:
-            reason = str(error)
-        window = self._by_batch(window)
-        origin = window.states
-        window, root, left = window.moved(leaving)
-        return window, root, left, origin, reason
+            return self._step(window, gone), failure
+        except _FAILURES as error:
+            return self._by_batch(window).moved(gone), str(error)
 
     def _by_batch(self, window: Window) -> Window:
         """The whole window from what it knows."""
@@ -198,12 +251,14 @@ class MovingWindow:
         variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.setting.lever_arm)
         return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
 
-    def _find_rests(self, wheel: Wheel | None, until: float) -> None:
-        span = np.array([until - self.config.motion.min_rest_s, until])
-        if wheel is not None and wheel.covers(span).all() and abs(np.diff(wheel.at(span))[0]) > 1.5 * wheel.quantum:
-            return
-        recording = self.tape.recording(until - _REST_LOOK_S, until)
-        found = find_standstills(recording, self.config.motion.min_rest_s)
+    def _find_rests(self, begin: float, until: float) -> None:
+        config, tach = self.config.motion, self.tape.tach
+        if self.odometer is not None and len(tach) and tach[0, 0] <= begin and tach[-1, 0] >= until:
+            t = np.arange(begin, until - config.min_rest_s, 0.5 * config.min_rest_s)
+            rolled = np.interp(t + config.min_rest_s, *tach.T) - np.interp(t, *tach.T)
+            if (np.abs(rolled) > 1.5 * self.odometer.wheel.quantum).all():
+                return
+        found = find_standstills(self.tape.recording(begin, until), config.min_rest_s)
         found[:, 1] = np.minimum(found[:, 1], until - _REST_MARGIN_S)
         spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])
-        self.rests = joined_spans(spans[spans[:, 1] > until - 2.0 * (self.lag_s + _REST_LOOK_S)])
+        self.rests = joined_spans(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])
