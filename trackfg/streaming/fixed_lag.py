@@ -16,6 +16,7 @@ come, and what can be done of the next keyframe before its last rows come is: fi
 
 from __future__ import annotations
 
+import hashlib
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
+from trackfg.streaming.snapshot import Snapshot, attributes_of, taken
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.trajectory import trajectory_columns
@@ -62,6 +64,11 @@ class FixedLagSmoother:
     description in which nothing measures speed.
     """
 
+    config: SmoothConfig
+    _tape: Tape
+    _moving: MovingWindow
+    _tables: SmoothedTables | None
+
     def __init__(
         self,
         description: RecordingDescription,
@@ -78,8 +85,7 @@ class FixedLagSmoother:
             raise BadInputError(f"{description.id}: nothing measures speed: expected [tach] or [gnss] for a stream")
         self._tape = Tape(description)
         self._moving = MovingWindow(self._tape, self.config, lag_s)
-        self._tables: SmoothedTables | None = None
-        self._newest: Update | None = None
+        self._tables = None
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
@@ -97,6 +103,30 @@ class FixedLagSmoother:
         behind, update = self._behind(), self._moving.last()
         behind += self._behind(at_end=True)
         return _estimates_of(_table([] if update is None else [self._filtered(update)]), behind)
+
+    def state(self) -> Snapshot:
+        """Everything that carries over from one call to the next."""
+        return taken(self, self._given)
+
+    def restore(self, state: Snapshot) -> None:
+        """Go on from the :meth:`state` of a smoother made with the same arguments. Raises
+        :class:`~trackfg.errors.BadInputError` where it does not fit.
+        """
+        vars(self).update(attributes_of(FixedLagSmoother, state, self._given))
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """What it was made with, as a digest of each, by name."""
+        lag = f"{self._moving.lag_s!r}"
+        texts = {
+            "description": self._tape.description.model_dump_json(),
+            "configuration": self.config.model_dump_json(),
+        }
+        return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in {**texts, "lag": lag}.items()}
+
+    @property
+    def _given(self) -> tuple[object, ...]:
+        return self.config, self._tape.description
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""

@@ -77,10 +77,12 @@ class McapSource:
                 broken = [StreamEvent("broken-input", detail=detail)]
                 break
             number += 1
-            if number <= self._position or topic == DESCRIPTION_TOPIC:
+            if topic == DESCRIPTION_TOPIC:
                 continue
             if topic not in tables:
                 others[topic] += 1
+                continue
+            if number <= self._position:
                 continue
             try:
                 parser.take(topic, _object(encoding, data))

@@ -20,7 +20,7 @@ from trackfg.covariance import posterior_covariance
 from trackfg.errors import UnsolvableError
 from trackfg.frames import Array
 from trackfg.graph import build_problem, placeless
-from trackfg.inertial_factors import graph_of, measurements_of, walk_of
+from trackfg.inertial_factors import walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
 from trackfg.solver import solve
@@ -151,12 +151,12 @@ class MovingWindow:
             self.odometer = Odometer.of(problem.wheel, tape.tach, tape.description.tach, max_gap_s=max_gap_s)
             problem = replace(problem, families=self.odometer.rounded(problem.families))
         solution = solve(problem, self.config.solver)
-        measured = measurements_of(problem.native)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
-        self.window = self.front = Window(problem.t, solution.states, measured, problem.response, problem.families)
-        self.early = Pass(self.window, solution.root, None, "")
-        return Update(self.front, solution.root)
+        window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
+        self.window = self.front = window
+        self.early = Pass(window, solution.root, None, "")
+        return Update(window, solution.root)
 
     def _next_keyframe(self) -> float | None:
         """When the next keyframe is; None while rows are missing."""
@@ -259,7 +259,7 @@ class MovingWindow:
         assert self.setting is not None
         assert self.tape.data is not None
         problem = self.setting.problem_of(window.t, window.states, self.tape.data)
-        problem = replace(problem, native=graph_of(window.measured), families=window.families)
+        problem = replace(problem, measured=window.measured, families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
