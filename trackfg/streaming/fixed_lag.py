@@ -167,9 +167,10 @@ class FixedLagSmoother:
         if step.gone is not None:
             tables.history.append(step.gone)
         if pieces:
-            tables.forget()
-            oldest = tables.history.t[0] if tables.history.parts else step.window.t[0]
-            self._tape.forget(float(oldest) - BEFORE_S)
+            self._tape.stood(tables.forget())
+            newer = float(step.window.t[0]) - BEFORE_S
+            older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
+            self._tape.forget(older, newer)
         return pieces
 
     @property

@@ -9,17 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 
 from trackfg.elimination import Conditionals
 from trackfg.events import TOLD
 from trackfg.factors.family import Family
-from trackfg.factors.past import moved_from, step_from
-from trackfg.factors.states import States, Step
+from trackfg.factors.past import carried, moved_from, step_from
+from trackfg.factors.states import KEYFRAME_DIM, States, Step
 from trackfg.frames import Array
+from trackfg.spans import true_runs
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.window import Gone, Window
+
+_STOOD_M = 0.01
+"""A vehicle that moves less from one keyframe to the next stands."""
 
 
 @dataclass
@@ -56,6 +61,20 @@ class History:
         self.parts = self.parts[count:]
         self.families = tuple(family.take(family.first_keyframe >= count).shifted(-count) for family in self.families)
 
+    def stood(self, before: float) -> Array:
+        """Merge the keyframes of each rest that ended ``before`` then (s), or goes on, into one at its begin: a vehicle
+        may stand for hours. The rests, s, shape (r, 2).
+        """
+        t, distance = self.t, self.distance
+        still = (np.abs(np.diff(distance)) < _STOOD_M) & (t[1:] < before)
+        rests = [(i, j) for i, j in true_runs(still) if j - i > 1]
+        for i, j in reversed(rests):
+            self.parts[i:j] = [reduce(_merged, self.parts[i:j])]
+            earlier = (family.take(family.first_keyframe <= i) for family in self.families)
+            later = (family.take(family.first_keyframe >= j).shifted(i + 1 - j) for family in self.families)
+            self.families = tuple(a.joined(b) for a, b in zip(earlier, later, strict=True))
+        return np.array([(t[i], t[j]) for i, j in rests]).reshape(-1, 2)
+
     def with_families(self, later: Iterable[Family]) -> tuple[Family, ...]:
         """Those of these keyframes, and the same ones of keyframes that follow, in a row."""
         known = {family.name: family for family in self.families}
@@ -81,6 +100,25 @@ class History:
             oldest.joined(*later),
             SquareRoot(R, S, d, root.R_shared, root.d_shared, ahead),
         )
+
+
+def _merged(first: Gone, second: Gone) -> Gone:
+    """One keyframe's conditional on the one after the next: that between is eliminated.
+
+    The rows ``R x + S (x', s) = d`` of both, with x' and s of the first from where those of the second are linearised.
+    """
+    (R, S, d), (R_next, S_next, d_next) = ([part[0] for part in one.conditionals] for one in (first, second))
+    J, c = carried(first.origin.take(slice(1, 2)), second.origin.take(slice(0, 1)))
+    d = d - S @ np.concatenate([c.keyframes[0], c.shared])
+    S = S @ J
+    n = KEYFRAME_DIM
+    rows = np.zeros((2 * n, 2 * n + S.shape[1] + 1))  # x', x, x'', s, right-hand side
+    rows[:n, :n], rows[:n, n : 2 * n], rows[:n, 3 * n : -1], rows[:n, -1] = S[:, :n], R, S[:, n:], d
+    rows[n:, :n], rows[n:, 2 * n : -1], rows[n:, -1] = R_next, S_next, d_next
+    left = np.linalg.qr(rows, mode="r")[n:, n:]
+    left *= np.sign(np.diagonal(left))[:, None]
+    merged = Conditionals(left[None, :, :n], left[None, :, n:-1], left[None, :, -1])
+    return Gone(first.t, merged, first.origin.take(slice(0, 1)).joined(second.origin.take(slice(1, 2))), ())
 
 
 def _estimated(part: Gone, later: States) -> States:

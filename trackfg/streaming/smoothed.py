@@ -105,15 +105,19 @@ class SmoothedTables:
     def _follows_track(self) -> bool:
         return self.setting.description.imu.rigid
 
-    def forget(self) -> None:
-        """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches."""
+    def forget(self) -> Array:
+        """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches.
+
+        Rests of which the begin and the end are kept alone, s, shape (r, 2).
+        """
         t, distance = self.history.t, self.history.distance
         if not len(t):
-            return
+            return np.zeros((0, 2))
         here = float(np.interp(self.passed_s, t, distance))
         behind = np.flatnonzero((np.abs(distance - here) > self._reach_m) & (t < self.passed_s))
         needed = self.done_s - _MARGIN_S, self.events.since_s
         self.history.forget(float(min(t[behind[-1]] if behind.size else t[0], *needed)))
+        return self.history.stood(min(needed))
 
     @property
     def _reach_m(self) -> float:
