@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import NamedTuple
 
 import gtsam
@@ -40,9 +41,19 @@ class Slot:
         return keys
 
 
-def own_keyframes(slots: Sequence[Slot]) -> list[np.ndarray]:
-    """The keyframes that factors touch, (m,) for each slot whose variable is not shared."""
-    return [slot.index for slot in slots if not slot.kind.shared]
+def first_keyframe(slots: Sequence[Slot], factors: int) -> np.ndarray:
+    """The first keyframe that each of so many factors touches, -1 where these touch shared variables alone. (m,)."""
+    return _keyframe(slots, factors, np.minimum)
+
+
+def last_keyframe(slots: Sequence[Slot], factors: int) -> np.ndarray:
+    """The last one, likewise."""
+    return _keyframe(slots, factors, np.maximum)
+
+
+def _keyframe(slots: Sequence[Slot], factors: int, choose: Callable[..., np.ndarray]) -> np.ndarray:
+    own = [slot.index for slot in slots if not slot.kind.shared]
+    return reduce(choose, own) if own else np.full(factors, -1)
 
 
 class LinearFactors(NamedTuple):
@@ -152,12 +163,20 @@ class Family:
         slots = tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots)
         data = tuple(array[index] for array in self.data)
         doubtful = None if self.doubtful is None else self.doubtful[index]
-        return replace(self, slots=slots, data=data, sigma=self.sigma[index], doubtful=doubtful)
+        return self._like(slots, data, self.sigma[index], doubtful)
 
     def shifted(self, by: int) -> Family:
         """The same factors on the keyframes that are ``by`` later."""
         slots = (slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
-        return replace(self, slots=tuple(slots))
+        return self._like(tuple(slots), self.data, self.sigma, self.doubtful)
+
+    def _like(
+        self, slots: tuple[Slot, ...], data: tuple[Array, ...], sigma: Array, doubtful: np.ndarray | None
+    ) -> Family:
+        """Of this sort, from what families of it hold: it has been checked, and a stream makes hundreds a second."""
+        family = object.__new__(Family)
+        family.__dict__.update(self.__dict__, slots=slots, data=data, sigma=sigma, doubtful=doubtful)
+        return family
 
     def joined(self, *later: Family) -> Family:
         """These factors, then those of families of the same sort."""
@@ -170,21 +189,17 @@ class Family:
         doubts = [family.doubtful for family in every if family.doubtful is not None]
         doubtful = np.concatenate(doubts) if len(doubts) == len(every) else None
         sigma = np.concatenate([family.sigma for family in every])
-        return replace(self, slots=tuple(slots), data=tuple(data), sigma=sigma, doubtful=doubtful)
+        return self._like(tuple(slots), tuple(data), sigma, doubtful)
 
     @property
     def first_keyframe(self) -> np.ndarray:
         """The first keyframe that each factor touches, -1 where it touches shared variables alone. Shape (m,)."""
-        return self._own(np.min)
+        return first_keyframe(self.slots, len(self))
 
     @property
     def last_keyframe(self) -> np.ndarray:
         """The last one, likewise."""
-        return self._own(np.max)
-
-    def _own(self, choose: Callable[..., np.ndarray]) -> np.ndarray:
-        own = own_keyframes(self.slots)
-        return choose(own, axis=0) if own else np.full(len(self), -1)
+        return last_keyframe(self.slots, len(self))
 
     def at_start(self) -> Family:
         """What stands in while the values are far from the solution: gentler losses, no weight on what is doubtful."""

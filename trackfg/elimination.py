@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from trackfg.errors import UnsolvableError
-from trackfg.factors.family import LinearFactors, Slot, own_keyframes
+from trackfg.factors.family import LinearFactors, Slot, first_keyframe, last_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.one_thread import one_thread
@@ -178,10 +178,11 @@ def _columns_in_next(width: int, next_width: int) -> np.ndarray:
 def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
     """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
     last = np.arange(1, keyframes + 1)
-    for slots, _, _ in factors:
-        own = own_keyframes(slots)
-        if own:
-            np.maximum.at(last, np.min(own, axis=0), np.max(own, axis=0))
+    for slots, _, b in factors:
+        first, farthest = first_keyframe(slots, len(b)), last_keyframe(slots, len(b))
+        far = farthest > first + 1
+        if far.any():
+            np.maximum.at(last, first[far], farthest[far])
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
 
 
@@ -204,9 +205,8 @@ def _systems(factors: Sequence[LinearFactors], widths: np.ndarray) -> Iterator[A
 def _by_first(factors: LinearFactors) -> tuple[LinearFactors, np.ndarray]:
     """Factors in order of the first keyframe of each, -1 for shared variables alone, and these keyframes (m,)."""
     slots, jacobians, b = factors
-    own = own_keyframes(slots)
-    first = np.min(own, axis=0) if own else np.full(len(b), -1)
-    if (np.diff(first) >= 0).all():
+    first = first_keyframe(slots, len(b))
+    if (first[1:] >= first[:-1]).all():
         return factors, first
     order = np.argsort(first, kind="stable")
     slots = tuple(Slot(slot.kind, slot.index[order]) for slot in slots)
@@ -237,21 +237,28 @@ def _stacked(
     after = 0
     for k, (slots, jacobians, b, first, some) in zip(number, parts, strict=True):
         before, after = after, after + len(k)
-        row = begins[before:after, None] + np.arange(b.shape[1])
+        row = begins[before:after, None] + _counted(b.shape[1])
         width = widths[k]
         rows[row, (width + SHARED_DIM)[:, None]] = b[some]
         for slot, jacobian in zip(slots, jacobians, strict=True):
-            column = _column(Slot(slot.kind, slot.index[some]), first[some], width)[:, None] + np.arange(slot.kind.dim)
+            column = _column(slot.kind, slot.index[some] - first[some], width)[:, None] + _counted(slot.kind.dim)
             rows[row[:, :, None], column[:, None, :]] = jacobian[some]
     return rows, starts
 
 
-def _column(slot: Slot, first: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Where a slot's variables begin in the windows of the keyframes ``first``. All (m,)."""
-    at = offset_in_keyframe(slot.kind)
-    if slot.kind.shared:
-        return width + at - KEYFRAME_DIM
-    later = slot.index - first
-    if slot.kind is not Kind.NAV and (later > 1).any():
-        raise ValueError(f"{slot.kind.name} is touched from {later.max()} keyframes before; only NAV may be")
-    return np.asarray(np.where(later < 2, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2)))
+def _column(kind: Kind, later: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Where variables of a kind begin in windows of some ``width``, ``later`` keyframes after their first. All (m,)."""
+    at = offset_in_keyframe(kind)
+    if kind.shared:
+        return width + (at - KEYFRAME_DIM)
+    near = later < 2
+    if near.all():
+        return np.asarray(KEYFRAME_DIM * later + at)
+    if kind is not Kind.NAV:
+        raise ValueError(f"{kind.name} is touched from {later.max()} keyframes before; only NAV may be")
+    return np.asarray(np.where(near, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2)))
+
+
+@lru_cache
+def _counted(length: int) -> np.ndarray:
+    return np.arange(length)

@@ -31,16 +31,27 @@ _MOVED_SD_M = 1e4
 
 def odometer(layout: Layout) -> list[Family]:
     """Distance adds up, is the length of the path, and is what the wheel rolls, where there is one."""
+    return [*travelled(layout), *rolled(layout)]
+
+
+def travelled(layout: Layout) -> list[Family]:
+    """What needs no wheel: distance adds up, and is the length of the path."""
     config, k = layout.config.tach, np.arange(len(layout.t) - 1)
     distance = np.abs(layout.distance)
     chain_sd = np.stack([np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1)
-    families = [
+    return [
         distance_chain(k, chain_sd),
         arc_length(k, layout.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
     ]
+
+
+def rolled(layout: Layout) -> list[Family]:
+    """Distance is what the wheel rolls, where there is one."""
+    config, k = layout.config.tach, np.arange(len(layout.t) - 1)
+    distance = np.abs(layout.distance)
     if layout.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
-        return [*families, tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
+        return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
     force = _mean(layout, layout.data.accel[:, 0]) / layout.world.gravity
     turned = (_mean(layout, layout.data.gyro[:, 2]) - layout.path.bias(layout.t[:-1])[:, 2]) * np.diff(layout.t)
     variance = (
@@ -56,12 +67,11 @@ def odometer(layout: Layout) -> list[Family]:
     response = wheel_response(layout.distance, turned, force)
     assert layout.rolling is not None
     wheel = tach_distance(k, response, sigma, Loss("row", config.robust_width, huber_at_start=True))
-    families.append(replace(wheel, doubtful=layout.rolling.slips_within(layout.t)))
+    wheel = replace(wheel, doubtful=layout.rolling.slips_within(layout.t))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
     since = layout.t[read] - layout.clock_origin
-    families.append(tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd)))
-    return families
+    return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd))]
 
 
 def _mean(layout: Layout, samples: Array) -> Array:

@@ -3,7 +3,7 @@
 rows -> tape -> moving window -> the newest state at once (filtered); what is older than the lag, in pieces (smoothed)
 
 What a keyframe leaves to do, a step of the whole window or a piece of the smoothed tables, is done when the next rows
-come: filtered rows do not wait for it.
+come, and what can be done of the next keyframe before its last rows come is: filtered rows wait for neither.
 
 >>> smoother = FixedLagSmoother(source.description, lag_s=10.0)
 >>> intake = Intake.of(source)
@@ -89,6 +89,7 @@ class FixedLagSmoother:
             behind += self._behind()
             if self._moving.ready():  # it may be that the vehicle is slower than was thought
                 at_once.append(self._filtered(self._moving.advanced()))
+        self._moving.prepare()
         return _estimates_of(_table(at_once), behind)
 
     def finish(self) -> Estimates:
@@ -145,7 +146,8 @@ def _estimates_of(filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:
     if not rows:
         return NO_TRAJECTORY
-    return pd.DataFrame({name: np.concatenate([row[name] for row in rows]) for name in TRAJECTORY_COLUMNS})
+    table = np.array([[row[name][0] for name in TRAJECTORY_COLUMNS] for row in rows])
+    return pd.DataFrame(table, columns=NO_TRAJECTORY.columns)
 
 
 def _joined(tables: list[pd.DataFrame], none: pd.DataFrame) -> pd.DataFrame:

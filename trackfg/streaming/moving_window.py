@@ -27,7 +27,7 @@ from trackfg.solver import solve
 from trackfg.spans import joined_spans
 from trackfg.square_root import SquareRoot
 from trackfg.standstill import find_standstills
-from trackfg.streaming.increment import interval
+from trackfg.streaming.increment import Ahead, ahead, completed
 from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.tape import Tape
@@ -40,7 +40,8 @@ AFTER_S = 0.3
 """A keyframe needs rows this much younger than itself."""
 BEFORE_S = 10.0
 """Rows this much older than the window are needed."""
-_BEFORE_S = 0.6
+_AROUND_S = 0.1
+"""Inertial samples on either side of an interval tell the rates at its ends."""
 _REST_LOOK_S = 8.0
 _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
@@ -58,7 +59,7 @@ _LONGEST_WITHOUT_HEADING = 240
 """Keyframes: a vehicle may stand for hours before it shows its heading."""
 TOGETHER = 4
 """The whole window takes a step when so many keyframes have come."""
-_FRONT = 4
+_FRONT = 2
 """As many older ones are in the front: a slip shows in intervals one after the other."""
 
 
@@ -85,7 +86,8 @@ class Pass(NamedTuple):
 class MovingWindow:
     """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late.
 
-    ``window`` is as the last pass left it, ``since`` what has come after, ``front`` the newest keyframes.
+    ``window`` is as the last pass left it, ``since`` what has come after it, ``front`` the newest keyframes, ``coming``
+    the interval after them.
     """
 
     tape: Tape
@@ -95,6 +97,7 @@ class MovingWindow:
     window: Window | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
+    coming: Ahead | None = None
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
@@ -104,7 +107,14 @@ class MovingWindow:
 
     def ready(self) -> bool:
         """Whether the rows reach the next keyframe."""
-        return self._next_keyframe() is not None
+        t = self._next_keyframe()
+        return t is not None and self.tape.until >= t + AFTER_S
+
+    def prepare(self) -> None:
+        """Begin the next interval, if the inertial sensor's rows reach as far: less is left when the others do."""
+        t = self._next_keyframe()
+        if t is not None and self.front is not None and self.tape.until >= t + _AROUND_S:
+            self._begin(t)
 
     def advanced(self) -> Update:
         """The next keyframe, where :meth:`ready` says that there is one."""
@@ -153,8 +163,7 @@ class MovingWindow:
         if tape.data is None:
             return None
         if window is None:
-            end = float(tape.data.edges[0]) + START_S
-            return end if tape.until >= end + AFTER_S else None
+            return float(tape.data.edges[0]) + START_S
         here, config = float(window.t[-1]), self.config.keyframes
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
         due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
@@ -166,25 +175,33 @@ class MovingWindow:
                 due = float(coming[0])
         edges = tape.data.edges
         at = int(np.searchsorted(edges, due))
-        if at >= len(edges) or edges[-1] < edges[at] + AFTER_S:
+        if at >= len(edges):
             return None
         if due - edges[at - 1] < edges[at] - due and edges[at - 1] > here:
             at -= 1
         return float(edges[at])
 
-    def _advanced(self, t: float) -> Update:
+    def _begin(self, t: float) -> Ahead:
+        """What the inertial sensor says of the interval to ``t``."""
         front, setting = self.front, self.setting
         assert front is not None
         assert setting is not None
-        here = float(front.t[-1])
-        recording = self.tape.positions_between(here, t)
-        data = self.tape.intervals(here - _BEFORE_S, t + AFTER_S)
-        edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
-        wheel = None
+        if self.coming is None or self.coming.interval.t != t:
+            here = float(front.t[-1])
+            data = self.tape.intervals(here - _AROUND_S, t + _AROUND_S)
+            self.coming = ahead(setting, front, data, np.searchsorted(data.edges, [here - 1e-9, t - 1e-9]))
+        return self.coming
+
+    def _advanced(self, t: float) -> Update:
+        begun, front, setting = self._begin(t), self.front, self.setting
+        self.coming = None
+        assert front is not None
+        assert setting is not None
+        here, wheel = float(front.t[-1]), None
         if self.odometer is not None:
             newest = front.states.nav[-1:]
             wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, float(newest.v[0] @ newest.R[0, :, 0]))
-        new = interval(setting, front, recording, data, wheel, edges)
+        new = completed(begun, self.tape.positions_between(here, t), wheel)
         self.since.append(new)
         front = front.extended(new)
         self.front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
@@ -209,15 +226,15 @@ class MovingWindow:
         self._find_rests(begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
-        leaving = ahead = 0
+        leaving = before = 0
         if self.oriented or len(window) > _LONGEST_WITHOUT_HEADING:
             leaving = int(np.searchsorted(window.t, window.t[-1] - self.lag_s))
-            ahead = max(len(window) - _FRONT, leaving)
-        step, failure = self._solved(window, {leaving, ahead} - {0}, failure)
+            before = max(len(window) - _FRONT, leaving)
+        step, failure = self._solved(window, {leaving, before} - {0}, failure)
         self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
         self.window, gone = step.without(leaving) if leaving else (step.window, None)
-        self.front = step.without(ahead)[0] if ahead else step.window
-        self.since = []
+        self.front = step.without(before)[0] if before else step.window
+        self.since, self.coming = [], None
         return Pass(step.window, step.root, gone, failure)
 
     def _step(self, window: Window, gone: Collection[int] = ()) -> Stepped:
