@@ -1,14 +1,12 @@
 """A run that may be anywhere on a reference, followed section by section as it goes on.
 
-The forward half of :mod:`trackfg.mapping.recognition`, with the same likelihoods and the same chain: what is kept is the
-probability of every place after the last section, so that a further one costs the same however far the run has come.
-What later sections say of earlier ones is not known here. A stretch that was passed before is no further evidence: what
-looked alike by chance does so again.
+The forward half of :mod:`trackfg.mapping.recognition`, with the same likelihoods and the same chain: what is kept is
+the probability of every place after the last section, so that a further one costs the same however far the run has
+come. A stretch that was passed before is no further evidence: what looked alike by chance does so again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,20 +50,18 @@ class Follower:
     seen: tuple[int, int] | None = None
     least: list[Array] = field(default_factory=list)
 
-    def take(self, run: pd.DataFrame, begins_m: Sequence[int]) -> Whereabouts | None:
-        """Go on by the sections that begin at ``begins_m``, in order of travel; None where the run has seen them all.
+    def take(self, run: pd.DataFrame, begin_m: int) -> Whereabouts | None:
+        """Go on by the section that begins at ``begin_m``, the next in order of travel; None where it was seen before.
 
-        ``run`` has them, and some of the run about them, with columns as in
+        ``run`` has it, and some of the run about it, with columns as in
         :func:`~trackfg.mapping.recognition.recognise`.
         """
-        found = None
-        if len(begins_m):
-            profile = profile_of(run, [name for name in self.reference.features if name in run], "run")
-            with one_thread():
-                for begin in begins_m:
-                    if self.seen is None or not self.seen[0] <= begin <= self.seen[1]:
-                        found = self._taken(profile, begin)
-        return found
+        if self.seen is not None and self.seen[0] <= begin_m <= self.seen[1]:
+            return None
+        with one_thread():
+            return self._taken(
+                profile_of(run, [name for name in self.reference.features if name in run], "run"), begin_m
+            )
 
     def _taken(self, run: Profile, begin_m: int) -> Whereabouts:
         length, before = self.section_m, self.begin_m if self.state is not None else begin_m

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfg.frames import Array
 from trackfg.mapping.curve_likelihood import Curves, curves_of
 from trackfg.mapping.profiles import CURVATURE, ROWS_PER_CELL, Profile
 from trackfg.mapping.short_wave_likelihood import Array32, ShortWaves, short_waves_of

@@ -89,8 +89,8 @@ class Places:
 
 @dataclass
 class State:
-    """What is known of one section's place: probabilities (or likelihoods) of places from ``first`` on: ``on`` (2, scales, n), unchanged track first;
-    ``alike`` (n,); and of being nowhere, ``off``."""
+    """Probabilities (or likelihoods) of one section's places from ``first`` on: ``on`` (2, scales, n), unchanged track
+    first; ``alike`` (n,); and of being nowhere, ``off``."""
 
     first: int
     on: Array32

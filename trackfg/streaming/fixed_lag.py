@@ -16,7 +16,7 @@ come, and what can be done of the next keyframe before its last rows come is: fi
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,14 +27,19 @@ from trackfg.dense import DenseMotion
 from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
+from trackfg.localisation import MapChainage
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
+from trackfg.streaming.map_locator import MapLocator
+from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Pass, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.trajectory import trajectory_columns
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
 
 NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=list(GEOMETRY_COLUMNS), dtype=np.float64)
@@ -56,10 +61,10 @@ class Estimates(NamedTuple):
 
 
 class FixedLagSmoother:
-    """The batch smoother's graph on the last ``lag_s`` seconds of a stream.
+    """The batch smoother's graph on the last ``lag_s`` seconds of a stream, located on a map if there is one.
 
-    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, and for a
-    description in which nothing measures speed.
+    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, for a description
+    in which nothing measures speed, and for a map whose columns mean something else than the stream's.
     """
 
     def __init__(
@@ -68,6 +73,7 @@ class FixedLagSmoother:
         config: SmoothConfig | None = None,
         *,
         lag_s: float = 10.0,
+        feature_map: FeatureMap | None = None,
     ) -> None:
         self.config = config or SmoothConfig()
         if not lag_s >= 2.0 * self.config.keyframes.interval_s:
@@ -77,39 +83,42 @@ class FixedLagSmoother:
         if description.tach is None and description.gnss is None:
             raise BadInputError(f"{description.id}: nothing measures speed: expected [tach] or [gnss] for a stream")
         self._tape = Tape(description)
-        self._moving = MovingWindow(self._tape, self.config, lag_s)
+        self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
+        self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
         self._tables: SmoothedTables | None = None
-        self._newest: Update | None = None
+        self._events: list[StreamEvent] = []
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
-        self._tape.put(rows)
+        self._tape.put(rows if self._locator is None else self._locator.less_sure(rows))
         behind, at_once = self._behind(), []
         while self._moving.ready():
             behind += self._behind()
             if self._moving.ready():  # it may be that the vehicle is slower than was thought
                 at_once.append(self._filtered(self._moving.advanced()))
         self._moving.prepare()
-        return _estimates_of(_table(at_once), behind)
+        return self._estimates(_table(at_once), behind)
 
     def finish(self) -> Estimates:
         """What is left when no more rows come; nothing where they were too few to begin with."""
         behind, update = self._behind(), self._moving.last()
         behind += self._behind(at_end=True)
-        return _estimates_of(_table([] if update is None else [self._filtered(update)]), behind)
+        return self._estimates(_table([] if update is None else [self._filtered(update)]), behind)
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
         window, setting = update.front, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
-        covariance = posterior_covariance(update.root.last(2))
+        covariance, direction = posterior_covariance(update.root.last(2)), setting.description.track.direction
+        if self._chainage is not None:
+            covariance = self._chainage.with_uncertainty(covariance, two, direction)
         assert self._tape.data is not None
         problem = setting.problem_of(window.t[-2:], two, self._tape.data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
-        return trajectory_columns(problem, motion, two, covariance, setting.description.track.direction)
+        return trajectory_columns(problem, motion, two, covariance, direction)
 
     def _behind(self, *, at_end: bool = False) -> list[Tables]:
         """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""
@@ -118,12 +127,14 @@ class FixedLagSmoother:
             return []
         if self._tables is None:
             begin = float(step.window.t[0]) - 1e-6
-            self._tables = SmoothedTables(self._setting, begin, begin)
+            self._tables = SmoothedTables(self._setting, begin, begin, looks=self._locator is not None)
         tables, newest = self._tables, float(step.window.t[-1])
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
-            pieces = [tables.up_to(self._tape, step.window, step.root, settled, at_end=at_end)]
+            pieces = [tables.up_to(self._tape, step.window, step.root, settled, at_end=at_end, chainage=self._chainage)]
+        if self._locator is not None:
+            self._locate(self._locator, pieces, step)
         if step.gone is not None:
             tables.history.append(step.gone)
         if pieces:
@@ -132,15 +143,29 @@ class FixedLagSmoother:
             self._tape.forget(float(oldest) - BEFORE_S)
         return pieces
 
+    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Pass) -> None:
+        for piece in pieces:
+            told = locator.take(piece.sight, step)
+            self._events += told.events
+            if told.family is not None:
+                self._moving.tell(told.family)
+        if step.gone is not None:
+            locator.history.append(step.gone)
+
+    @property
+    def _chainage(self) -> MapChainage | None:
+        """That of the map, where the vehicle is located on it."""
+        return self._locator.chainage if self._locator is not None and self._locator.located else None
+
+    def _estimates(self, filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
+        events, self._events = tuple(self._events), []
+        smoothed = _joined([piece.trajectory for piece in pieces], NO_TRAJECTORY)
+        return Estimates(filtered, smoothed, _joined([piece.geometry for piece in pieces], NO_GEOMETRY), events)
+
     @property
     def _setting(self) -> Setting:
         assert self._moving.setting is not None
         return self._moving.setting
-
-
-def _estimates_of(filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
-    smoothed = _joined([piece.trajectory for piece in pieces], NO_TRAJECTORY)
-    return Estimates(filtered, smoothed, _joined([piece.geometry for piece in pieces], NO_GEOMETRY))
 
 
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:

@@ -30,21 +30,18 @@ class History:
         """Their times, s, shape (h,)."""
         return np.concatenate([np.zeros(0), *(part.t for part in self.parts)])
 
-    @property
-    def distance(self) -> Array:
-        """Along the track as it was known when they left, m, shape (h,)."""
-        return np.array([part.origin.odo[0, 0] for part in self.parts])
-
     def append(self, gone: Gone) -> None:
         """The next ones that left, one by one."""
         for k in range(len(gone.t)):
-            one = Conditionals(*(part[k : k + 1] for part in gone.conditionals))
+            one = Conditionals(*(part[k : k + 1].copy() for part in gone.conditionals))
             self.parts.append(Gone(gone.t[k : k + 1], one, gone.origin.take(slice(k, k + 2))))
 
-    def forget(self, before: float) -> None:
-        """Those whose next keyframe is not later than ``before``, s."""
+    def forget(self, before: float, *, at_most: int | None = None) -> None:
+        """Those whose next keyframe is not later than ``before``, s; and the oldest that are more than ``at_most``."""
         while len(self.parts) > 1 and self.parts[1].t[0] <= before:
             del self.parts[0]
+        if at_most is not None:
+            del self.parts[:-at_most]
 
     def with_window(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:
         """Times, states and square root of the information of these keyframes and of the window's, in a row."""

@@ -1,16 +1,17 @@
 """Places that are recognised late: the vehicle passed them at keyframes that have left the window since.
 
-Along the chain of conditionals that they left behind (:mod:`trackfg.streaming.history`) the place of the vehicle then is
-a linear function of the window's first keyframe and of the shared variables, z, and of what came in between:
+Along the chain of conditionals that they left behind (:mod:`trackfg.streaming.history`) the place of the vehicle then
+is a linear function of the window's first keyframe and of the shared variables, z, and of what came in between:
 
     D(then) = D^ + G' (z - z^) + e,    e ~ N(0, E),
 
 E of all places together, since the way from a later one to the window is also part of the way from an earlier one. So
-"it was at d, to sigma" is ``G' (z - z^) = d - D^`` with the covariance ``E + sigma^2``: a factor on z that says all of it
-that the window can still use, once. The robust loss is the batch's; its weights are those of the solution of these
-measurements with what the graph knows of D(then), ``N(D^, E + G' cov(z) G)``, by reweighting from full weights on, as
-the batch begins too. (Measurements "out of sequence": Bar-Shalom, Li and Kirubarajan, "Estimation with applications to
-tracking and navigation", 2001, in the smoother's form.)
+"it was at d, to sigma" is ``G' (z - z^) = d - D^`` with the covariance ``E + sigma^2``: a factor on z that says all of
+it that the window can still use, once. (Measurements "out of sequence": Bar-Shalom, Li and Kirubarajan, "Estimation
+with applications to tracking and navigation", 2001, in the smoother's form.)
+
+The robust loss is the batch's. Its weights are those of the solution of these measurements with what the graph knows of
+D(then), ``N(D^, E + G' cov(z) G)``, by reweighting from full weights on, as the batch begins too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.covariance import Functions, covariance_given_next, posterior_covariance
+from trackfg.covariance import Functions, covariance_given_next
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.past import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
@@ -50,21 +51,29 @@ class Passed:
 
 @dataclass(frozen=True)
 class ToldLate:
-    """``family`` is a factor on the first keyframe that stays; of the places (m,) the residuals before it, m, and the
-    robust weights.
+    """``family`` is a factor on the first keyframe that stays; of the places (m,) the residuals before it, m, the
+    robust weights, and the sigma of the distance after it, m.
     """
 
     places: Passed
     residual: Array
     weight: Array
+    sd: Array
     family: Family
 
 
 def told_late(
-    places: Passed, history: History, window: Window, root: SquareRoot, leaving: int, loss: Loss | None
+    places: Passed,
+    history: History,
+    window: Window,
+    root: SquareRoot,
+    leaving: int,
+    marginal: Array,
+    loss: Loss | None,
 ) -> ToldLate | None:
     """What places say of the keyframe ``leaving`` of the window, the first that will stay; None where none of them was
-    passed between that one and the oldest of the ``history``. ``root`` is the window's.
+    passed between that one and the oldest of the ``history``. ``root`` is the window's, ``marginal`` (49, 49) the
+    covariance of that keyframe and the shared variables.
     """
     t, states, whole = history.with_window(window, root)
     n = len(history.parts) + leaving
@@ -76,17 +85,20 @@ def told_late(
     D, at = states.odo[:, 0], offset_in_keyframe(Kind.ODO)
     by_first, by_second = np.zeros((2, len(k), KEYFRAME_DIM))
     by_first[:, at], by_second[:, at] = 1.0 - f, f
-    functions = Functions(k, by_first, by_second, np.zeros((len(k), SHARED_DIM)))
-    gone = replace(whole, R=whole.R[:n], S=whole.S[:n], d=whole.d[:n], ahead=whole.ahead[:n])
+    functions = Functions(k - k[0], by_first, by_second, np.zeros((len(k), SHARED_DIM)))
+    since = slice(int(k[0]), n)
+    gone = replace(whole, R=whole.R[since], S=whole.S[since], d=whole.d[since], ahead=whole.ahead[since])
     between, G = covariance_given_next(gone, functions)
-    known = between + G.T @ posterior_covariance(root).marginal[leaving] @ G
+    known = between + G.T @ marginal @ G
     residual = (1.0 - f) * D[k] + f * D[k + 1] + places.beyond - places.distance
     weight = _weights(residual, known, places.sigma, loss)
-    whitening = np.linalg.cholesky(between + np.diag(places.sigma**2 / weight))
+    noise = np.diag(places.sigma**2 / weight)
+    left = noise @ np.linalg.solve(known + noise, known)
+    whitening = np.linalg.cholesky(between + noise)
     rows = np.linalg.solve(whitening, np.column_stack([G.T, -residual]))
     name = f"places passed until {places.t[-1]:.3f} s"  # of its own: the one before may still be there
     family = replace(past(rows, states.take(slice(n, n + 1))), name=name)
-    return ToldLate(places, residual, weight, family)
+    return ToldLate(places, residual, weight, np.sqrt(np.diag(left)), family)
 
 
 def _weights(residual: Array, known: Array, sigma: Array, loss: Loss | None) -> Array:
