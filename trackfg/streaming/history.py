@@ -41,21 +41,16 @@ class History:
         """Their times, s, shape (h,)."""
         return np.concatenate([np.zeros(0), *(part.t for part in self.parts)])
 
-    @property
-    def distance(self) -> Array:
-        """Along the track as it was known when they left, m, shape (h,)."""
-        return np.array([part.origin.odo[0, 0] for part in self.parts])
-
     def append(self, gone: Gone) -> None:
         """The next ones that left, one by one."""
         self.families = self.with_families(gone.families)
         for k in range(len(gone.t)):
-            one = Conditionals(*(part[k : k + 1] for part in gone.conditionals))
+            one = Conditionals(*(part[k : k + 1].copy() for part in gone.conditionals))
             self.parts.append(Gone(gone.t[k : k + 1], one, gone.origin.take(slice(k, k + 2))))
 
-    def forget(self, before: float) -> None:
-        """Those whose next keyframe is not later than ``before``, s."""
-        count = 0
+    def forget(self, before: float, *, at_most: int | None = None) -> None:
+        """Those whose next keyframe is not later than ``before``, s; and the oldest that are more than ``at_most``."""
+        count = 0 if at_most is None else max(len(self.parts) - at_most, 0)
         while len(self.parts) > count + 1 and self.parts[count + 1].t[0] <= before:
             count += 1
         self.parts = self.parts[count:]
@@ -65,8 +60,8 @@ class History:
         """Merge the keyframes of each rest that ended ``before`` then (s), or goes on, into one at its begin: a vehicle
         may stand for hours. The rests, s, shape (r, 2).
         """
-        t, distance = self.t, self.distance
-        still = (np.abs(np.diff(distance)) < _STOOD_M) & (t[1:] < before)
+        t, moved = self.t, np.array([part.origin.odo[1, 0] - part.origin.odo[0, 0] for part in self.parts])
+        still = (np.abs(moved[:-1]) < _STOOD_M) & (t[1:] < before)
         rests = [(i, j) for i, j in true_runs(still) if j - i > 1]
         for i, j in reversed(rests):
             self.parts[i:j] = [reduce(_merged, self.parts[i:j])]
