@@ -77,6 +77,8 @@ class FixedLagSmoother:
     """
 
     config: SmoothConfig
+    settings: dict[str, str]
+    """What it was made with, as a digest of each, by name."""
     _tape: Tape
     _moving: MovingWindow
     _tables: SmoothedTables | None
@@ -97,6 +99,13 @@ class FixedLagSmoother:
             )
         if description.tach is None and description.gnss is None:
             raise BadInputError(f"{description.id}: nothing measures speed: expected [tach] or [gnss] for a stream")
+        made_with = {
+            "description": description.model_dump_json().encode(),
+            "configuration": self.config.model_dump_json().encode(),
+            "lag": repr(float(lag_s)).encode(),
+            "map": b"" if feature_map is None else feature_map.grid.to_numpy(dtype=np.float64).tobytes(),
+        }
+        self.settings = {name: hashlib.sha256(what).hexdigest() for name, what in made_with.items()}
         self._tape = Tape(description)
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
@@ -128,18 +137,6 @@ class FixedLagSmoother:
         :class:`~trackfg.errors.BadInputError` where it does not fit.
         """
         vars(self).update(attributes_of(FixedLagSmoother, state, self._given))
-
-    @property
-    def settings(self) -> dict[str, str]:
-        """What it was made with, as a digest of each, by name."""
-        lag = f"{self._moving.lag_s!r}"
-        texts = {
-            "description": self._tape.description.model_dump_json(),
-            "configuration": self.config.model_dump_json(),
-        }
-        if self._locator is not None:
-            texts["map"] = self._locator.feature_map.grid.to_csv(index=False)
-        return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in {**texts, "lag": lag}.items()}
 
     @property
     def _given(self) -> tuple[object, ...]:
