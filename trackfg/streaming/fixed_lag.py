@@ -62,6 +62,9 @@ class Estimates(NamedTuple):
     events: tuple[StreamEvent, ...] = ()
 
 
+NO_ESTIMATES = Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
+
+
 class Behind(NamedTuple):
     """What a step of the whole window made known."""
 
@@ -137,6 +140,15 @@ class FixedLagSmoother:
         :class:`~trackfg.errors.BadInputError` where it does not fit.
         """
         vars(self).update(attributes_of(FixedLagSmoother, state, self._given))
+
+    @property
+    def sparser(self) -> float:
+        """How many times further apart keyframes are than the settings say. It may be set."""
+        return self._moving.sparser
+
+    @sparser.setter
+    def sparser(self, factor: float) -> None:
+        self._moving.sparser = factor
 
     @property
     def _given(self) -> tuple[object, ...]:

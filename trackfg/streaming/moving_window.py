@@ -105,6 +105,8 @@ class MovingWindow:
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
     early: Pass | None = None
     """A pass that could not wait."""
+    sparser: float = 1.0
+    """How many times further apart keyframes are than the settings say."""
     on_map: bool = False
     """Whether a map will tell where the vehicle is, which nobody knows before."""
 
@@ -176,7 +178,7 @@ class MovingWindow:
             return float(tape.data.edges[0]) + START_S
         here, config = float(window.t[-1]), self.config.keyframes
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
-        due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
+        due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
         for table in tape.positions.values():
             times = table[:, 0]
             soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)
