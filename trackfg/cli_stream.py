@@ -36,6 +36,10 @@ def stream(
     config: Annotated[
         Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
     ] = None,
+    map_location: Annotated[
+        str | None,
+        typer.Option("--map", metavar="MAP", help="A map to be located on: its newest version.", show_default=False),
+    ] = None,
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Replay a recording as fast as it was made, not as fast as it can be.")
     ] = False,
@@ -62,10 +66,16 @@ def stream(
     from trackfg.streaming.sinks import JsonLines
 
     settings = SmoothConfig.from_toml(config) if config else None
+    feature_map = None
+    if map_location is not None:
+        from trackfg.maps import read_map
+
+        feature_map = read_map(map_location)
 
     def opened(saved: Checkpoint | None) -> Stream:
         rows = _source(source, real_time=real_time, position=saved.position if saved else 0)
-        return Stream.of(rows, FixedLagSmoother(rows.description, settings, lag_s=lag), saved)
+        smoother = FixedLagSmoother(rows.description, settings, lag_s=lag, feature_map=feature_map)
+        return Stream.of(rows, smoother, saved)
 
     if out != _STANDARD:
         counts = _into_folder(Path(out), opened, every_s=checkpoint_every, resume=resume)

@@ -42,7 +42,6 @@ class Follower:
     its sections' short waves, (features,) each.
     """
 
-    reference: Profile
     rate_sd: float
     section_m: int = 100
     state: State | None = None
@@ -50,24 +49,23 @@ class Follower:
     seen: tuple[int, int] | None = None
     least: list[Array] = field(default_factory=list)
 
-    def take(self, run: pd.DataFrame, begin_m: int) -> Whereabouts | None:
+    def take(self, run: pd.DataFrame, begin_m: int, reference: Profile) -> Whereabouts | None:
         """Go on by the section that begins at ``begin_m``, the next in order of travel; None where it was seen before.
 
         ``run`` has it, and some of the run about it, with columns as in
-        :func:`~trackfg.mapping.recognition.recognise`.
+        :func:`~trackfg.mapping.recognition.recognise`; ``reference`` is always the same (:func:`reference_of`).
         """
         if self.seen is not None and self.seen[0] <= begin_m <= self.seen[1]:
             return None
+        ours = profile_of(run, [name for name in reference.features if name in run], "run")
         with one_thread():
-            return self._taken(
-                profile_of(run, [name for name in self.reference.features if name in run], "run"), begin_m
-            )
+            return self._taken(ours, begin_m, reference)
 
-    def _taken(self, run: Profile, begin_m: int) -> Whereabouts:
+    def _taken(self, run: Profile, begin_m: int, reference: Profile) -> Whereabouts:
         length, before = self.section_m, self.begin_m if self.state is not None else begin_m
         follows = abs(begin_m - before) == length  # what comes next of any track depends on what was before
         cells = np.array([before, begin_m] if follows else [begin_m])
-        scores = scores_of(run, self.reference, cells, length, self.rate_sd)
+        scores = scores_of(run, reference, cells, length, self.rate_sd)
         first, stop = scores.places(length)
         self.least.append(scores.least_residuals(len(cells) - 1, first, stop))
         short, curves = scores.with_noise(np.array(self.least)).everywhere(first, stop, len(cells) - 1)

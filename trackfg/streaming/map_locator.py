@@ -76,7 +76,7 @@ class _Found(NamedTuple):
 class MapLocator:
     """``used``: middles of the sections that were told, m of the run's chainage; ``newest``: where the last that was
     looked at begins. ``followed``: chainage on the map less that of the run, where the last section was certain of it.
-    ``located``: whether the map has told where the vehicle is; ``unrecognised_m``: how far it has come since.
+    ``located``: whether the map has told where the vehicle is; ``unrecognised_m``: the length of sections since.
 
     Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the stream's.
     """
@@ -123,11 +123,13 @@ class MapLocator:
                 told = self._told(found, step, leaving, marginal)
             if told is not None and found is not None:
                 events = self._events(told, found)
+            if told is None:
+                self.unrecognised_m += SECTION_M * len(self._new(sections))
             self.newest = sections[-1]
         if told is None and self.located and not self.lost and self.unrecognised_m > _LOST_M:
             self.lost = True
             detail = f"the track has not been recognised on the map for {self.unrecognised_m:.0f} m"
-            events = [StreamEvent("lost", "map", float(sight.t[-1]), detail=detail)]
+            events = [StreamEvent("lost", t_s=float(self.track.passed_s[-1]), detail=detail)]
         return Told(None if told is None else told.family, tuple(events))
 
     def _append(self, sight: Sight) -> None:
@@ -137,7 +139,6 @@ class MapLocator:
             self.used = [place + by for place in self.used]
             self.newest = self.follower = self.followed = None
         self.track.append(sight)
-        self.unrecognised_m += self._step_m * len(sight.table)
         if len(self.track):
             place, sense = self.track.place, self.track.sense
             near = np.flatnonzero(sense * (place[-1] - place) < _BEHIND_M)
@@ -153,15 +154,19 @@ class MapLocator:
             recognition = self._recognised(0.0, place_sd, rate_sd)
             return None if recognition is None else _Found(recognition, 0.0, recognition.probability)
         found = None
-        for begin in sections[sections.index(self.newest) + 1 if self.newest in sections else 0 :]:
+        for begin in self._new(sections):
             found = self._followed(begin, rate_sd)
         return found
+
+    def _new(self, sections: list[int]) -> list[int]:
+        """Those that were not looked at before."""
+        return sections[sections.index(self.newest) + 1 if self.newest in sections else 0 :]
 
     def _followed(self, begin_m: int, rate_sd: float) -> _Found | None:
         """The stretch where the run was followed to, if that is certain."""
         if self.follower is None:
-            self.follower = Follower(self._reference, rate_sd, SECTION_M)
-        at = self.follower.take(self.track.ascending(), begin_m)
+            self.follower = Follower(rate_sd, SECTION_M)
+        at = self.follower.take(self.track.ascending(), begin_m, self._reference)
         if at is None:
             return None
         before, self.followed = self.followed, at.reference_m - at.run_m if at.probability > SURE else None
@@ -207,15 +212,16 @@ class MapLocator:
         return told
 
     def _events(self, told: ToldLate, found: _Found) -> list[StreamEvent]:
-        events, direction = [], self.description.track.direction
-        if not self.located or self.lost:
-            place = direction * told.places.distance[-1]
-            sd = np.hypot(told.sd[-1], self.chainage.sd_m(place))
-            detail = f"at {place:.1f} m, sigma {sd:.2f} m, probability {found.probability:.6f}"
-            events.append(StreamEvent("located", "map", float(told.places.t[-1]), detail=detail))
+        """As the batch's, one per section, and before them that the vehicle is located."""
+        places, events = told.places, list[StreamEvent]()
+        chainage = self.description.track.direction * places.distance
+        sd = np.hypot(told.sd, self.chainage.sd_m(chainage))
+        for i, aside in enumerate(told.weight < _SET_ASIDE):
+            t, place = float(places.t[i]), (float(chainage[i]), float(sd[i]))
+            if not events and (self.lost or not self.located):
+                on = f"on the map {self.feature_map.name!r}, probability {found.probability:.6f}"
+                events.append(StreamEvent("located", "", t, t, 0, on, *place))
+            kind = "landmark set aside" if aside else "landmark used"
+            events.append(StreamEvent(kind, "", t, t, 0, f"residual {told.residual[i]:.2f} m", *place))
         self.located, self.lost, self.unrecognised_m = True, False, 0.0
-        for i in np.flatnonzero(told.weight < _SET_ASIDE):
-            place = direction * told.places.distance[i]
-            detail = f"at {place:.1f} m, {told.residual[i]:.2f} m away from where the vehicle was thought to be"
-            events.append(StreamEvent("landmark-set-aside", "map", float(told.places.t[i]), detail=detail))
         return events

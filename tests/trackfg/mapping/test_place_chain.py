@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trackfg.mapping.place_chain import NEAR, PlaceChain, Windows, State
+from trackfg.mapping.place_chain import NEAR, PlaceChain, State, Windows
 
 PLACES = 90
 

@@ -1,0 +1,116 @@
+"""Streams located on a map, with few fixes or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.errors import BadInputError
+from trackfg.maps.feature_map import FeatureMap
+from trackfg.recording import Recording
+from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.intake import Intake
+from trackfg.streaming.sources import RecordingSource
+
+Ride = Callable[..., Any]
+LAG_S = 20.0
+
+
+class Streamed(NamedTuple):
+    filtered: pd.DataFrame
+    smoothed: pd.DataFrame
+    geometry: pd.DataFrame
+    kinds: list[str]
+
+
+def streamed(recording: Recording, feature_map: FeatureMap | None, resumed_at_s: float = np.inf) -> Streamed:
+    """``resumed_at_s``: from then on by another smoother, from the state of the first."""
+    source = RecordingSource(recording, batch_s=1.0)
+    intake = Intake.of(source)
+
+    def fresh() -> FixedLagSmoother:
+        return FixedLagSmoother(recording.description, lag_s=LAG_S, feature_map=feature_map)
+
+    smoother, pieces = fresh(), list[Estimates]()
+    for batch in source:
+        rows = intake.push(batch)[0]
+        pieces.append(smoother.put(rows))
+        if rows.until_s > resumed_at_s:
+            state, resumed_at_s = smoother.state(), np.inf
+            smoother = fresh()
+            smoother.restore(state)
+    pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
+    tables = (pd.concat([piece[i] for piece in pieces if len(piece[i])], ignore_index=True) for i in range(3))
+    return Streamed(*tables, [event.kind for piece in pieces for event in piece.events])
+
+
+def with_fixes(recording: Recording, count: int, from_s: float = 0.0) -> Recording:
+    imu, tach = (table[table["t_s"] > from_s].reset_index(drop=True) for table in (recording.imu, recording.tach))
+    if count:
+        return replace(recording, imu=imu, tach=tach, fixes=recording.fixes.iloc[:count])
+    described = recording.description.model_copy(update={"fixes": None})
+    return replace(recording, description=described, imu=imu, tach=tach, fixes=None)
+
+
+def errors(table: pd.DataFrame, run: Any) -> np.ndarray:
+    return np.asarray(table["chainage_m"] - run.true_chainage(table["t_s"].to_numpy()))
+
+
+@pytest.mark.parametrize("number", [4, 5])
+def test_with_a_fix_at_its_start_a_stream_stays_where_it_is(line_map: FeatureMap, ride: Ride, number: int) -> None:
+    run = ride(number)
+    ours = streamed(with_fixes(run.simulation.recording, 1), line_map)
+    told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
+    assert len(told) > 0.8 * len(ours.smoothed)
+    assert np.abs(errors(told, run)).max() < 2.0
+    assert (np.abs(errors(told, run)) < 4.0 * told["chainage_m_sd"]).all()
+    assert ours.kinds.count("located") == 1
+    assert ours.kinds.count("landmark used") > 15
+    np.testing.assert_allclose(np.abs(np.diff(ours.geometry["chainage_m"])), 0.25, atol=1e-9)
+
+
+@pytest.mark.parametrize(("number", "from_s"), [(4, 0.0), (5, 120.0)])
+def test_without_any_fix_it_finds_itself(line_map: FeatureMap, ride: Ride, number: int, from_s: float) -> None:
+    run = ride(number)
+    ours = streamed(with_fixes(run.simulation.recording, 0, from_s), line_map)
+    assert ours.kinds.count("located") == 1
+    assert "lost" not in ours.kinds
+    for table in (ours.filtered, ours.smoothed):
+        known = table["chainage_m_sd"].to_numpy() < 100.0
+        first = int(np.argmax(known))
+        assert 0 < first < 0.7 * len(table)
+        assert (table["chainage_m_sd"].iloc[:first] > 1e4).all()
+        assert known[first:].all()
+    told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
+    assert np.abs(errors(told, run)).max() < 2.0
+    assert (np.abs(errors(told, run)) < 4.0 * told["chainage_m_sd"]).all()
+    steps = np.abs(np.diff(ours.geometry["chainage_m"]))
+    assert (np.abs(steps - 0.25) > 1e-9).sum() <= 1  # the jump when it is found
+
+
+def test_on_another_line_it_is_never_located(line_map: FeatureMap, ride: Ride) -> None:
+    ours = streamed(with_fixes(ride(0, seed=4).simulation.recording, 0), line_map)
+    assert not {"located", "landmark used", "landmark set aside", "lost"}.intersection(ours.kinds)
+    assert (ours.smoothed["chainage_m_sd"] > 1e4).all()
+
+
+def test_one_that_is_resumed_goes_on_as_if_it_had_not_been_stopped(line_map: FeatureMap, ride: Ride) -> None:
+    recording = with_fixes(ride(4).simulation.recording, 0)
+    recording = replace(recording, imu=recording.imu[recording.imu["t_s"] < 200.0])
+    whole = streamed(recording, line_map)
+    for at_s in (60.0, 150.0):  # not found yet, and found
+        parts = streamed(recording, line_map, at_s)
+        assert parts.kinds == whole.kinds
+        for one, other in zip(parts[:3], whole[:3], strict=True):
+            pd.testing.assert_frame_equal(one, other, check_exact=True)
+
+
+def test_a_map_with_other_conventions_is_refused(line_map: FeatureMap, ride: Ride) -> None:
+    other = replace(line_map, conventions=replace(line_map.conventions, chord_m=20.0))
+    with pytest.raises(BadInputError, match="chord_m is 10; expected that of the map, 20"):
+        FixedLagSmoother(ride(4).simulation.recording.description, feature_map=other)
