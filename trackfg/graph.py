@@ -13,6 +13,7 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -22,12 +23,12 @@ from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.bias import response_sigmas
 from trackfg.factors.family import Family
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import ImuNoise, Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, States
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, intervals
-from trackfg.inertial_factors import inertial_factors, own_bias_walk, tilt
+from trackfg.inertial_factors import graph_of, own_bias_walk, preintegrated, tilt
 from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes
 from trackfg.layout import Layout, World, world_of
@@ -49,7 +50,8 @@ class Problem:
 
     t: Array
     """Keyframe times, s, shape (n,)."""
-    native: gtsam.NonlinearFactorGraph
+    measured: tuple[Preintegration, ...]
+    """By the inertial sensor, one per interval."""
     families: tuple[Family, ...]
     initial: States
     world: World
@@ -68,6 +70,11 @@ class Problem:
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
+
+    @cached_property
+    def native(self) -> gtsam.NonlinearFactorGraph:
+        """The inertial factors."""
+        return graph_of(self.measured)
 
     def family(self, name: str) -> Family | None:
         """The family of that name, if the graph has it."""
@@ -99,7 +106,7 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
     return Problem(
         t=t,
-        native=inertial_factors(layout, states, speedless),
+        measured=preintegrated(layout, states, speedless),
         families=tuple(family for family in families if len(family)),
         initial=states,
         world=world,

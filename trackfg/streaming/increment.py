@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.factors.family import Family
+from trackfg.factors.imu import Preintegration
 from trackfg.factors.states import Nav, States
 from trackfg.frames import Array, rpy_from_matrix
 from trackfg.inertial import Intervals
@@ -83,10 +84,10 @@ def _new(families: list[Family]) -> tuple[Family, ...]:
     return tuple(family for family in new if len(family))
 
 
-def _predicted(measured: gtsam.PreintegratedImuMeasurements, here: States) -> Nav:
+def _predicted(interval: Preintegration, here: States) -> Nav:
     state = gtsam.NavState(gtsam.Rot3(here.nav.R[0]), here.nav.p[0], here.nav.v[0])
     bias = gtsam.imuBias.ConstantBias(here.bias[0, :3], here.bias[0, 3:])
-    ahead = measured.predict(state, bias)
+    ahead = interval.measured.predict(state, bias)
     return Nav(ahead.attitude().matrix()[None], ahead.position()[None], ahead.velocity()[None])
 
 

@@ -10,12 +10,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 
 from trackfg.elimination import Conditionals, eliminate_leaving
 from trackfg.factors.family import Family, LinearFactors
-from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.imu import Preintegration, linearize_imu_factors
 from trackfg.factors.past import past
 from trackfg.factors.states import States
 from trackfg.frames import Array
@@ -33,7 +32,7 @@ class Interval(NamedTuple):
     t: float
     bias: Array
     ahead: States
-    measured: gtsam.PreintegratedImuMeasurements
+    measured: Preintegration
     response: Array
     families: tuple[Family, ...]
 
@@ -55,7 +54,7 @@ class Window:
 
     t: Array
     states: States
-    measured: tuple[gtsam.PreintegratedImuMeasurements, ...]
+    measured: tuple[Preintegration, ...]
     response: Array
     families: tuple[Family, ...]
 
