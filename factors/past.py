@@ -41,6 +41,17 @@ def step_from(origin: States, states: States) -> Step:
     return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), np.concatenate(parts[_IN_KEYFRAME:], axis=1)[0])
 
 
+def carried(origin: States, other: States) -> tuple[Array, Step]:
+    """How a tangent from ``origin`` (one keyframe) depends on that from an ``other`` one near it: ``J y + c``.
+
+    J (49, 49) and c.
+    """
+    J = np.eye(sum(kind.dim for kind in _KINDS))
+    at = offset_in_keyframe(Kind.NAV)
+    J[at : at + Kind.NAV.dim, at : at + Kind.NAV.dim] = _by_nav(other.nav, origin.nav)[0]
+    return J, step_from(origin, other)
+
+
 def moved_from(origin: States, step: Step) -> States:
     """``origin`` moved by a step in this chart."""
     states, turn = origin.moved(step), step.of(Kind.NAV)[:, :3]

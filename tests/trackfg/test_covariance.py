@@ -66,7 +66,8 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     late = [from_keyframe(one, gone) for one in factors]
     whole, left = eliminate_leaving(factors, n, {gone})
     rest = eliminate(
-        [past(left[gone], states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late], n - gone
+        [past(left[gone], states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late],
+        n - gone,
     )
     np.testing.assert_allclose(rest.solution().keyframes, whole.solution().keyframes[gone:], rtol=1e-5, atol=1e-9)
     marginal = posterior_covariance(rest).marginal

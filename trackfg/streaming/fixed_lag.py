@@ -17,7 +17,7 @@ come, and what can be done of the next keyframe before its last rows come is: fi
 from __future__ import annotations
 
 import hashlib
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,8 +28,10 @@ from trackfg.dense import DenseMotion
 from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
+from trackfg.localisation import MapChainage
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
+from trackfg.streaming.map_locator import MapLocator
+from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Pass, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
@@ -37,6 +39,9 @@ from trackfg.streaming.snapshot import Snapshot, attributes_of, taken
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.trajectory import trajectory_columns
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
 
 NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=list(GEOMETRY_COLUMNS), dtype=np.float64)
@@ -57,17 +62,30 @@ class Estimates(NamedTuple):
     events: tuple[StreamEvent, ...] = ()
 
 
-class FixedLagSmoother:
-    """The batch smoother's graph on the last ``lag_s`` seconds of a stream.
+NO_ESTIMATES = Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
 
-    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, and for a
-    description in which nothing measures speed.
+
+class Behind(NamedTuple):
+    """What a step of the whole window made known."""
+
+    pieces: list[Tables]
+    events: tuple[StreamEvent, ...]
+
+
+class FixedLagSmoother:
+    """The batch smoother's graph on the last ``lag_s`` seconds of a stream, located on a map if there is one.
+
+    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, for a description
+    in which nothing measures speed, and for a map whose columns mean something else than the stream's.
     """
 
     config: SmoothConfig
+    settings: dict[str, str]
+    """What it was made with, as a digest of each, by name."""
     _tape: Tape
     _moving: MovingWindow
     _tables: SmoothedTables | None
+    _locator: MapLocator | None
 
     def __init__(
         self,
@@ -75,6 +93,7 @@ class FixedLagSmoother:
         config: SmoothConfig | None = None,
         *,
         lag_s: float = 10.0,
+        feature_map: FeatureMap | None = None,
     ) -> None:
         self.config = config or SmoothConfig()
         if not lag_s >= 2.0 * self.config.keyframes.interval_s:
@@ -83,13 +102,21 @@ class FixedLagSmoother:
             )
         if description.tach is None and description.gnss is None:
             raise BadInputError(f"{description.id}: nothing measures speed: expected [tach] or [gnss] for a stream")
+        made_with = {
+            "description": description.model_dump_json().encode(),
+            "configuration": self.config.model_dump_json().encode(),
+            "lag": repr(float(lag_s)).encode(),
+            "map": b"" if feature_map is None else feature_map.grid.to_numpy(dtype=np.float64).tobytes(),
+        }
+        self.settings = {name: hashlib.sha256(what).hexdigest() for name, what in made_with.items()}
         self._tape = Tape(description)
-        self._moving = MovingWindow(self._tape, self.config, lag_s)
+        self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
+        self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
         self._tables = None
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
-        self._tape.put(rows)
+        self._tape.put(rows if self._locator is None else self._locator.less_sure(rows))
         behind, at_once = self._behind(), []
         while self._moving.ready():
             behind += self._behind()
@@ -115,39 +142,43 @@ class FixedLagSmoother:
         vars(self).update(attributes_of(FixedLagSmoother, state, self._given))
 
     @property
-    def settings(self) -> dict[str, str]:
-        """What it was made with, as a digest of each, by name."""
-        lag = f"{self._moving.lag_s!r}"
-        texts = {
-            "description": self._tape.description.model_dump_json(),
-            "configuration": self.config.model_dump_json(),
-        }
-        return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in {**texts, "lag": lag}.items()}
+    def sparser(self) -> float:
+        """How many times further apart keyframes are than the settings say. It may be set."""
+        return self._moving.sparser
+
+    @sparser.setter
+    def sparser(self, factor: float) -> None:
+        self._moving.sparser = factor
 
     @property
     def _given(self) -> tuple[object, ...]:
-        return self.config, self._tape.description
+        feature_map = () if self._locator is None else (self._locator.feature_map,)
+        return self.config, self._tape.description, *feature_map
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
         window, setting = update.front, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
-        covariance = posterior_covariance(update.root.last(2))
+        covariance, direction = posterior_covariance(update.root.last(2)), setting.description.track.direction
+        if self._chainage is not None:
+            covariance = self._chainage.with_uncertainty(covariance, two, direction)
         assert self._tape.data is not None
         problem = setting.problem_of(window.t[-2:], two, self._tape.data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
-        return trajectory_columns(problem, motion, two, covariance, setting.description.track.direction)
+        return trajectory_columns(problem, motion, two, covariance, direction)
 
-    def _behind(self, *, at_end: bool = False) -> list[Tables]:
+    def _behind(self, *, at_end: bool = False) -> list[Behind]:
         """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""
         step = self._moving.passed(at_end=at_end)
         if step is None:
             return []
         if self._tables is None:
-            self._tables = SmoothedTables.beginning(self._setting, float(step.window.t[0]))
+            self._tables = SmoothedTables.beginning(
+                self._setting, float(step.window.t[0]), looks=self._locator is not None
+            )
         tables, newest = self._tables, float(step.window.t[-1])
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
@@ -162,15 +193,36 @@ class FixedLagSmoother:
                     rests=moving.rests,
                     odometer=moving.odometer,
                     at_end=at_end,
+                    chainage=self._chainage,
                 )
             ]
+        events = () if self._locator is None else self._locate(self._locator, pieces, step)
         if step.gone is not None:
             tables.history.append(step.gone)
         if pieces:
-            tables.forget()
-            oldest = tables.history.t[0] if tables.history.parts else step.window.t[0]
-            self._tape.forget(float(oldest) - BEFORE_S)
-        return pieces
+            self._tape.stood(tables.forget())
+            newer = float(step.window.t[0]) - BEFORE_S
+            older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
+            self._tape.forget(older, newer)
+        if step.by_batch:
+            events = (*events, StreamEvent("by-batch", t_s=newest, detail=step.by_batch))
+        return [Behind(pieces, (*(event for piece in pieces for event in piece.events), *events))]
+
+    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Pass) -> tuple[StreamEvent, ...]:
+        events: list[StreamEvent] = []
+        for piece in pieces:
+            told = locator.take(piece.sight, step)
+            events += told.events
+            if told.family is not None:
+                self._moving.tell(told.family)
+        if step.gone is not None:
+            locator.history.append(step.gone)
+        return tuple(events)
+
+    @property
+    def _chainage(self) -> MapChainage | None:
+        """That of the map, where the vehicle is located on it."""
+        return self._locator.chainage if self._locator is not None and self._locator.located else None
 
     @property
     def _setting(self) -> Setting:
@@ -178,10 +230,10 @@ class FixedLagSmoother:
         return self._moving.setting
 
 
-def _estimates_of(filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
-    smoothed = _joined([piece.trajectory for piece in pieces], NO_TRAJECTORY)
-    geometry = _joined([piece.geometry for piece in pieces], NO_GEOMETRY)
-    return Estimates(filtered, smoothed, geometry, tuple(event for piece in pieces for event in piece.events))
+def _estimates_of(filtered: pd.DataFrame, behind: list[Behind]) -> Estimates:
+    smoothed = _joined([piece.trajectory for one in behind for piece in one.pieces], NO_TRAJECTORY)
+    geometry = _joined([piece.geometry for one in behind for piece in one.pieces], NO_GEOMETRY)
+    return Estimates(filtered, smoothed, geometry, tuple(event for one in behind for event in one.events))
 
 
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:

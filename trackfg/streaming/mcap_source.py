@@ -45,7 +45,7 @@ class McapSource:
     the file ends. Raises :class:`BadInputError` where the file is none, or has no usable description.
     """
 
-    canonical = False
+    canonical, live = False, False
     gnss_origin = None
 
     def __init__(

@@ -18,6 +18,7 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.covariance import posterior_covariance
 from trackfg.errors import UnsolvableError
+from trackfg.factors.family import Family
 from trackfg.frames import Array
 from trackfg.graph import build_problem, placeless
 from trackfg.inertial_factors import walk_of
@@ -104,6 +105,10 @@ class MovingWindow:
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
     early: Pass | None = None
     """A pass that could not wait."""
+    sparser: float = 1.0
+    """How many times further apart keyframes are than the settings say."""
+    on_map: bool = False
+    """Whether a map will tell where the vehicle is, which nobody knows before."""
 
     def ready(self) -> bool:
         """Whether the rows reach the next keyframe."""
@@ -138,14 +143,20 @@ class MovingWindow:
         early, self.early = self.early, None
         return early
 
+    def tell(self, family: Family) -> None:
+        """Something about the first keyframe that stays."""
+        assert self.window is not None
+        self.window = self.window.with_families(family)
+
     def _begun(self) -> Update:
         tape = self.tape
         assert tape.data is not None
         begin = float(tape.data.edges[0])
         recording, data = tape.recording(begin, begin + START_S), tape.intervals(begin, begin + START_S)
         problem = build_problem(recording, self.config, data)
-        if tape.description.fixes is not None and problem.family("absolute fix") is None:
-            problem = replace(problem, families=placeless(problem.families))  # the first one is to come
+        told_later = tape.description.fixes is not None or self.on_map
+        if told_later and problem.family("absolute fix") is None:
+            problem = replace(problem, families=placeless(problem.families))
         if problem.wheel is not None and tape.description.tach is not None:
             max_gap_s = self.config.tach.max_gap_s
             self.odometer = Odometer.of(problem.wheel, tape.tach, tape.description.tach, max_gap_s=max_gap_s)
@@ -167,7 +178,7 @@ class MovingWindow:
             return float(tape.data.edges[0]) + START_S
         here, config = float(window.t[-1]), self.config.keyframes
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
-        due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
+        due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
         for table in tape.positions.values():
             times = table[:, 0]
             soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)

@@ -13,13 +13,16 @@ it would have written:
 
 from __future__ import annotations
 
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from trackfg.errors import BadInputError
 from trackfg.streaming.checkpoint import Checkpoint, Checkpoints
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake import Intake
+from trackfg.streaming.pace import Pace
 from trackfg.streaming.sinks import Sink
 from trackfg.streaming.sources import Source
 from trackfg.streaming.stream_events import StreamEvent, event_table
@@ -43,6 +46,7 @@ class Stream:
     smoother: FixedLagSmoother
     intake: Intake
     counts: StreamCounts = field(default_factory=StreamCounts)
+    clock: Callable[[], float] = time.monotonic
 
     @classmethod
     def of(cls, source: Source, smoother: FixedLagSmoother, saved: Checkpoint | None = None) -> Stream:
@@ -71,9 +75,15 @@ class Stream:
 
     def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
         """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
+        pace, done = Pace(self.smoother.sparser), self.clock()
         for batch in self.source:
+            begun = self.clock()
             rows, events = self.intake.push(batch)
             self._write(sink, self.smoother.put(rows), events)
+            waited, done = begun - done, self.clock()
+            if self.source.live and (change := pace.took(waited, done - begun, rows.until_s)) is not None:
+                self.smoother.sparser = pace.factor
+                self._write(sink, NO_ESTIMATES, (change,))
             if checkpoints is not None and checkpoints.due(rows.until_s):
                 checkpoints.write(self._checkpoint(batch.position, rows.until_s, sink))
         rows, events = self.intake.finish()

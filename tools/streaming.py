@@ -1,0 +1,116 @@
+"""Is the fixed-lag smoother as good as the batch, quick enough, and sound whatever comes in?
+
+cost    hours of a stream at 200 Hz: latency, throughput, whether time or memory grow
+faults  short streams with faults in them: what comes out is whole, in time, and right again afterwards
+
+A case of ``faults`` is a kind and a seed; ``--case KIND:SEED`` runs it again and says all about it. The measurements of
+``cost`` want a machine that does nothing else.
+
+    python tools/streaming.py [--parts cost faults] [--hours 6] [--cases 1000] [--kinds KIND ...] [--case KIND:SEED ...]
+                              [--first-seed 0] [--jobs 2] [--out FILE] [--per-case FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each case, and small matrices
+
+import pandas as pd
+import streaming_cost as cost
+from positioning_table import printed, table_of
+from rich.console import Console
+from rich.progress import track as progress_over
+from streaming_damage import KINDS
+from streaming_fault_table import by_kind, of_cases, of_quantities
+from streaming_faults import CHECKS, Outcome, outcomes
+
+PARTS = ("cost", "faults")
+
+
+def cases_of(kinds: Sequence[str], count: int, first_seed: int) -> list[tuple[str, int]]:
+    """So many, the kinds in turn."""
+    return [(kinds[i % len(kinds)], first_seed + i // len(kinds)) for i in range(count)]
+
+
+def case_of(text: str) -> tuple[str, int]:
+    """``KIND:SEED``."""
+    kind, _, seed = text.partition(":")
+    if kind not in KINDS or not seed.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r}: expected KIND:SEED with a kind of {', '.join(KINDS)}")
+    return kind, int(seed)
+
+
+def run_cases(cases: Sequence[tuple[str, int]], jobs: int) -> list[Outcome]:
+    """Of all, in their order, with a progress bar on a terminal."""
+    console = Console(stderr=True)
+    found = progress_over(
+        outcomes(cases, jobs), "cases", len(cases), console=console, transient=True, disable=not console.is_terminal
+    )
+    by_case = {(outcome.kind, outcome.seed): outcome for outcome in found}
+    return [by_case[case] for case in dict.fromkeys(cases)]
+
+
+def _report_cost(seed: int, hours: float) -> pd.DataFrame:
+    table = table_of(cost.PART, cost.figures(pd.DataFrame([cost.measure(seed, hours)])))
+    print(f"\ncost  {cost.PART.title}\n\n{printed(table)}")
+    return table
+
+
+def _report_faults(done: Sequence[Outcome], *, all_of_it: bool) -> pd.DataFrame:
+    table = by_kind(done)
+    print(f"\nfaults  {len(done)} cases; errors after the fault in sigmas\n")
+    print(table.to_string(index=False, float_format="{:.3g}".format, na_rep="-"))
+    quantities = of_quantities(done)
+    if len(quantities):
+        print(f"\n{quantities.to_string(index=False, float_format='{:.3g}'.format)}")
+    failed = [outcome for outcome in done if outcome.failed or all_of_it]
+    for outcome in failed:
+        events = ", ".join(f"{count} {kind}" for kind, count in sorted(outcome.events.items())) or "no events"
+        print(f"\n{outcome.kind}:{outcome.seed}  {outcome.ground}: {outcome.said}; {events}")
+        for check in CHECKS:
+            if check in outcome.failed:
+                print(f"    {check}: {outcome.failed[check]}")
+    return table
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    parser.add_argument("--hours", type=float, default=6.0, help="of the stream of cost (default: %(default)s)")
+    parser.add_argument("--cases", type=int, default=1000, help="of faults (default: %(default)s)")
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS), metavar="KIND")
+    parser.add_argument("--case", nargs="+", type=case_of, default=[], metavar="KIND:SEED", help="these cases alone")
+    parser.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="default: %(default)s")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the lines of all tables to a CSV file")
+    parser.add_argument("--per-case", type=Path, metavar="FILE", help="write what each case gave to a CSV file")
+    arguments = parser.parse_args()
+    if arguments.cases < 1 or arguments.jobs < 1 or arguments.first_seed < 0 or not arguments.hours >= 0.05:
+        parser.error("expected one case, one process, 0.05 hours or more, and no negative seed")
+    start = time.perf_counter()
+    parts = ["faults"] if arguments.case else list(dict.fromkeys(arguments.parts))
+    tables, met = [], True
+    if "cost" in parts:
+        tables.append(_report_cost(arguments.first_seed, arguments.hours))
+        met &= not (tables[-1]["met"] == "NO").any()
+    if "faults" in parts:
+        cases = arguments.case or cases_of(arguments.kinds, arguments.cases, arguments.first_seed)
+        done = run_cases(cases, arguments.jobs)
+        tables.append(_report_faults(done, all_of_it=bool(arguments.case)))
+        met &= not any(outcome.failed for outcome in done)
+        if arguments.per_case is not None:
+            of_cases(done).to_csv(arguments.per_case, index=False)
+    print(f"\n{time.perf_counter() - start:.0f} s in all", file=sys.stderr)
+    if arguments.out is not None:
+        pd.concat(tables, ignore_index=True).to_csv(arguments.out, index=False)
+    return 0 if met else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,227 @@
+"""What an update of the fixed-lag smoother costs, and whether it stays so over hours.
+
+A run of ``mainline`` is simulated by a process of its own, which leaves its rows in files. Another one streams them in
+batches of 0.1 s, as a recorder would send them, to Parquet parts, and takes the time of each batch, from its arrival to
+its estimates: the latency where it made a keyframe complete. Memory is read once a simulated minute.
+
+The slopes are those of straight lines through a median a minute with their sigmas, the first tenth of the run left out:
+buffers fill. What they make of the whole run is within noise if it is less than ``NOISE`` of the mean or twice its sigma.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from positioning_table import Figure, Part, at_least, at_most
+from scipy import stats
+from streaming_grounds import CONFIG
+
+from trackfg import FixedLagSmoother
+from trackfg.datasets.scenarios import simulate
+from trackfg.description import RecordingDescription
+from trackfg.frames import Array
+from trackfg.streaming.intake import Intake
+from trackfg.streaming.parquet_parts import ParquetParts
+from trackfg.streaming.rows import recording_rows
+from trackfg.streaming.sources import BATCH_S, Batch
+from trackfg.streaming.stream_events import event_table
+
+SCENARIO = "mainline"
+LAG_S = 10.0
+P50_MS, P99_MS, TIMES_REAL_TIME = 5.0, 20.0, 30.0
+NOISE = 0.05
+WARM_UP = 0.1
+_DESCRIPTION = "description.json"
+_MINUTE_S = 60.0
+
+
+@dataclass(frozen=True)
+class RowFiles:
+    """A source that reads the rows of a simulated run from files, a minute at a time."""
+
+    folder: Path
+    canonical, live = True, False
+    gnss_origin = None
+
+    @property
+    def description(self) -> RecordingDescription:
+        return RecordingDescription.model_validate_json((self.folder / _DESCRIPTION).read_bytes())
+
+    def __iter__(self) -> Iterator[Batch]:
+        names = sorted(path.stem for path in self.folder.glob("*.rows"))
+        readers = {name: _Reader(self.folder / f"{name}.rows") for name in names}
+        minute = 0
+        while True:
+            minute += 1
+            tables = {name: reader.until(minute * _MINUTE_S) for name, reader in readers.items()}
+            if not len(tables["imu"]):
+                return
+            edges = (minute - 1) * _MINUTE_S + BATCH_S * np.arange(1, round(_MINUTE_S / BATCH_S) + 1)
+            cuts = {name: np.searchsorted(rows[:, 0], edges) for name, rows in tables.items()}
+            for i in range(len(edges)):
+                parts = {name: rows[(cuts[name][i - 1] if i else 0) : cuts[name][i]] for name, rows in tables.items()}
+                batch = {name: rows for name, rows in parts.items() if len(rows)}
+                if batch:
+                    yield Batch(batch)
+
+
+class _Reader:
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("rb")
+        self._columns = int(np.fromfile(self._file, count=1)[0])
+        self._ahead = np.empty((0, self._columns))
+
+    def until(self, end: float) -> Array:
+        """The rows before ``end``, s, that have not been given yet."""
+        while not len(self._ahead) or self._ahead[-1, 0] < end:
+            more = np.fromfile(self._file, count=4096 * self._columns).reshape(-1, self._columns)
+            if not len(more):
+                break
+            self._ahead = np.concatenate([self._ahead, more])
+        count = int(np.searchsorted(self._ahead[:, 0], end))
+        rows, self._ahead = self._ahead[:count], self._ahead[count:].copy()
+        return rows
+
+
+def write_rows(folder: Path, seed: int, duration_s: float) -> None:
+    """Simulate, and leave the rows in files."""
+    recording = simulate(SCENARIO, seed=seed, duration_s=duration_s).recording
+    (folder / _DESCRIPTION).write_text(recording.description.model_dump_json(), encoding="utf-8")
+    for name, rows in recording_rows(recording).tables().items():
+        if len(rows):
+            np.concatenate([[float(rows.shape[1])], rows.ravel()]).tofile(folder / f"{name}.rows")
+
+
+def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame, float]:
+    """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``; and seconds in all."""
+    source, sink = RowFiles(rows), ParquetParts(out)
+    intake, smoother = Intake.of(source), FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S)
+    puts, memory = [], []
+    due = 0.0
+    begun = time.perf_counter()
+    for batch in source:
+        start = time.perf_counter()
+        ready, events = intake.push(batch)
+        estimates = smoother.put(ready)
+        taken = time.perf_counter() - start
+        sink.write("events", event_table((*events, *estimates.events)))
+        sink.write("filtered", estimates.filtered)
+        sink.write("smoothed", estimates.smoothed)
+        sink.write("geometry", estimates.geometry)
+        t = float(batch.tables["imu"][-1, 0]) if "imu" in batch.tables else np.nan
+        puts.append((t, 1e3 * taken, len(estimates.filtered)))
+        if t >= due:
+            gc.collect()
+            memory.append((t, _resident_mb()))
+            due += _MINUTE_S
+    seconds = time.perf_counter() - begun
+    columns = ["t_s", "ms", "keyframes"]
+    return pd.DataFrame(puts, columns=columns), pd.DataFrame(memory, columns=["t_s", "mb"]), seconds
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def per_minute(puts: pd.DataFrame, memory: pd.DataFrame) -> pd.DataFrame:
+    """A row a minute: the medians and the longest of the updates with a keyframe and of the others, ms, and memory."""
+    minute = (puts["t_s"] // _MINUTE_S).astype("Int64")
+    updates = puts[puts["keyframes"] > 0].groupby(minute)["ms"]
+    return pd.DataFrame(
+        {
+            "update_ms": updates.median(),
+            "longest_ms": puts.groupby(minute)["ms"].max(),
+            "all_ms": puts.groupby(minute)["ms"].sum() * BATCH_S / _MINUTE_S,
+            "mb": memory.groupby((memory["t_s"] // _MINUTE_S).astype("Int64"))["mb"].first(),
+        }
+    )
+
+
+def slope(minutes: pd.Series) -> tuple[float, float, float]:
+    """Per hour, its sigma, and the mean, of values a minute."""
+    kept = minutes.iloc[int(np.ceil(WARM_UP * len(minutes))) :].dropna()
+    if len(kept) < 3:
+        return np.nan, np.nan, np.nan
+    line = stats.linregress(kept.index.to_numpy(dtype=np.float64) / 60.0, kept.to_numpy(dtype=np.float64))
+    return float(line.slope), float(line.stderr), float(kept.mean())
+
+
+def measure(seed: int, hours: float) -> dict[str, float]:
+    """Everything that the lines of the table need."""
+    with tempfile.TemporaryDirectory() as name:
+        rows, out = Path(name) / "rows", Path(name) / "out"
+        rows.mkdir()
+        fresh = get_context("spawn")
+        with ProcessPoolExecutor(1, mp_context=fresh) as pool:
+            pool.submit(write_rows, rows, seed, 3600.0 * hours).result()
+        with ProcessPoolExecutor(1, mp_context=fresh) as pool:
+            puts, memory, seconds = pool.submit(stream, rows, out).result()
+    minutes = per_minute(puts, memory)
+    # The first keyframe of a stream is the batch of its first seconds.
+    latency = puts.loc[puts["keyframes"] > 0, "ms"].iloc[1:]
+    measured = {
+        "hours": hours,
+        "p50 ms": float(latency.quantile(0.5)),
+        "p99 ms": float(latency.quantile(0.99)),
+        "max ms": float(latency.max()),
+        "longest ms": float(puts["ms"].iloc[int(latency.index[0]) :].max()),
+        "first ms": float(puts.loc[puts["keyframes"] > 0, "ms"].iloc[0]),
+        "times real time": 3600.0 * hours / seconds,
+        "MB": float(minutes["mb"].iloc[-1]),
+    }
+    for what, column in (("update", "update_ms"), ("all", "all_ms"), ("memory", "mb")):
+        measured |= dict(zip((f"{what} slope", f"{what} sigma", f"{what} mean"), slope(minutes[column]), strict=True))
+    return measured
+
+
+def figures(measured: pd.DataFrame) -> list[Figure]:
+    """The lines of the part, of one seed."""
+    of = measured.iloc[0]
+    return [
+        at_most("latency of a keyframe, median, ms", of["p50 ms"], P50_MS),
+        at_most("latency of a keyframe, 99 %, ms", of["p99 ms"], P99_MS),
+        Figure("latency of a keyframe, longest, ms", of["max ms"]),
+        Figure("longest batch of any sort, ms", of["longest ms"]),
+        Figure("the batch that ends the first seconds, ms", of["first ms"]),
+        at_least("times real time", of["times real time"], TIMES_REAL_TIME),
+        *_slopes(of, "update", "update, median of a minute", "ms"),
+        *_slopes(of, "all", "mean of all batches of a minute", "ms"),
+        *_slopes(of, "memory", "memory", "MB"),
+        Figure("hours streamed", of["hours"]),
+    ]
+
+
+def _slopes(of: pd.Series, what: str, said: str, unit: str) -> list[Figure]:
+    growth, sigma, mean = (
+        of[f"{what} {part}"] * scale for part, scale in (("slope", of["hours"]), ("sigma", of["hours"]), ("mean", 1.0))
+    )
+    noise = max(NOISE * mean, 2.0 * sigma)
+    return [
+        Figure(f"{said}, {unit}", mean),
+        Figure(
+            f"{said}: growth over the run, {unit} (sigma {sigma:.2g})",
+            growth,
+            target=f"<= {noise:.2g}",
+            met=bool(growth <= noise),
+        ),
+    ]
+
+
+PART = Part(
+    name="cost",
+    title=f"Cost of an update: {SCENARIO}, 200 Hz, lag {LAG_S:g} s, a keyframe every 0.5 s, batches of {BATCH_S:g} s",
+    measure=lambda seed: measure(seed, 6.0),
+    figures=figures,
+    alone=True,
+)
