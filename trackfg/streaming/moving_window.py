@@ -31,6 +31,7 @@ from trackfg.standstill import find_standstills
 from trackfg.streaming.increment import Ahead, ahead, completed
 from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
+from trackfg.streaming.snapshot import MADE_AGAIN
 from trackfg.streaming.tape import Tape
 from trackfg.streaming.window import Gone, Interval, Stepped, Window
 from trackfg.trajectory import QUANTITIES, keyframe_variances
@@ -98,7 +99,7 @@ class MovingWindow:
     window: Window | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
-    coming: Ahead | None = None
+    coming: Ahead | None = field(default=None, metadata=MADE_AGAIN)
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""

@@ -4,8 +4,9 @@ What goes on from a snapshot must round as it would have without. So arrays come
 over numbers that lie differently in memory add up in another order; and what two places share they share again, or
 one of them would go on alone. Serialisation libraries do neither, and would rather make a value fit than refuse it.
 
-A class is dataclass or named tuple, written field by field; no list of fields stands anywhere else. Nothing is looked
-up by a name from a snapshot but fields, members of enumerations and the functions of :mod:`trackfg.factors`.
+A class is dataclass or named tuple, written field by field; no list of fields stands anywhere else. Fields that are
+:data:`MADE_AGAIN` are left out and get their default. Nothing is looked up by a name from a snapshot but fields,
+members of enumerations and the functions of :mod:`trackfg.factors`.
 
 ==============================  ======================================================================================
 annotation                      as JSON
@@ -42,6 +43,9 @@ import numpy as np
 
 import trackfg.factors
 from trackfg.errors import BadInputError
+
+MADE_AGAIN: Mapping[str, bool] = types.MappingProxyType({"made again": True})
+"""Metadata of a dataclass's field that follows from the others whenever it is needed."""
 
 _ARRAYS = ("<f8", "<i8", "|b1")
 _SCALARS: dict[str, Callable[[Any], object]] = {"float64": np.float64, "int64": np.int64, "bool": np.bool_}
@@ -320,9 +324,11 @@ class _Structure:
 
 @cache
 def _fields(kind: type) -> dict[str, _Form]:
-    hints = typing.get_type_hints(kind)
     if dataclasses.is_dataclass(kind):
-        return {field.name: _form(hints[field.name]) for field in dataclasses.fields(kind)}
-    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
-        return {name: _form(hints[name]) for name in kind._fields}
-    raise TypeError(f"{kind.__name__}: expected a dataclass or a named tuple")
+        names = [field.name for field in dataclasses.fields(kind) if not field.metadata.keys() & MADE_AGAIN.keys()]
+    elif issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        names = list(kind._fields)
+    else:
+        raise TypeError(f"{kind.__name__}: expected a dataclass or a named tuple")
+    hints = typing.get_type_hints(kind)
+    return {name: _form(hints[name]) for name in names}

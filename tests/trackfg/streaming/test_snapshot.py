@@ -19,7 +19,7 @@ from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.factors.past import away
 from trackfg.frames import Array
-from trackfg.streaming.snapshot import Snapshot, attributes_of, taken
+from trackfg.streaming.snapshot import MADE_AGAIN, Snapshot, attributes_of, taken
 
 
 class Side(Enum):
@@ -53,6 +53,7 @@ class Outer:
     counted: Mapping[int, tuple[str, bool]] = field(default_factory=dict)
     evaluate: Callable[..., Any] | None = None
     nothing: Inner | None = None
+    follows: Inner | None = field(default=None, metadata=MADE_AGAIN)
 
 
 class Thing:
@@ -89,12 +90,13 @@ def test_everything_comes_back() -> None:
         named={"fixes": np.ones((2, 3))},
         counted={7: ("left", True)},
         evaluate=away,
+        follows=Inner(np.zeros(2)),
     )
     after = through_a_file(Thing(before, 2)).outer
     assert (after.side, after.numbers, after.counted) == (Side.RIGHT, [0.1, -np.inf, 3], {7: ("left", True)})
     assert after.evaluate is away
     assert after.config is CONFIG
-    assert after.nothing is None
+    assert after.nothing is after.follows is None
     for ours, theirs in zip(after.pairs, before.pairs, strict=True):
         for one, other in zip(ours, theirs, strict=True):
             assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
