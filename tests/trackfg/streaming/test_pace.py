@@ -21,8 +21,8 @@ def factors(pace: Pace, took: list[tuple[float, float]], batch_s: float = 0.1) -
     """After each batch, which somebody waited for and which took so long."""
     out = []
     for i, (waited, busy) in enumerate(took):
-        event = pace.took(waited, busy, i * batch_s)
-        assert (event is not None) == (pace.factor != (out[-1] if out else 1.0))
+        before, event = pace.factor, pace.took(waited, busy, i * batch_s)
+        assert (event is not None) == (pace.factor != before)
         out.append(pace.factor)
     return out
 
