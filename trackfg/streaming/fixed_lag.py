@@ -159,8 +159,8 @@ class FixedLagSmoother:
 
     @property
     def _given(self) -> tuple[object, ...]:
-        feature_map = () if self._locator is None else (self._locator.feature_map,)
-        return self.config, self._tape.description, *feature_map
+        known = () if self._locator is None else (self._locator.feature_map, self._locator.reference)
+        return self.config, self._tape.description, *known
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""

@@ -34,6 +34,7 @@ from trackfg.standstill import find_standstills
 from trackfg.streaming.increment import Ahead, ahead, completed
 from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
+from trackfg.streaming.snapshot import MADE_AGAIN
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.streaming.window import Gone, Interval, Stepped, Window
@@ -114,7 +115,7 @@ class MovingWindow:
     window: Window | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
-    coming: Ahead | None = None
+    coming: Ahead | None = field(default=None, metadata=MADE_AGAIN)
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
