@@ -28,22 +28,11 @@ class Streamed(NamedTuple):
     kinds: list[str]
 
 
-def streamed(recording: Recording, feature_map: FeatureMap | None, resumed_at_s: float = np.inf) -> Streamed:
-    """``resumed_at_s``: from then on by another smoother, from the state of the first."""
+def streamed(recording: Recording, feature_map: FeatureMap) -> Streamed:
     source = RecordingSource(recording, batch_s=1.0)
     intake = Intake.of(source)
-
-    def fresh() -> FixedLagSmoother:
-        return FixedLagSmoother(recording.description, lag_s=LAG_S, feature_map=feature_map)
-
-    smoother, pieces = fresh(), list[Estimates]()
-    for batch in source:
-        rows = intake.push(batch)[0]
-        pieces.append(smoother.put(rows))
-        if rows.until_s > resumed_at_s:
-            state, resumed_at_s = smoother.state(), np.inf
-            smoother = fresh()
-            smoother.restore(state)
+    smoother = FixedLagSmoother(recording.description, lag_s=LAG_S, feature_map=feature_map)
+    pieces: list[Estimates] = [smoother.put(intake.push(batch)[0]) for batch in source]
     pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
     tables = (pd.concat([piece[i] for piece in pieces if len(piece[i])], ignore_index=True) for i in range(3))
     return Streamed(*tables, [event.kind for piece in pieces for event in piece.events])
@@ -61,7 +50,12 @@ def errors(table: pd.DataFrame, run: Any) -> np.ndarray:
     return np.asarray(table["chainage_m"] - run.true_chainage(table["t_s"].to_numpy()))
 
 
-@pytest.mark.parametrize("number", [4, 5])
+def jumps(geometry: pd.DataFrame) -> int:
+    """How often a row is not next to the one before: where the place has become known, and nowhere else."""
+    return int((np.abs(np.abs(np.diff(geometry["chainage_m"])) - 0.25) > 1e-9).sum())
+
+
+@pytest.mark.parametrize("number", [pytest.param(4, marks=pytest.mark.slow), 5])
 def test_with_a_fix_at_its_start_a_stream_stays_where_it_is(line_map: FeatureMap, ride: Ride, number: int) -> None:
     run = ride(number)
     ours = streamed(with_fixes(run.simulation.recording, 1), line_map)
@@ -71,10 +65,10 @@ def test_with_a_fix_at_its_start_a_stream_stays_where_it_is(line_map: FeatureMap
     assert (np.abs(errors(told, run)) < 4.0 * told["chainage_m_sd"]).all()
     assert ours.kinds.count("located") == 1
     assert ours.kinds.count("landmark used") > 15
-    np.testing.assert_allclose(np.abs(np.diff(ours.geometry["chainage_m"])), 0.25, atol=1e-9)
+    assert jumps(ours.geometry) <= 1
 
 
-@pytest.mark.parametrize(("number", "from_s"), [(4, 0.0), (5, 120.0)])
+@pytest.mark.parametrize(("number", "from_s"), [(4, 0.0), pytest.param(5, 120.0, marks=pytest.mark.slow)])
 def test_without_any_fix_it_finds_itself(line_map: FeatureMap, ride: Ride, number: int, from_s: float) -> None:
     run = ride(number)
     ours = streamed(with_fixes(run.simulation.recording, 0, from_s), line_map)
@@ -89,25 +83,13 @@ def test_without_any_fix_it_finds_itself(line_map: FeatureMap, ride: Ride, numbe
     told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
     assert np.abs(errors(told, run)).max() < 2.0
     assert (np.abs(errors(told, run)) < 4.0 * told["chainage_m_sd"]).all()
-    steps = np.abs(np.diff(ours.geometry["chainage_m"]))
-    assert (np.abs(steps - 0.25) > 1e-9).sum() <= 1  # the jump when it is found
+    assert jumps(ours.geometry) <= 1
 
 
 def test_on_another_line_it_is_never_located(line_map: FeatureMap, ride: Ride) -> None:
     ours = streamed(with_fixes(ride(0, seed=4).simulation.recording, 0), line_map)
     assert not {"located", "landmark used", "landmark set aside", "lost"}.intersection(ours.kinds)
     assert (ours.smoothed["chainage_m_sd"] > 1e4).all()
-
-
-def test_one_that_is_resumed_goes_on_as_if_it_had_not_been_stopped(line_map: FeatureMap, ride: Ride) -> None:
-    recording = with_fixes(ride(4).simulation.recording, 0)
-    recording = replace(recording, imu=recording.imu[recording.imu["t_s"] < 200.0])
-    whole = streamed(recording, line_map)
-    for at_s in (60.0, 150.0):  # not found yet, and found
-        parts = streamed(recording, line_map, at_s)
-        assert parts.kinds == whole.kinds
-        for one, other in zip(parts[:3], whole[:3], strict=True):
-            pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
 def test_a_map_with_other_conventions_is_refused(line_map: FeatureMap, ride: Ride) -> None:
