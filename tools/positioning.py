@@ -1,16 +1,17 @@
-"""How well does it know where the train is? The five parts of the acceptance, over seeds.
+"""How well does it know where the train is? In parts, over seeds.
 
 slips      distances in spite of slip and slide, and what is reported of these (slippery-line)
 map        landmarks of a map of one run and of ten, and the roll of the sensors' mountings (shuttle)
 localise   a later run on that map, with a fix at its start alone; and runs that start anywhere with none
+stream     later runs on that map by the fixed-lag smoother, begun anywhere too, and runs on other track
 changes    defects that came after the map was made, and false alarms
 speed      ten runs of 70 km: time and memory of making the map and of adding an eleventh (the first seed alone)
 
 Each line of a table has what was measured over all seeds, its range over the seeds, the target, and whether it is met.
 Twenty seeds take some 25 minutes on two free cores.
 
-    python tools/positioning.py [--seeds 20] [--first-seed 0] [--jobs 2] [--parts slips map localise changes speed]
-                                [--out FILE] [--per-seed FILE]
+    python tools/positioning.py [--seeds 20] [--first-seed 0] [--jobs 2] [--out FILE] [--per-seed FILE]
+                                [--parts slips map localise stream changes speed]
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ from positioning_localise import PART as LOCALISE
 from positioning_map import PART as MAP
 from positioning_slips import PART as SLIPS
 from positioning_speed import PART as SPEED
+from positioning_stream import PART as STREAM
 from positioning_table import printed, table_of
 from side_by_side import add_seed_arguments, seeds_of, side_by_side
 
-PARTS = {part.name: part for part in (SLIPS, MAP, LOCALISE, CHANGES, SPEED)}
+PARTS = {part.name: part for part in (SLIPS, MAP, LOCALISE, STREAM, CHANGES, SPEED)}
 
 
 def measured(names: Sequence[str], seeds: range, jobs: int) -> dict[str, pd.DataFrame]:

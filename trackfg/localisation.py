@@ -142,7 +142,7 @@ def landmark_loss(config: PositionConfig) -> Loss | None:
 
 def landmark_sd(used: pd.DataFrame) -> Array:
     """The sigma of matches, rows of :attr:`trackfg.mapping.recognition.Recognition.used`, as landmarks. Shape (m,)."""
-    return np.hypot(used["match_sd_m"].to_numpy(), _LEAST_SD_M)
+    return np.asarray(np.hypot(used["match_sd_m"].to_numpy(), _LEAST_SD_M))
 
 
 def _less_sure(family: Family, chainage: MapChainage, direction: int) -> Family:

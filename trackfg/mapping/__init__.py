@@ -5,6 +5,7 @@ module              content
 ==================  ==================================================================================================
 ``recognition``     where a run's profile lies on a map's, by ``likelihood``, ``place_chain`` and ``local_match`` of
                     ``profiles``
+``following``       the same as the run goes on, section by section
 ``warp``            from one chainage to another, and tables with it
 ``marks``           what one run says of the map's variables, all else eliminated
 ``joint``           the estimate of these variables from all runs

@@ -13,6 +13,7 @@ module                   content
 ``increment``            the next keyframe and its factors, by those of the batch smoother; ``odometer`` its wheel
 ``window``               the graph of the newest keyframes; ``moving_window`` takes it along
 ``history``              keyframes that left it, estimated from all that came since; ``smoothed`` their tables
+``map_locator``          where it is on a map, by its ``seen_track``; ``late_places`` tells the window
 ``fixed_lag``            :class:`FixedLagSmoother`: rows in, estimates out
 ``sinks``                where estimates go: JSON lines, a callback; ``parquet_parts``
 =======================  =============================================================================================

@@ -61,6 +61,7 @@ def test_json_lines_in_and_out(recording: Path) -> None:
     [
         (["nowhere", "-o", "out"], "nowhere"),
         (["-", "--real-time", "-o", "out"], "--real-time -: expected the folder of a recording"),
+        (["-", "--map", "line.gpkg", "-o", "out"], "line.gpkg"),
     ],
 )
 def test_what_is_refused(arguments: list[str], said: str, tmp_path: Path) -> None:
