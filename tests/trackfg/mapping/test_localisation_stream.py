@@ -34,7 +34,7 @@ def streamed(recording: Recording, feature_map: FeatureMap) -> Streamed:
     smoother = FixedLagSmoother(recording.description, lag_s=LAG_S, feature_map=feature_map)
     pieces: list[Estimates] = [smoother.put(intake.push(batch)[0]) for batch in source]
     pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
-    tables = (pd.concat([piece[i] for piece in pieces if len(piece[i])], ignore_index=True) for i in range(3))
+    tables = (pd.concat([piece[i] for piece in pieces], ignore_index=True) for i in range(3))
     return Streamed(*tables, [event.kind for piece in pieces for event in piece.events])
 
 
@@ -96,3 +96,18 @@ def test_a_map_with_other_conventions_is_refused(line_map: FeatureMap, ride: Rid
     other = replace(line_map, conventions=replace(line_map.conventions, chord_m=20.0))
     with pytest.raises(BadInputError, match="chord_m is 10; expected that of the map, 20"):
         FixedLagSmoother(ride(4).simulation.recording.description, feature_map=other)
+
+
+@pytest.mark.slow
+def test_a_sensor_on_springs_is_located_though_it_has_no_geometry(line_map: FeatureMap, ride: Ride) -> None:
+    run = ride(4)
+    recording = with_fixes(run.simulation.recording, 0)
+    recording = replace(recording, imu=recording.imu[recording.imu["t_s"] < 180.0])
+    imu = recording.description.imu.model_copy(update={"rigid": False})
+    recording = replace(recording, description=recording.description.model_copy(update={"imu": imu}))
+    ours = streamed(recording, line_map)
+    assert "located" in ours.kinds
+    assert ours.geometry.empty
+    told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
+    assert np.abs(errors(told, run)).max() < 4.0
+    assert (told["chainage_m_sd"] > 0.7).all()
