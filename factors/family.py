@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import expit
 
 from trackfg.factors.states import Kind, Nav, States, Value, retract
-from trackfg.factors.switching import OUTLIER_SIGMAS, row_cost, row_weights
+from trackfg.factors.switching import OUTLIER_SIGMAS, Chain, after_row, row_cost, row_weights
 from trackfg.frames import Array
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
@@ -75,13 +75,25 @@ class Loss:
     but the probability that the error is the measurement's own (a switch variable, averaged over). ``"row"`` is the
     same for factors that follow each other in time, whose switches hold for some time
     (:mod:`trackfg.factors.switching`): an outlier makes its neighbours doubtful, and errors that last need not be
-    large. While the values are far from the solution there is no loss at all, or Huber's where errors are too many and
+    large; ``interval_s`` is the time from one to the next, ``before`` the probability that the one before the first was
+    none. While the values are far from the solution there is no loss at all, or Huber's where errors are too many and
     too large.
     """
 
     kind: str
     width: float
     huber_at_start: bool = False
+    interval_s: float = 1.0
+    before: float = 1.0
+
+    @property
+    def chain(self) -> Chain:
+        """Of a row."""
+        return Chain(self.width, self.interval_s, self.before)
+
+    def after(self, norm: Array) -> Loss:
+        """The loss of those that follow factors with these norms (m,) in a row."""
+        return replace(self, before=after_row(norm, self.chain).before) if self.kind == "row" else self
 
     @property
     def at_start(self) -> Loss | None:
@@ -93,7 +105,7 @@ class Loss:
         if self.kind == "huber":
             return np.minimum(1.0, self.width / np.maximum(norm, 1e-12))
         if self.kind == "row":
-            return row_weights(norm, self.width)
+            return row_weights(norm, self.chain)
         if self.kind == "switch":
             outlier = expit(-0.5 * self.width**2 + 0.5 * (1.0 - OUTLIER_SIGMAS**-2) * norm**2)
             return np.asarray(1.0 - outlier * (1.0 - OUTLIER_SIGMAS**-2))
@@ -112,7 +124,7 @@ class Loss:
         """rho(e), which is e^2/2 for small e; of a row the sum."""
         c = self.width
         if self.kind == "row":
-            return np.asarray(row_cost(norm, c))
+            return np.asarray(row_cost(norm, self.chain))
         if self.kind == "huber":
             return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
         if self.kind == "switch":
@@ -164,6 +176,14 @@ class Family:
         data = tuple(array[index] for array in self.data)
         doubtful = None if self.doubtful is None else self.doubtful[index]
         return self._like(slots, data, self.sigma[index], doubtful)
+
+    def following(self, first: np.ndarray | slice, states: States) -> Family:
+        """:meth:`take` of the last of the factors; the loss is that of a row which began before."""
+        rest = self.take(first)
+        if self.loss is None or self.loss.kind != "row":
+            return rest
+        gone = np.linalg.norm(self.whitened(states), axis=1)[: len(self) - len(rest)]
+        return replace(rest, loss=self.loss.after(gone))
 
     def shifted(self, by: int) -> Family:
         """The same factors on the keyframes that are ``by`` later."""

@@ -4,7 +4,10 @@ A wheel that drives or brakes creeps: on the stable side of its creep curve by a
 proportional to the force that it transmits, some 1 % at the top of the curve. The force per mass, in g, is what the
 accelerometer shows forwards (acceleration and gradient together), so that over a distance d with the mean force f
 
-    variance = (creep sqrt(d))^2 + (creep_per_traction |f| / g  d)^2.
+    variance = (creep sqrt(d))^2 + (creep_per_traction |f| / g  d)^2 (1 s / T)
+
+in a time T: what the force leaves open is another one in every second, so that the sum over a stretch does not depend
+on how many keyframes are in it.
 
 What is left beyond is slip, and the loss switches the wheel off there.
 """
@@ -54,9 +57,9 @@ def rolled(layout: Layout) -> list[Family]:
         return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
     force = _mean(layout, layout.data.accel[:, 0]) / layout.world.gravity
     turned = (_mean(layout, layout.data.gyro[:, 2]) - layout.path.bias(layout.t[:-1])[:, 2]) * np.diff(layout.t)
-    variance = (
-        config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (config.creep_per_traction * np.abs(force) * distance) ** 2
-    )
+    variance = config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (
+        config.creep_per_traction * np.abs(force) * distance
+    ) ** 2 / np.diff(layout.t)
     if layout.wheel.integrates_speed:
         moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
         variance = variance + config.speed_noise_mps**2 * np.diff(layout.t) * moving
@@ -66,7 +69,9 @@ def rolled(layout: Layout) -> list[Family]:
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
     response = wheel_response(layout.distance, turned, force)
     assert layout.rolling is not None
-    wheel = tach_distance(k, response, sigma, Loss("row", config.robust_width, huber_at_start=True))
+    interval_s = layout.config.keyframes.interval_s
+    loss = Loss("row", config.robust_width, huber_at_start=True, interval_s=interval_s)
+    wheel = tach_distance(k, response, sigma, loss)
     wheel = replace(wheel, doubtful=layout.rolling.slips_within(layout.t))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])

@@ -92,7 +92,7 @@ class SettledEvents:
             if lasts and not over:
                 cut.append(min(event.end_s, settled_s) + _STEP_S)
         self.told_s |= {_thing(event): event.end_s for event in told}
-        self.since_s = max(min(waiting), settled_s - LONGEST_S, *cut)
+        self.since_s = max(self.since_s, min(waiting), settled_s - LONGEST_S, *cut)
         return tuple(_stream_event(event) for event in told)
 
     def _untold(self, problem: Problem) -> Problem:

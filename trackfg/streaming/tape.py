@@ -14,7 +14,7 @@ import pandas as pd
 from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
-from trackfg.inertial import Intervals, laid_out
+from trackfg.inertial import Intervals, laid_out, means_around
 from trackfg.recording import IMU_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows, no_rows
 
@@ -111,7 +111,8 @@ class Tape:
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        return np.asarray(_between(self.samples, t - 0.05, t + 0.05)[:, 1:4].mean(axis=0, keepdims=True))
+        assert self.data is not None
+        return means_around(np.array([t]), 0.1, self.data.edges, self.data.gyro)
 
     def forget(self, before: float, newer: float) -> None:
         """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""

@@ -114,7 +114,7 @@ class Stepped(NamedTuple):
         """Without the first ``gone`` keyframes, and what went."""
         window, root, origin = self.window, self.root, self.origin
         kept = [
-            family.take(later).shifted(-gone)
+            family.following(later, window.states).shifted(-gone)
             for family in window.families
             if (later := np.flatnonzero(family.first_keyframe >= gone)).size
         ]
