@@ -194,7 +194,10 @@ class _Optional:
         return None if value is None else [self.form.write(value, to)]
 
     def read(self, node: Any, source: _Reader) -> Any:
-        return None if node is None else self.form.read(*node, source)
+        if node is None:
+            return None
+        (inner,) = node
+        return self.form.read(inner, source)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -263,7 +266,7 @@ class _Functions:
 @cache
 def _functions() -> dict[str, Callable[..., Any]]:
     """All functions of :mod:`trackfg.factors`, by module and name."""
-    found = {}
+    found: dict[str, Callable[..., Any]] = {}
     for info in pkgutil.iter_modules(trackfg.factors.__path__, "trackfg.factors."):
         module = importlib.import_module(info.name)
         for function in vars(module).values():

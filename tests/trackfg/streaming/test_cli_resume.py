@@ -16,9 +16,9 @@ import pytest
 
 from trackfg import cli
 from trackfg.datasets.scenarios import simulate
-from trackfg.streaming.checkpoint import Checkpoints
 from trackfg.streaming.parquet_parts import read_parts
 
+NOTHING = Path("/dev/null")
 TRACKFG = [sys.executable, "-m", "trackfg", "stream"]
 DESCRIPTION = {
     "id": "lines",
@@ -38,9 +38,10 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def said(arguments: list[object], lines: bytes = b"") -> str:
+def said(arguments: list[object], lines: Path = NOTHING) -> str:
     """On standard error, where all went well."""
-    done = subprocess.run([*TRACKFG, *map(str, arguments)], input=lines, capture_output=True)
+    with lines.open("rb") as rows:
+        done = subprocess.run([*TRACKFG, *map(str, arguments)], stdin=rows, capture_output=True)
     assert done.returncode == 0, done.stderr.decode()
     return done.stderr.decode()
 
@@ -55,11 +56,13 @@ def refused(arguments: list[object]) -> str:
     return text.getvalue()
 
 
-def killed(out: Path, arguments: list[object], wait_s: float) -> bool:
+def killed(out: Path, arguments: list[object], wait_s: float, lines: Path = NOTHING) -> bool:
     """Killed some time after its next checkpoint; False where it ended before."""
     path = out / "checkpoint"
     before = path.stat().st_mtime_ns if path.exists() else 0
-    process = subprocess.Popen([*TRACKFG, *map(str, arguments), "-o", str(out)], stderr=subprocess.DEVNULL)
+    with lines.open("rb") as rows:
+        command = [*TRACKFG, *map(str, arguments), "-o", str(out)]
+        process = subprocess.Popen(command, stdin=rows, stderr=subprocess.DEVNULL)
     try:
         while process.poll() is None and (not path.exists() or path.stat().st_mtime_ns == before):
             time.sleep(0.01)
@@ -94,27 +97,21 @@ def test_lines_are_passed_over_that_were_sent_before(tmp_path: Path) -> None:
     keyed = [(row[0], {"table": "tach", "t": row[0], "s": row[1]}) for row in run.tach.to_numpy().tolist()]
     keyed += [(row[0], {"table": "imu", **dict(zip(names, row, strict=True))}) for row in run.imu.to_numpy().tolist()]
     rows = [json.dumps(row) for _, row in sorted(keyed, key=lambda one: one[0])]
-    lines = "\n".join([json.dumps({"description": DESCRIPTION}), *rows]).encode()
-    arguments: list[object] = ["-", "--lag", "5", "--checkpoint-every", "4", "-o"]
-    said([*arguments, tmp_path / "whole"], lines)
-
-    out = tmp_path / "out"
-    process = subprocess.Popen([*TRACKFG, *map(str, arguments), str(out)], stdin=subprocess.PIPE)
-    assert process.stdin is not None
-    process.stdin.write(lines[: int(0.7 * len(lines))])
-    process.stdin.flush()
-    while not (out / "checkpoint").exists() or Checkpoints(out / "checkpoint").read().position == 0:
-        time.sleep(0.02)
-    process.kill()
-    process.wait()
-    process.stdin.close()
-    assert "lines are passed over, which have to be those sent before" in said([*arguments, out, "--resume"], lines)
+    lines, out = tmp_path / "lines.jsonl", tmp_path / "out"
+    lines.write_text("\n".join([json.dumps({"description": DESCRIPTION}), *rows]))
+    arguments: list[object] = ["-", "--lag", "5", "--checkpoint-every", "3"]
+    said([*arguments, "-o", tmp_path / "whole"], lines)
+    assert killed(out, arguments, 0.0, lines)
+    assert killed(out, [*arguments, "--resume"], 0.3, lines)
+    again = said([*arguments, "-o", out, "--resume"], lines)
+    assert "lines are passed over, which have to be those sent before" in again
     assert contents(out) == contents(tmp_path / "whole")
 
 
 def test_what_resume_is_refused_for(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert killed(out, [recording, "--lag", "5", "--checkpoint-every", "4"], 0.0)
+    (out / "mine.txt").write_text("mine")
     before = contents(out)
     resumed: list[object] = [recording, "-o", out, "--resume", "--lag"]
     assert "made with another lag" in refused([*resumed, "6"])
