@@ -16,5 +16,7 @@ module                   content
 ``map_locator``          where it is on a map, by its ``seen_track``; ``late_places`` tells the window
 ``fixed_lag``            :class:`FixedLagSmoother`: rows in, estimates out
 ``sinks``                where estimates go: JSON lines, a callback; ``parquet_parts``
+``run``                  all of it in a row
+``checkpoint``           the file from which a killed stream goes on; ``snapshot``: objects to the last bit
 =======================  =============================================================================================
 """
