@@ -67,7 +67,8 @@ class Rows:
     """Canonical rows, in each table sorted by time without repetition; a table without rows has length 0.
 
     Rows up to ``until_s`` (s) are complete: what comes later on the stream is later than this. ``gnss_origin`` is that
-    of the recording: latitude (deg), longitude (deg), height (m), or None.
+    of the recording: latitude (deg), longitude (deg), height (m), or None. ``breaks``: by table, spans (b, 2),
+    s, as :func:`~trackfg.streaming.stream_events.breaks_of` gives them; told before the first rows after them.
     """
 
     imu: Array = field(default_factory=lambda: no_rows("imu"))
@@ -77,6 +78,7 @@ class Rows:
     lasers: Mapping[str, Array] = field(default_factory=dict)
     until_s: float = -np.inf
     gnss_origin: Array | None = None
+    breaks: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return sum(table.shape[0] for table in self.tables().values())

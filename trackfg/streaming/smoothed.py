@@ -116,7 +116,7 @@ class SmoothedTables:
             problem,
             rests=rests,
             gaps=tape.data.gaps(),
-            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2]),
+            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2], tape.breaks["tach"]),
             families=self.history.with_families(window.families),
         )
         events = self.events.until(told, motion, states, covariance, settled_s, track.direction, at_end=at_end)

@@ -39,10 +39,14 @@ class Tape:
     tach: Array = field(default_factory=lambda: no_rows("tach"))
     positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
     """By table: fixes and GNSS."""
+    breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
+    """By table: spans (b, 2), s, over which nobody knows what happened."""
 
     def put(self, rows: Rows) -> None:
         """Append rows."""
         self.gnss_origin = rows.gnss_origin if self.gnss_origin is None else self.gnss_origin
+        for name, spans in rows.breaks.items():
+            self.breaks[name] = np.concatenate([self.breaks[name], spans])
         if len(rows.tach):
             self.tach = np.concatenate([self.tach, rows.tach])
         for name, table in (("fixes", rows.fixes), ("gnss", rows.gnss)):
@@ -89,6 +93,22 @@ class Tape:
         low, high = int(np.searchsorted(edges, begin - 1e-9)), int(np.searchsorted(edges, end + 1e-9, side="right")) - 1
         return self.data.take(slice(low, high))
 
+    def turns(self, begin: float, until: float) -> Array:
+        """Edges of the inertial record in (begin, until] at which a hole or a break begins or ends, s."""
+        assert self.data is not None
+        edges = self.data.edges
+        low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
+        bridged = self.data.bridged[max(low - 1, 0) : high]
+        holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
+        after = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
+        found = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
+        return np.sort(found[(found > begin + 1e-6) & (found <= until)])
+
+    def broken(self, begin: float, until: float) -> bool:
+        """Whether the first sample after a break lies between two edges of the inertial record."""
+        after = self.breaks["imu"][:, 1]
+        return bool(((after >= begin) & (after < until)).any())
+
     def positions_between(self, begin: float, end: float) -> Recording:
         """A recording of fixes and GNSS alone."""
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
@@ -123,6 +143,7 @@ class Tape:
         self.samples = self.samples[np.searchsorted(self.samples[:, 0], newer) :]
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
         self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
+        self.breaks = {name: spans[spans[:, 1] >= before] for name, spans in self.breaks.items()}
 
     def stood(self, rests: Array) -> None:
         """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""

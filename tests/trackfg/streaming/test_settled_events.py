@@ -76,9 +76,7 @@ def test_events_are_the_batch_smoothers(told: pd.DataFrame, slipping: Simulation
     assert told["kind"].tolist() == batch["kind"].tolist()
     np.testing.assert_allclose(told[["start_s", "end_s"]], batch[["start_s", "end_s"]], atol=2.0)
     slip = batch["kind"].isin(SLIPS)
-    np.testing.assert_allclose(
-        told["distance_removed_m"][slip], batch["distance_removed_m"][slip], rtol=0.05, atol=0.1
-    )
+    np.testing.assert_allclose(told["distance_removed_m"][slip], batch["distance_removed_m"][slip], rtol=0.05, atol=0.1)
 
 
 def test_how_rows_are_grouped_makes_no_difference(
