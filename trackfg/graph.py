@@ -42,6 +42,8 @@ from trackfg.wheel import Wheel, read_wheel
 from trackfg.wheel_slip import Rolling, rolling
 
 _ANYWHERE_SD_M = 1e5
+_SET_SD_M = 1e-4
+"""Of a place that is 0 by convention."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,21 @@ def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
     return tuple(anywhere(family) if family.name == "prior on odo" else family for family in families)
 
 
+def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
+    """With a start ``distance`` m along the track, known to ``sd`` m."""
+    shift = np.array([distance - problem.initial.odo[0, 0], 0.0, 0.0, 0.0])
+
+    def moved(family: Family) -> Family:
+        if family.name != "prior on odo":
+            return family
+        sigma = family.sigma.copy()
+        sigma[:, 0] = max(sd, _SET_SD_M)
+        return replace(family, data=(family.data[0] + shift,), sigma=sigma)
+
+    initial = replace(problem.initial, odo=problem.initial.odo + shift)
+    return replace(problem, initial=initial, families=tuple(moved(family) for family in problem.families))
+
+
 def _priors(layout: Layout, states: States) -> list[Family]:
     noise, config = layout.recording.description.imu.noise, layout.config
     first = np.array([0])
@@ -189,7 +206,7 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
     tach = layout.recording.description.tach
     scale_sd = 1e-2 if tach is None else tach.scale_sd
-    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else 1e-4
+    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else _SET_SD_M
     odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
     tach_clock = config.tach
     clock_sd = np.array(

@@ -31,7 +31,7 @@ from trackfg.frames import Array
 from trackfg.localisation import MapChainage
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.map_locator import MapLocator
-from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Pass, Update
+from trackfg.streaming.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=list(GEOMETRY_COLUMNS), dtype=np.float64)
 
+_JUST_S = 1e-6
 PIECE_S = 10.0
 """Smoothed tables come in pieces about as long."""
 
@@ -85,6 +86,10 @@ class FixedLagSmoother:
     _tape: Tape
     _moving: MovingWindow
     _tables: SmoothedTables | None
+    _done_s: float
+    """When the tables that a lost window left behind end."""
+    _newest: Pass | None
+    """The window as the last step left it."""
     _locator: MapLocator | None
 
     def __init__(
@@ -112,7 +117,8 @@ class FixedLagSmoother:
         self._tape = Tape(description)
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
-        self._tables = None
+        self._tables = self._newest = None
+        self._done_s = -np.inf
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
@@ -121,7 +127,8 @@ class FixedLagSmoother:
         while self._moving.ready():
             behind += self._behind()
             if self._moving.ready():  # it may be that the vehicle is slower than was thought
-                at_once.append(self._filtered(self._moving.advanced()))
+                update = self._moving.advanced()
+                at_once += [] if update is None else [self._filtered(update)]
         self._moving.prepare()
         return _estimates_of(_table(at_once), behind)
 
@@ -152,8 +159,8 @@ class FixedLagSmoother:
 
     @property
     def _given(self) -> tuple[object, ...]:
-        feature_map = () if self._locator is None else (self._locator.feature_map,)
-        return self.config, self._tape.description, *feature_map
+        known = () if self._locator is None else (self._locator.feature_map, self._locator.reference)
+        return self.config, self._tape.description, *known
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
@@ -173,29 +180,18 @@ class FixedLagSmoother:
     def _behind(self, *, at_end: bool = False) -> list[Behind]:
         """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""
         step = self._moving.passed(at_end=at_end)
+        if self._moving.lost is not None and self._moving.newly_lost:
+            return [self._lost(self._moving.lost)]
         if step is None:
             return []
         if self._tables is None:
-            self._tables = SmoothedTables.beginning(
-                self._setting, float(step.window.t[0]), looks=self._locator is not None
-            )
+            begin = max(float(step.window.t[0]) - _JUST_S, self._done_s)
+            self._tables = SmoothedTables.beginning(self._setting, begin, looks=self._locator is not None)
         tables, newest = self._tables, float(step.window.t[-1])
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
-            moving = self._moving
-            pieces = [
-                tables.up_to(
-                    self._tape,
-                    step.window,
-                    step.root,
-                    settled,
-                    rests=moving.rests,
-                    odometer=moving.odometer,
-                    at_end=at_end,
-                    chainage=self._chainage,
-                )
-            ]
+            pieces = [self._tables_up_to(tables, step, settled, at_end=at_end)]
         events = () if self._locator is None else self._locate(self._locator, pieces, step)
         if step.gone is not None:
             tables.history.append(step.gone)
@@ -204,9 +200,36 @@ class FixedLagSmoother:
             newer = float(step.window.t[0]) - BEFORE_S
             older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
             self._tape.forget(older, newer)
-        if step.by_batch:
-            events = (*events, StreamEvent("by-batch", t_s=newest, detail=step.by_batch))
+        events = (*events, *(() if step.event is None else (step.event,)))
+        if self._moving.window is not None:
+            window = self._moving.window
+            self._newest = Pass(window, step.root.last(len(window)), None)
         return [Behind(pieces, (*(event for piece in pieces for event in piece.events), *events))]
+
+    def _lost(self, lost: Lost) -> Behind:
+        """What is known up to there; from there on the stream begins anew."""
+        self._moving.newly_lost, pieces = False, []
+        if self._tables is not None and self._newest is not None:
+            end = float(self._newest.window.t[-1])
+            pieces = [self._tables_up_to(self._tables, self._newest, end, at_end=True)]
+            self._done_s = end
+        self._tables = self._newest = None
+        if self._locator is not None:
+            self._locator = MapLocator(self._tape.description, self.config, self._locator.feature_map)
+        event = StreamEvent("restarted", t_s=lost.begin_s, detail=lost.reason)
+        return Behind(pieces, (*(event for piece in pieces for event in piece.events), event))
+
+    def _tables_up_to(self, tables: SmoothedTables, step: Pass, settled_s: float, *, at_end: bool) -> Tables:
+        return tables.up_to(
+            self._tape,
+            step.window,
+            step.root,
+            settled_s,
+            rests=self._moving.rests,
+            odometer=self._moving.odometer,
+            at_end=at_end,
+            chainage=self._chainage,
+        )
 
     def _locate(self, locator: MapLocator, pieces: list[Tables], step: Pass) -> tuple[StreamEvent, ...]:
         events: list[StreamEvent] = []

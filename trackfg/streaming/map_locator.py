@@ -99,7 +99,9 @@ class MapLocator:
         check_conventions(meaning, self.feature_map.conventions, self.description.id)
         self._step_m = meaning.step_m
         self._grid = self.feature_map.grid
-        self._reference = reference_of(self._grid)
+        self.reference = reference_of(self._grid)
+        if self.follower is not None:
+            self.follower.reference = self.reference
         self._map_sd = float(self._grid["chainage_m_sd"].median())
         self.chainage = MapChainage(self._grid, on_springs=not self.description.imu.rigid)
 
@@ -160,7 +162,7 @@ class MapLocator:
     def _followed(self, begin_m: int, rate_sd: float) -> _Found | None:
         """The stretch where the run was followed to, if that is certain."""
         if self.follower is None:
-            self.follower = Follower(self._reference, rate_sd, SECTION_M)
+            self.follower = Follower(self.reference, rate_sd, SECTION_M)
         at = self.follower.take(self.track.ascending(), begin_m)
         if at is None:
             return None

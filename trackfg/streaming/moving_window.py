@@ -3,8 +3,10 @@
 The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors to the newest
 few, the front, which move by a Gauss-Newton step at once: what the rest of the window says is a factor on the front's
 first one. Every few keyframes the whole window takes a step, where robust weights and linearisations are made anew;
-what is older than the lag is eliminated then, and what it said stays as a factor. Where a step fails or the steps do
-not settle, the whole window is solved as a batch from what it knows.
+what is older than the lag is eliminated then, and what it said stays as a factor.
+
+Where the front's step fails or its steps do not settle, the whole window takes over; where the window's do, it is
+solved as a batch from what it knows; and where that fails too, a new window begins where the newest keyframe was.
 """
 
 from __future__ import annotations
@@ -19,8 +21,9 @@ from trackfg.config import SmoothConfig
 from trackfg.covariance import posterior_covariance
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family
+from trackfg.factors.states import Kind
 from trackfg.frames import Array
-from trackfg.graph import build_problem, placeless
+from trackfg.graph import begun_at, build_problem, placeless
 from trackfg.inertial_factors import walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
@@ -31,6 +34,8 @@ from trackfg.standstill import find_standstills
 from trackfg.streaming.increment import Ahead, ahead, completed
 from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
+from trackfg.streaming.snapshot import MADE_AGAIN
+from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.streaming.window import Gone, Interval, Stepped, Window
 from trackfg.trajectory import QUANTITIES, keyframe_variances
@@ -56,7 +61,8 @@ sensor alone makes some hundred, and what is left after the step is less than on
 """
 _SETTLED_AT_START = 15.0
 _STEPS = 4
-_FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError)
+_FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
+"""The last are GTSAM's."""
 _ORIENTED_RAD = 0.03
 _LONGEST_WITHOUT_HEADING = 240
 """Keyframes: a vehicle may stand for hours before it shows its heading."""
@@ -76,13 +82,24 @@ class Update(NamedTuple):
 class Pass(NamedTuple):
     """A step of the whole window: the window, the square root of its information, and what leaves it then.
 
-    ``by_batch``: why it was solved as a batch, empty where it was not.
+    ``event``: what took over, and why, where something had to.
     """
 
     window: Window
     root: SquareRoot
     gone: Gone | None
-    by_batch: str
+    event: StreamEvent | None = None
+
+
+class Lost(NamedTuple):
+    """Nothing could be made of the rows from ``begin_s`` on: the window begins anew.
+
+    ``distance``: along the track there with its sigma, m; None at the begin of the stream.
+    """
+
+    begin_s: float
+    distance: tuple[float, float] | None
+    reason: str
 
 
 @dataclass
@@ -100,13 +117,19 @@ class MovingWindow:
     window: Window | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
-    coming: Ahead | None = None
+    coming: Ahead | None = field(default=None, metadata=MADE_AGAIN)
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
     early: Pass | None = None
     """A pass that could not wait."""
+    known: tuple[float, float] | None = None
+    """Distance along the track at the newest keyframe of the last pass, with its sigma, m."""
+    lost: Lost | None = None
+    """What the window begins after, until it has begun."""
+    newly_lost: bool = False
+    """Until somebody has taken notice."""
     sparser: float = 1.0
     """How many times further apart keyframes are than the settings say."""
     on_map: bool = False
@@ -123,52 +146,75 @@ class MovingWindow:
         if t is not None and self.front is not None and self.tape.until >= t + _AROUND_S:
             self._begin(t)
 
-    def advanced(self) -> Update:
-        """The next keyframe, where :meth:`ready` says that there is one."""
-        if self.front is None:
-            return self._begun()
+    def advanced(self) -> Update | None:
+        """The next keyframe, where :meth:`ready` says that there is one; None where it is :attr:`lost`."""
         t = self._next_keyframe()
         assert t is not None
-        return self._advanced(t)
+        try:
+            return self._begun(t) if self.front is None else self._advanced(t)
+        except _FAILURES as error:
+            self._lose(t, str(error))
+            return None
 
     def last(self) -> Update | None:
         """A keyframe at the end of the rows, if they reach beyond the newest one."""
         self.tape.end()
         if self.front is None or self.tape.until < self.front.t[-1] + _LEAST_S:
             return None
-        return self._advanced(self.tape.until)
+        try:
+            return self._advanced(self.tape.until)
+        except _FAILURES as error:
+            self._lose(self.tape.until, str(error))
+            return None
 
     def passed(self, *, at_end: bool = False) -> Pass | None:
-        """The step of the whole window, if it is due; at the end of the stream it always is."""
+        """The step of the whole window, if it is due and the window is not :attr:`lost`; at the end of the stream it
+        always is due.
+        """
         if self.early is None and self.window is not None and (len(self.since) >= TOGETHER or at_end):
-            return self._passed()
+            try:
+                return self._passed()
+            except _FAILURES as error:
+                self._lose(float(self.window.t[-1]), str(error))
         early, self.early = self.early, None
         return early
+
+    def _lose(self, t: float, reason: str) -> None:
+        """Begin anew: where the last pass knew the vehicle, or after rows that do not make a first window."""
+        begin, distance = t, None if self.lost is None else self.lost.distance
+        if self.window is not None and self.known is not None:
+            begin, distance = float(self.window.t[-1]), self.known
+        self.lost = Lost(begin, distance, reason)
+        self.newly_lost = True
+        self.window = self.front = self.coming = self.early = None
+        self.since, self.oriented, self.rests = [], False, np.zeros((0, 2))
 
     def tell(self, family: Family) -> None:
         """Something about the first keyframe that stays."""
         assert self.window is not None
         self.window = self.window.with_families(family)
 
-    def _begun(self) -> Update:
+    def _begun(self, t: float) -> Update:
         tape = self.tape
-        assert tape.data is not None
-        begin = float(tape.data.edges[0])
-        recording, data = tape.recording(begin, begin + START_S), tape.intervals(begin, begin + START_S)
+        recording, data = tape.recording(t - START_S, t), tape.intervals(t - START_S, t)
         problem = build_problem(recording, self.config, data)
         told_later = tape.description.fixes is not None or self.on_map
         if told_later and problem.family("absolute fix") is None:
             problem = replace(problem, families=placeless(problem.families))
+        self.odometer = None
         if problem.wheel is not None and tape.description.tach is not None:
             max_gap_s = self.config.tach.max_gap_s
             self.odometer = Odometer.of(problem.wheel, tape.tach, tape.description.tach, max_gap_s=max_gap_s)
             problem = replace(problem, families=self.odometer.rounded(problem.families))
+        if self.lost is not None and self.lost.distance is not None:
+            problem = begun_at(problem, *self.lost.distance)
         solution = solve(problem, self.config.solver)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
         self.window = self.front = window
-        self.early = Pass(window, solution.root, None, "")
+        self.early, self.lost = Pass(window, solution.root, None), None
+        self.known = self._distance(window, solution.root)
         return Update(window, solution.root)
 
     def _next_keyframe(self) -> float | None:
@@ -177,7 +223,8 @@ class MovingWindow:
         if tape.data is None:
             return None
         if window is None:
-            return float(tape.data.edges[0]) + START_S
+            begin = float(tape.data.edges[0])
+            return START_S + (begin if self.lost is None else max(begin, self.lost.begin_s))
         here, config = float(window.t[-1]), self.config.keyframes
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
         due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
@@ -225,13 +272,13 @@ class MovingWindow:
         try:
             step = self._step(self.front)
         except _FAILURES as error:
-            self.early = self._passed(str(error))
+            self.early = self._passed(StreamEvent("by-window", t_s=t, detail=str(error)))
             return Update(self.front, self.early.root)
         self.front = step.window
         return Update(step.window, step.root)
 
-    def _passed(self, failure: str = "") -> Pass:
-        """``failure``: why the front could not take its step."""
+    def _passed(self, event: StreamEvent | None = None) -> Pass:
+        """``event``: that the front could not take its step."""
         window, front, setting = self.window, self.front, self.setting
         assert window is not None
         assert front is not None
@@ -247,12 +294,18 @@ class MovingWindow:
         if self.oriented or len(window) > _LONGEST_WITHOUT_HEADING:
             leaving = int(np.searchsorted(window.t, window.t[-1] - self.lag_s))
             before = max(len(window) - _FRONT, leaving)
-        step, failure = self._solved(window, {leaving, before} - {0}, failure)
+        gone_at = {leaving, before} - {0}
+        try:
+            step = self._step(window, gone_at)
+        except _FAILURES as error:
+            event = StreamEvent("by-batch", t_s=float(window.t[-1]), detail=str(error))
+            step = self._by_batch(window).moved(gone_at)
+        self.known = self._distance(step.window, step.root)
         self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
         self.window, gone = step.without(leaving) if leaving else (step.window, None)
         self.front = step.without(before)[0] if before else step.window
         self.since, self.coming = [], None
-        return Pass(step.window, step.root, gone, failure)
+        return Pass(step.window, step.root, gone, event)
 
     def _step(self, window: Window, gone: Collection[int] = ()) -> Stepped:
         """Steps until one is short. Raises ``UnsolvableError`` or ``ValueError`` where that does not happen."""
@@ -263,13 +316,6 @@ class MovingWindow:
             window = step.window
         raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_STEPS} of them")
 
-    def _solved(self, window: Window, gone: Collection[int], failure: str) -> tuple[Stepped, str]:
-        """By a few steps, or as a batch."""
-        try:
-            return self._step(window, gone), failure
-        except _FAILURES as error:
-            return self._by_batch(window).moved(gone), str(error)
-
     def _by_batch(self, window: Window) -> Window:
         """The whole window from what it knows."""
         assert self.setting is not None
@@ -277,6 +323,12 @@ class MovingWindow:
         problem = self.setting.problem_of(window.t, window.states, self.tape.data)
         problem = replace(problem, measured=window.measured, families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
+
+    @staticmethod
+    def _distance(window: Window, root: SquareRoot) -> tuple[float, float]:
+        """Along the track at the newest keyframe, with its sigma, m."""
+        variance = posterior_covariance(root.last(1)).of(Kind.ODO)[0, 0, 0]
+        return float(window.states.odo[-1, 0]), float(np.sqrt(variance))
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
         """The sigma of the newest yaw, rad."""

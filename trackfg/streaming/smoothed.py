@@ -81,9 +81,8 @@ class SmoothedTables:
 
     @classmethod
     def beginning(cls, setting: Setting, begin_s: float, *, looks: bool) -> SmoothedTables:
-        """Of a stream whose first keyframe is at ``begin_s``."""
-        before = begin_s - 1e-6
-        return cls(setting, before, before, SettledEvents(begin_s), looks=looks)
+        """Of what comes after ``begin_s``."""
+        return cls(setting, begin_s, begin_s, SettledEvents(begin_s), looks=looks)
 
     def up_to(
         self,

@@ -4,8 +4,9 @@ What goes on from a snapshot must round as it would have without. So arrays come
 over numbers that lie differently in memory add up in another order; and what two places share they share again, or
 one of them would go on alone. Serialisation libraries do neither, and would rather make a value fit than refuse it.
 
-A class is dataclass or named tuple, written field by field; no list of fields stands anywhere else. Nothing is looked
-up by a name from a snapshot but fields, members of enumerations and the functions of :mod:`trackfg.factors`.
+A class is dataclass or named tuple, written field by field; no list of fields stands anywhere else. Fields that are
+:data:`MADE_AGAIN` are left out and get their default. Nothing is looked up by a name from a snapshot but fields,
+members of enumerations and the functions of :mod:`trackfg.factors`.
 
 ==============================  ======================================================================================
 annotation                      as JSON
@@ -43,8 +44,11 @@ import numpy as np
 import trackfg.factors
 from trackfg.errors import BadInputError
 
-_ARRAYS = ("<f8", "<i8", "|b1")
-_SCALARS: dict[str, Callable[[Any], object]] = {"float64": np.float64, "int64": np.int64, "bool": np.bool_}
+MADE_AGAIN: Mapping[str, bool] = types.MappingProxyType({"made again": True})
+"""Metadata of a dataclass's field that follows from the others whenever it is needed."""
+
+_ARRAYS = ("<f8", "<f4", "<i8", "<i4", "|b1")
+_SCALARS = {kind.name: kind.type for kind in map(np.dtype, _ARRAYS)}
 _LARGEST_BYTES = 2**32
 """Of an array with what lies between its numbers."""
 
@@ -61,10 +65,10 @@ def taken(thing: object, given: Iterable[object] = ()) -> Snapshot:
 
     Raises ``TypeError`` for an attribute that is not annotated, or is not what its annotation says.
     """
-    attributes, hints = vars(thing), typing.get_type_hints(type(thing))
+    writer = _Writer({type(one): one for one in given})
+    attributes, hints = vars(thing), _hints(type(thing), writer.given)
     if attributes.keys() != hints.keys():
         raise TypeError(f"{type(thing).__name__}: {set(attributes) ^ set(hints)} of attributes and annotations differ")
-    writer = _Writer({type(one): one for one in given})
     tree = {name: _form(hints[name]).write(value, writer) for name, value in attributes.items()}
     return Snapshot({"attributes": tree, "objects": writer.objects}, b"".join(writer.data))
 
@@ -74,9 +78,10 @@ def attributes_of(kind: type, snapshot: Snapshot, given: Iterable[object] = ()) 
 
     Raises :class:`~trackfg.errors.BadInputError` for a snapshot that does not fit the classes as they are.
     """
-    hints = typing.get_type_hints(kind)
+    by_class = {type(one): one for one in given}
+    hints = _hints(kind, by_class)
     try:
-        reader = _Reader(snapshot.tree["objects"], snapshot.data, {type(one): one for one in given})
+        reader = _Reader(snapshot.tree["objects"], snapshot.data, by_class)
         return reader.fields(snapshot.tree["attributes"], {name: _form(hint) for name, hint in hints.items()})
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, MemoryError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
@@ -304,25 +309,33 @@ class _Structure:
 
     def write(self, value: Any, to: _Writer) -> Any:
         if self.kind in to.given:
-            if value is not to.given[self.kind] and value != to.given[self.kind]:
+            if value is not to.given[self.kind]:
                 raise TypeError(f"another {self.kind.__name__} than the given one")
             return None
         _expect(value, self.kind)
-        forms = _fields(self.kind)
+        forms = _fields(self.kind, tuple(to.given))
         return to.place(value, lambda: {name: form.write(getattr(value, name), to) for name, form in forms.items()})
 
     def read(self, node: Any, source: _Reader) -> Any:
         if self.kind in source.given:
             _expect(node, type(None))
             return source.given[self.kind]
-        return source.object(node, self.kind, lambda one: self.kind(**source.fields(one, _fields(self.kind))))
+        forms = _fields(self.kind, tuple(source.given))
+        return source.object(node, self.kind, lambda one: self.kind(**source.fields(one, forms)))
 
 
 @cache
-def _fields(kind: type) -> dict[str, _Form]:
-    hints = typing.get_type_hints(kind)
+def _fields(kind: type, given: tuple[type, ...]) -> dict[str, _Form]:
     if dataclasses.is_dataclass(kind):
-        return {field.name: _form(hints[field.name]) for field in dataclasses.fields(kind)}
-    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
-        return {name: _form(hints[name]) for name in kind._fields}
-    raise TypeError(f"{kind.__name__}: expected a dataclass or a named tuple")
+        names = [field.name for field in dataclasses.fields(kind) if not field.metadata.keys() & MADE_AGAIN.keys()]
+    elif issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        names = list(kind._fields)
+    else:
+        raise TypeError(f"{kind.__name__}: expected a dataclass or a named tuple")
+    hints = _hints(kind, given)
+    return {name: _form(hints[name]) for name in names}
+
+
+def _hints(kind: type, given: Iterable[type]) -> dict[str, Any]:
+    """What is given may be known to type checkers alone where the class is."""
+    return typing.get_type_hints(kind, localns={one.__name__: one for one in given})
