@@ -21,6 +21,7 @@ from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph import Problem
 from trackfg.localisation import MapChainage
 from trackfg.profile import Profile, profiles
+from trackfg.rail_profile import seen_profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
 from trackfg.streaming.odometer import Odometer
@@ -120,8 +121,9 @@ class SmoothedTables:
         )
         events = self.events.until(told, motion, states, covariance, settled_s, track.direction, at_end=at_end)
         trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
-        seen = self._follows_track or self.looks
-        shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if seen else []
+        seen = seen_profiles(self.setting.description, tape.rails(), problem, motion, states, meaning.step_m)
+        looked = profiles(problem, motion, states, track.direction, meaning.step_m) if self.looks and not seen else []
+        shapes = seen or looked
         moved = self._moved(t, states, track.direction * meaning.step_m)
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
         geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
@@ -138,7 +140,7 @@ class SmoothedTables:
         sight = Sight(own, (1.0 - f) * t[k] + f * t[following], beyond, moved)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         self.along = np.stack([t, distance])
-        return Tables(trajectory, own if self._follows_track else geometry.iloc[:0], events, sight)
+        return Tables(trajectory, own if seen else geometry.iloc[:0], events, sight)
 
     def _moved(self, t: Array, states: States, cell_m: float) -> int:
         """By how many steps a place was found to be elsewhere since the last piece: none where it was only corrected,
@@ -151,10 +153,6 @@ class SmoothedTables:
         if self.last_cell is not None:
             self.last_cell += cells
         return cells
-
-    @property
-    def _follows_track(self) -> bool:
-        return self.setting.description.imu.rigid
 
     def forget(self) -> Array:
         """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches.
@@ -175,7 +173,8 @@ class SmoothedTables:
     def _reach_m(self) -> float:
         config = self.setting.config.geometry
         band = end_margin_m(config.step_m, Band(*config.band_m))
-        return max(band, config.twist_base_m, 0.5 * config.gradient_base_m, config.chord_m) + 5.0
+        apart = max((2.0 * abs(laser.position_m[0]) for laser in self.setting.description.laser), default=0.0)
+        return max(band, config.twist_base_m, 0.5 * config.gradient_base_m, config.chord_m) + 5.0 + apart
 
     def _settled_place(self, t: Array, states: States, settled_s: float) -> float:
         """Until when places are passed that have enough track on the far side."""
