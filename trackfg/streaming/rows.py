@@ -92,8 +92,8 @@ class Rows:
     def of(cls, tables: RowTables, until_s: float, origin: Array | None = None) -> Rows:
         """From canonical tables by name."""
         lasers = {name.removeprefix(LASER): table for name, table in tables.items() if name.startswith(LASER)}
-        named = {name: table for name, table in tables.items() if not name.startswith(LASER)}
-        return cls(**named, lasers=lasers, until_s=until_s, gnss_origin=origin)
+        imu, tach, fixes, gnss = (tables.get(name, no_rows(name)) for name in CANONICAL_COLUMNS)
+        return cls(imu, tach, fixes, gnss, lasers, until_s, origin)
 
     def frame(self, table: str) -> pd.DataFrame:
         """One table with its columns' names."""
