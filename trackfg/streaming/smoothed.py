@@ -14,12 +14,13 @@ import pandas as pd
 
 from trackfg.chainage_grid import cells_of
 from trackfg.covariance import posterior_covariance
-from trackfg.dense import dense_motion, dense_step
+from trackfg.dense import DenseMotion, dense_motion, dense_step
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph import Problem
 from trackfg.localisation import MapChainage
+from trackfg.passes import passes
 from trackfg.profile import Profile, profiles
 from trackfg.rail_profile import seen_profiles
 from trackfg.square_root import SquareRoot
@@ -142,6 +143,8 @@ class SmoothedTables:
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         self.along = np.stack([t, distance])
         own = own if seen else own.iloc[:0]
+        if self.setting.description.laser:
+            passed_at = _vehicle_at(track.direction * meaning.step_m * cells, passed_at, t, distance, motion)
         own.insert(0, "t_s", passed_at[: len(own)])
         return Tables(trajectory, own, events, sight)
 
@@ -199,6 +202,20 @@ class SmoothedTables:
         if len(rows):
             self.last_cell = int(cell[rows[-1]])
         return rows
+
+
+def _vehicle_at(place: Array, seen_at: Array, t: Array, distance: Array, motion: DenseMotion) -> Array:
+    """When the vehicle itself was at places (m,) that a unit of lasers ahead or behind saw at other times, s.
+
+    ``t``, ``distance`` (n,) are those of the keyframes.
+    """
+    out = seen_at.copy()
+    for stretch in passes(distance):
+        own = (seen_at >= t[stretch.first]) & (seen_at <= t[stretch.last])
+        rows = stretch.rows(t, motion.t)
+        gone = np.maximum.accumulate(stretch.sense * motion.distance[rows])
+        out[own] = np.interp(stretch.sense * place[own], gone, motion.t[rows])
+    return out
 
 
 def _clock(after: float, until: float, rate_hz: float) -> Array:
