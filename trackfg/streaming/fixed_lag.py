@@ -23,7 +23,6 @@ import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import posterior_covariance
 from trackfg.dense import DenseMotion
 from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError
@@ -167,7 +166,7 @@ class FixedLagSmoother:
         window, setting = update.front, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
-        covariance, direction = posterior_covariance(update.root.last(2)), setting.description.track.direction
+        covariance, direction = update.covariance, setting.description.track.direction
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, direction)
         assert self._tape.data is not None

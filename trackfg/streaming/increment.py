@@ -35,6 +35,7 @@ _NO_RESTS = np.zeros((0, 2))
 _NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 OFF_S = 60.0
 """A device that was off was so for about as long."""
+_BELIEVED_SIGMAS = 4.0
 _OF_THE_INTERVAL = ("absolute fix", "GNSS position")
 """Families that may touch the older keyframe alone, and are new all the same."""
 
@@ -74,13 +75,24 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     return Ahead(layout, Interval(float(t[1]), here.bias[0], there, measured, response, families))
 
 
-def completed(begun: Ahead, recording: Recording, wheel: Wheel | None) -> Interval:
-    """With what the other rows say; ``wheel`` covers the interval and a little more."""
+def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
+    """With what the other rows say; ``wheel`` covers the interval and a little more. ``speed_sd``, m/s, is that of the
+    newest keyframe.
+
+    A wheel that rolled as far as the vehicle may have moved is believed: the next keyframe is where it says. Else it
+    would be doubted where the inertial sensor is, for as long as that drifts on without it.
+    """
     layout, interval = replace(begun.layout, recording=recording, wheel=wheel), begun.interval
     there = interval.ahead
     if wheel is not None:
-        rolls = float(np.diff(wheel.at(layout.t))[0]) - there.odo[0, 3]
-        there = replace(there, odo=there.odo + np.array([0.0, 0.0, rolls, 0.0]))
+        counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
+        further = there.odo[0, 1] * counted - there.odo[0, 3]
+        if abs(further) < _BELIEVED_SIGMAS * speed_sd * span:
+            nav, forward = there.nav, there.nav.R[:, :, 0]
+            there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
+        else:
+            further = 0.0
+        there = replace(there, odo=there.odo + np.array([further, 0.0, counted - there.odo[0, 3], further]))
     families = (*interval.families, *_new([*rolled(layout), *positions(layout)]))
     return interval._replace(ahead=there, families=families)
 

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.config import SmoothConfig
-from trackfg.covariance import posterior_covariance
+from trackfg.covariance import Covariance, posterior_covariance
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family
-from trackfg.factors.states import Kind
+from trackfg.factors.states import Kind, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.graph import begun_at, build_problem, placeless
 from trackfg.inertial_factors import walk_of
@@ -73,10 +73,21 @@ _FRONT = 2
 
 
 class Update(NamedTuple):
-    """The newest keyframes, and the square root of the information as it is then."""
+    """The newest keyframes, and the covariance of the last two."""
 
     front: Window
-    root: SquareRoot
+    covariance: Covariance
+
+    @classmethod
+    def of(cls, front: Window, root: SquareRoot) -> Update:
+        """``root``: of the information about the front or the whole window."""
+        return cls(front, posterior_covariance(root.last(2)))
+
+    @property
+    def speed_sd(self) -> float:
+        """Of the newest keyframe along its own axis, m/s."""
+        at = offset_in_keyframe(Kind.NAV) + 6
+        return float(np.sqrt(self.covariance.marginal[-1, at, at]))
 
 
 class Pass(NamedTuple):
@@ -124,6 +135,8 @@ class MovingWindow:
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
     early: Pass | None = None
     """A pass that could not wait."""
+    speed_sd: float = 0.0
+    """Of the newest keyframe, m/s."""
     known: tuple[float, float] | None = None
     """Distance along the track at the newest keyframe of the last pass, with its sigma, m."""
     lost: Lost | None = None
@@ -215,7 +228,7 @@ class MovingWindow:
         self.window = self.front = window
         self.early, self.lost = Pass(window, solution.root, None), None
         self.known = self._distance(window, solution.root)
-        return Update(window, solution.root)
+        return self._told(Update.of(window, solution.root))
 
     def _next_keyframe(self) -> float | None:
         """When the next keyframe is; None while rows are missing."""
@@ -265,7 +278,7 @@ class MovingWindow:
             newest = front.states.nav[-1:]
             speed = float(newest.v[0] @ newest.R[0, :, 0])
             wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, speed, self._uncounted())
-        new = completed(begun, self.tape.positions_between(here, t), wheel)
+        new = completed(begun, self.tape.positions_between(here, t), wheel, self.speed_sd)
         self.since.append(new)
         front = front.extended(new)
         self.front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
@@ -273,9 +286,13 @@ class MovingWindow:
             step = self._step(self.front)
         except _FAILURES as error:
             self.early = self._passed(StreamEvent("by-window", t_s=t, detail=str(error)))
-            return Update(self.front, self.early.root)
+            return self._told(Update.of(self.front, self.early.root))
         self.front = step.window
-        return Update(step.window, step.root)
+        return self._told(Update.of(step.window, step.root))
+
+    def _told(self, update: Update) -> Update:
+        self.speed_sd = update.speed_sd
+        return update
 
     def _passed(self, event: StreamEvent | None = None) -> Pass:
         """``event``: that the front could not take its step."""

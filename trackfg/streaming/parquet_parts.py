@@ -28,6 +28,7 @@ ROWS_PER_PART = 6000
 """Ten minutes at 10 Hz."""
 
 _PART = re.compile(r"part-(\d{6})\.parquet")
+_MOST_PARTS = 999_999
 
 NOTHING_WRITTEN = {name: {"part": 1, "rows": 0} for name in TABLES}
 """The state of the checkpoint before the first row."""
@@ -141,7 +142,7 @@ def _counted(state: Mapping[str, Any], name: str) -> tuple[int, int]:
         part, rows = state[name]["part"], state[name]["rows"]
     except (KeyError, TypeError):
         part, rows = None, None
-    if type(part) is not int or type(rows) is not int or part < 1 or rows < 0:
+    if type(part) is not int or type(rows) is not int or not 1 <= part <= _MOST_PARTS or rows < 0:
         raise BadInputError(f"the checkpoint does not say how far the table {name} was written")
     return part, rows
 

@@ -53,6 +53,10 @@ _LARGEST_BYTES = 2**32
 """Of an array with what lies between its numbers."""
 
 
+_MISFITS = (KeyError, TypeError, ValueError, AttributeError, NameError, OverflowError, MemoryError, RecursionError)
+"""What making an object from something else raises; ``NameError`` where its class is known only with what is given."""
+
+
 class Snapshot(NamedTuple):
     """``tree``: JSON values, ``data``: the arrays' numbers."""
 
@@ -83,7 +87,7 @@ def attributes_of(kind: type, snapshot: Snapshot, given: Iterable[object] = ()) 
     try:
         reader = _Reader(snapshot.tree["objects"], snapshot.data, by_class)
         return reader.fields(snapshot.tree["attributes"], {name: _form(hint) for name, hint in hints.items()})
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, MemoryError, RecursionError) as error:
+    except _MISFITS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise BadInputError(f"the state is not one of {kind.__name__} ({reason})") from error
 
@@ -194,7 +198,10 @@ class _Optional:
         return None if value is None else [self.form.write(value, to)]
 
     def read(self, node: Any, source: _Reader) -> Any:
-        return None if node is None else self.form.read(*node, source)
+        if node is None:
+            return None
+        (inner,) = node
+        return self.form.read(inner, source)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -263,7 +270,7 @@ class _Functions:
 @cache
 def _functions() -> dict[str, Callable[..., Any]]:
     """All functions of :mod:`trackfg.factors`, by module and name."""
-    found = {}
+    found: dict[str, Callable[..., Any]] = {}
     for info in pkgutil.iter_modules(trackfg.factors.__path__, "trackfg.factors."):
         module = importlib.import_module(info.name)
         for function in vars(module).values():

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError, OutputError
 from trackfg.streaming import sinks
-from trackfg.streaming.parquet_parts import ParquetParts, read_parts
+from trackfg.streaming.parquet_parts import NOTHING_WRITTEN, ParquetParts, read_parts
 from trackfg.streaming.sinks import Callback, JsonLines, Sink, json_lines
 from trackfg.streaming.stream_events import StreamEvent, event_table
 
@@ -208,3 +208,11 @@ def test_parts_that_are_not_there_or_damaged_are_one_error(tmp_path: Path) -> No
     (tmp_path / "lines").write_text("")
     with pytest.raises(BadInputError, match="has 0 bytes; expected at least 10"):
         JsonLines(tmp_path / "lines", {"bytes": 10})
+
+
+@pytest.mark.parametrize("part", [0, 10**30, "1", None])
+def test_a_state_that_is_none_is_refused(part: Any, tmp_path: Path) -> None:
+    state = {**NOTHING_WRITTEN, "smoothed": {"part": part, "rows": 0}}
+    for given_state in (state, {}, {**NOTHING_WRITTEN, "smoothed": None}):
+        with pytest.raises(BadInputError, match="the checkpoint does not say how far the table"):
+            ParquetParts(tmp_path, state=given_state)
