@@ -24,17 +24,18 @@ _INTEGRATION_DENSITY = 1e-5
 
 @dataclass(frozen=True)
 class ImuNoise:
-    """White noise densities: gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz)."""
+    """White noise densities: gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz); of the position itself m/sqrt(s)."""
 
     gyro: float
     accel: float
+    position: float = _INTEGRATION_DENSITY
 
     def parameters(self, gravity: float, frame_rate: Array) -> gtsam.PreintegrationParams:
         """GTSAM's parameters for a z-up frame with this gravity (m/s^2), turning at ``frame_rate`` (3,) rad/s in n."""
         parameters = gtsam.PreintegrationParams.MakeSharedU(gravity)
         parameters.setGyroscopeCovariance(np.eye(3) * self.gyro**2)
         parameters.setAccelerometerCovariance(np.eye(3) * self.accel**2)
-        parameters.setIntegrationCovariance(np.eye(3) * _INTEGRATION_DENSITY**2)
+        parameters.setIntegrationCovariance(np.eye(3) * self.position**2)
         parameters.setOmegaCoriolis(frame_rate)
         return parameters
 

@@ -64,8 +64,8 @@ def rolled(layout: Layout) -> list[Family]:
         moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
         variance = variance + config.speed_noise_mps**2 * np.diff(layout.t) * moving
     silent = ~(layout.wheel.covers(layout.t[:-1]) & layout.wheel.covers(layout.t[1:]))
-    if layout.wheel.integrates_speed:
-        variance = np.where(silent, _MOVED_SD_M**2, variance)
+    unknown = ~layout.wheel.counts(layout.t) | (silent & layout.wheel.integrates_speed)
+    variance = np.where(unknown, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
     response = wheel_response(layout.distance, turned, force)
     assert layout.rolling is not None

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.dense import DenseMotion
+from trackfg.description import RecordingDescription
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.curvature import heading_noise, heading_of_lateral
 from trackfg.geometry.resampling import resample
 from trackfg.graph import Problem
 from trackfg.passes import Pass, passes
-from trackfg.profile import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, points_at
+from trackfg.profile import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, points_at, profiles
 from trackfg.rails import SIDES, RailView, Side
 
 _KEPT = 0.78
@@ -27,6 +28,23 @@ band that the grid can show."""
 _SLOWEST_MPS = 0.05
 _SLOPE_M = 1.0
 """The heading is the slope of a cubic fitted within this to either side."""
+
+
+def seen_profiles(
+    description: RecordingDescription,
+    views: list[RailView],
+    problem: Problem,
+    motion: DenseMotion,
+    states: States,
+    step_m: float,
+) -> list[Profile]:
+    """What a run says of the track: nothing where nothing measures speed, or where the sensor is on springs alone."""
+    direction = description.track.direction
+    if description.tach is None and description.gnss is None:
+        return []
+    if {view.side for view in views} == set(SIDES):
+        return rail_profiles(problem, motion, states, direction, step_m, views)
+    return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []
 
 
 def rail_profiles(

@@ -19,7 +19,7 @@ from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, posterior_covariance
 from trackfg.dense import DenseMotion, dense_motion, dense_step
 from trackfg.events import event_table
-from trackfg.factors.states import Kind, States
+from trackfg.factors.states import Kind
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem, build_problem
@@ -27,8 +27,8 @@ from trackfg.localisation import Located, located
 from trackfg.noise_levels import adapted, noise_findings, noise_ratios
 from trackfg.place_covariance import PlaceCovariance, place_covariance
 from trackfg.profile import Profile, profiles
-from trackfg.rail_profile import rail_profiles
-from trackfg.rails import SIDES, RailView, rail_views, tied_by_rails
+from trackfg.rail_profile import seen_profiles
+from trackfg.rails import RailView, rail_views, tied_by_rails
 from trackfg.recording import Recording
 from trackfg.results import Estimate, Result, RunFacts, Solver, Summary, VectorEstimate
 from trackfg.solver import Solution, solve
@@ -153,7 +153,7 @@ def _written_out(
         calibration = calibration_table(problem, at_clock, solution.states, covariance)
     with stages.stage("geometry"):
         meaning = conventions(config.geometry, track)
-        shapes = _profiles(recording, views, problem, motion, solution.states, meaning.step_m)
+        shapes = seen_profiles(recording.description, views, problem, motion, solution.states, meaning.step_m)
         geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
         places = place_covariance(
             problem,
@@ -227,24 +227,6 @@ def _solved(
         covariance = posterior_covariance(solution.root)
         ratios = noise_ratios(problem, solution, covariance)
     return problem, solution, covariance, ratios
-
-
-def _profiles(
-    recording: Recording,
-    views: list[RailView],
-    problem: Problem,
-    motion: DenseMotion,
-    states: States,
-    step_m: float,
-) -> list[Profile]:
-    """What the run says of the track: nothing where nothing measures speed, or where the sensor is on springs alone."""
-    description = recording.description
-    direction = description.track.direction
-    if recording.tach is None and recording.gnss is None:
-        return []
-    if {view.side for view in views} == set(SIDES):
-        return rail_profiles(problem, motion, states, direction, step_m, views)
-    return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []
 
 
 def _clock(problem: Problem, rate_hz: float) -> Array:

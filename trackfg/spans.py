@@ -22,6 +22,17 @@ def within(t: Array, spans: Array) -> np.ndarray:
     return inside
 
 
+def parted(spans: Array, breaks: Array) -> Array:
+    """Spans (m, 2), in order and disjoint, without what lies in ``breaks`` (b, 2): one about a break becomes two."""
+    for begin, end in breaks:
+        before = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
+        after = np.column_stack([np.maximum(spans[:, 0], end), spans[:, 1]])
+        parts = np.concatenate([before, after])
+        spans = parts[parts[:, 1] > parts[:, 0]]
+        spans = spans[np.argsort(spans[:, 0], kind="stable")]
+    return spans
+
+
 def joined_spans(spans: Array) -> Array:
     """Spans (m, 2) in order, those that overlap or touch as one."""
     if len(spans) == 0:

@@ -6,7 +6,7 @@ between two stops): the forward specific force follows the speed's derivative wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -33,7 +33,9 @@ _EDGE_STAMPED_FRACTION = 0.1
 
 @dataclass(frozen=True)
 class Wheel:
-    """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s."""
+    """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s. What
+    was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance.
+    """
 
     t: Array
     distance: Array
@@ -41,6 +43,7 @@ class Wheel:
     quantum: float
     integrates_speed: bool
     gaps: Array
+    uncounted: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, t: Array) -> Array:
         """Nominal distance at ``t``, m; constant outside the record."""
@@ -64,9 +67,16 @@ class Wheel:
     def covers(self, t: Array) -> np.ndarray:
         """Whether there is a reading at ``t``: inside the record and outside its gaps."""
         inside: np.ndarray = (t >= self.t[0]) & (t <= self.t[-1])
-        for start, end in self.gaps:
+        for start, end in (*self.gaps, *self.uncounted):
             inside &= (t <= start) | (t >= end)
         return inside
+
+    def counts(self, t: Array) -> np.ndarray:
+        """Whether all that is rolled between neighbouring times (m,) is in the distance, shape (m - 1,)."""
+        counted = np.ones(len(t) - 1, dtype=bool)
+        for start, end in self.uncounted:
+            counted &= (t[1:] <= start) | (t[:-1] >= end)
+        return counted
 
 
 def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:

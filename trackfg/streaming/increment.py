@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.factors.family import Family
-from trackfg.factors.imu import Preintegration
+from trackfg.factors.imu import ImuNoise, Preintegration
 from trackfg.factors.states import Nav, States
 from trackfg.frames import Array, rpy_from_matrix
 from trackfg.inertial import Intervals
@@ -33,6 +33,8 @@ from trackfg.wheel_slip import Rolling
 
 _NO_RESTS = np.zeros((0, 2))
 _NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
+OFF_S = 60.0
+"""A device that was off was so for about as long."""
 _BELIEVED_SIGMAS = 4.0
 _OF_THE_INTERVAL = ("absolute fix", "GNSS position")
 """Families that may touch the older keyframe alone, and are new all the same."""
@@ -45,8 +47,11 @@ class Ahead(NamedTuple):
     interval: Interval
 
 
-def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray) -> Ahead:
-    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which goes a little on."""
+def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, *, broken: bool = False) -> Ahead:
+    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which goes a little on.
+
+    ``broken``: the sensor was off for an unknown time that is not on the clock.
+    """
     k = len(window) - 1
     here = window.states.take(slice(k, k + 1))
     t = data.edges[edges]
@@ -65,6 +70,8 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray) 
     odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
     there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
     families = _new([*travelled(layout), *motion(layout)])
+    if broken:
+        measured, families = _across_break(layout, here, measured, families)
     return Ahead(layout, Interval(float(t[1]), here.bias[0], there, measured, response, families))
 
 
@@ -88,6 +95,24 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
         there = replace(there, odo=there.odo + np.array([further, 0.0, counted - there.odo[0, 3], further]))
     families = (*interval.families, *_new([*rolled(layout), *positions(layout)]))
     return interval._replace(ahead=there, families=families)
+
+
+def _across_break(
+    layout: Layout, here: States, measured: Preintegration, families: tuple[Family, ...]
+) -> tuple[Preintegration, tuple[Family, ...]]:
+    """No more than a hole of :data:`OFF_S` would leave: the vehicle went on for as long, or turned, or stood."""
+    config, lasting = layout.config.imu, float(layout.t[1] - layout.t[0])
+    gone = float(np.hypot(np.linalg.norm(here.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0)))
+    longer = np.sqrt(OFF_S / lasting)
+    noise = ImuNoise(
+        config.bridge_gyro_white * longer, config.bridge_accel_white * longer, gone / float(np.sqrt(lasting))
+    )
+    loose = tuple(
+        replace(family, sigma=np.full_like(family.sigma, gone)) if family.name == "arc length" else family
+        for family in families
+        if family.name != "path"
+    )
+    return replace(measured, noise=noise), loose
 
 
 def _new(families: list[Family]) -> tuple[Family, ...]:

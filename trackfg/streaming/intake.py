@@ -9,6 +9,7 @@ the batches that followed gives the same rows and events, bit by bit, as one tha
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from trackfg.streaming.row_checks import RowChecks
 from trackfg.streaming.rows import Rows, described_tables
 from trackfg.streaming.sources import Batch, Source
 from trackfg.streaming.stamps import Stamps
-from trackfg.streaming.stream_events import LossReport, StreamEvent
+from trackfg.streaming.stream_events import LossReport, StreamEvent, breaks_of
 
 
 class Intake:
@@ -57,7 +58,8 @@ class Intake:
             self._report.note(event)
         tables = batch.tables if self._stamps is None else self._stamps.on_common_clock(batch.tables)
         rows = self._sound(self._arrival.push(tables, self._report))
-        return rows, self._report.end_of_push()
+        events = self._report.end_of_push()
+        return replace(rows, breaks=breaks_of(events)), events
 
     def finish(self) -> tuple[Rows, tuple[StreamEvent, ...]]:
         """The stream is over: the rest."""
@@ -69,7 +71,8 @@ class Intake:
             name: np.concatenate([part[name] for part in (tables, rest) if name in part])
             for name in dict.fromkeys([*tables, *rest])
         })  # fmt: skip
-        return rows, self._report.end_of_stream()
+        events = self._report.end_of_stream()
+        return replace(rows, breaks=breaks_of(events)), events
 
     def _sound(self, tables: Mapping[str, Array]) -> Rows:
         if self._conversion is not None:

@@ -28,7 +28,7 @@ from trackfg.inertial_factors import walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
 from trackfg.solver import solve
-from trackfg.spans import joined_spans
+from trackfg.spans import joined_spans, parted
 from trackfg.square_root import SquareRoot
 from trackfg.standstill import find_standstills
 from trackfg.streaming.increment import Ahead, ahead, completed
@@ -51,6 +51,8 @@ _AROUND_S = 0.1
 _REST_LOOK_S = 8.0
 _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
+_NOT_AT_REST_MPS = 2.0
+"""A tach that is stuck, on a smooth straight, looks like a rest, but for the speed that the vehicle had before."""
 _TOO_CLOSE = 0.35
 _LEAST_S = 0.02
 _SETTLED = 1000.0
@@ -245,6 +247,7 @@ class MovingWindow:
             coming = times[(times > here + 1e-3) & (times < soon)]
             if coming.size:
                 due = float(coming[0])
+        due = min([due, *tape.turns(here, due)[:1]])
         edges = tape.data.edges
         at = int(np.searchsorted(edges, due))
         if at >= len(edges):
@@ -261,7 +264,8 @@ class MovingWindow:
         if self.coming is None or self.coming.interval.t != t:
             here = float(front.t[-1])
             data = self.tape.intervals(here - _AROUND_S, t + _AROUND_S)
-            self.coming = ahead(setting, front, data, np.searchsorted(data.edges, [here - 1e-9, t - 1e-9]))
+            edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
+            self.coming = ahead(setting, front, data, edges, broken=self.tape.broken(here, t))
         return self.coming
 
     def _advanced(self, t: float) -> Update:
@@ -272,7 +276,8 @@ class MovingWindow:
         here, wheel = float(front.t[-1]), None
         if self.odometer is not None:
             newest = front.states.nav[-1:]
-            wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, float(newest.v[0] @ newest.R[0, :, 0]))
+            speed = float(newest.v[0] @ newest.R[0, :, 0])
+            wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, speed, self._uncounted())
         new = completed(begun, self.tape.positions_between(here, t), wheel, self.speed_sd)
         self.since.append(new)
         front = front.extended(new)
@@ -299,7 +304,7 @@ class MovingWindow:
         window = window.extended(*self.since)
         older = window.states.take(slice(0, len(window) - len(front)))
         window = replace(window, states=older.joined(front.states))
-        self._find_rests(begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
+        self._find_rests(window, begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
         leaving = before = 0
@@ -349,7 +354,7 @@ class MovingWindow:
         variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.setting.lever_arm)
         return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
 
-    def _find_rests(self, begin: float, until: float) -> None:
+    def _find_rests(self, window: Window, begin: float, until: float) -> None:
         config, tach = self.config.motion, self.tape.tach
         if self.odometer is not None and len(tach) and tach[0, 0] <= begin and tach[-1, 0] >= until:
             t = np.arange(begin, until - config.min_rest_s, 0.5 * config.min_rest_s)
@@ -362,5 +367,13 @@ class MovingWindow:
             until = min(until, *last)
         # What the rows before and after these would show is not known.
         found = np.clip(found, begin + _REST_MARGIN_S, until - _REST_MARGIN_S)
-        spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])
-        self.rests = joined_spans(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])
+        fast = window.t[np.linalg.norm(window.states.nav.v, axis=1) > _NOT_AT_REST_MPS]
+        moving = np.searchsorted(fast, found[:, 0]) < np.searchsorted(fast, found[:, 1])
+        spans = np.concatenate([self.rests, found[(found[:, 1] > found[:, 0]) & ~moving]])
+        rests = joined_spans(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])
+        self.rests = parted(rests, self.tape.breaks["imu"])
+
+    def _uncounted(self) -> Array:
+        """Spans in which the tach did not count, (u, 2), s: a device that is off counts nothing."""
+        breaks = self.tape.breaks
+        return np.concatenate([breaks["tach"], breaks["imu"]])

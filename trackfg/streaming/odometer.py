@@ -54,8 +54,9 @@ class Odometer:
             quantum, rounding = self.resolution.quantum, self.resolution.rounding_sd
             self.wheel = replace(self.wheel, quantum=quantum, rounding_sd=rounding)
 
-    def about(self, rows: Array, here: float, until: float, speed: float) -> Wheel:
-        """The wheel up to ``until``; ``rows`` (n, 2) as recorded, none left out since the last call.
+    def about(self, rows: Array, here: float, until: float, speed: float, uncounted: Array) -> Wheel:
+        """The wheel up to ``until``; ``rows`` (n, 2) as recorded, none left out since the last call. In the spans
+        ``uncounted`` (u, 2), s, it did not count.
 
         What is older than ``here``, where the vehicle's forward ``speed`` is known, is settled with its sign.
         """
@@ -69,9 +70,9 @@ class Odometer:
         settled = max(int(np.searchsorted(every[:, 0], here, side="right")), 1)
         first = min(max(int(np.searchsorted(every[:, 0], here - _KEPT_S)) - 1, 0), settled - 1)
         self.rows, self.raw = every[first:settled], float(raw[settled - 1])
-        return self._wheel(every, until)
+        return self._wheel(every, until, uncounted)
 
-    def over(self, rows: Array, t: Array, count: Array) -> Wheel:
+    def over(self, rows: Array, t: Array, count: Array, uncounted: Array) -> Wheel:
         """The wheel over keyframes at ``t`` (n,), s, in the sense in which their ``count`` (n,), m, goes; ``rows``
         (m, 2) as recorded.
         """
@@ -80,13 +81,12 @@ class Odometer:
             middle = 0.5 * (rows[1:, 0] + rows[:-1, 0])
             way[np.interp(middle + 1e-3, t, count) < np.interp(middle - 1e-3, t, count)] = -1.0
         signed = rows[0, 1] + np.concatenate([[0.0], np.cumsum(way * np.diff(rows[:, 1]))])
-        return self._wheel(np.column_stack([rows[:, 0], signed]), float(t[-1]))
+        return self._wheel(np.column_stack([rows[:, 0], signed]), float(t[-1]), uncounted)
 
-    def _wheel(self, rows: Array, until: float) -> Wheel:
+    def _wheel(self, rows: Array, until: float, uncounted: Array) -> Wheel:
         """From signed rows (n, 2) up to a time."""
-        if not self.wheel.integrates_speed and rows[-1, 0] < until:
+        if self.resolution is not None and self.resolution.at_pulses and rows[-1, 0] < until:
             rows = np.concatenate([rows, [[until, rows[-1, 1]]]])  # a wheel that says nothing does not roll
         t, distance = rows.T
-        return replace(
-            self.wheel, t=t, distance=distance, gaps=silences(t, distance, self.wheel.quantum, self.max_gap_s)
-        )
+        gaps = silences(t, distance, self.wheel.quantum, self.max_gap_s)
+        return replace(self.wheel, t=t, distance=distance, gaps=gaps, uncounted=uncounted)

@@ -67,7 +67,8 @@ class Rows:
     """Canonical rows, in each table sorted by time without repetition; a table without rows has length 0.
 
     Rows up to ``until_s`` (s) are complete: what comes later on the stream is later than this. ``gnss_origin`` is that
-    of the recording: latitude (deg), longitude (deg), height (m), or None.
+    of the recording: latitude (deg), longitude (deg), height (m), or None. ``breaks``: by table, spans (b, 2),
+    s, as :func:`~trackfg.streaming.stream_events.breaks_of` gives them; told before the first rows after them.
     """
 
     imu: Array = field(default_factory=lambda: no_rows("imu"))
@@ -77,6 +78,7 @@ class Rows:
     lasers: Mapping[str, Array] = field(default_factory=dict)
     until_s: float = -np.inf
     gnss_origin: Array | None = None
+    breaks: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return sum(table.shape[0] for table in self.tables().values())
@@ -90,8 +92,8 @@ class Rows:
     def of(cls, tables: RowTables, until_s: float, origin: Array | None = None) -> Rows:
         """From canonical tables by name."""
         lasers = {name.removeprefix(LASER): table for name, table in tables.items() if name.startswith(LASER)}
-        named = {name: table for name, table in tables.items() if not name.startswith(LASER)}
-        return cls(**named, lasers=lasers, until_s=until_s, gnss_origin=origin)
+        imu, tach, fixes, gnss = (tables.get(name, no_rows(name)) for name in CANONICAL_COLUMNS)
+        return cls(imu, tach, fixes, gnss, lasers, until_s, origin)
 
     def frame(self, table: str) -> pd.DataFrame:
         """One table with its columns' names."""

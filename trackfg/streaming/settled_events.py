@@ -31,7 +31,7 @@ _BEFORE_S = 0.5
 _MOVED_M = 1.0
 """A wheel that has not turned over a longer distance is silent."""
 
-_TABLES = {
+EVENT_TABLES = {
     "standstill": "imu",
     "imu gap": "imu",
     "tach gap": "tach",
@@ -124,4 +124,4 @@ def _turned_s(problem: Problem, states: States) -> float:
 def _stream_event(event: Event) -> StreamEvent:
     kind, start, end, *numbers, detail = event
     known = (float(value) if np.isfinite(value) else None for value in numbers)
-    return StreamEvent(kind, _TABLES.get(kind, ""), start, end, 0, detail, *known)
+    return StreamEvent(kind, EVENT_TABLES.get(kind, ""), start, end, 0, detail, *known)

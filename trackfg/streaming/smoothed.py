@@ -14,13 +14,15 @@ import pandas as pd
 
 from trackfg.chainage_grid import cells_of
 from trackfg.covariance import posterior_covariance
-from trackfg.dense import dense_motion, dense_step
+from trackfg.dense import DenseMotion, dense_motion, dense_step
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph import Problem
 from trackfg.localisation import MapChainage
+from trackfg.passes import passes
 from trackfg.profile import Profile, profiles
+from trackfg.rail_profile import seen_profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
 from trackfg.streaming.odometer import Odometer
@@ -115,13 +117,14 @@ class SmoothedTables:
             problem,
             rests=rests,
             gaps=tape.data.gaps(),
-            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2]),
+            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2], tape.breaks["tach"]),
             families=self.history.with_families(window.families),
         )
         events = self.events.until(told, motion, states, covariance, settled_s, track.direction, at_end=at_end)
         trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
-        seen = self._follows_track or self.looks
-        shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if seen else []
+        seen = seen_profiles(self.setting.description, tape.rails(), problem, motion, states, meaning.step_m)
+        looked = profiles(problem, motion, states, track.direction, meaning.step_m) if self.looks and not seen else []
+        shapes = seen or looked
         moved = self._moved(t, states, track.direction * meaning.step_m)
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
         geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
@@ -139,7 +142,9 @@ class SmoothedTables:
         sight = Sight(own.copy(), passed_at, beyond, moved)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         self.along = np.stack([t, distance])
-        own = own if self._follows_track else own.iloc[:0]
+        own = own if seen else own.iloc[:0]
+        if self.setting.description.laser:
+            passed_at = _vehicle_at(track.direction * meaning.step_m * cells, passed_at, t, distance, motion)
         own.insert(0, "t_s", passed_at[: len(own)])
         return Tables(trajectory, own, events, sight)
 
@@ -154,10 +159,6 @@ class SmoothedTables:
         if self.last_cell is not None:
             self.last_cell += cells
         return cells
-
-    @property
-    def _follows_track(self) -> bool:
-        return self.setting.description.imu.rigid
 
     def forget(self) -> Array:
         """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches.
@@ -178,7 +179,8 @@ class SmoothedTables:
     def _reach_m(self) -> float:
         config = self.setting.config.geometry
         band = end_margin_m(config.step_m, Band(*config.band_m))
-        return max(band, config.twist_base_m, 0.5 * config.gradient_base_m, config.chord_m) + 5.0
+        apart = max((2.0 * abs(laser.position_m[0]) for laser in self.setting.description.laser), default=0.0)
+        return max(band, config.twist_base_m, 0.5 * config.gradient_base_m, config.chord_m) + 5.0 + apart
 
     def _settled_place(self, t: Array, states: States, settled_s: float) -> float:
         """Until when places are passed that have enough track on the far side."""
@@ -200,6 +202,20 @@ class SmoothedTables:
         if len(rows):
             self.last_cell = int(cell[rows[-1]])
         return rows
+
+
+def _vehicle_at(place: Array, seen_at: Array, t: Array, distance: Array, motion: DenseMotion) -> Array:
+    """When the vehicle itself was at places (m,) that a unit of lasers ahead or behind saw at other times, s.
+
+    ``t``, ``distance`` (n,) are those of the keyframes.
+    """
+    out = seen_at.copy()
+    for stretch in passes(distance):
+        own = (seen_at >= t[stretch.first]) & (seen_at <= t[stretch.last])
+        rows = stretch.rows(t, motion.t)
+        gone = np.maximum.accumulate(stretch.sense * motion.distance[rows])
+        out[own] = np.interp(stretch.sense * place[own], gone, motion.t[rows])
+    return out
 
 
 def _clock(after: float, until: float, rate_hz: float) -> Array:

@@ -32,6 +32,9 @@ LOSS_KINDS = {
 """Kinds of events that count rows which were not passed on, and what each means."""
 
 
+_BREAKS = (("clock-restart", "imu"), ("tach-reset", "tach"))
+
+
 @dataclass(frozen=True)
 class StreamEvent:
     """One fact about a stretch of a stream.
@@ -88,6 +91,17 @@ EVENT_TYPES = {
 def event_table(events: Iterable[StreamEvent]) -> pd.DataFrame:
     """One row per event, NaN for what is not known."""
     return pd.DataFrame([astuple(event) for event in events], columns=list(EVENT_TYPES)).astype(EVENT_TYPES)
+
+
+def breaks_of(events: Iterable[StreamEvent]) -> dict[str, Array]:
+    """Spans (b, 2), s, over which nobody knows what happened, by table: how long a device was off whose clock was set
+    back (``imu``), what a counter that began again did not count (``tach``).
+    """
+    spans: dict[str, list[tuple[float, float]]] = {}
+    for event in events:
+        if (event.kind, event.table) in _BREAKS and event.t_s is not None and event.until_s is not None:
+            spans.setdefault(event.table, []).append((event.t_s, event.until_s))
+    return {table: np.array(rows) for table, rows in spans.items()}
 
 
 @dataclass

@@ -17,6 +17,8 @@ from trackfg.wheel import read_resolution
 _ENOUGH_M = 20.0
 _MOST_ROWS = 20_000
 _ASSUMED_STEP_M = 0.05
+_AT_PULSES = 0.2
+"""Rounding, in steps, that rows at times of their own do not reach."""
 
 
 @dataclass
@@ -37,6 +39,11 @@ class TachResolution:
         if tach.kind == "pulses" and tach.pulses_per_rev and tach.wheel_diameter_m:
             step = np.pi * tach.wheel_diameter_m / tach.pulses_per_rev
         return cls(step, step / float(np.sqrt(12.0)), np.zeros((0, 2)))
+
+    @property
+    def at_pulses(self) -> bool:
+        """Whether rows are the pulses' own times, as far as is known."""
+        return self.rounding_sd < _AT_PULSES * self.quantum
 
     def learn(self, rows: Array) -> None:
         """From the next rows; those that are known may be among them."""

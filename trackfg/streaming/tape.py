@@ -15,13 +15,16 @@ from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, laid_out, means_around
-from trackfg.recording import IMU_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.rails import RailView, rail_views
+from trackfg.recording import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows, no_rows
 
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
 _NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 _POSITIONS = ("fixes", "gnss")
+_AT_REST_S = 0.5
+"""Of a long rest, what lasers show at its begin and at its end."""
 
 
 @dataclass
@@ -39,15 +42,23 @@ class Tape:
     tach: Array = field(default_factory=lambda: no_rows("tach"))
     positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
     """By table: fixes and GNSS."""
+    lasers: dict[str, Array] = field(default_factory=dict)
+    """By the sensor's name."""
+    breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
+    """By table: spans (b, 2), s, over which nobody knows what happened."""
 
     def put(self, rows: Rows) -> None:
         """Append rows."""
         self.gnss_origin = rows.gnss_origin if self.gnss_origin is None else self.gnss_origin
+        for name, spans in rows.breaks.items():
+            self.breaks[name] = np.concatenate([self.breaks[name], spans])
         if len(rows.tach):
             self.tach = np.concatenate([self.tach, rows.tach])
         for name, table in (("fixes", rows.fixes), ("gnss", rows.gnss)):
             if len(table):
                 self.positions[name] = np.concatenate([self.positions[name], table])
+        for name, table in rows.lasers.items():
+            self.lasers[name] = np.concatenate([self.lasers[name], table]) if name in self.lasers else table
         if len(rows.imu):
             self.waiting = np.concatenate([self.waiting, rows.imu])
             self._lay_out()
@@ -89,6 +100,22 @@ class Tape:
         low, high = int(np.searchsorted(edges, begin - 1e-9)), int(np.searchsorted(edges, end + 1e-9, side="right")) - 1
         return self.data.take(slice(low, high))
 
+    def turns(self, begin: float, until: float) -> Array:
+        """Edges of the inertial record in (begin, until] at which a hole or a break begins or ends, s."""
+        assert self.data is not None
+        edges = self.data.edges
+        low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
+        bridged = self.data.bridged[max(low - 1, 0) : high]
+        holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
+        after = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
+        found = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
+        return np.sort(found[(found > begin + 1e-6) & (found <= until)])
+
+    def broken(self, begin: float, until: float) -> bool:
+        """Whether the first sample after a break lies between two edges of the inertial record."""
+        after = self.breaks["imu"][:, 1]
+        return bool(((after >= begin) & (after < until)).any())
+
     def positions_between(self, begin: float, end: float) -> Recording:
         """A recording of fixes and GNSS alone."""
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
@@ -109,6 +136,13 @@ class Tape:
             tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
         return replace(self.positions_between(begin, end), imu=imu, tach=tach)
 
+    def rails(self) -> list[RailView]:
+        """What the lasers saw of the rails; nothing until all of them have told something."""
+        lasers = {name: pd.DataFrame(rows, columns=list(LASER_COLUMNS)) for name, rows in self.lasers.items()}
+        if not all(len(lasers.get(laser.name, ())) > 1 for laser in self.description.laser):
+            return []
+        return rail_views(Recording(self.description, _NO_SAMPLES, lasers=lasers))
+
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
         assert self.data is not None
@@ -123,6 +157,8 @@ class Tape:
         self.samples = self.samples[np.searchsorted(self.samples[:, 0], newer) :]
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
         self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
+        self.lasers = {name: table[table[:, 0] >= before] for name, table in self.lasers.items()}
+        self.breaks = {name: spans[spans[:, 1] >= before] for name, spans in self.breaks.items()}
 
     def stood(self, rests: Array) -> None:
         """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""
@@ -139,6 +175,8 @@ class Tape:
                 np.concatenate([data.bridged[:i], data.bridged[i:j].all(keepdims=True), data.bridged[j:]]),
             )
             self.tach = self.tach[(self.tach[:, 0] <= begin) | (self.tach[:, 0] >= end)]
+            for name, rows in self.lasers.items():
+                self.lasers[name] = rows[(rows[:, 0] <= begin + _AT_REST_S) | (rows[:, 0] >= end - _AT_REST_S)]
 
     @staticmethod
     def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:

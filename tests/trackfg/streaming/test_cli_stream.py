@@ -28,7 +28,7 @@ def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [*TRACKFG, recording, "--lag", "5", "-o", tmp_path / "out"], capture_output=True, text=True, check=True
     )
-    assert "no events" in done.stderr
+    assert "; 1 standstill" in done.stderr
     filtered, smoothed, geometry = (read_parts(tmp_path / "out", name) for name in ("filtered", "smoothed", "geometry"))
     assert tuple(filtered) == tuple(smoothed) == TRAJECTORY_COLUMNS
     assert tuple(geometry) == ("t_s", *GEOMETRY_COLUMNS)

@@ -98,6 +98,7 @@ def test_holes_are_told(stream: Callable[..., Any]) -> None:
 def test_fixes_are_used_or_set_aside(stream: Callable[..., Any]) -> None:
     recording = simulate("shunting", seed=0, duration_s=240.0).recording
     assert recording.fixes is not None
+    assert len(recording.fixes) > 2
     fixes = recording.fixes.copy()
     fixes.loc[1, "chainage_m"] += 100.0
     events = table_of(stream(replace(recording, fixes=fixes), lag_s=10.0).events)
@@ -107,7 +108,7 @@ def test_fixes_are_used_or_set_aside(stream: Callable[..., Any]) -> None:
 
 
 def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline-gnss", seed=3, duration_s=120.0).recording
+    recording = simulate("mainline-gnss", seed=3, duration_s=105.0).recording
     assert recording.gnss is not None
     gnss = recording.gnss.copy()
     gnss.loc[76:88, "east_m"] += 60.0
@@ -117,6 +118,7 @@ def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
     assert aside[0].detail.startswith("13 positions")
 
 
+@pytest.mark.slow
 def test_a_tach_that_is_stuck_for_long_is_told_in_parts(
     stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

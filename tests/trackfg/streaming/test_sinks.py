@@ -168,6 +168,7 @@ def test_lines_are_json_with_every_digit(tmp_path: Path) -> None:
     JsonLines(out).write("events", EVENTS)
     assert json.loads(out.getvalue().splitlines()[-1]) == {
         "table": "events", "kind": "bad-line", "input": "", "t_s": None, "until_s": None, "rows": 1, "detail": "",
+        "chainage_m": None, "chainage_m_sd": None, "distance_removed_m": None, "distance_removed_m_sd": None,
     }  # fmt: skip
     (tmp_path / "old").write_text("not ended")
     sink = JsonLines(tmp_path / "old")

@@ -16,6 +16,7 @@ from trackfg.results import TRAJECTORY_COLUMNS
 from trackfg.streaming.intake import Intake
 from trackfg.streaming.json_lines_source import JsonLinesSource
 from trackfg.streaming.parquet_parts import ROWS_PER_PART, ParquetParts
+from trackfg.streaming.settled_events import EVENT_TABLES
 from trackfg.streaming.sinks import TABLES, json_lines
 from trackfg.streaming.stream_events import LOSS_KINDS, StreamEvent, event_table
 
@@ -47,12 +48,14 @@ def test_the_lines_shown_are_rows() -> None:
 
 
 def test_the_lines_shown_are_what_is_written() -> None:
-    filtered, events = (json.loads(line) for line in blocks("json")[1].splitlines())
+    filtered, late, slip = (json.loads(line) for line in blocks("json")[1].splitlines())
     assert tuple(filtered) == ("table", *TRAJECTORY_COLUMNS)
     written = json_lines(filtered.pop("table"), pd.DataFrame([filtered]))
     assert written == blocks("json")[1].splitlines(keepends=True)[0]
     event = StreamEvent("late", "tach", 11.9, 12.1, 3, LOSS_KINDS["late"])
-    assert json.loads(json_lines("events", event_table([event]))) == events
+    assert json.loads(json_lines("events", event_table([event]))) == late
+    event = StreamEvent("slip", "tach", 9.3, 10.1, 0, "", 1021.5, 0.2, 0.75, 0.125)
+    assert json.loads(json_lines("events", event_table([event]))) == slip
 
 
 def test_the_python_shown_runs(
@@ -76,6 +79,7 @@ def test_every_kind_of_event_is_listed() -> None:
     noted = set(re.findall(r'StreamEvent\("([a-z-]+)"', code))
     assert listed("kind | rows left out") == set(LOSS_KINDS) | {"bad-line", "bad-message", "other-topic"}
     assert listed("kind | what happened, without loss") == noted - {"other-topic"}
+    assert listed("kind | what") == {kind for kind in EVENT_TABLES if "landmark" not in kind}
 
 
 def test_the_numbers_are_the_codes() -> None:
