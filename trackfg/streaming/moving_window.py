@@ -204,6 +204,8 @@ class MovingWindow:
         if wheel is not None and wheel.covers(span).all() and abs(np.diff(wheel.at(span))[0]) > 1.5 * wheel.quantum:
             return
         recording = self.tape.recording(until - _REST_LOOK_S, until)
+        if recording.imu.empty:  # a long gap
+            return
         found = find_standstills(recording, self.config.motion.min_rest_s)
         found[:, 1] = np.minimum(found[:, 1], until - _REST_MARGIN_S)
         spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])

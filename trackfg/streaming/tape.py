@@ -111,7 +111,12 @@ class Tape:
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        return np.asarray(_between(self.samples, t - 0.05, t + 0.05)[:, 1:4].mean(axis=0, keepdims=True))
+        near = _between(self.samples, t - 0.05, t + 0.05)[:, 1:4]
+        if not len(near):  # within a gap
+            assert self.data is not None
+            last = min(int(np.searchsorted(self.data.edges, t)), len(self.data)) - 1
+            near = self.data.gyro[last : last + 1]
+        return np.asarray(near.mean(axis=0, keepdims=True))
 
     def forget(self, before: float) -> None:
         """Rows that end before a time."""
