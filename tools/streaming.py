@@ -27,7 +27,7 @@ from positioning_table import printed, table_of
 from rich.console import Console
 from rich.progress import track as progress_over
 from streaming_damage import KINDS
-from streaming_fault_table import by_kind, of_cases, of_quantities
+from streaming_fault_table import by_kind, of_case, of_quantities
 from streaming_faults import CHECKS, Outcome, outcomes
 
 PARTS = ("cost", "faults")
@@ -46,13 +46,17 @@ def case_of(text: str) -> tuple[str, int]:
     return kind, int(seed)
 
 
-def run_cases(cases: Sequence[tuple[str, int]], jobs: int) -> list[Outcome]:
-    """Of all, in their order, with a progress bar on a terminal."""
+def run_cases(cases: Sequence[tuple[str, int]], jobs: int, per_case: Path | None) -> list[Outcome]:
+    """Of all, in their order, with a progress bar on a terminal; what each gave is written as it comes."""
     console = Console(stderr=True)
     found = progress_over(
         outcomes(cases, jobs), "cases", len(cases), console=console, transient=True, disable=not console.is_terminal
     )
-    by_case = {(outcome.kind, outcome.seed): outcome for outcome in found}
+    by_case: dict[tuple[str, int], Outcome] = {}
+    for outcome in found:
+        if per_case is not None:
+            of_case(outcome).to_csv(per_case, index=False, mode="a" if by_case else "w", header=not by_case)
+        by_case[outcome.kind, outcome.seed] = outcome
     return [by_case[case] for case in dict.fromkeys(cases)]
 
 
@@ -101,11 +105,9 @@ def main() -> int:
         met &= not (tables[-1]["met"] == "NO").any()
     if "faults" in parts:
         cases = arguments.case or cases_of(arguments.kinds, arguments.cases, arguments.first_seed)
-        done = run_cases(cases, arguments.jobs)
+        done = run_cases(cases, arguments.jobs, arguments.per_case)
         tables.append(_report_faults(done, all_of_it=bool(arguments.case)))
         met &= not any(outcome.failed for outcome in done)
-        if arguments.per_case is not None:
-            of_cases(done).to_csv(arguments.per_case, index=False)
     print(f"\n{time.perf_counter() - start:.0f} s in all", file=sys.stderr)
     if arguments.out is not None:
         pd.concat(tables, ignore_index=True).to_csv(arguments.out, index=False)

@@ -5,7 +5,7 @@ batches of 0.1 s, as a recorder would send them, to Parquet parts, and takes the
 its estimates: the latency where it made a keyframe complete. Memory is read once a simulated minute.
 
 The slopes are those of straight lines through a median a minute with their sigmas, the first tenth of the run left out:
-buffers fill. What they make of the whole run is within noise if it is less than ``NOISE`` of the mean or twice its sigma.
+buffers fill. What they make of the whole run is within noise if it is below ``NOISE`` of the mean or twice its sigma.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def write_rows(folder: Path, seed: int, duration_s: float) -> None:
 
 
 def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame, float]:
-    """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``; and seconds in all."""
+    """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``; seconds in all."""
     source, sink = RowFiles(rows), ParquetParts(out)
     intake, smoother = Intake.of(source), FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S)
     puts, memory = [], []
