@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import NamedTuple
 
 import gtsam
@@ -19,7 +20,7 @@ import numpy as np
 from scipy.special import expit
 
 from trackfg.factors.states import Kind, Nav, States, Value, retract
-from trackfg.factors.switching import OUTLIER_SIGMAS, row_cost, row_weights
+from trackfg.factors.switching import OUTLIER_SIGMAS, Chain, after_row, row_cost, row_weights
 from trackfg.frames import Array
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
@@ -40,9 +41,19 @@ class Slot:
         return keys
 
 
-def own_keyframes(slots: Sequence[Slot]) -> list[np.ndarray]:
-    """The keyframes that factors touch, (m,) for each slot whose variable is not shared."""
-    return [slot.index for slot in slots if not slot.kind.shared]
+def first_keyframe(slots: Sequence[Slot], factors: int) -> np.ndarray:
+    """The first keyframe that each of so many factors touches, -1 where these touch shared variables alone. (m,)."""
+    return _keyframe(slots, factors, np.minimum)
+
+
+def last_keyframe(slots: Sequence[Slot], factors: int) -> np.ndarray:
+    """The last one, likewise."""
+    return _keyframe(slots, factors, np.maximum)
+
+
+def _keyframe(slots: Sequence[Slot], factors: int, choose: Callable[..., np.ndarray]) -> np.ndarray:
+    own = [slot.index for slot in slots if not slot.kind.shared]
+    return reduce(choose, own) if own else np.full(factors, -1)
 
 
 class LinearFactors(NamedTuple):
@@ -64,13 +75,25 @@ class Loss:
     but the probability that the error is the measurement's own (a switch variable, averaged over). ``"row"`` is the
     same for factors that follow each other in time, whose switches hold for some time
     (:mod:`trackfg.factors.switching`): an outlier makes its neighbours doubtful, and errors that last need not be
-    large. While the values are far from the solution there is no loss at all, or Huber's where errors are too many and
+    large; ``interval_s`` is the time from one to the next, ``before`` the probability that the one before the first was
+    none. While the values are far from the solution there is no loss at all, or Huber's where errors are too many and
     too large.
     """
 
     kind: str
     width: float
     huber_at_start: bool = False
+    interval_s: float = 1.0
+    before: float = 1.0
+
+    @property
+    def chain(self) -> Chain:
+        """Of a row."""
+        return Chain(self.width, self.interval_s, self.before)
+
+    def after(self, norm: Array) -> Loss:
+        """The loss of those that follow factors with these norms (m,) in a row."""
+        return replace(self, before=after_row(norm, self.chain).before) if self.kind == "row" else self
 
     @property
     def at_start(self) -> Loss | None:
@@ -82,7 +105,7 @@ class Loss:
         if self.kind == "huber":
             return np.minimum(1.0, self.width / np.maximum(norm, 1e-12))
         if self.kind == "row":
-            return row_weights(norm, self.width)
+            return row_weights(norm, self.chain)
         if self.kind == "switch":
             outlier = expit(-0.5 * self.width**2 + 0.5 * (1.0 - OUTLIER_SIGMAS**-2) * norm**2)
             return np.asarray(1.0 - outlier * (1.0 - OUTLIER_SIGMAS**-2))
@@ -101,7 +124,7 @@ class Loss:
         """rho(e), which is e^2/2 for small e; of a row the sum."""
         c = self.width
         if self.kind == "row":
-            return np.asarray(row_cost(norm, c))
+            return np.asarray(row_cost(norm, self.chain))
         if self.kind == "huber":
             return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
         if self.kind == "switch":
@@ -152,36 +175,51 @@ class Family:
         slots = tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots)
         data = tuple(array[index] for array in self.data)
         doubtful = None if self.doubtful is None else self.doubtful[index]
-        return replace(self, slots=slots, data=data, sigma=self.sigma[index], doubtful=doubtful)
+        return self._like(slots, data, self.sigma[index], doubtful)
+
+    def following(self, first: np.ndarray | slice, states: States) -> Family:
+        """:meth:`take` of the last of the factors; the loss is that of a row which began before."""
+        rest = self.take(first)
+        if self.loss is None or self.loss.kind != "row":
+            return rest
+        gone = np.linalg.norm(self.whitened(states), axis=1)[: len(self) - len(rest)]
+        return replace(rest, loss=self.loss.after(gone))
 
     def shifted(self, by: int) -> Family:
         """The same factors on the keyframes that are ``by`` later."""
         slots = (slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
-        return replace(self, slots=tuple(slots))
+        return self._like(tuple(slots), self.data, self.sigma, self.doubtful)
 
-    def joined(self, later: Family) -> Family:
-        """These factors, then those of a family of the same sort."""
-        slots = (Slot(a.kind, np.concatenate([a.index, b.index])) for a, b in zip(self.slots, later.slots, strict=True))
-        data = (np.concatenate([a, b]) for a, b in zip(self.data, later.data, strict=True))
-        doubtful = None
-        if self.doubtful is not None and later.doubtful is not None:
-            doubtful = np.concatenate([self.doubtful, later.doubtful])
-        sigma = np.concatenate([self.sigma, later.sigma])
-        return replace(self, slots=tuple(slots), data=tuple(data), sigma=sigma, doubtful=doubtful)
+    def _like(
+        self, slots: tuple[Slot, ...], data: tuple[Array, ...], sigma: Array, doubtful: np.ndarray | None
+    ) -> Family:
+        """Of this sort, from what families of it hold: it has been checked, and a stream makes hundreds a second."""
+        family = object.__new__(Family)
+        family.__dict__.update(self.__dict__, slots=slots, data=data, sigma=sigma, doubtful=doubtful)
+        return family
+
+    def joined(self, *later: Family) -> Family:
+        """These factors, then those of families of the same sort."""
+        every = (self, *later)
+        slots = (
+            Slot(same[0].kind, np.concatenate([slot.index for slot in same]))
+            for same in zip(*(family.slots for family in every), strict=True)
+        )
+        data = (np.concatenate(same) for same in zip(*(family.data for family in every), strict=True))
+        doubts = [family.doubtful for family in every if family.doubtful is not None]
+        doubtful = np.concatenate(doubts) if len(doubts) == len(every) else None
+        sigma = np.concatenate([family.sigma for family in every])
+        return self._like(tuple(slots), tuple(data), sigma, doubtful)
 
     @property
     def first_keyframe(self) -> np.ndarray:
         """The first keyframe that each factor touches, -1 where it touches shared variables alone. Shape (m,)."""
-        return self._own(np.min)
+        return first_keyframe(self.slots, len(self))
 
     @property
     def last_keyframe(self) -> np.ndarray:
         """The last one, likewise."""
-        return self._own(np.max)
-
-    def _own(self, choose: Callable[..., np.ndarray]) -> np.ndarray:
-        own = own_keyframes(self.slots)
-        return choose(own, axis=0) if own else np.full(len(self), -1)
+        return last_keyframe(self.slots, len(self))
 
     def at_start(self) -> Family:
         """What stands in while the values are far from the solution: gentler losses, no weight on what is doubtful."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -50,6 +51,30 @@ def preintegrate(
     for f, w, dt in zip(accel, gyro, duration.tolist(), strict=True):
         integrate(f, w, dt)
     return preintegrated
+
+
+@dataclass(frozen=True)
+class Preintegration:
+    """What the inertial sensor measured over an interval: increments as :func:`preintegrate` takes them, their white
+    noise, and the ``gravity`` (m/s^2) and turning (``frame_rate`` (3,), rad/s) of the frame.
+
+    GTSAM's own object does not tell them, and where it is written down it loses the frame's turning; from them it can
+    be made again at any time, the same to the last bit.
+    """
+
+    noise: ImuNoise
+    gravity: float
+    frame_rate: Array
+    bias: Array
+    duration: Array
+    rotation: Array
+    velocity: Array
+
+    @cached_property
+    def measured(self) -> gtsam.PreintegratedImuMeasurements:
+        """As GTSAM's."""
+        parameters = self.noise.parameters(self.gravity, self.frame_rate)
+        return preintegrate(parameters, self.bias, self.duration, self.rotation, self.velocity)
 
 
 def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> list[gtsam.ImuFactor2]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.frames import Array, skew, so3_log, so3_right_jacobian_inverse
+from trackfg.frames import Array, matrices, skew, so3_log, so3_right_jacobian_inverse
 
 
 def mount_matrix(mount: Array) -> tuple[Array, Array]:
@@ -18,13 +18,11 @@ def mount_matrix(mount: Array) -> tuple[Array, Array]:
     pitch, yaw = mount[:, 0], mount[:, 1]
     cp, sp, cy, sy, zero = np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
 
-    def matrix(rows: list[list[Array]]) -> Array:
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-    R = matrix([[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, zero, cp]])
-    d_pitch = matrix([[-cy * sp, zero, cy * cp], [-sy * sp, zero, sy * cp], [-cp, zero, -sp]])
-    d_yaw = matrix([[-sy * cp, -cy, -sy * sp], [cy * cp, -sy, cy * sp], [zero, zero, zero]])
-    return R, np.stack([d_pitch, d_yaw], axis=1)
+    R = matrices([cy * cp, -sy, cy * sp, sy * cp, cy, sy * sp, -sp, zero, cp])
+    derivative = np.empty((len(mount), 2, 3, 3))
+    derivative[:, 0] = matrices([-cy * sp, zero, cy * cp, -sy * sp, zero, sy * cp, -cp, zero, -sp])
+    derivative[:, 1] = matrices([-sy * cp, -cy, -sy * sp, cy * cp, -sy, cy * sp, zero, zero, zero])
+    return R, derivative
 
 
 def _sideways(nav: Nav, mount: Array, swing: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -46,7 +44,7 @@ def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigm
     position in the vehicle, m, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the
     gyro's remaining error times the lever arm is far below any sigma used here. sigma (m, 2), m/s.
     """
-    swing = np.cross(angular_rate, lever_arm)
+    swing = angular_rate @ skew(lever_arm)
     slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))
     return Family("non-holonomic", _sideways, slots, (swing,), sigma, loss)
 

@@ -14,8 +14,6 @@ from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
 from trackfg.frames import Array, skew
 
-_FORWARD = np.array([1.0, 0.0, 0.0])
-
 
 def _chain(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:
     residual = np.stack([second[:, 0] - first[:, 0] - second[:, 3], second[:, 1] - first[:, 1]], axis=1)
@@ -101,9 +99,10 @@ def _arc(first: Nav, second: Nav, odo: Array, lever_arm: Array) -> tuple[Array, 
         out = np.zeros((len(R), 1, 9))
         toward = np.einsum("mji,mj->mi", R, mean) * chord_sign
         direction = np.einsum("mji,mj->mi", R, tangent_derivative)
+        out[:, 0, :3] = ratio[:, None] * np.einsum("mi,mij->mj", toward, skew(lever_arm))
         # d(R e1) = R (d x e1): the component along a body vector u is (e1 x u) . d
-        out[:, 0, :3] = np.cross(_FORWARD, direction)
-        out[:, 0, :3] += ratio[:, None] * np.einsum("mi,mij->mj", toward, skew(lever_arm))
+        out[:, 0, 1] -= direction[:, 2]
+        out[:, 0, 2] += direction[:, 1]
         out[:, 0, 3:6] = ratio[:, None] * toward
         return out
 

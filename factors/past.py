@@ -17,7 +17,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
-from trackfg.frames import Array, euler_rates, matrix_from_rpy, rpy_from_matrix
+from trackfg.frames import Array, body_rates, euler_rates, matrix_from_rpy, rpy_from_matrix
 
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
 _IN_KEYFRAME = len(ELIMINATION_ORDER)
@@ -30,7 +30,7 @@ def away(value: Value, origin: Value) -> Array:
     rpy = rpy_from_matrix(origin.R)
     angles = rpy_from_matrix(value.R) - rpy
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
-    turn = np.linalg.solve(euler_rates(rpy), angles[:, :, None])[:, :, 0]
+    turn = np.einsum("mij,mj->mi", body_rates(rpy), angles)
     shift, faster = (np.einsum("mji,mj->mi", origin.R, part) for part in (value.p - origin.p, value.v - origin.v))
     return np.concatenate([turn, shift, faster], axis=1)
 
@@ -39,6 +39,17 @@ def step_from(origin: States, states: States) -> Step:
     """The step from ``origin`` to other states of as many keyframes, in this chart."""
     parts = [away(states.of(kind), origin.of(kind)) for kind in _KINDS]
     return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), np.concatenate(parts[_IN_KEYFRAME:], axis=1)[0])
+
+
+def carried(origin: States, other: States) -> tuple[Array, Step]:
+    """How a tangent from ``origin`` (one keyframe) depends on that from an ``other`` one near it: ``J y + c``.
+
+    J (49, 49) and c.
+    """
+    J = np.eye(sum(kind.dim for kind in _KINDS))
+    at = offset_in_keyframe(Kind.NAV)
+    J[at : at + Kind.NAV.dim, at : at + Kind.NAV.dim] = _by_nav(other.nav, origin.nav)[0]
+    return J, step_from(origin, other)
 
 
 def moved_from(origin: States, step: Step) -> States:
@@ -65,8 +76,7 @@ def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
 def _by_nav(value: Nav, origin: Nav) -> Array:
     """The derivative of :func:`away` by the tangent of ``value``."""
     out = np.zeros((len(value), Kind.NAV.dim, Kind.NAV.dim))
-    rates, here = euler_rates(rpy_from_matrix(origin.R)), euler_rates(rpy_from_matrix(value.R))
-    out[:, :3, :3] = np.linalg.solve(rates, here)
+    out[:, :3, :3] = body_rates(rpy_from_matrix(origin.R)) @ euler_rates(rpy_from_matrix(value.R))
     out[:, 3:6, 3:6] = out[:, 6:, 6:] = np.swapaxes(origin.R, 1, 2) @ value.R
     return out
 

@@ -33,7 +33,8 @@ def _path(
     e = so3_log(np.swapaxes(turn, 1, 2) @ relative)
     R_bt, d_R_bt = mount_matrix(mount)
     f, d_f = R_bt[:, :, 0], np.swapaxes(d_R_bt[:, :, :, 0], 1, 2)
-    c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", mean_by_time, np.cross(e, f))
+    d_c_by_e = -mean_by_time @ skew(f)
+    c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", d_c_by_e, e)
     slope = c[:, 1:] / c[:, :1]
     residual = u[:, 1:] - slope * u[:, :1]
 
@@ -42,7 +43,6 @@ def _path(
         return np.asarray(derivative[:, 1:] - slope[:, :, None] * derivative[:, :1])
 
     inverse = so3_right_jacobian_inverse(e)
-    d_c_by_e = -mean_by_time @ skew(f)
     share = (u[:, 0] / c[:, 0])[:, None, None]
     by_e = -share * across(d_c_by_e @ inverse)
     arm = skew(lever_arm)

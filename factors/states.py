@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import gtsam
 import numpy as np
@@ -48,6 +48,8 @@ class Kind(Enum):
         self.letter = letter
         self.dim = dim
         self.shared = shared
+        self.attribute = self.name.lower()
+        """Of :class:`States`."""
 
     def keys(self, index: np.ndarray) -> np.ndarray:
         """GTSAM keys of variables ``index``: the symbol's letter in the top byte, as ``gtsam.symbol`` makes them."""
@@ -62,6 +64,7 @@ SHARED = (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL)
 SHARED_DIM = sum(kind.dim for kind in SHARED)
 
 
+@cache
 def offset_in_keyframe(kind: Kind) -> int:
     """Where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow."""
     if kind.shared:
@@ -117,7 +120,7 @@ class States:
 
     def take(self, rows: slice) -> States:
         """The keyframes of some rows, and the shared variables."""
-        return replace(self, nav=self.nav[rows], bias=self.bias[rows], odo=self.odo[rows])
+        return States(self.nav[rows], self.bias[rows], self.odo[rows], self.mount, self.clock, self.imu, self.wheel)
 
     def joined(self, *later: States) -> States:
         """These keyframes, then the later ones; shared variables of the last."""
@@ -132,16 +135,8 @@ class States:
 
     def of(self, kind: Kind) -> Value:
         """All values of one kind."""
-        values: dict[Kind, Value] = {
-            Kind.NAV: self.nav,
-            Kind.BIAS: self.bias,
-            Kind.ODO: self.odo,
-            Kind.MOUNT: self.mount,
-            Kind.CLOCK: self.clock,
-            Kind.IMU: self.imu,
-            Kind.WHEEL: self.wheel,
-        }
-        return values[kind]
+        value: Value = getattr(self, kind.attribute)
+        return value
 
     def to_gtsam(self) -> gtsam.Values:
         """A fresh ``gtsam.Values`` that holds every variable.
@@ -152,7 +147,8 @@ class States:
         parts = {Kind.NAV: nav, Kind.BIAS: self.bias, Kind.ODO: self.odo}
         keyframes = np.concatenate([parts[kind] for kind in ELIMINATION_ORDER], axis=1)
         shared = np.concatenate([np.asarray(self.of(kind))[0] for kind in SHARED])
-        return _zero(len(self)).retract(Step(keyframes, shared).to_gtsam())
+        zero = _zero(len(self)) if len(self) <= _SHORT else _zero.__wrapped__(len(self))
+        return zero.retract(Step(keyframes, shared).to_gtsam())
 
     def moved(self, step: Step) -> States:
         """Every variable retracted by its part of a step."""
@@ -191,7 +187,11 @@ class Step:
         return out
 
 
-@lru_cache(maxsize=4)
+_SHORT = 64
+"""Keyframes: for as many a stream asks again and again."""
+
+
+@lru_cache(maxsize=_SHORT)
 def _zero(keyframes: int) -> gtsam.Values:
     """All variables at zero, attitudes at the identity."""
     values = gtsam.Values()

@@ -17,6 +17,7 @@ on arrays instead of a loop over intervals.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,30 +26,47 @@ from trackfg.frames import Array
 OUTLIER_SIGMAS = 1e3
 """How wide the errors of the second state spread: finite, lest nothing hold what they measure."""
 
-_LEAVE = 0.3
-"""Probability that the interval after a slipping one rolls: a slip lasts some three intervals."""
+_LASTS_S = 2.8
+"""A slip lasts as long."""
 _LASTING = 1.9
-"""Where, in sigmas, errors that last are as likely in the second state as in the first."""
-_STAY_COST = 0.5 * _LASTING**2 + float(np.log(1.0 - _LEAVE))
+"""Where, in sigmas, errors that last are as likely in the second state as in the first, in intervals of 1 s. Shorter
+ones show less each, and together the same.
+"""
 
 
-def row_cost(z: Array, width: float) -> float:
-    """``-log L`` of errors z (n,) in sigmas, less its value where all are 0.
-
-    ``width``, above 2.5: a lone error of this size is as likely in the second state as in the first.
+class Chain(NamedTuple):
+    """``width``, above 2.5: a lone error of this size, in sigmas, is as likely in the second state as in the first.
+    ``interval_s``: how long an interval is; more than 1 s counts as 1 s. ``before``: the probability that the interval
+    before belonged to the first state.
     """
-    return _cost(z, width) - _least_cost(len(z), width)
+
+    width: float
+    interval_s: float = 1.0
+    before: float = 1.0
 
 
-def row_weights(z: Array, width: float) -> Array:
+def row_cost(z: Array, chain: Chain) -> float:
+    """``-log L`` of errors z (n,) in sigmas, less its value where all are 0."""
+    return _cost(z, chain) - _least_cost(len(z), chain)
+
+
+def row_weights(z: Array, chain: Chain) -> Array:
     """The derivative of :func:`row_cost` by each error, over the error: 1 where it counts in full. Shape (n,)."""
-    return np.asarray(1.0 - (1.0 - OUTLIER_SIGMAS**-2) * (1.0 - first_state_probability(z, width)))
+    return np.asarray(1.0 - (1.0 - OUTLIER_SIGMAS**-2) * (1.0 - first_state_probability(z, chain)))
 
 
-def first_state_probability(z: Array, width: float) -> Array:
+def after_row(z: Array, chain: Chain) -> Chain:
+    """The same for a row that goes on after errors z (n,), as far as these tell."""
+    if len(z) == 0:
+        return chain
+    first, second = _forward(_matrices(z, chain)[0], chain)[:, -1]
+    return chain._replace(before=float(first / (first + second)))
+
+
+def first_state_probability(z: Array, chain: Chain) -> Array:
     """The probability that each error belongs to the first state, given all of them. Shape (n,)."""
-    matrices = _matrices(z, width)[0]
-    before = _prefix_products(matrices)[0][0]  # p' M_1 ... M_k with p = (1, 0)
+    matrices = _matrices(z, chain)[0]
+    before = _forward(matrices, chain)
     reversed_ = np.swapaxes(matrices[:, :, ::-1], 0, 1)
     after = np.ones((2, len(z)))  # M_k+1 ... M_n 1
     after[:, :-1] = _prefix_products(reversed_)[0].sum(axis=0)[:, ::-1][:, 1:]
@@ -57,21 +75,31 @@ def first_state_probability(z: Array, width: float) -> Array:
 
 
 @lru_cache
-def _least_cost(n: int, width: float) -> float:
-    return _cost(np.zeros(n), width)
+def _least_cost(n: int, chain: Chain) -> float:
+    return _cost(np.zeros(n), chain)
 
 
-def _cost(z: Array, width: float) -> float:
-    matrices, scale = _matrices(z, width)
+def _cost(z: Array, chain: Chain) -> float:
+    matrices, scale = _matrices(z, chain)
     products, scales = _prefix_products(matrices)
-    return float(-np.log(products[0, :, -1].sum()) - scales[-1] - scale.sum())
+    at_end = chain.before * products[0, :, -1] + (1.0 - chain.before) * products[1, :, -1]
+    return float(-np.log(at_end.sum()) - scales[-1] - scale.sum())
 
 
-def _matrices(z: Array, width: float) -> tuple[Array, Array]:
+def _forward(matrices: Array, chain: Chain) -> Array:
+    """``p' M_1 ... M_k``, up to a factor. Shape (2, n)."""
+    products = _prefix_products(matrices)[0]
+    return np.asarray(chain.before * products[0] + (1.0 - chain.before) * products[1])
+
+
+def _matrices(z: Array, chain: Chain) -> tuple[Array, Array]:
     """M_k up to a factor, shape (2, 2, n), and the logarithm of that factor (n,)."""
-    enter = np.exp(_STAY_COST - np.log(_LEAVE) - 0.5 * width**2)
-    transition = np.array([[1.0 - enter, enter], [_LEAVE, 1.0 - _LEAVE]])
-    exponents = np.stack([-0.5 * z**2, -_STAY_COST - 0.5 * (z / OUTLIER_SIGMAS) ** 2])
+    duration = min(chain.interval_s, 1.0)
+    leave = 1.0 - np.exp(-duration / _LASTS_S)
+    stay_cost = duration * (0.5 * _LASTING**2 - 1.0 / _LASTS_S)
+    enter = np.exp(stay_cost - np.log(leave) - 0.5 * chain.width**2)
+    transition = np.array([[1.0 - enter, enter], [leave, 1.0 - leave]])
+    exponents = np.stack([-0.5 * z**2, -stay_cost - 0.5 * (z / OUTLIER_SIGMAS) ** 2])
     scale = exponents.max(axis=0)
     return transition[:, :, None] * np.exp(exponents - scale), scale
 

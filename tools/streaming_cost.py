@@ -50,7 +50,7 @@ class RowFiles:
     """A source that reads the rows of a simulated run from files, a minute at a time."""
 
     folder: Path
-    canonical = True
+    canonical, live = True, False
     gnss_origin = None
 
     @property

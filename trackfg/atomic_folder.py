@@ -32,7 +32,7 @@ _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 _CANNOT_EXCHANGE = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
-_CANNOT_LOCK = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
+CANNOT_LOCK = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 _OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST}
 
 
@@ -55,7 +55,7 @@ def replaced_folder(target: Path) -> Iterator[Path]:
         yield new
         _flush(new)
         _publish(new, target, aside=workspace / _OLD)
-        _sync(target.parent)
+        sync(target.parent)
     finally:
         _settle(target, aside=workspace / _OLD)
         shutil.rmtree(workspace, ignore_errors=True)
@@ -161,7 +161,7 @@ def _lock(workspace: Path, *, wait: bool) -> int | None:
     except (BlockingIOError, FileNotFoundError):
         pass
     except OSError as error:
-        if error.errno not in _CANNOT_LOCK:
+        if error.errno not in CANNOT_LOCK:
             raise
         if wait:
             return descriptor  # no locks on this file system: what a killed process left stays until removed by hand
@@ -181,11 +181,12 @@ def _flush(folder: Path) -> None:
     """Everything below ``folder`` on the disk, so that a power cut cannot publish names without content."""
     for parent, _, files in os.walk(folder):
         for name in files:
-            _sync(Path(parent) / name)
-        _sync(Path(parent))
+            sync(Path(parent) / name)
+        sync(Path(parent))
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """A file, or the names in a folder, on the disk."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)

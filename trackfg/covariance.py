@@ -99,6 +99,16 @@ def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
 
     Cost is linear in the number of keyframes and quadratic in that of the functions.
     """
+    total, carried = covariance_given_next(root, functions)
+    last = root.shared_inverse.T @ carried[KEYFRAME_DIM:SIZE]
+    total += last.T @ last
+    return np.asarray(0.5 * (total + total.T))
+
+
+def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array, Array]:
+    """Functions as ``G' z + e`` of z = (x_n, s), the keyframe after the root's last one and the shared variables: the
+    covariance of e, (m, m), and G, (d, m). The functions may touch x_n.
+    """
     n, m, dim = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM
     total = np.zeros((m, m))
     stacked: list[Array] = []
@@ -119,10 +129,10 @@ def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
         if len(stacked) == _STACKED or k == n - 1:
             _add_products(total, stacked)
             stacked = []
-    shared = carried[dim:SIZE] + functions.by_shared.T
-    last = root.shared_inverse.T @ shared
-    total += last.T @ last
-    return np.asarray(0.5 * (total + total.T))
+    last = slice(own[max(n - 1, 0)], own[n])
+    carried[:dim, last] += functions.by_second[last].T
+    carried[dim:SIZE] += functions.by_shared.T
+    return total, carried[:SIZE]
 
 
 def _add_products(total: Array, parts: list[Array]) -> None:

@@ -15,7 +15,7 @@ precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation",
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from trackfg.errors import UnsolvableError
-from trackfg.factors.family import LinearFactors, Slot, own_keyframes
+from trackfg.factors.family import LinearFactors, Slot, first_keyframe, last_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.one_thread import one_thread
@@ -55,12 +55,14 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
 
     Shared variables have index 0. Cost is linear in the number of keyframes.
     """
-    return eliminate_leaving(factors, keyframes, 0)[0]
+    return eliminate_leaving(factors, keyframes, ())[0]
 
 
-def eliminate_leaving(factors: Sequence[LinearFactors], keyframes: int, gone: int) -> tuple[SquareRoot, Array]:
-    """As :func:`eliminate`, and what the factors that touch the first ``gone`` keyframes of a chain, or the shared
-    variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50); nothing where none goes.
+def eliminate_leaving(
+    factors: Sequence[LinearFactors], keyframes: int, gone: Collection[int]
+) -> tuple[SquareRoot, dict[int, Array]]:
+    """As :func:`eliminate`, and for each number of keyframes ``gone`` what the factors that touch the first so many of
+    a chain, or the shared variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50).
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
@@ -77,14 +79,16 @@ def eliminate_leaving(factors: Sequence[LinearFactors], keyframes: int, gone: in
         return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead), left
 
 
-def _factored(systems: Iterator[Array], widths: np.ndarray, gone: int) -> tuple[Array, Array, Array]:
+def _factored(
+    systems: Iterator[Array], widths: np.ndarray, gone: Collection[int]
+) -> tuple[Array, Array, dict[int, Array]]:
     """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; rows of the shared variables
-    alone; what the first ``gone`` keyframes leave, as :func:`eliminate_leaving` says.
+    alone; what the first keyframes leave, as :func:`eliminate_leaving` says.
     """
     keyframes = len(widths)
     conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
     alone = [next(systems)]
-    left, left_by_gone = np.zeros((0, 0)), np.zeros((0, SIZE + 1))
+    left, left_by_gone = np.zeros((0, 0)), {}
     place: np.ndarray | slice = slice(0)
     for k, own in enumerate(systems):
         width, carried = int(widths[k]), len(left)
@@ -101,8 +105,8 @@ def _factored(systems: Iterator[Array], widths: np.ndarray, gone: int) -> tuple[
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
         place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
-        if k + 1 == gone:
-            left_by_gone = _left(left, np.concatenate(alone))
+        if k + 1 in gone:
+            left_by_gone[k + 1] = _left(left, np.concatenate(alone))
     return conditional, np.concatenate(alone), left_by_gone
 
 
@@ -174,10 +178,11 @@ def _columns_in_next(width: int, next_width: int) -> np.ndarray:
 def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
     """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
     last = np.arange(1, keyframes + 1)
-    for slots, _, _ in factors:
-        own = own_keyframes(slots)
-        if own:
-            np.maximum.at(last, np.min(own, axis=0), np.max(own, axis=0))
+    for slots, _, b in factors:
+        first, farthest = first_keyframe(slots, len(b)), last_keyframe(slots, len(b))
+        far = farthest > first + 1
+        if far.any():
+            np.maximum.at(last, first[far], farthest[far])
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
 
 
@@ -200,9 +205,8 @@ def _systems(factors: Sequence[LinearFactors], widths: np.ndarray) -> Iterator[A
 def _by_first(factors: LinearFactors) -> tuple[LinearFactors, np.ndarray]:
     """Factors in order of the first keyframe of each, -1 for shared variables alone, and these keyframes (m,)."""
     slots, jacobians, b = factors
-    own = own_keyframes(slots)
-    first = np.min(own, axis=0) if own else np.full(len(b), -1)
-    if (np.diff(first) >= 0).all():
+    first = first_keyframe(slots, len(b))
+    if (first[1:] >= first[:-1]).all():
         return factors, first
     order = np.argsort(first, kind="stable")
     slots = tuple(Slot(slot.kind, slot.index[order]) for slot in slots)
@@ -233,21 +237,28 @@ def _stacked(
     after = 0
     for k, (slots, jacobians, b, first, some) in zip(number, parts, strict=True):
         before, after = after, after + len(k)
-        row = begins[before:after, None] + np.arange(b.shape[1])
+        row = begins[before:after, None] + _counted(b.shape[1])
         width = widths[k]
         rows[row, (width + SHARED_DIM)[:, None]] = b[some]
         for slot, jacobian in zip(slots, jacobians, strict=True):
-            column = _column(Slot(slot.kind, slot.index[some]), first[some], width)[:, None] + np.arange(slot.kind.dim)
+            column = _column(slot.kind, slot.index[some] - first[some], width)[:, None] + _counted(slot.kind.dim)
             rows[row[:, :, None], column[:, None, :]] = jacobian[some]
     return rows, starts
 
 
-def _column(slot: Slot, first: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Where a slot's variables begin in the windows of the keyframes ``first``. All (m,)."""
-    at = offset_in_keyframe(slot.kind)
-    if slot.kind.shared:
-        return width + at - KEYFRAME_DIM
-    later = slot.index - first
-    if slot.kind is not Kind.NAV and (later > 1).any():
-        raise ValueError(f"{slot.kind.name} is touched from {later.max()} keyframes before; only NAV may be")
-    return np.asarray(np.where(later < 2, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2)))
+def _column(kind: Kind, later: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Where variables of a kind begin in windows of some ``width``, ``later`` keyframes after their first. All (m,)."""
+    at = offset_in_keyframe(kind)
+    if kind.shared:
+        return width + (at - KEYFRAME_DIM)
+    near = later < 2
+    if near.all():
+        return np.asarray(KEYFRAME_DIM * later + at)
+    if kind is not Kind.NAV:
+        raise ValueError(f"{kind.name} is touched from {later.max()} keyframes before; only NAV may be")
+    return np.asarray(np.where(near, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2)))
+
+
+@lru_cache
+def _counted(length: int) -> np.ndarray:
+    return np.arange(length)

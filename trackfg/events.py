@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,24 +16,48 @@ from trackfg.results import EVENT_COLUMNS
 from trackfg.slip_events import slip_events
 from trackfg.spans import true_runs
 
-_Row = tuple[str, float, float, float, float, float, float, str]
-"""One event, in the order of the columns."""
+POSITIONS = ("absolute fix", "landmark", "GNSS position")
+"""Families whose measurements are told one by one, or as runs of outliers."""
+
+TOLD = ("tach distance", *POSITIONS)
+"""All families that events are told by."""
 
 _OUTLIER_WEIGHT = 0.5
 """A robust weight below this marks a measurement that the solution does not follow."""
+
+
+class Event(NamedTuple):
+    """One event: :data:`trackfg.results.EVENT_COLUMNS`, NaN where a column says nothing."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    chainage_m: float
+    chainage_m_sd: float
+    distance_removed_m: float
+    distance_removed_m_sd: float
+    detail: str
 
 
 def event_table(
     problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
 ) -> pd.DataFrame:
     """Events in order of their start, columns :data:`trackfg.results.EVENT_COLUMNS`."""
+    return pd.DataFrame(events(problem, states, covariance, trajectory, direction), columns=list(EVENT_COLUMNS))
+
+
+def events(
+    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+) -> list[Event]:
+    """Events in order of their start; slips and slides over the span of the trajectory."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
     def row(
         kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan
-    ) -> _Row:
+    ) -> Event:
         chainage = direction * np.interp(start, problem.t, states.odo[:, 0])
-        return kind, start, end, float(chainage), float(np.interp(start, problem.t, sd)), removed, removed_sd, detail
+        chainage_sd = float(np.interp(start, problem.t, sd))
+        return Event(kind, float(start), float(end), float(chainage), chainage_sd, removed, removed_sd, detail)
 
     rows = [row("standstill", start, end) for start, end in problem.rests]
     rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in problem.gaps]
@@ -49,15 +74,14 @@ def event_table(
                 event.removed_m_sd,
             )
         )
-    for name in ("absolute fix", "landmark", "GNSS position"):
+    for name in POSITIONS:
         family = problem.family(name)
         if family is not None:
             rows += _positions(problem, family, states, row)
-    rows.sort(key=lambda r: r[1])
-    return pd.DataFrame(rows, columns=list(EVENT_COLUMNS))
+    return sorted(rows, key=lambda event: event.start_s)
 
 
-def _positions(problem: Problem, family: Family, states: States, row: Callable[..., _Row]) -> list[_Row]:
+def _positions(problem: Problem, family: Family, states: States, row: Callable[..., Event]) -> list[Event]:
     """Fixes one by one; GNSS as runs of outliers, since a row per epoch would bury the rest."""
     t = problem.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)

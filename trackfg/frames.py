@@ -10,6 +10,8 @@ Rotation vectors are in rad. Every function accepts any number of leading dimens
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,25 @@ EARTH_RADIUS = 6.371e6
 
 _WGS84_A = 6378137.0
 _WGS84_E2 = 6.69437999014e-3
+
+
+def matrices(entries: Sequence[Array]) -> Array:
+    """3 x 3 matrices from their nine entries (...), row by row. Shape (..., 3, 3)."""
+    return _filled(entries, (3, 3))
+
+
+def _filled(entries: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """``np.stack`` along new last axes; for the few rows of a stream ten times as fast."""
+    out = np.empty((*entries[0].shape, len(entries)))
+    for k, entry in enumerate(entries):
+        out[..., k] = entry
+    return out.reshape(*entries[0].shape, *shape)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """``np.cross`` of vectors (m, 3), for the few rows of a stream three times as fast."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return _filled([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], (3,))
 
 
 def skew(v: Array) -> Array:
@@ -66,21 +87,17 @@ def so3_log(R: Array) -> Array:
 def quaternion(R: Array) -> Array:
     """The unit quaternion (w, x, y, z) of ``R`` with w >= 0 (Shepperd's method). Shape (..., 3, 3) to (..., 4)."""
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1)
-    differences = (R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1])
-    sums = (R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2])
-    candidates = np.stack(
-        [
-            np.stack([squares[..., 0], *differences], axis=-1),
-            np.stack([differences[0], squares[..., 1], sums[0], sums[1]], axis=-1),
-            np.stack([differences[1], sums[0], squares[..., 2], sums[2]], axis=-1),
-            np.stack([differences[2], sums[1], sums[2], squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
-    best = np.argmax(squares, axis=-1)[..., None, None]
-    q = np.take_along_axis(candidates, best, axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    x, y, z = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
+    trace = m00 + m11 + m22
+    squares = (1 + trace, 1 + 2 * m00 - trace, 1 + 2 * m11 - trace, 1 + 2 * m22 - trace)
+    if (trace > 0).all():  # no turn is large
+        q = _filled([squares[0], x, y, z], (4,))
+    else:
+        rows = [squares[0], x, y, z, x, squares[1], xy, xz, y, xy, squares[2], yz, z, xz, yz, squares[3]]
+        best = np.argmax(_filled(squares, (4,)), axis=-1)[..., None, None]
+        q = np.take_along_axis(_filled(rows, (4, 4)), best, axis=-2)[..., 0, :]
+    q /= np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     upper: Array = np.where(q[..., :1] < 0, -q, q)
     return upper
 
@@ -130,12 +147,9 @@ def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:
     """``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Shape (...) each to (..., 3, 3)."""
     roll, pitch, yaw = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (roll, pitch, yaw)))
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    first = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    second = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    return matrices([*first, *second, -sp, cp * sr, cp * cr])
 
 
 def rpy_from_matrix(R: Array) -> Array:
@@ -143,18 +157,24 @@ def rpy_from_matrix(R: Array) -> Array:
     roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
     pitch = np.arcsin(np.clip(-R[..., 2, 0], -1.0, 1.0))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
+    return _filled([roll, pitch, yaw], (3,))
 
 
 def euler_rates(rpy: Array) -> Array:
     """The matrices that make angular rates in body axes the rates of roll, pitch and yaw. Shape (n, 3) to (n, 3, 3)."""
     roll, pitch = rpy[:, 0], rpy[:, 1]
     sin_r, cos_r, cos_p, tan_p = np.sin(roll), np.cos(roll), np.cos(pitch), np.tan(pitch)
-    out = np.zeros((len(rpy), 3, 3))
-    out[:, 0] = np.stack([np.ones(len(rpy)), sin_r * tan_p, cos_r * tan_p], axis=1)
-    out[:, 1, 1], out[:, 1, 2] = cos_r, -sin_r
-    out[:, 2, 1], out[:, 2, 2] = sin_r / cos_p, cos_r / cos_p
-    return out
+    zero = np.zeros(len(rpy))
+    first = zero + 1.0, sin_r * tan_p, cos_r * tan_p
+    return matrices([*first, zero, cos_r, -sin_r, zero, sin_r / cos_p, cos_r / cos_p])
+
+
+def body_rates(rpy: Array) -> Array:
+    """The other way: rates of roll, pitch and yaw into angular rates in body axes. Shape (n, 3) to (n, 3, 3)."""
+    roll, pitch = rpy[:, 0], rpy[:, 1]
+    sin_r, cos_r, sin_p, cos_p = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+    zero = np.zeros(len(rpy))
+    return matrices([zero + 1.0, zero, -sin_p, zero, cos_r, sin_r * cos_p, zero, -sin_r, cos_r * cos_p])
 
 
 def axes_matrix(axes: str) -> Array:

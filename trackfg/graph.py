@@ -13,6 +13,7 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -22,12 +23,12 @@ from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.bias import response_sigmas
 from trackfg.factors.family import Family
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import ImuNoise, Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, States
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, intervals
-from trackfg.inertial_factors import inertial_factors, own_bias_walk, tilt
+from trackfg.inertial_factors import graph_of, own_bias_walk, preintegrated, tilt
 from trackfg.initial import InitialPath, initial_path
 from trackfg.keyframes import nearest, place_keyframes
 from trackfg.layout import Layout, World, world_of
@@ -41,6 +42,8 @@ from trackfg.wheel import Wheel, read_wheel
 from trackfg.wheel_slip import Rolling, rolling
 
 _ANYWHERE_SD_M = 1e5
+_SET_SD_M = 1e-4
+"""Of a place that is 0 by convention."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class Problem:
 
     t: Array
     """Keyframe times, s, shape (n,)."""
-    native: gtsam.NonlinearFactorGraph
+    measured: tuple[Preintegration, ...]
+    """By the inertial sensor, one per interval."""
     families: tuple[Family, ...]
     initial: States
     world: World
@@ -68,6 +72,11 @@ class Problem:
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
+
+    @cached_property
+    def native(self) -> gtsam.NonlinearFactorGraph:
+        """The inertial factors."""
+        return graph_of(self.measured)
 
     def family(self, name: str) -> Family | None:
         """The family of that name, if the graph has it."""
@@ -99,7 +108,7 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
     return Problem(
         t=t,
-        native=inertial_factors(layout, states, speedless),
+        measured=preintegrated(layout, states, speedless),
         families=tuple(family for family in families if len(family)),
         initial=states,
         world=world,
@@ -172,6 +181,21 @@ def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
     return tuple(anywhere(family) if family.name == "prior on odo" else family for family in families)
 
 
+def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
+    """With a start ``distance`` m along the track, known to ``sd`` m."""
+    shift = np.array([distance - problem.initial.odo[0, 0], 0.0, 0.0, 0.0])
+
+    def moved(family: Family) -> Family:
+        if family.name != "prior on odo":
+            return family
+        sigma = family.sigma.copy()
+        sigma[:, 0] = max(sd, _SET_SD_M)
+        return replace(family, data=(family.data[0] + shift,), sigma=sigma)
+
+    initial = replace(problem.initial, odo=problem.initial.odo + shift)
+    return replace(problem, initial=initial, families=tuple(moved(family) for family in problem.families))
+
+
 def _priors(layout: Layout, states: States) -> list[Family]:
     noise, config = layout.recording.description.imu.noise, layout.config
     first = np.array([0])
@@ -182,7 +206,7 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
     tach = layout.recording.description.tach
     scale_sd = 1e-2 if tach is None else tach.scale_sd
-    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else 1e-4
+    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else _SET_SD_M
     odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
     tach_clock = config.tach
     clock_sd = np.array(

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.canonical import median_interval
-from trackfg.frames import Array, matrix_from_quaternion, quaternion_exp, quaternion_log, quaternion_product
+from trackfg.frames import Array, cross, matrix_from_quaternion, quaternion_exp, quaternion_log, quaternion_product
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
 
@@ -118,11 +118,11 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
     duration = np.diff(data.edges[starts])
     if counts.max(initial=0) <= 1:
         turn, change = (data.gyro[first] - gyro_bias) * duration[:, None], data.accel[first] * duration[:, None]
-        return Increments(duration, data.gyro[first] * duration[:, None], change + 0.5 * np.cross(turn, change))
+        return Increments(duration, data.gyro[first] * duration[:, None], change + 0.5 * cross(turn, change))
     dt = data.durations[starts[0] : starts[-1], None]
     turn = (data.gyro[starts[0] : starts[-1]] - gyro_bias) * dt
     change = data.accel[starts[0] : starts[-1]] * dt
-    change += 0.5 * np.cross(turn, change)
+    change += 0.5 * cross(turn, change)
     before, whole = running_turn(starts - starts[0], turn)
     velocity = np.add.reduceat(np.einsum("mij,mj->mi", matrix_from_quaternion(before), change), first - starts[0])
     return Increments(duration, quaternion_log(whole).T + duration[:, None] * gyro_bias, velocity)

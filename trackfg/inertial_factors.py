@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import gtsam
 import numpy as np
@@ -13,7 +12,7 @@ from trackfg import description
 from trackfg.factors.bias import bias_walk
 from trackfg.factors.family import Family
 from trackfg.factors.gravity import gravity_tilt
-from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
+from trackfg.factors.imu import ImuNoise, Preintegration, imu_factors
 from trackfg.factors.states import States
 from trackfg.frames import EARTH_RADIUS, Array, transport_rate
 from trackfg.inertial import compress, increment_starts
@@ -26,27 +25,18 @@ _UNKNOWN_ACCELERATION = 0.3
 """m/s^2, with a correlation time of 10 s: the accelerations that the tilt of a run without speed has to allow for."""
 
 
-def inertial_factors(layout: Layout, states: States, speedless: bool) -> gtsam.NonlinearFactorGraph:
-    """GTSAM's own, one per interval; without weight on the accelerometer where nothing measures speed."""
-    return graph_of(preintegrated(layout, states, speedless))
-
-
-def graph_of(measurements: Iterable[gtsam.PreintegratedImuMeasurements]) -> gtsam.NonlinearFactorGraph:
-    """The factors of intervals in a row, from the first keyframe on."""
+def graph_of(measurements: Iterable[Preintegration]) -> gtsam.NonlinearFactorGraph:
+    """GTSAM's own factors of intervals in a row, from the first keyframe on."""
     graph = gtsam.NonlinearFactorGraph()
-    for factor in imu_factors(measurements):
+    for factor in imu_factors(one.measured for one in measurements):
         graph.push_back(factor)
     return graph
 
 
-def measurements_of(graph: gtsam.NonlinearFactorGraph) -> tuple[gtsam.PreintegratedImuMeasurements, ...]:
-    """What :func:`graph_of` was given."""
-    factors: list[Any] = [graph.at(k) for k in range(graph.size())]
-    return tuple(factor.preintegratedMeasurements() for factor in factors)
-
-
-def preintegrated(layout: Layout, states: States, speedless: bool) -> list[gtsam.PreintegratedImuMeasurements]:
-    """What the inertial sensor measured in each interval, about the biases of ``states``."""
+def preintegrated(layout: Layout, states: States, speedless: bool) -> tuple[Preintegration, ...]:
+    """What the inertial sensor measured in each interval, about the biases of ``states``; without weight on the
+    accelerometer where nothing measures speed.
+    """
     config = layout.config.imu
     measured = replace(layout.noise, accel=1e3) if speedless else layout.noise
     gyro_bias = states.bias[:, 3:].mean(axis=0)
@@ -61,16 +51,18 @@ def preintegrated(layout: Layout, states: States, speedless: bool) -> list[gtsam
     starts, first = increment_starts(layout.data, layout.edges, _INCREMENT_S)
     increments = compress(layout.data, starts, gyro_bias)
     bridged = layout.data.bridged[layout.edges[:-1]]
-    return [
-        preintegrate(
-            (bridge if bridged[k] else measured).parameters(float(weight[k]), turning[k]),
+    return tuple(
+        Preintegration(
+            bridge if bridged[k] else measured,
+            float(weight[k]),
+            turning[k],
             states.bias[k],
             increments.duration[a:b],
             increments.rotation[a:b],
             increments.velocity[a:b],
         )
         for k, (a, b) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True))
-    ]
+    )
 
 
 def own_bias_walk(layout: Layout) -> Family:

@@ -36,30 +36,46 @@ if TYPE_CHECKING:
 
 _LEAST_SD_M = 0.01
 """Of a match: between sections a wheel creeps by that much in kinks."""
-_SURE = 0.99
+SURE = 0.99
 """The probability from which a place found without any fix is believed."""
 _ON_SPRINGS_SD_M = 0.8
 """What a body's lag behind the track's curves does to the place, as measured on simulated car bodies at 50-100 km/h."""
 
 
 @dataclass(frozen=True)
-class Located:
-    """The problem with landmarks, ready to be solved again; the map's grid, and ``common_sd_m``, what else all matches
-    have in common.
+class MapChainage:
+    """How well a place is known that is known on a map: the chainage of the map's grid, and what else all matches have
+    in common. ``on_springs``: they are of the body's motion.
     """
 
-    problem: Problem
     grid: pd.DataFrame
-    common_sd_m: float
+    on_springs: bool
+
+    def sd_m(self, chainage: Array) -> Array:
+        """The map's own sigma."""
+        return np.asarray(np.interp(chainage, self.grid["chainage_m"], self.grid["chainage_m_sd"]))
+
+    def with_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
+        """Chainages as uncertain as the map's own are, besides."""
+        at = offset_in_keyframe(Kind.ODO)
+        marginal = covariance.marginal.copy()
+        common = _ON_SPRINGS_SD_M if self.on_springs else 0.0
+        marginal[:, at, at] += self.sd_m(direction * states.odo[:, 0]) ** 2 + common**2
+        return replace(covariance, marginal=marginal)
+
+
+@dataclass(frozen=True)
+class Located:
+    """The problem with landmarks, ready to be solved again, and the chainage that it is in."""
+
+    problem: Problem
+    chainage: MapChainage
     use: MapUse
     findings: tuple[Finding, ...]
 
     def with_map_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
         """Chainages as uncertain as the map's own are, besides."""
-        at = offset_in_keyframe(Kind.ODO)
-        marginal = covariance.marginal.copy()
-        marginal[:, at, at] += _map_sd(self.grid, direction * states.odo[:, 0]) ** 2 + self.common_sd_m**2
-        return replace(covariance, marginal=marginal)
+        return self.chainage.with_uncertainty(covariance, states, direction)
 
 
 def located(
@@ -83,14 +99,14 @@ def located(
     Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the run's.
     """
     check_conventions(meaning, feature_map.conventions, run)
-    common = _ON_SPRINGS_SD_M if on_springs else 0.0
     grid = feature_map.grid
+    chainage = MapChainage(grid, on_springs)
     map_sd = float(grid["chainage_m_sd"].median())
     recognition = recognised_near(
         geometry, grid, map_sd if anchored else None, rate_sd=wheel_scale_sd, direction=direction
     )
     used = recognition.used
-    if not anchored and recognition.probability < _SURE:
+    if not anchored and recognition.probability < SURE:
         used = used.iloc[:0]
     use = MapUse(
         name=feature_map.name,
@@ -105,7 +121,7 @@ def located(
         finding = Finding(
             "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
         )
-        return Located(problem, grid, common, use, (finding,))
+        return Located(problem, chainage, use, (finding,))
     moved = states
     families = problem.families
     if not anchored:
@@ -113,21 +129,26 @@ def located(
         moved = replace(states, odo=states.odo + np.array([offset, 0.0, 0.0, 0.0]))
         families = placeless(families)
     families = tuple(
-        _less_sure(family, grid, direction) if family.name == "absolute fix" else family for family in families
+        _less_sure(family, chainage, direction) if family.name == "absolute fix" else family for family in families
     )
-    loss = Loss("cauchy", config.fix_width) if config.robust else None
-    family = _landmarks(used, passes, states, meaning.step_m, direction, loss)
-    return Located(replace(problem, initial=moved, families=(*families, family)), grid, common, use, ())
+    family = _landmarks(used, passes, states, meaning.step_m, direction, landmark_loss(config))
+    return Located(replace(problem, initial=moved, families=(*families, family)), chainage, use, ())
 
 
-def _less_sure(family: Family, grid: pd.DataFrame, direction: int) -> Family:
+def landmark_loss(config: PositionConfig) -> Loss | None:
+    """The loss of matches."""
+    return Loss("cauchy", config.fix_width) if config.robust else None
+
+
+def landmark_sd(used: pd.DataFrame) -> Array:
+    """The sigma of matches, rows of :attr:`trackfg.mapping.recognition.Recognition.used`, as landmarks. Shape (m,)."""
+    return np.hypot(used["match_sd_m"].to_numpy(), _LEAST_SD_M)
+
+
+def _less_sure(family: Family, chainage: MapChainage, direction: int) -> Family:
     """Fixes by the map's chainage, which errs by itself."""
     place = direction * family.data[0][:, 0]
-    return replace(family, sigma=np.hypot(family.sigma, _map_sd(grid, place)[:, None]))
-
-
-def _map_sd(grid: pd.DataFrame, chainage: Array) -> Array:
-    return np.asarray(np.interp(chainage, grid["chainage_m"], grid["chainage_m_sd"]))
+    return replace(family, sigma=np.hypot(family.sigma, chainage.sd_m(place)[:, None]))
 
 
 def _landmarks(
@@ -151,5 +172,4 @@ def _landmarks(
     D = states.odo[:, 0]
     beyond = direction * place[seen] - ((1.0 - f) * D[k] + f * D[k + 1])
     distance = direction * used["reference_m"].to_numpy()[seen] - beyond
-    sigma = np.hypot(used["match_sd_m"].to_numpy()[seen], _LEAST_SD_M)
-    return landmark(k, f, distance, sigma[:, None], loss)
+    return landmark(k, f, distance, landmark_sd(used)[seen, None], loss)

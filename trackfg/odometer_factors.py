@@ -4,7 +4,10 @@ A wheel that drives or brakes creeps: on the stable side of its creep curve by a
 proportional to the force that it transmits, some 1 % at the top of the curve. The force per mass, in g, is what the
 accelerometer shows forwards (acceleration and gradient together), so that over a distance d with the mean force f
 
-    variance = (creep sqrt(d))^2 + (creep_per_traction |f| / g  d)^2.
+    variance = (creep sqrt(d))^2 + (creep_per_traction |f| / g  d)^2 (1 s / T)
+
+in a time T: what the force leaves open is another one in every second, so that the sum over a stretch does not depend
+on how many keyframes are in it.
 
 What is left beyond is slip, and the loss switches the wheel off there.
 """
@@ -31,21 +34,32 @@ _MOVED_SD_M = 1e4
 
 def odometer(layout: Layout) -> list[Family]:
     """Distance adds up, is the length of the path, and is what the wheel rolls, where there is one."""
+    return [*travelled(layout), *rolled(layout)]
+
+
+def travelled(layout: Layout) -> list[Family]:
+    """What needs no wheel: distance adds up, and is the length of the path."""
     config, k = layout.config.tach, np.arange(len(layout.t) - 1)
     distance = np.abs(layout.distance)
     chain_sd = np.stack([np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1)
-    families = [
+    return [
         distance_chain(k, chain_sd),
         arc_length(k, layout.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
     ]
+
+
+def rolled(layout: Layout) -> list[Family]:
+    """Distance is what the wheel rolls, where there is one."""
+    config, k = layout.config.tach, np.arange(len(layout.t) - 1)
+    distance = np.abs(layout.distance)
     if layout.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
-        return [*families, tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
+        return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
     force = _mean(layout, layout.data.accel[:, 0]) / layout.world.gravity
     turned = (_mean(layout, layout.data.gyro[:, 2]) - layout.path.bias(layout.t[:-1])[:, 2]) * np.diff(layout.t)
-    variance = (
-        config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (config.creep_per_traction * np.abs(force) * distance) ** 2
-    )
+    variance = config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (
+        config.creep_per_traction * np.abs(force) * distance
+    ) ** 2 / np.diff(layout.t)
     if layout.wheel.integrates_speed:
         moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
         variance = variance + config.speed_noise_mps**2 * np.diff(layout.t) * moving
@@ -55,13 +69,14 @@ def odometer(layout: Layout) -> list[Family]:
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
     response = wheel_response(layout.distance, turned, force)
     assert layout.rolling is not None
-    wheel = tach_distance(k, response, sigma, Loss("row", config.robust_width, huber_at_start=True))
-    families.append(replace(wheel, doubtful=layout.rolling.slips_within(layout.t)))
+    interval_s = layout.config.keyframes.interval_s
+    loss = Loss("row", config.robust_width, huber_at_start=True, interval_s=interval_s)
+    wheel = tach_distance(k, response, sigma, loss)
+    wheel = replace(wheel, doubtful=layout.rolling.slips_within(layout.t))
     read = _readable(layout)
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
     since = layout.t[read] - layout.clock_origin
-    families.append(tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd)))
-    return families
+    return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd))]
 
 
 def _mean(layout: Layout, samples: Array) -> Array:

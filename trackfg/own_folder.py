@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from trackfg.atomic_folder import recover
+from trackfg.atomic_folder import CANNOT_LOCK, recover
 from trackfg.errors import BadInputError
 
 
@@ -81,6 +84,26 @@ def refuse_used(path: Path, why: str) -> None:
     """Raise :class:`BadInputError` unless ``path`` is absent or an empty folder; ``why`` ends the message."""
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise BadInputError(f"{path}: exists; {why}: choose another folder")
+
+
+@contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Keep other processes from writing to a folder, until the block ends or this one does, however it does.
+
+    Raises :class:`BadInputError` while another process does. A file system without locks keeps nobody away.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BadInputError(f"{folder}: another process is writing to it") from None
+        except OSError as error:
+            if error.errno not in CANNOT_LOCK:
+                raise
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _read_in(folder: int, name: str) -> bytes:

@@ -31,6 +31,7 @@ _LEAST_CREEP = 0.02
 _EDGE_CREEP = 0.015
 _EDGE_SIGMAS = 2.5
 _LEAST_SIGMAS = 4.0
+_WAYS = (1.0, -1.0)
 _RELEASE_S = 0.7
 """Slide protection holds a brake released for no longer."""
 
@@ -44,27 +45,62 @@ class SlipEvent(NamedTuple):
     removed_m_sd: float
 
 
-def slip_events(
-    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
-) -> list[SlipEvent]:
-    """Slips and slides in order of time; none without a tach."""
+class Excess(NamedTuple):
+    """E at times ``t`` (n,), s: the ``excess`` (m), the ``rate`` (m/s) at which it grows beyond what curves and force
+    explain, the ``speed`` (m/s), the 1-sigma of the rate while the wheel rolls, and whether there are readings.
+    """
+
+    t: Array
+    excess: Array
+    rate: Array
+    speed: Array
+    noise: Array
+    known: np.ndarray
+
+    def spans(self, way: float) -> list[tuple[int, int]]:
+        """First rows, and rows after the last, of the spans in which the rate leaves the noise ``way`` 1 or -1."""
+        edge = np.maximum(_EDGE_CREEP * self.speed, _EDGE_SIGMAS * self.noise)
+        return _joined(true_runs((way * self.rate > edge) & self.known))
+
+    def open_since(self) -> float:
+        """Before this time nothing can change that rows later than the last one tell: the start of a span that may go
+        on, or where the rows end.
+        """
+        last = len(self.t) - 1 - round((_RELEASE_S + _WINDOW_S) / _STEP_S)
+        starts = [i for way in _WAYS for i, j in self.spans(way) if j > last]
+        return float(self.t[max(min([last, *starts]), 0)])
+
+
+def wheel_excess(problem: Problem, states: States, trajectory: pd.DataFrame, direction: int) -> Excess | None:
+    """E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
     wheel, rolled = problem.wheel, problem.family("tach distance")
-    if wheel is None or rolled is None:
-        return []
     at = trajectory["t_s"].to_numpy()
+    if wheel is None or rolled is None or len(at) < 2:
+        return None
     distance = CubicHermiteSpline(at, direction * trajectory["chainage_m"], trajectory["speed_mps"])
     t = np.arange(at[0], at[-1], _STEP_S)
     excess = _rolled(wheel, problem, states, t) - distance(t)
     explained = np.concatenate([[0.0], np.cumsum(rolled.data[0] @ states.wheel[0])])
     rate = _rate(t, excess - np.interp(t, problem.t, explained))
-    speed = np.abs(_rate(t, distance(t)))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
+    count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, problem.t), _WINDOW_S)
+    noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
+    return Excess(t, excess, rate, np.abs(_rate(t, distance(t))), noise, known)
+
+
+def slip_events(
+    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+) -> list[SlipEvent]:
+    """Slips and slides in order of time; none without a tach."""
+    wheel, rolled = problem.wheel, problem.family("tach distance")
+    grown = wheel_excess(problem, states, trajectory, direction)
+    if wheel is None or rolled is None or grown is None:
+        return []
+    t, excess, rate, speed = grown.t, grown.excess, grown.rate, grown.speed
     density = _speed_noise(wheel, rolled, problem.t)
-    noise = np.hypot(_count_sd(wheel, density, _WINDOW_S) / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
-    edge = np.maximum(_EDGE_CREEP * speed, _EDGE_SIGMAS * noise)
     events = []
-    for way in (1.0, -1.0):
-        for i, j in _joined(true_runs((way * rate > edge) & known)):
+    for way in _WAYS:
+        for i, j in grown.spans(way):
             j = min(j, len(t) - 1)
             if not (way * rate[i:j] > _LEAST_CREEP * speed[i:j]).any():
                 continue

@@ -36,7 +36,7 @@ def trajectory_columns(
     rpy = rpy_from_matrix(nav.R @ R_bt)
     lever_arm, noise = problem.lever_arm, problem.noise
     p = nav.p - nav.R @ lever_arm
-    at_reference = np.einsum("mji,mj->mi", nav.R, nav.v) - np.cross(motion.gyro, lever_arm)
+    at_reference = np.einsum("mji,mj->mi", nav.R, nav.v) - motion.gyro @ skew(lever_arm)
     columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
 
     variance = keyframe_variances(states, covariance, lever_arm, problem.mount_roll_sd)
@@ -81,7 +81,7 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
     ``mount_roll_sd``, rad, is what nobody knows of the mounting's roll: it is in the vehicle's roll as it is.
     """
     J = keyframe_jacobian(states, lever_arm)
-    variance = np.asarray(np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True))
+    variance = np.sum((J @ covariance.marginal) * J, axis=2)
     variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
     return variance
 

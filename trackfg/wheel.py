@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
@@ -25,6 +26,7 @@ CRAWL_MPS = 0.25
 _CLEARLY_BACKWARDS = -0.5
 """Correlation of forward specific force and tach acceleration below which a movement counts as backwards."""
 
+_LEAST_ROUNDING_M = 1e-4
 _EDGE_STAMPED_FRACTION = 0.1
 """Rounding error, in pulses, of a count whose rows are the pulses' own times."""
 
@@ -74,15 +76,20 @@ def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
     description, table = recording.description.tach, recording.tach
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     speed = description.integrates_speed
-    quantum = 0.0 if speed else tach_quantum_m(table)
-    step = np.abs(np.diff(distance))
+    quantum, rounding = (0.0, _LEAST_ROUNDING_M) if speed else read_resolution(t, distance)
     gaps = silences(t, distance, quantum, max_gap_s)
     if not description.signed:
         distance = _signed(t, distance, recording)
-    rounding = quantum / np.sqrt(12.0)
-    if quantum > 0 and _rows_are_pulses(t, step, quantum):
+    return Wheel(t, distance, rounding, quantum, speed, gaps)
+
+
+def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
+    """The distance of one count, 0 where there are none, and the sigma of a reading's rounding, m."""
+    quantum = tach_quantum_m(pd.DataFrame({"t_s": t, "distance_m": distance}))
+    rounding = quantum / float(np.sqrt(12.0))
+    if quantum > 0 and _rows_are_pulses(t, np.abs(np.diff(distance)), quantum):
         rounding = _EDGE_STAMPED_FRACTION * quantum
-    return Wheel(t, distance, max(rounding, 1e-4), quantum, speed, gaps)
+    return quantum, max(rounding, _LEAST_ROUNDING_M)
 
 
 def silences(t: Array, distance: Array, quantum: float, max_gap_s: float) -> Array:

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from trackfg.config import SmoothConfig
-from trackfg.factors.switching import first_state_probability
+from trackfg.factors.switching import Chain, first_state_probability
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, means_around
 from trackfg.initial import InitialPath
@@ -105,7 +105,7 @@ def rolling(wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, conf
     for _ in range(_ROUNDS):
         speed = _speeds(evidence, weight, resting)
         z = (evidence.rolled - 0.5 * _STEP_S * (speed[1:] + speed[:-1])) / evidence.sigma
-        before, weight = weight, np.maximum(first_state_probability(z, _LONE_SIGMAS), _LEAST_WEIGHT)
+        before, weight = weight, np.maximum(first_state_probability(z, Chain(_LONE_SIGMAS)), _LEAST_WEIGHT)
         if np.abs(weight - before).max() < _SETTLED:
             break
     rolls = weight > 0.5

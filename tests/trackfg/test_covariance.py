@@ -64,9 +64,10 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     inertial = linearize_imu_factors(problem.native, states.to_gtsam())
     factors = [inertial, *(family.linearize(states) for family in problem.families)]
     late = [from_keyframe(one, gone) for one in factors]
-    whole, rows = eliminate_leaving(factors, n, gone)
+    whole, left = eliminate_leaving(factors, n, {gone})
     rest = eliminate(
-        [past(rows, states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late], n - gone
+        [past(left[gone], states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late],
+        n - gone,
     )
     np.testing.assert_allclose(rest.solution().keyframes, whole.solution().keyframes[gone:], rtol=1e-5, atol=1e-9)
     marginal = posterior_covariance(rest).marginal

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfg.frames import Array
 from trackfg.mapping.curve_likelihood import Curves, curves_of
 from trackfg.mapping.profiles import CURVATURE, ROWS_PER_CELL, Profile
 from trackfg.mapping.short_wave_likelihood import Array32, ShortWaves, short_waves_of
@@ -49,32 +50,48 @@ class Scores:
         best = np.maximum(short[:, ::PLACE_M], short[:, 1::PLACE_M])
         return best, np.zeros_like(best) if self.curves is None else self.curves.scores(which, first, last, PLACE_M)
 
-    def everywhere(self, begin: int, stop: int) -> tuple[Array32, Array32]:
-        """:meth:`at` of all sections, a part at a time."""
-        short, curves = (np.empty((self.sections, stop - begin), dtype=np.float32) for _ in range(2))
-        for k in range(0, self.sections, _SECTIONS_AT_ONCE):
+    def places(self, length: int) -> tuple[int, int]:
+        """From which place to before which a section of ``length`` m may be, or reach over the ends by half of it."""
+        begin = (self.first_cell - length // 2) // PLACE_M
+        return begin, (self.first_cell + self.cells - length // 2) // PLACE_M + 1
+
+    def everywhere(self, begin: int, stop: int, first_section: int = 0) -> tuple[Array32, Array32]:
+        """:meth:`at` of all sections from one on, a part at a time."""
+        count = self.sections - first_section
+        short, curves = (np.empty((count, stop - begin), dtype=np.float32) for _ in range(2))
+        for k in range(0, count, _SECTIONS_AT_ONCE):
+            own = slice(k, min(k + _SECTIONS_AT_ONCE, count))
+            which = slice(first_section + own.start, first_section + own.stop)
             for first in range(begin, stop, _PLACES_AT_ONCE):
-                which, last = slice(k, k + _SECTIONS_AT_ONCE), min(first + _PLACES_AT_ONCE, stop)
+                last = min(first + _PLACES_AT_ONCE, stop)
                 part = slice(first - begin, last - begin)
-                short[which, part], curves[which, part] = self.at(which, first, last)
+                short[own, part], curves[own, part] = self.at(which, first, last)
         return short, curves
 
-    def with_noise_of(self, begin: NDArray[np.int64], stop: NDArray[np.int64]) -> Scores:
-        """Unchanged sections leave no less than the best fifth of some sections do at their places, (k,) to (k,)."""
-        some = range(0, self.sections, max(1, self.sections // _SAMPLE))
+    def least_residuals(self, section: int, begin: int, stop: int) -> Array:
+        """What is left of a section's short waves at the best of places ``begin`` to ``stop``, by feature: (features,),
+        infinite where nothing is known.
+        """
+        least = np.full(len(self.short), np.inf)
+        for first in range(begin, stop, _PLACES_AT_ONCE):
+            low, high = (PLACE_M * place - self.first_cell for place in (first, min(first + _PLACES_AT_ONCE, stop)))
+            for i, waves in enumerate(self.short):
+                least[i] = min(least[i], float(waves.residual(slice(section, section + 1), low, high)[0]))
+        return least
+
+    def with_noise(self, least: Array) -> Scores:
+        """Unchanged sections leave no less than the best fifth of some do, ``least`` (sections, features)."""
         short = []
-        for waves in self.short:
-            least = np.full(len(some), np.inf)
-            for i, k in enumerate(some):
-                for first in range(int(begin[k]), int(stop[k]), _PLACES_AT_ONCE):
-                    cells = (
-                        PLACE_M * place - self.first_cell for place in (first, min(first + _PLACES_AT_ONCE, stop[k]))
-                    )
-                    least[i] = min(least[i], float(waves.residual(slice(k, k + 1), *map(int, cells))[0]))
-            known = least[np.isfinite(least)]
+        for waves, values in zip(self.short, least.T, strict=True):
+            known = values[np.isfinite(values)]
             noise = float(np.quantile(known, _BEST_SHARE)) if known.size else 0.0
             short.append(replace(waves, same_variance=max(waves.same_variance, noise)))
         return replace(self, short=tuple(short))
+
+    def with_noise_of(self, begin: NDArray[np.int64], stop: NDArray[np.int64]) -> Scores:
+        """:meth:`with_noise` of some of the sections at their places, (k,) to (k,)."""
+        some = range(0, self.sections, max(1, self.sections // _SAMPLE))
+        return self.with_noise(np.array([self.least_residuals(k, int(begin[k]), int(stop[k])) for k in some]))
 
 
 def scores_of(run: Profile, reference: Profile, first_cells: NDArray[np.int64], length: int, scale_sd: float) -> Scores:

@@ -88,9 +88,9 @@ class Places:
 
 
 @dataclass
-class _State:
-    """Probabilities (or likelihoods) of places from ``first`` on: ``on`` (2, scales, n), unchanged track first;
-    ``alike`` (n,); and of being nowhere, ``off``."""
+class State:
+    """Probabilities (or likelihoods) of one section's places from ``first`` on: ``on`` (2, scales, n), unchanged track
+    first; ``alike`` (n,); and of being nowhere, ``off``."""
 
     first: int
     on: Array32
@@ -133,24 +133,24 @@ class PlaceChain:
         """Forward and backward."""
         sections = len(self.windows.first)
         stride = max(1, int(np.sqrt(sections)))
-        kept: list[_State] = []
-        state: _State | None = None
+        kept: list[State] = []
+        state: State | None = None
         for k in range(sections):
-            state = self._filtered(k, state)
+            state = self.filtered(k, state)
             if k % stride == 0:
                 kept.append(state)
         found: list[tuple[float, ...]] = []
         near: list[Array] = []
         so_far: list[Array] = []
-        future: _State | None = None
+        future: State | None = None
         for first in reversed(range(0, sections, stride)):
             states = [kept.pop()]
             for k in range(first + 1, min(first + stride, sections)):
-                states.append(self._filtered(k, states[-1]))
+                states.append(self.filtered(k, states[-1]))
             for k in reversed(range(first, first + len(states))):
                 state = states.pop()
                 if future is None:
-                    future = _State(state.first, np.ones_like(state.on), np.ones_like(state.alike), 1.0)
+                    future = State(state.first, np.ones_like(state.on), np.ones_like(state.alike), 1.0)
                 else:
                     future = self._before(k + 1, state, future)
                 one, *more = self._found(state, future)
@@ -161,7 +161,7 @@ class PlaceChain:
         mode, mean_m, same, scale = (np.array(column[::-1]) for column in zip(*found, strict=True))
         return Places(mode.astype(np.int64), mean_m, np.array(near[::-1]), np.array(so_far[::-1]), same, scale)
 
-    def _filtered(self, k: int, before: _State | None) -> _State:
+    def filtered(self, k: int, before: State | None) -> State:
         """Probabilities given the sections up to ``k``; the negligible ones at both ends are cut off."""
         state = self._weighed(k, self._prior() if before is None else self._next(k, before))
         places = state.places()
@@ -171,16 +171,16 @@ class PlaceChain:
         on, by = state.on[:, :, begin:stop], np.float32(1.0 / total)
         on = on.copy() if 2 * (stop - begin) < len(places) else on  # do not keep what was cut off
         on *= by
-        return _State(state.first + begin, on, state.alike[begin:stop] * by, state.off / total)
+        return State(state.first + begin, on, state.alike[begin:stop] * by, state.off / total)
 
-    def _prior(self) -> _State:
+    def _prior(self) -> State:
         count = int(self.windows.count[0])
         each = _FRESH[:, None] * self.scale_prior * np.float32(self.on_reference / count)
         nowhere = 0.5 * (1.0 - self.on_reference)
         on = np.repeat(each[:, :, None], count, axis=2)
-        return _State(int(self.windows.first[0]), on, np.full(count, nowhere / count, dtype=np.float32), nowhere)
+        return State(int(self.windows.first[0]), on, np.full(count, nowhere / count, dtype=np.float32), nowhere)
 
-    def _weighed(self, k: int, state: _State) -> _State:
+    def _weighed(self, k: int, state: State) -> State:
         """Times the likelihood of section ``k``, as a share of the greatest. Changes ``state``."""
         part = slice(state.first - int(self.windows.first[k]), state.stop - int(self.windows.first[k]))
         alike = changed = self.curves[k][part]
@@ -205,7 +205,7 @@ class PlaceChain:
         """The same with each scale error, (scales,)."""
         return np.asarray(self._step(k) * (1.0 + self.scales))
 
-    def _reach(self, k: int, before: _State) -> tuple[int, int]:
+    def _reach(self, k: int, before: State) -> tuple[int, int]:
         """Places of section ``k`` that are worth looking at: all, if the run may come back from nowhere."""
         first, stop = int(self.windows.first[k]), int(self.windows.first[k] + self.windows.count[k])
         if (before.off + float(before.alike.sum())) * _RETURN > _NEGLIGIBLE * (stop - first):
@@ -216,7 +216,7 @@ class PlaceChain:
         low = min(max(low, first), stop - 1)
         return low, max(min(high, stop), low + 1)
 
-    def _next(self, k: int, before: _State) -> _State:
+    def _next(self, k: int, before: State) -> State:
         """Prediction of section ``k`` from the one before."""
         low, high = self._reach(k, before)
         on = np.empty((2, len(self.scales), high - low), dtype=np.float32)
@@ -238,9 +238,9 @@ class PlaceChain:
         off = _TO_UNLIKE * elsewhere + (1.0 - _TO_ALIKE) * before.off
         off += _GOES_ON * elsewhere - float(alike.sum())
         alike += np.float32((_TO_OTHER * elsewhere + _TO_ALIKE * before.off) / count)
-        return _State(low, on, alike[0] * np.float32(1.0 - _RETURN), off * (1.0 - _RETURN) + left)
+        return State(low, on, alike[0] * np.float32(1.0 - _RETURN), off * (1.0 - _RETURN) + left)
 
-    def _before(self, k: int, before: _State, future: _State) -> _State:
+    def _before(self, k: int, before: State, future: State) -> State:
         """Likelihood of all sections from ``k`` on, of the places of ``before``: the transpose of :meth:`_next`.
 
         ``future`` is the likelihood with that of ``k`` itself; places that were cut off have none.
@@ -274,9 +274,9 @@ class PlaceChain:
         alike *= np.float32((1.0 - _RETURN) * _GOES_ON)
         alike += np.float32(back + (1.0 - _RETURN) * (_TO_OTHER * any_alike + _TO_UNLIKE * future.off))
         by = 1.0 / max(float(on.max()), float(alike.max()), off)
-        return _State(before.first, on * np.float32(by), alike * np.float32(by), off * by)
+        return State(before.first, on * np.float32(by), alike * np.float32(by), off * by)
 
-    def _found(self, state: _State, future: _State) -> tuple[tuple[float, ...], Array, Array]:
+    def _found(self, state: State, future: State) -> tuple[tuple[float, ...], Array, Array]:
         joint = state.on * future.on
         place = joint.reshape(-1, joint.shape[2]).sum(axis=0).astype(np.float64)
         place /= float(place.sum()) + float((state.alike * future.alike).sum()) + state.off * future.off

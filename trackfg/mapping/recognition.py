@@ -157,8 +157,7 @@ def _sections(run: Profile, length: int) -> NDArray[np.int64]:
 
 def _anywhere(scores: Scores, first_cells: NDArray[np.int64], length: int, rate_sd: float) -> PlaceChain:
     """The chain of a run that may be anywhere on the reference, or reach over its ends by part of a section."""
-    begin = (scores.first_cell - length // 2) // PLACE_M
-    stop = (scores.first_cell + scores.cells - length // 2) // PLACE_M + 1
+    begin, stop = scores.places(length)
     every = np.ones(len(first_cells), dtype=np.int64)
     short, curves = scores.with_noise_of(begin * every, stop * every).everywhere(begin, stop)
     windows = Windows(begin * every, (stop - begin) * every, first_cells.astype(np.float64))

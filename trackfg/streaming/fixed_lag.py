@@ -2,6 +2,9 @@
 
 rows -> tape -> moving window -> the newest state at once (filtered); what is older than the lag, in pieces (smoothed)
 
+What a keyframe leaves to do, a step of the whole window or a piece of the smoothed tables, is done when the next rows
+come, and what can be done of the next keyframe before its last rows come is: filtered rows wait for neither.
+
 >>> smoother = FixedLagSmoother(source.description, lag_s=10.0)
 >>> intake = Intake.of(source)
 >>> for batch in source:
@@ -13,8 +16,8 @@ rows -> tape -> moving window -> the newest state at once (filtered); what is ol
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+import hashlib
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,18 +28,25 @@ from trackfg.dense import DenseMotion
 from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
+from trackfg.localisation import MapChainage
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.streaming.moving_window import BEFORE_S, MovingWindow, Update
+from trackfg.streaming.map_locator import MapLocator
+from trackfg.streaming.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
+from trackfg.streaming.snapshot import Snapshot, attributes_of, taken
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.trajectory import trajectory_columns
 
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
+
 NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=list(GEOMETRY_COLUMNS), dtype=np.float64)
 
+_JUST_S = 1e-6
 PIECE_S = 10.0
 """Smoothed tables come in pieces about as long."""
 
@@ -53,12 +63,34 @@ class Estimates(NamedTuple):
     events: tuple[StreamEvent, ...] = ()
 
 
-class FixedLagSmoother:
-    """The batch smoother's graph on the last ``lag_s`` seconds of a stream.
+NO_ESTIMATES = Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
 
-    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, and for a
-    description in which nothing measures speed.
+
+class Behind(NamedTuple):
+    """What a step of the whole window made known."""
+
+    pieces: list[Tables]
+    events: tuple[StreamEvent, ...]
+
+
+class FixedLagSmoother:
+    """The batch smoother's graph on the last ``lag_s`` seconds of a stream, located on a map if there is one.
+
+    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, for a description
+    in which nothing measures speed, and for a map whose columns mean something else than the stream's.
     """
+
+    config: SmoothConfig
+    settings: dict[str, str]
+    """What it was made with, as a digest of each, by name."""
+    _tape: Tape
+    _moving: MovingWindow
+    _tables: SmoothedTables | None
+    _done_s: float
+    """When the tables that a lost window left behind end."""
+    _newest: Pass | None
+    """The window as the last step left it."""
+    _locator: MapLocator | None
 
     def __init__(
         self,
@@ -66,6 +98,7 @@ class FixedLagSmoother:
         config: SmoothConfig | None = None,
         *,
         lag_s: float = 10.0,
+        feature_map: FeatureMap | None = None,
     ) -> None:
         self.config = config or SmoothConfig()
         if not lag_s >= 2.0 * self.config.keyframes.interval_s:
@@ -74,62 +107,145 @@ class FixedLagSmoother:
             )
         if description.tach is None and description.gnss is None:
             raise BadInputError(f"{description.id}: nothing measures speed: expected [tach] or [gnss] for a stream")
+        made_with = {
+            "description": description.model_dump_json().encode(),
+            "configuration": self.config.model_dump_json().encode(),
+            "lag": repr(float(lag_s)).encode(),
+            "map": b"" if feature_map is None else feature_map.grid.to_numpy(dtype=np.float64).tobytes(),
+        }
+        self.settings = {name: hashlib.sha256(what).hexdigest() for name, what in made_with.items()}
         self._tape = Tape(description)
-        self._moving = MovingWindow(self._tape, self.config, lag_s)
-        self._tables: SmoothedTables | None = None
-        self._newest: Update | None = None
+        self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
+        self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
+        self._tables = self._newest = None
+        self._done_s = -np.inf
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
-        self._tape.put(rows)
-        return self._estimates(self._moving.updates())
+        self._tape.put(rows if self._locator is None else self._locator.less_sure(rows))
+        behind, at_once = self._behind(), []
+        while self._moving.ready():
+            behind += self._behind()
+            if self._moving.ready():  # it may be that the vehicle is slower than was thought
+                update = self._moving.advanced()
+                at_once += [] if update is None else [self._filtered(update)]
+        self._moving.prepare()
+        return _estimates_of(_table(at_once), behind)
 
     def finish(self) -> Estimates:
         """What is left when no more rows come; nothing where they were too few to begin with."""
-        last = self._moving.last()
-        estimates = self._estimates(iter([] if last is None else [last]))
-        if self._newest is None or self._tables is None:
-            return estimates
-        window = self._newest.window
-        rest = self._tables.up_to(self._tape, window, self._newest.root, float(window.t[-1]), at_end=True)
-        return _estimates_of(estimates.filtered, [Tables(estimates.smoothed, estimates.geometry), rest])
+        behind, update = self._behind(), self._moving.last()
+        behind += self._behind(at_end=True)
+        return _estimates_of(_table([] if update is None else [self._filtered(update)]), behind)
 
-    def _estimates(self, updates: Iterator[Update]) -> Estimates:
-        at_once, pieces = [], []
-        for update in updates:
-            at_once.append(self._filtered(update))
-            pieces += self._smoothed(update)
-        return _estimates_of(_table(at_once), pieces)
+    def state(self) -> Snapshot:
+        """Everything that carries over from one call to the next."""
+        return taken(self, self._given)
+
+    def restore(self, state: Snapshot) -> None:
+        """Go on from the :meth:`state` of a smoother made with the same arguments. Raises
+        :class:`~trackfg.errors.BadInputError` where it does not fit.
+        """
+        vars(self).update(attributes_of(FixedLagSmoother, state, self._given))
+
+    @property
+    def sparser(self) -> float:
+        """How many times further apart keyframes are than the settings say. It may be set."""
+        return self._moving.sparser
+
+    @sparser.setter
+    def sparser(self, factor: float) -> None:
+        self._moving.sparser = factor
+
+    @property
+    def _given(self) -> tuple[object, ...]:
+        known = () if self._locator is None else (self._locator.feature_map, self._locator.reference)
+        return self.config, self._tape.description, *known
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
-        window, setting = update.window, self._setting
+        window, setting = update.front, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
-        covariance = posterior_covariance(update.root.last(2))
+        covariance, direction = posterior_covariance(update.root.last(2)), setting.description.track.direction
+        if self._chainage is not None:
+            covariance = self._chainage.with_uncertainty(covariance, two, direction)
         assert self._tape.data is not None
         problem = setting.problem_of(window.t[-2:], two, self._tape.data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
-        return trajectory_columns(problem, motion, two, covariance, setting.description.track.direction)
+        return trajectory_columns(problem, motion, two, covariance, direction)
 
-    def _smoothed(self, update: Update) -> list[Tables]:
-        """The next piece of the smoothed tables, if it is due."""
-        if self._tables is None:
-            begin = float(update.window.t[0]) - 1e-6
-            self._tables = SmoothedTables(self._setting, begin, begin)
-        tables, before, self._newest = self._tables, self._newest, update
-        if before is not None and before.gone is not None:  # not before: its window still had them
-            tables.history.append(before.gone)
-        settled = float(update.window.t[-1]) - self._moving.lag_s
-        if settled - tables.done_s < PIECE_S:
+    def _behind(self, *, at_end: bool = False) -> list[Behind]:
+        """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""
+        step = self._moving.passed(at_end=at_end)
+        if self._moving.lost is not None and self._moving.newly_lost:
+            return [self._lost(self._moving.lost)]
+        if step is None:
             return []
-        piece = tables.up_to(self._tape, update.window, update.root, settled)
-        tables.forget()
-        oldest = tables.history.t[0] if tables.history.parts else update.window.t[0]
-        self._tape.forget(float(oldest) - BEFORE_S)
-        return [piece]
+        if self._tables is None:
+            begin = max(float(step.window.t[0]) - _JUST_S, self._done_s)
+            self._tables = SmoothedTables.beginning(self._setting, begin, looks=self._locator is not None)
+        tables, newest = self._tables, float(step.window.t[-1])
+        settled = newest if at_end else newest - self._moving.lag_s
+        pieces = []
+        if at_end or settled - tables.done_s >= PIECE_S:
+            pieces = [self._tables_up_to(tables, step, settled, at_end=at_end)]
+        events = () if self._locator is None else self._locate(self._locator, pieces, step)
+        if step.gone is not None:
+            tables.history.append(step.gone)
+        if pieces:
+            self._tape.stood(tables.forget())
+            newer = float(step.window.t[0]) - BEFORE_S
+            older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
+            self._tape.forget(older, newer)
+        events = (*events, *(() if step.event is None else (step.event,)))
+        if self._moving.window is not None:
+            window = self._moving.window
+            self._newest = Pass(window, step.root.last(len(window)), None)
+        return [Behind(pieces, (*(event for piece in pieces for event in piece.events), *events))]
+
+    def _lost(self, lost: Lost) -> Behind:
+        """What is known up to there; from there on the stream begins anew."""
+        self._moving.newly_lost, pieces = False, []
+        if self._tables is not None and self._newest is not None:
+            end = float(self._newest.window.t[-1])
+            pieces = [self._tables_up_to(self._tables, self._newest, end, at_end=True)]
+            self._done_s = end
+        self._tables = self._newest = None
+        if self._locator is not None:
+            self._locator = MapLocator(self._tape.description, self.config, self._locator.feature_map)
+        event = StreamEvent("restarted", t_s=lost.begin_s, detail=lost.reason)
+        return Behind(pieces, (*(event for piece in pieces for event in piece.events), event))
+
+    def _tables_up_to(self, tables: SmoothedTables, step: Pass, settled_s: float, *, at_end: bool) -> Tables:
+        return tables.up_to(
+            self._tape,
+            step.window,
+            step.root,
+            settled_s,
+            rests=self._moving.rests,
+            odometer=self._moving.odometer,
+            at_end=at_end,
+            chainage=self._chainage,
+        )
+
+    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Pass) -> tuple[StreamEvent, ...]:
+        events: list[StreamEvent] = []
+        for piece in pieces:
+            told = locator.take(piece.sight, step)
+            events += told.events
+            if told.family is not None:
+                self._moving.tell(told.family)
+        if step.gone is not None:
+            locator.history.append(step.gone)
+        return tuple(events)
+
+    @property
+    def _chainage(self) -> MapChainage | None:
+        """That of the map, where the vehicle is located on it."""
+        return self._locator.chainage if self._locator is not None and self._locator.located else None
 
     @property
     def _setting(self) -> Setting:
@@ -137,15 +253,17 @@ class FixedLagSmoother:
         return self._moving.setting
 
 
-def _estimates_of(filtered: pd.DataFrame, pieces: list[Tables]) -> Estimates:
-    smoothed = _joined([piece.trajectory for piece in pieces], NO_TRAJECTORY)
-    return Estimates(filtered, smoothed, _joined([piece.geometry for piece in pieces], NO_GEOMETRY))
+def _estimates_of(filtered: pd.DataFrame, behind: list[Behind]) -> Estimates:
+    smoothed = _joined([piece.trajectory for one in behind for piece in one.pieces], NO_TRAJECTORY)
+    geometry = _joined([piece.geometry for one in behind for piece in one.pieces], NO_GEOMETRY)
+    return Estimates(filtered, smoothed, geometry, tuple(event for one in behind for event in one.events))
 
 
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:
     if not rows:
         return NO_TRAJECTORY
-    return pd.DataFrame({name: np.concatenate([row[name] for row in rows]) for name in TRAJECTORY_COLUMNS})
+    table = np.array([[row[name][0] for name in TRAJECTORY_COLUMNS] for row in rows])
+    return pd.DataFrame(table, columns=NO_TRAJECTORY.columns)
 
 
 def _joined(tables: list[pd.DataFrame], none: pd.DataFrame) -> pd.DataFrame:

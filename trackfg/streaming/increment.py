@@ -1,17 +1,21 @@
 """The next interval of a stream: where its keyframe is, and its factors, by the functions that the batch smoother uses.
 
 The motion over the interval is predicted by the inertial sensor from the newest keyframe: the wheel may slip. Rows a
-little after the keyframe are needed for its own rates.
+little after the keyframe are needed for its own rates: the wheel's more than the inertial sensor's, so that most of the
+interval is ready when the last of them come.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
+import pandas as pd
 
 from trackfg.factors.family import Family
+from trackfg.factors.imu import Preintegration
 from trackfg.factors.states import Nav, States
 from trackfg.frames import Array, rpy_from_matrix
 from trackfg.inertial import Intervals
@@ -19,29 +23,36 @@ from trackfg.inertial_factors import preintegrated
 from trackfg.initial import InitialPath
 from trackfg.layout import Layout
 from trackfg.motion_factors import motion
-from trackfg.odometer_factors import odometer
+from trackfg.odometer_factors import rolled, travelled
 from trackfg.position_factors import positions
-from trackfg.recording import Recording
+from trackfg.recording import IMU_COLUMNS, Recording
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.window import Interval, Window
 from trackfg.wheel import Wheel
 from trackfg.wheel_slip import Rolling
 
 _NO_RESTS = np.zeros((0, 2))
+_NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 _OF_THE_INTERVAL = ("absolute fix", "GNSS position")
 """Families that may touch the older keyframe alone, and are new all the same."""
 
 
-def interval(
-    setting: Setting, window: Window, recording: Recording, data: Intervals, wheel: Wheel | None, edges: np.ndarray
-) -> Interval:
-    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``; ``wheel`` covers them."""
+class Ahead(NamedTuple):
+    """What the inertial sensor says of the next interval: all of it but what other rows add (:func:`completed`)."""
+
+    layout: Layout
+    interval: Interval
+
+
+def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray) -> Ahead:
+    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which goes a little on."""
     k = len(window) - 1
     here = window.states.take(slice(k, k + 1))
     t = data.edges[edges]
     standing = _path(data.edges, here, np.zeros(len(data.edges)))
+    nothing = Recording(setting.description, _NO_SAMPLES)
     layout = Layout(
-        recording, setting.config, setting.world, data, wheel, _NO_RESTS, standing, None, edges, t, setting.clock_origin
+        nothing, setting.config, setting.world, data, None, _NO_RESTS, standing, None, edges, t, setting.clock_origin
     )
     response = layout.response[0]
     here = replace(here, bias=here.bias + response @ here.imu[0])
@@ -49,29 +60,34 @@ def interval(
     nav = _predicted(measured, here)
     distance = _distance(here.nav, nav, setting.lever_arm)
     layout = _with_motion(layout, here, nav, distance)
-    count = here.odo[0, 2] + (distance if wheel is None else float(np.diff(wheel.at(t))[0]))
+    count = here.odo[0, 2] + distance
     odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
-    ahead = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
-    families = [*odometer(layout), *motion(layout), *positions(layout)]
-    return Interval(
-        float(t[1]),
-        here.bias[0],
-        ahead,
-        measured,
-        response,
-        tuple(new for family in families if len(new := _new(family))),
-    )
+    there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
+    families = _new([*travelled(layout), *motion(layout)])
+    return Ahead(layout, Interval(float(t[1]), here.bias[0], there, measured, response, families))
 
 
-def _new(family: Family) -> Family:
+def completed(begun: Ahead, recording: Recording, wheel: Wheel | None) -> Interval:
+    """With what the other rows say; ``wheel`` covers the interval and a little more."""
+    layout, interval = replace(begun.layout, recording=recording, wheel=wheel), begun.interval
+    there = interval.ahead
+    if wheel is not None:
+        rolls = float(np.diff(wheel.at(layout.t))[0]) - there.odo[0, 3]
+        there = replace(there, odo=there.odo + np.array([0.0, 0.0, rolls, 0.0]))
+    families = (*interval.families, *_new([*rolled(layout), *positions(layout)]))
+    return interval._replace(ahead=there, families=families)
+
+
+def _new(families: list[Family]) -> tuple[Family, ...]:
     """Without what the interval before has said already: factors of the older keyframe alone."""
-    return family if family.name in _OF_THE_INTERVAL else family.take(family.last_keyframe == 1)
+    new = (family if family.name in _OF_THE_INTERVAL else family.take(family.last_keyframe == 1) for family in families)
+    return tuple(family for family in new if len(family))
 
 
-def _predicted(measured: gtsam.PreintegratedImuMeasurements, here: States) -> Nav:
+def _predicted(interval: Preintegration, here: States) -> Nav:
     state = gtsam.NavState(gtsam.Rot3(here.nav.R[0]), here.nav.p[0], here.nav.v[0])
     bias = gtsam.imuBias.ConstantBias(here.bias[0, :3], here.bias[0, 3:])
-    ahead = measured.predict(state, bias)
+    ahead = interval.measured.predict(state, bias)
     return Nav(ahead.attitude().matrix()[None], ahead.position()[None], ahead.velocity()[None])
 
 

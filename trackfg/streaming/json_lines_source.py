@@ -7,6 +7,8 @@ docs/streaming-formats.md.
 from __future__ import annotations
 
 import io
+import os
+import stat
 from collections.abc import Iterator
 from typing import IO, Any
 
@@ -36,6 +38,7 @@ class JsonLinesSource:
     ) -> None:
         self._stream: Any = stream.buffer if isinstance(stream, io.TextIOWrapper) else stream
         self._batch_s, self._position, self._read = batch_s, position, 0
+        self.live = not _is_file(self._stream)
         self.description = self._first_line() if description is None else description
 
     def __iter__(self) -> Iterator[Batch]:
@@ -93,3 +96,11 @@ class JsonLinesSource:
     def _piece(self) -> bytes:
         piece: str | bytes = self._stream.readline(LONGEST_BYTES + 1)
         return piece.encode("utf-8", "replace") if isinstance(piece, str) else piece
+
+
+def _is_file(stream: Any) -> bool:
+    """Whether all that is in it is there: a file of its own, or of memory."""
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except (OSError, AttributeError):
+        return True

@@ -45,7 +45,7 @@ class McapSource:
     the file ends. Raises :class:`BadInputError` where the file is none, or has no usable description.
     """
 
-    canonical = False
+    canonical, live = False, False
     gnss_origin = None
 
     def __init__(
@@ -77,10 +77,12 @@ class McapSource:
                 broken = [StreamEvent("broken-input", detail=detail)]
                 break
             number += 1
-            if number <= self._position or topic == DESCRIPTION_TOPIC:
+            if topic == DESCRIPTION_TOPIC:
                 continue
             if topic not in tables:
                 others[topic] += 1
+                continue
+            if number <= self._position:
                 continue
             try:
                 parser.take(topic, _object(encoding, data))

@@ -1,13 +1,17 @@
 """The window moving along a stream: from rows to one keyframe after the other.
 
-The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors, the states move
-by a Gauss-Newton step or a few, and what is older than the lag is eliminated: what it said stays as a factor. Where a
-step fails or the steps do not settle, the whole window is solved as a batch from what it knows.
+The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors to the newest
+few, the front, which move by a Gauss-Newton step at once: what the rest of the window says is a factor on the front's
+first one. Every few keyframes the whole window takes a step, where robust weights and linearisations are made anew;
+what is older than the lag is eliminated then, and what it said stays as a factor.
+
+Where the front's step fails or its steps do not settle, the whole window takes over; where the window's do, it is
+solved as a batch from what it knows; and where that fails too, a new window begins where the newest keyframe was.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,23 +20,25 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.covariance import posterior_covariance
 from trackfg.errors import UnsolvableError
-from trackfg.factors.states import States
+from trackfg.factors.family import Family
+from trackfg.factors.states import Kind
 from trackfg.frames import Array
-from trackfg.graph import build_problem, placeless
-from trackfg.inertial_factors import graph_of, measurements_of, walk_of
+from trackfg.graph import begun_at, build_problem, placeless
+from trackfg.inertial_factors import walk_of
 from trackfg.layout import world_of
 from trackfg.motion_factors import resting
 from trackfg.solver import solve
 from trackfg.spans import joined_spans
 from trackfg.square_root import SquareRoot
 from trackfg.standstill import find_standstills
-from trackfg.streaming.increment import interval
+from trackfg.streaming.increment import Ahead, ahead, completed
 from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
+from trackfg.streaming.snapshot import MADE_AGAIN
+from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
-from trackfg.streaming.window import Gone, Window
+from trackfg.streaming.window import Gone, Interval, Stepped, Window
 from trackfg.trajectory import QUANTITIES, keyframe_variances
-from trackfg.wheel import Wheel
 
 START_S = 10.0
 """What the first window covers."""
@@ -40,7 +46,8 @@ AFTER_S = 0.3
 """A keyframe needs rows this much younger than itself."""
 BEFORE_S = 10.0
 """Rows this much older than the window are needed."""
-_BEFORE_S = 0.6
+_AROUND_S = 0.1
+"""Inertial samples on either side of an interval tell the rates at its ends."""
 _REST_LOOK_S = 8.0
 _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
@@ -52,145 +59,271 @@ sensor alone makes some hundred, and what is left after the step is less than on
 """
 _SETTLED_AT_START = 15.0
 _STEPS = 4
+_FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
+"""The last are GTSAM's."""
 _ORIENTED_RAD = 0.03
 _LONGEST_WITHOUT_HEADING = 240
 """Keyframes: a vehicle may stand for hours before it shows its heading."""
-_TOGETHER = 4
-"""Keyframes leave that many at a time."""
+TOGETHER = 4
+"""The whole window takes a step when so many keyframes have come."""
+_FRONT = 2
+"""As many older ones are in the front: a slip shows in intervals one after the other."""
 
 
 class Update(NamedTuple):
-    """The window with its newest keyframe, the square root of its information, and what leaves it then.
+    """The newest keyframes, and the square root of the information as it is then."""
 
-    ``by_batch``: why it was solved as a batch, empty where it was not.
+    front: Window
+    root: SquareRoot
+
+
+class Pass(NamedTuple):
+    """A step of the whole window: the window, the square root of its information, and what leaves it then.
+
+    ``event``: what took over, and why, where something had to.
     """
 
     window: Window
     root: SquareRoot
     gone: Gone | None
-    by_batch: str
+    event: StreamEvent | None = None
+
+
+class Lost(NamedTuple):
+    """Nothing could be made of the rows from ``begin_s`` on: the window begins anew.
+
+    ``distance``: along the track there with its sigma, m; None at the begin of the stream.
+    """
+
+    begin_s: float
+    distance: tuple[float, float] | None
+    reason: str
 
 
 @dataclass
 class MovingWindow:
-    """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late."""
+    """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late.
+
+    ``window`` is as the last pass left it, ``since`` what has come after it, ``front`` the newest keyframes, ``coming``
+    the interval after them.
+    """
 
     tape: Tape
     config: SmoothConfig
     lag_s: float
     setting: Setting | None = None
     window: Window | None = None
+    front: Window | None = None
+    since: list[Interval] = field(default_factory=list)
+    coming: Ahead | None = field(default=None, metadata=MADE_AGAIN)
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    early: Pass | None = None
+    """A pass that could not wait."""
+    known: tuple[float, float] | None = None
+    """Distance along the track at the newest keyframe of the last pass, with its sigma, m."""
+    lost: Lost | None = None
+    """What the window begins after, until it has begun."""
+    newly_lost: bool = False
+    """Until somebody has taken notice."""
+    sparser: float = 1.0
+    """How many times further apart keyframes are than the settings say."""
+    on_map: bool = False
+    """Whether a map will tell where the vehicle is, which nobody knows before."""
 
-    def updates(self) -> Iterator[Update]:
-        """One keyframe after the other, as far as the rows go."""
-        if self.window is None:
-            first = self._first()
-            if first is None:
-                return
-            yield first
-        while (t := self._next_keyframe()) is not None:
-            yield self._advanced(t)
+    def ready(self) -> bool:
+        """Whether the rows reach the next keyframe."""
+        t = self._next_keyframe()
+        return t is not None and self.tape.until >= t + AFTER_S
+
+    def prepare(self) -> None:
+        """Begin the next interval, if the inertial sensor's rows reach as far: less is left when the others do."""
+        t = self._next_keyframe()
+        if t is not None and self.front is not None and self.tape.until >= t + _AROUND_S:
+            self._begin(t)
+
+    def advanced(self) -> Update | None:
+        """The next keyframe, where :meth:`ready` says that there is one; None where it is :attr:`lost`."""
+        t = self._next_keyframe()
+        assert t is not None
+        try:
+            return self._begun(t) if self.front is None else self._advanced(t)
+        except _FAILURES as error:
+            self._lose(t, str(error))
+            return None
 
     def last(self) -> Update | None:
         """A keyframe at the end of the rows, if they reach beyond the newest one."""
         self.tape.end()
-        if self.window is None or self.tape.until < self.window.t[-1] + _LEAST_S:
+        if self.front is None or self.tape.until < self.front.t[-1] + _LEAST_S:
             return None
-        return self._advanced(self.tape.until)
+        try:
+            return self._advanced(self.tape.until)
+        except _FAILURES as error:
+            self._lose(self.tape.until, str(error))
+            return None
 
-    def _first(self) -> Update | None:
+    def passed(self, *, at_end: bool = False) -> Pass | None:
+        """The step of the whole window, if it is due and the window is not :attr:`lost`; at the end of the stream it
+        always is due.
+        """
+        if self.early is None and self.window is not None and (len(self.since) >= TOGETHER or at_end):
+            try:
+                return self._passed()
+            except _FAILURES as error:
+                self._lose(float(self.window.t[-1]), str(error))
+        early, self.early = self.early, None
+        return early
+
+    def _lose(self, t: float, reason: str) -> None:
+        """Begin anew: where the last pass knew the vehicle, or after rows that do not make a first window."""
+        begin, distance = t, None if self.lost is None else self.lost.distance
+        if self.window is not None and self.known is not None:
+            begin, distance = float(self.window.t[-1]), self.known
+        self.lost = Lost(begin, distance, reason)
+        self.newly_lost = True
+        self.window = self.front = self.coming = self.early = None
+        self.since, self.oriented, self.rests = [], False, np.zeros((0, 2))
+
+    def tell(self, family: Family) -> None:
+        """Something about the first keyframe that stays."""
+        assert self.window is not None
+        self.window = self.window.with_families(family)
+
+    def _begun(self, t: float) -> Update:
         tape = self.tape
-        if tape.data is None or tape.until < tape.data.edges[0] + START_S + AFTER_S:
-            return None
-        begin = float(tape.data.edges[0])
-        recording, data = tape.recording(begin, begin + START_S), tape.intervals(begin, begin + START_S)
+        recording, data = tape.recording(t - START_S, t), tape.intervals(t - START_S, t)
         problem = build_problem(recording, self.config, data)
-        if tape.description.fixes is not None and problem.family("absolute fix") is None:
-            problem = replace(problem, families=placeless(problem.families))  # the first one is to come
+        told_later = tape.description.fixes is not None or self.on_map
+        if told_later and problem.family("absolute fix") is None:
+            problem = replace(problem, families=placeless(problem.families))
+        self.odometer = None
+        if problem.wheel is not None and tape.description.tach is not None:
+            max_gap_s = self.config.tach.max_gap_s
+            self.odometer = Odometer.of(problem.wheel, tape.tach, tape.description.tach, max_gap_s=max_gap_s)
+            problem = replace(problem, families=self.odometer.rounded(problem.families))
+        if self.lost is not None and self.lost.distance is not None:
+            problem = begun_at(problem, *self.lost.distance)
         solution = solve(problem, self.config.solver)
-        measured = measurements_of(problem.native)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
-        if problem.wheel is not None and tape.description.tach is not None:
-            signed = tape.description.tach.signed or problem.wheel.integrates_speed
-            self.odometer = Odometer.of(problem.wheel, tape.tach, signed=signed, max_gap_s=self.config.tach.max_gap_s)
-        self.window = Window(problem.t, solution.states, measured, problem.response, problem.families)
-        return Update(self.window, solution.root, None, "the first seconds")
+        window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
+        self.window = self.front = window
+        self.early, self.lost = Pass(window, solution.root, None), None
+        self.known = self._distance(window, solution.root)
+        return Update(window, solution.root)
 
     def _next_keyframe(self) -> float | None:
         """When the next keyframe is; None while rows are missing."""
-        window, tape = self.window, self.tape
-        assert window is not None
-        assert tape.data is not None
+        window, tape = self.front, self.tape
+        if tape.data is None:
+            return None
+        if window is None:
+            begin = float(tape.data.edges[0])
+            return START_S + (begin if self.lost is None else max(begin, self.lost.begin_s))
         here, config = float(window.t[-1]), self.config.keyframes
         speed = float(np.linalg.norm(window.states.nav.v[-1]))
-        due = here + 1.0 / max(1.0 / config.interval_s, speed / config.distance_m)
+        due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
         for table in tape.positions.values():
             times = table[:, 0]
-            coming = times[(times > here + 1e-3) & (times < here + (1.0 + _TOO_CLOSE) * (due - here))]
+            soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)
+            coming = times[(times > here + 1e-3) & (times < soon)]
             if coming.size:
                 due = float(coming[0])
         edges = tape.data.edges
         at = int(np.searchsorted(edges, due))
-        if at >= len(edges) or edges[-1] < edges[at] + AFTER_S:
+        if at >= len(edges):
             return None
         if due - edges[at - 1] < edges[at] - due and edges[at - 1] > here:
             at -= 1
         return float(edges[at])
 
-    def _advanced(self, t: float) -> Update:
-        window, setting = self.window, self.setting
-        assert window is not None
+    def _begin(self, t: float) -> Ahead:
+        """What the inertial sensor says of the interval to ``t``."""
+        front, setting = self.front, self.setting
+        assert front is not None
         assert setting is not None
-        here = float(window.t[-1])
-        recording = self.tape.positions_between(here, t)
-        data = self.tape.intervals(here - _BEFORE_S, t + AFTER_S)
-        edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
-        wheel = None
+        if self.coming is None or self.coming.interval.t != t:
+            here = float(front.t[-1])
+            data = self.tape.intervals(here - _AROUND_S, t + _AROUND_S)
+            self.coming = ahead(setting, front, data, np.searchsorted(data.edges, [here - 1e-9, t - 1e-9]))
+        return self.coming
+
+    def _advanced(self, t: float) -> Update:
+        begun, front, setting = self._begin(t), self.front, self.setting
+        self.coming = None
+        assert front is not None
+        assert setting is not None
+        here, wheel = float(front.t[-1]), None
         if self.odometer is not None:
-            newest = window.states.nav[-1:]
+            newest = front.states.nav[-1:]
             wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, float(newest.v[0] @ newest.R[0, :, 0]))
-        new = interval(setting, window, recording, data, wheel, edges)
-        self._find_rests(wheel, t + AFTER_S)
-        imu = setting.description.imu
-        window = window.extended(new)
+        new = completed(begun, self.tape.positions_between(here, t), wheel)
+        self.since.append(new)
+        front = front.extended(new)
+        self.front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
+        try:
+            step = self._step(self.front)
+        except _FAILURES as error:
+            self.early = self._passed(StreamEvent("by-window", t_s=t, detail=str(error)))
+            return Update(self.front, self.early.root)
+        self.front = step.window
+        return Update(step.window, step.root)
+
+    def _passed(self, event: StreamEvent | None = None) -> Pass:
+        """``event``: that the front could not take its step."""
+        window, front, setting = self.window, self.front, self.setting
+        assert window is not None
+        assert front is not None
+        assert setting is not None
+        imu, begin = setting.description.imu, float(window.t[-1])
+        window = window.extended(*self.since)
+        older = window.states.take(slice(0, len(window) - len(front)))
+        window = replace(window, states=older.joined(front.states))
+        self._find_rests(begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
-        leaving = int(np.searchsorted(window.t, t - self.lag_s))
-        if leaving < _TOGETHER or not (self.oriented or len(window) > _LONGEST_WITHOUT_HEADING):
-            leaving = 0
-        window, root, left, origin, by_batch = self._solved(window, leaving)
-        self.oriented = self.oriented or self._heading_sd(window, root) < _ORIENTED_RAD
-        self.window, gone = window.without(leaving, root, left, origin) if leaving else (window, None)
-        return Update(window, root, gone, by_batch)
-
-    def _solved(self, window: Window, leaving: int) -> tuple[Window, SquareRoot, Array, States, str]:
-        """By a few steps, or as a batch; with what keyframes leave that are leaving, and where it was linearised."""
+        leaving = before = 0
+        if self.oriented or len(window) > _LONGEST_WITHOUT_HEADING:
+            leaving = int(np.searchsorted(window.t, window.t[-1] - self.lag_s))
+            before = max(len(window) - _FRONT, leaving)
+        gone_at = {leaving, before} - {0}
         try:
-            for _ in range(_STEPS):
-                origin = window.states
-                window, root, left = window.moved(leaving)
-                if root.length < (_SETTLED if self.oriented else _SETTLED_AT_START):
-                    return window, root, left, origin, ""
-            reason = f"the step was {root.length:.2g} posterior sigmas after {_STEPS} of them"
-        except (UnsolvableError, ValueError, np.linalg.LinAlgError) as error:
-            reason = str(error)
-        window = self._by_batch(window)
-        origin = window.states
-        window, root, left = window.moved(leaving)
-        return window, root, left, origin, reason
+            step = self._step(window, gone_at)
+        except _FAILURES as error:
+            event = StreamEvent("by-batch", t_s=float(window.t[-1]), detail=str(error))
+            step = self._by_batch(window).moved(gone_at)
+        self.known = self._distance(step.window, step.root)
+        self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
+        self.window, gone = step.without(leaving) if leaving else (step.window, None)
+        self.front = step.without(before)[0] if before else step.window
+        self.since, self.coming = [], None
+        return Pass(step.window, step.root, gone, event)
+
+    def _step(self, window: Window, gone: Collection[int] = ()) -> Stepped:
+        """Steps until one is short. Raises ``UnsolvableError`` or ``ValueError`` where that does not happen."""
+        for _ in range(_STEPS):
+            step = window.moved(gone)
+            if step.root.length < (_SETTLED if self.oriented else _SETTLED_AT_START):
+                return step
+            window = step.window
+        raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_STEPS} of them")
 
     def _by_batch(self, window: Window) -> Window:
         """The whole window from what it knows."""
         assert self.setting is not None
         assert self.tape.data is not None
         problem = self.setting.problem_of(window.t, window.states, self.tape.data)
-        problem = replace(problem, native=graph_of(window.measured), families=window.families)
+        problem = replace(problem, measured=window.measured, families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
+
+    @staticmethod
+    def _distance(window: Window, root: SquareRoot) -> tuple[float, float]:
+        """Along the track at the newest keyframe, with its sigma, m."""
+        variance = posterior_covariance(root.last(1)).of(Kind.ODO)[0, 0, 0]
+        return float(window.states.odo[-1, 0]), float(np.sqrt(variance))
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
         """The sigma of the newest yaw, rad."""
@@ -199,14 +332,18 @@ class MovingWindow:
         variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.setting.lever_arm)
         return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
 
-    def _find_rests(self, wheel: Wheel | None, until: float) -> None:
-        span = np.array([until - self.config.motion.min_rest_s, until])
-        if wheel is not None and wheel.covers(span).all() and abs(np.diff(wheel.at(span))[0]) > 1.5 * wheel.quantum:
-            return
-        recording = self.tape.recording(until - _REST_LOOK_S, until)
-        if recording.imu.empty:  # a long gap
-            return
-        found = find_standstills(recording, self.config.motion.min_rest_s)
-        found[:, 1] = np.minimum(found[:, 1], until - _REST_MARGIN_S)
+    def _find_rests(self, begin: float, until: float) -> None:
+        config, tach = self.config.motion, self.tape.tach
+        if self.odometer is not None and len(tach) and tach[0, 0] <= begin and tach[-1, 0] >= until:
+            t = np.arange(begin, until - config.min_rest_s, 0.5 * config.min_rest_s)
+            rolled = np.interp(t + config.min_rest_s, *tach.T) - np.interp(t, *tach.T)
+            if (np.abs(rolled) > 1.5 * self.odometer.wheel.quantum).all():
+                return
+        found = find_standstills(self.tape.recording(begin, until), config.min_rest_s)
+        last = tach[: np.searchsorted(tach[:, 0], until), 0][-1:]
+        if (last > until - _REST_MARGIN_S).all():  # else it is a tach that says nothing at rest
+            until = min(until, *last)
+        # What the rows before and after these would show is not known.
+        found = np.clip(found, begin + _REST_MARGIN_S, until - _REST_MARGIN_S)
         spans = np.concatenate([self.rests, found[found[:, 1] > found[:, 0]]])
-        self.rests = joined_spans(spans[spans[:, 1] > until - 2.0 * (self.lag_s + _REST_LOOK_S)])
+        self.rests = joined_spans(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])

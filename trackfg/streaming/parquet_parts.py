@@ -8,9 +8,7 @@ of rows; a checkpoint writes the last one as far as it is, and it is replaced by
 
 from __future__ import annotations
 
-import contextlib
 import io
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,12 +22,15 @@ import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError, OutputError
 from trackfg.streaming.sinks import TABLES, columns_of
+from trackfg.streaming.whole_file import UNFINISHED, write_whole
 
 ROWS_PER_PART = 6000
 """Ten minutes at 10 Hz."""
 
 _PART = re.compile(r"part-(\d{6})\.parquet")
-_UNFINISHED = ".unfinished-"
+
+NOTHING_WRITTEN = {name: {"part": 1, "rows": 0} for name in TABLES}
+"""The state of the checkpoint before the first row."""
 
 
 @dataclass
@@ -77,12 +78,12 @@ class ParquetParts:
             table = _Table(Path(folder) / name)
             try:
                 table.folder.mkdir(parents=True, exist_ok=True)
-                for left in table.folder.glob(f"{_UNFINISHED}*"):
+                for left in table.folder.glob(f"{UNFINISHED}*"):
                     left.unlink()
                 if state is None:
                     table.number = max(_numbers(table.folder), default=0) + 1
                 else:
-                    _go_back(table, **state[name])
+                    _go_back(table, *_counted(state, name))
             except OSError as error:
                 raise OutputError(f"{table.folder}: cannot be written ({error.strerror})") from error
             self._tables[name] = table
@@ -135,6 +136,16 @@ def _place(table: _Table) -> Path:
     return table.folder / f"part-{table.number:06d}.parquet"
 
 
+def _counted(state: Mapping[str, Any], name: str) -> tuple[int, int]:
+    try:
+        part, rows = state[name]["part"], state[name]["rows"]
+    except (KeyError, TypeError):
+        part, rows = None, None
+    if type(part) is not int or type(rows) is not int or part < 1 or rows < 0:
+        raise BadInputError(f"the checkpoint does not say how far the table {name} was written")
+    return part, rows
+
+
 def _go_back(table: _Table, part: int, rows: int) -> None:
     """To where ``part`` had so many ``rows``."""
     table.number = part
@@ -163,14 +174,4 @@ def _read(path: Path) -> pa.Table:
 def _write(path: Path, rows: pa.Table) -> None:
     content = io.BytesIO()
     pq.write_table(rows, content)
-    unfinished = path.with_name(f"{_UNFINISHED}{path.name}")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content.getbuffer())
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+    write_whole(path, content.getbuffer())

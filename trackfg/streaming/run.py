@@ -1,15 +1,28 @@
 """A stream from its source to its sink.
 
 source -> intake -> fixed-lag smoother -> sink
+
+With checkpoints, a stream that was killed goes on from the last one, and all that it writes is, to the last bit, what
+it would have written:
+
+>>> saved = checkpoints.read()
+>>> source = RecordingSource(recording, position=saved.position)
+>>> stream = Stream.of(source, FixedLagSmoother(source.description), saved)
+>>> stream.run(ParquetParts(folder, state=saved.sink), checkpoints)
 """
 
 from __future__ import annotations
 
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.errors import BadInputError
+from trackfg.streaming.checkpoint import Checkpoint, Checkpoints
+from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake import Intake
+from trackfg.streaming.pace import Pace
 from trackfg.streaming.sinks import Sink
 from trackfg.streaming.sources import Source
 from trackfg.streaming.stream_events import StreamEvent, event_table
@@ -25,25 +38,87 @@ class StreamCounts:
     events: Counter[str] = field(default_factory=Counter)
 
 
-def run_stream(source: Source, smoother: FixedLagSmoother, sink: Sink) -> StreamCounts:
-    """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
-    intake, counts = Intake.of(source), StreamCounts()
+@dataclass
+class Stream:
+    """What stands between a source and a sink, and what has come through."""
 
-    def put(estimates: Estimates, events: tuple[StreamEvent, ...]) -> None:
+    source: Source
+    smoother: FixedLagSmoother
+    intake: Intake
+    counts: StreamCounts = field(default_factory=StreamCounts)
+    clock: Callable[[], float] = time.monotonic
+
+    @classmethod
+    def of(cls, source: Source, smoother: FixedLagSmoother, saved: Checkpoint | None = None) -> Stream:
+        """From the beginning, or from a checkpoint: the source opened at its position, the smoother made as then.
+
+        Raises :class:`BadInputError` where source and smoother are others than those of the checkpoint.
+        """
+        stream = cls(source, smoother, Intake.of(source))
+        if saved is None:
+            return stream
+        saved.refuse_others(stream.settings)
+        stream.counts.keyframes, stream.counts.events = saved.keyframes, Counter(saved.events)
+        if saved.intake is None or saved.smoother is None:
+            return stream
+        try:
+            stream.intake.restore(saved.intake)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise BadInputError(f"the checkpoint's state of the intake cannot be used ({error!r:.200})") from error
+        smoother.restore(saved.smoother)
+        return stream
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """What another stream would have to have alike to go on from a checkpoint of this one."""
+        return {**self.smoother.settings, "source": type(self.source).__name__}
+
+    def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
+        """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
+        pace, done = Pace(self.smoother.sparser), self.clock()
+        for batch in self.source:
+            begun = self.clock()
+            rows, events = self.intake.push(batch)
+            self._write(sink, self.smoother.put(rows), events)
+            waited, done = begun - done, self.clock()
+            if self.source.live and (change := pace.took(waited, done - begun, rows.until_s)) is not None:
+                self.smoother.sparser = pace.factor
+                self._write(sink, NO_ESTIMATES, (change,))
+            if checkpoints is not None and checkpoints.due(rows.until_s):
+                checkpoints.write(self._checkpoint(batch.position, rows.until_s, sink))
+        rows, events = self.intake.finish()
+        self._write(sink, self.smoother.put(rows), events)
+        self._write(sink, self.smoother.finish(), ())
+        written = sink.checkpoint()
+        sink.close()
+        if checkpoints is not None:
+            checkpoints.write(Checkpoint(self.settings, written, finished=True))
+        return self.counts
+
+    def _checkpoint(self, position: int, until_s: float, sink: Sink) -> Checkpoint:
+        return Checkpoint(
+            self.settings,
+            sink.checkpoint(),
+            position,
+            self.intake.state(),
+            self.smoother.state(),
+            until_s,
+            self.counts.keyframes,
+            self.counts.events,
+        )
+
+    def _write(self, sink: Sink, estimates: Estimates, events: tuple[StreamEvent, ...]) -> None:
         events += estimates.events
         sink.write("events", event_table(events))
         sink.write("filtered", estimates.filtered)
         sink.write("smoothed", estimates.smoothed)
         sink.write("geometry", estimates.geometry)
+        counts = self.counts
+        counts.rows_in, counts.rows_used = self.intake.rows_in, self.intake.rows_out
         counts.keyframes += len(estimates.filtered)
         counts.events.update(event.kind for event in events)
 
-    for batch in source:
-        rows, events = intake.push(batch)
-        put(smoother.put(rows), events)
-    rows, events = intake.finish()
-    put(smoother.put(rows), events)
-    put(smoother.finish(), ())
-    sink.close()
-    counts.rows_in, counts.rows_used = intake.rows_in, intake.rows_out
-    return counts
+
+def run_stream(source: Source, smoother: FixedLagSmoother, sink: Sink) -> StreamCounts:
+    """A stream from its beginning to its end."""
+    return Stream.of(source, smoother).run(sink)

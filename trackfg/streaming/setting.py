@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
 from trackfg.config import SmoothConfig
@@ -36,7 +35,7 @@ class Setting:
         """Keyframes on edges of the inertial ``data``, without factors: what tables are made from."""
         return Problem(
             t=t,
-            native=gtsam.NonlinearFactorGraph(),
+            measured=(),
             families=(),
             initial=states,
             world=self.world,

@@ -1,4 +1,4 @@
-"""The tables of what left the window: trajectory and geometry, by the functions that the batch smoother uses.
+"""What is told of what left the window: trajectory, geometry and events, by the functions that the batch smoother uses.
 
 They are made a piece at a time, with some track on either side, because a chord or a band of wavelengths reaches
 beyond the place that it is of.
@@ -6,7 +6,7 @@ beyond the place that it is of.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,69 +19,157 @@ from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph import Problem
+from trackfg.localisation import MapChainage
 from trackfg.profile import Profile, profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
+from trackfg.streaming.odometer import Odometer
 from trackfg.streaming.setting import Setting
+from trackfg.streaming.settled_events import SettledEvents
+from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
 from trackfg.streaming.window import Window
 from trackfg.track_geometry import conventions, geometry_table
 from trackfg.trajectory import trajectory_table
 
 _MARGIN_S = 1.0
+_JUMP_M = 5.0
+"""By more than that a place is not corrected, but found."""
+
+
+class Sight(NamedTuple):
+    """The track as the sensor's motion shows it: rows of a geometry table in order of passing, when they were passed
+    (n,), s, and by how much the distance then is beyond the straight line between the keyframes (n,), m.
+
+    ``moved``: by how many steps of chainage all places before are elsewhere now than they were said to be.
+    """
+
+    table: pd.DataFrame
+    t: Array
+    beyond: Array
+    moved: int
 
 
 class Tables(NamedTuple):
-    """Rows of both tables, in order of time and of passing."""
+    """Rows of both tables, in order of time and of passing, and events. ``sight``: what the geometry is from, even
+    where the sensor does not follow the track and there is none.
+    """
 
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
+    events: tuple[StreamEvent, ...]
+    sight: Sight
 
 
 @dataclass
 class SmoothedTables:
     """Makes the tables of a stream; ``done_s`` (trajectory) and ``passed_s`` (geometry): up to when they are made;
     ``last_cell``, in steps of chainage: the last place of the geometry.
+
+    ``looks``: whether somebody wants to see the track even where the sensor does not follow it. ``along`` (2, n): times
+    and distances of the last piece's keyframes.
     """
 
     setting: Setting
     done_s: float
     passed_s: float
+    events: SettledEvents
     last_cell: int | None = None
     history: History = field(default_factory=History)
+    looks: bool = False
+    along: Array = field(default_factory=lambda: np.zeros((2, 0)))
 
-    def up_to(self, tape: Tape, window: Window, root: SquareRoot, settled_s: float, *, at_end: bool = False) -> Tables:
-        """The tables of what is older than ``settled_s``; at the end of the stream of all there is."""
+    @classmethod
+    def beginning(cls, setting: Setting, begin_s: float, *, looks: bool) -> SmoothedTables:
+        """Of what comes after ``begin_s``."""
+        return cls(setting, begin_s, begin_s, SettledEvents(begin_s), looks=looks)
+
+    def up_to(
+        self,
+        tape: Tape,
+        window: Window,
+        root: SquareRoot,
+        settled_s: float,
+        *,
+        rests: Array,
+        odometer: Odometer | None,
+        at_end: bool = False,
+        chainage: MapChainage | None = None,
+    ) -> Tables:
+        """The tables of what is older than ``settled_s``; at the end of the stream of all there is.
+
+        ``rests`` (r, 2), s, are those of late. ``chainage``: where the run is located on a map, how well its places are
+        known.
+        """
         t, states, whole = self.history.with_window(window, root)
         assert tape.data is not None
         problem = self.setting.problem_of(t, states, tape.data)
         track, config = self.setting.description.track, self.setting.config
         covariance = posterior_covariance(whole)
+        if chainage is not None:
+            covariance = chainage.with_uncertainty(covariance, states, track.direction)
         clock = _clock(self.done_s, settled_s, config.output.rate_hz)
         meaning = conventions(config.geometry, track)
         motion = dense_motion(problem, states, dense_step(states, meaning.step_m), clock)
+        told = replace(
+            problem,
+            rests=rests,
+            gaps=tape.data.gaps(),
+            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2]),
+            families=self.history.with_families(window.families),
+        )
+        events = self.events.until(told, motion, states, covariance, settled_s, track.direction, at_end=at_end)
         trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
-        shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if self._follows_track else []
+        seen = self._follows_track or self.looks
+        shapes = profiles(problem, motion, states, track.direction, meaning.step_m) if seen else []
+        moved = self._moved(t, states, track.direction * meaning.step_m)
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
         geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
-        cells = [self._passed(problem, profile, until) for profile in shapes]
+        passed = [self._passed(problem, profile, until) for profile in shapes]
+        none = np.zeros(0, dtype=np.int64)
         row = pd.Series(np.arange(len(geometry)), index=cells_of(geometry, meaning.step_m))
-        own = geometry.iloc[row[np.concatenate([np.zeros(0, dtype=np.int64), *cells])]].reset_index(drop=True)
+        cells = np.concatenate([none, *(profile.cell[rows] for profile, rows in zip(shapes, passed, strict=True))])
+        own = geometry.iloc[row[cells]].reset_index(drop=True)
+        points = [profile.views[0].points for profile in shapes]
+        k = np.concatenate([none, *(at.keyframe[rows] for at, rows in zip(points, passed, strict=True))])
+        f = np.concatenate([np.zeros(0), *(at.fraction[rows] for at, rows in zip(points, passed, strict=True))])
+        distance, following = states.odo[:, 0], k + 1
+        beyond = track.direction * meaning.step_m * cells - (1.0 - f) * distance[k] - f * distance[following]
+        sight = Sight(own, (1.0 - f) * t[k] + f * t[following], beyond, moved)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
-        return Tables(trajectory, own)
+        self.along = np.stack([t, distance])
+        return Tables(trajectory, own if self._follows_track else geometry.iloc[:0], events, sight)
+
+    def _moved(self, t: Array, states: States, cell_m: float) -> int:
+        """By how many steps a place was found to be elsewhere since the last piece: none where it was only corrected,
+        lest a chainage be given twice or none to a place.
+        """
+        if not self.along.size:
+            return 0
+        away = float(np.interp(self.passed_s, t, states.odo[:, 0]) - np.interp(self.passed_s, *self.along))
+        cells = round(away / cell_m) if abs(away) > _JUMP_M else 0
+        if self.last_cell is not None:
+            self.last_cell += cells
+        return cells
 
     @property
     def _follows_track(self) -> bool:
         return self.setting.description.imu.rigid
 
-    def forget(self) -> None:
-        """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches."""
-        t, distance = self.history.t, self.history.distance
+    def forget(self) -> Array:
+        """Keyframes that nothing needs any more: older than all that is to come, and further back than it reaches.
+
+        Rests of which the begin and the end are kept alone, s, shape (r, 2).
+        """
+        t = self.history.t
         if not len(t):
-            return
+            return np.zeros((0, 2))
+        distance = np.interp(t, *self.along)
         here = float(np.interp(self.passed_s, t, distance))
         behind = np.flatnonzero((np.abs(distance - here) > self._reach_m) & (t < self.passed_s))
-        self.history.forget(float(min(t[behind[-1]] if behind.size else t[0], self.done_s - _MARGIN_S)))
+        needed = self.done_s - _MARGIN_S, self.events.since_s
+        self.history.forget(float(min(t[behind[-1]] if behind.size else t[0], *needed)))
+        return self.history.stood(min(needed))
 
     @property
     def _reach_m(self) -> float:
@@ -98,17 +186,17 @@ class SmoothedTables:
         return float(min(t[np.flatnonzero(beyond)[-1]], settled_s))
 
     def _passed(self, problem: Problem, profile: Profile, until: float) -> np.ndarray:
-        """The cells of a pass that are due, in the order of passing; a pass that goes on does so at the next cell."""
+        """The rows of a pass that are due, in the order of passing; a pass that goes on does so at the next cell."""
         points, cell = profile.views[0].points, profile.cell
         when = problem.t[points.keyframe] * (1.0 - points.fraction) + problem.t[points.keyframe + 1] * points.fraction
         sense = 1 if when[-1] >= when[0] else -1
         due = when > self.passed_s
-        if self.last_cell is not None and when.min() < self.passed_s:
+        if self.last_cell is not None and when.min() < self.passed_s < when.max():
             due = sense * (cell - self.last_cell) > 0
-        cells: np.ndarray = cell[due & (when <= until)][::sense]
-        if len(cells):
-            self.last_cell = int(cells[-1])
-        return cells
+        rows: np.ndarray = np.flatnonzero(due & (when <= until))[::sense]
+        if len(rows):
+            self.last_cell = int(cell[rows[-1]])
+        return rows
 
 
 def _clock(after: float, until: float, rate_hz: float) -> Array:

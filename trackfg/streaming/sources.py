@@ -35,13 +35,18 @@ class Batch:
 
 
 class Source(Protocol):
-    """Batches of rows, and their description. ``canonical``: see :mod:`trackfg.streaming.rows`."""
+    """Batches of rows, and their description. ``canonical``: see :mod:`trackfg.streaming.rows`. ``live``: whether rows
+    come when they come, and not when they are taken.
+    """
 
     @property
     def description(self) -> RecordingDescription: ...
 
     @property
     def canonical(self) -> bool: ...
+
+    @property
+    def live(self) -> bool: ...
 
     @property
     def gnss_origin(self) -> Array | None:
@@ -74,6 +79,7 @@ class RecordingSource:
         self._tables = {name: rows for name, rows in recording_rows(recording).tables().items() if rows.shape[0]}
         self._batch_s, self._speed, self._position = batch_s, speed, position
         self._clock, self._sleep = clock, sleep
+        self.live = speed is not None
 
     def __iter__(self) -> Iterator[Batch]:
         start = min(rows[0, 0] for rows in self._tables.values())

@@ -37,7 +37,8 @@ class StreamEvent:
     """One fact about a stretch of a stream.
 
     ``t_s`` and ``until_s`` are the first and the last time that it concerns, on the stream's clock, None where no
-    time could be read. ``rows`` counts rows (or lines) that were not passed on because of it.
+    time could be read. ``rows`` counts rows (or lines) that were not passed on because of it. Where the estimator knows
+    them, the chainage (m) at the first time, and the distance (m) that a slip added or a slide hid; with 1-sigma.
     """
 
     kind: str
@@ -46,6 +47,10 @@ class StreamEvent:
     until_s: float | None = None
     rows: int = 0
     detail: str = ""
+    chainage_m: float | None = None
+    chainage_m_sd: float | None = None
+    distance_removed_m: float | None = None
+    distance_removed_m_sd: float | None = None
 
     def __post_init__(self) -> None:
         """Names come from the input: control characters in them must not reach a terminal."""
@@ -60,15 +65,28 @@ class StreamEvent:
         if self.t_s is not None and self.until_s is not None and self.until_s > self.t_s:
             when = f" from t = {self.t_s:.3f} to {self.until_s:.3f} s"
         count = "" if self.rows == 0 else f", {self.rows} row{'s' if self.rows > 1 else ''}"
-        return f"{where}{self.kind}{when}{count}" + (f": {self.detail}" if self.detail else "")
+        place = "" if self.chainage_m is None else f" at {self.chainage_m:.1f} m"
+        removed = "" if self.distance_removed_m is None else f", {self.distance_removed_m:+.2f} m"
+        return f"{where}{self.kind}{when}{place}{removed}{count}" + (f": {self.detail}" if self.detail else "")
 
 
-EVENT_TYPES = {"kind": "str", "input": "str", "t_s": "float64", "until_s": "float64", "rows": "int64", "detail": "str"}
+EVENT_TYPES = {
+    "kind": "str",
+    "input": "str",
+    "t_s": "float64",
+    "until_s": "float64",
+    "rows": "int64",
+    "detail": "str",
+    "chainage_m": "float64",
+    "chainage_m_sd": "float64",
+    "distance_removed_m": "float64",
+    "distance_removed_m_sd": "float64",
+}
 """Columns of a table of events: the fields, but ``input`` for ``table``."""
 
 
 def event_table(events: Iterable[StreamEvent]) -> pd.DataFrame:
-    """One row per event, NaN where there is no time."""
+    """One row per event, NaN for what is not known."""
     return pd.DataFrame([astuple(event) for event in events], columns=list(EVENT_TYPES)).astype(EVENT_TYPES)
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
-from trackfg.inertial import Intervals, laid_out
+from trackfg.inertial import Intervals, laid_out, means_around
 from trackfg.recording import IMU_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows, no_rows
 
@@ -111,22 +111,34 @@ class Tape:
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        near = _between(self.samples, t - 0.05, t + 0.05)[:, 1:4]
-        if not len(near):  # within a gap
-            assert self.data is not None
-            last = min(int(np.searchsorted(self.data.edges, t)), len(self.data)) - 1
-            near = self.data.gyro[last : last + 1]
-        return np.asarray(near.mean(axis=0, keepdims=True))
+        assert self.data is not None
+        return means_around(np.array([t]), 0.1, self.data.edges, self.data.gyro)
 
-    def forget(self, before: float) -> None:
-        """Rows that end before a time."""
+    def forget(self, before: float, newer: float) -> None:
+        """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""
         if self.data is None:
             return
         gone = max(int(np.searchsorted(self.data.edges, before, side="right")) - 1, 0)
         self.data = self.data.take(slice(gone, len(self.data)))
-        self.samples = self.samples[np.searchsorted(self.samples[:, 0], self.data.edges[0]) :]
+        self.samples = self.samples[np.searchsorted(self.samples[:, 0], newer) :]
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
-        self.positions = {name: table[table[:, 0] >= before] for name, table in self.positions.items()}
+        self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
+
+    def stood(self, rests: Array) -> None:
+        """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""
+        for begin, end in rests[::-1]:
+            assert self.data is not None
+            data = self.data
+            i, j = np.searchsorted(data.edges, [begin - 1e-9, end - 1e-9]).tolist()
+            share = data.durations[i:j, None] / (data.edges[j] - data.edges[i])
+            gyro, accel = (np.sum(samples[i:j] * share, axis=0) for samples in (data.gyro, data.accel))
+            self.data = Intervals(
+                np.delete(data.edges, slice(i + 1, j)),
+                np.concatenate([data.gyro[:i], gyro[None], data.gyro[j:]]),
+                np.concatenate([data.accel[:i], accel[None], data.accel[j:]]),
+                np.concatenate([data.bridged[:i], data.bridged[i:j].all(keepdims=True), data.bridged[j:]]),
+            )
+            self.tach = self.tach[(self.tach[:, 0] <= begin) | (self.tach[:, 0] >= end)]
 
     @staticmethod
     def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:

@@ -6,15 +6,15 @@ one that is in the window. What is left behind stays as one factor, :mod:`trackf
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 
 from trackfg.elimination import Conditionals, eliminate_leaving
 from trackfg.factors.family import Family, LinearFactors
-from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.imu import Preintegration, linearize_imu_factors
 from trackfg.factors.past import past
 from trackfg.factors.states import States
 from trackfg.frames import Array
@@ -32,17 +32,20 @@ class Interval(NamedTuple):
     t: float
     bias: Array
     ahead: States
-    measured: gtsam.PreintegratedImuMeasurements
+    measured: Preintegration
     response: Array
     families: tuple[Family, ...]
 
 
 class Gone(NamedTuple):
-    """Keyframes left behind: when, their conditionals, and where these were linearised, next keyframe included."""
+    """Keyframes left behind: when, their conditionals, and where these were linearised, next keyframe included; and the
+    factors that went with them.
+    """
 
     t: Array
     conditionals: Conditionals
     origin: States
+    families: tuple[Family, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Window:
 
     t: Array
     states: States
-    measured: tuple[gtsam.PreintegratedImuMeasurements, ...]
+    measured: tuple[Preintegration, ...]
     response: Array
     families: tuple[Family, ...]
 
@@ -64,21 +67,21 @@ class Window:
         kept = (family for family in self.families if family.name not in names)
         return replace(self, families=(*kept, *(family for family in families if len(family))))
 
-    def extended(self, interval: Interval) -> Window:
-        """With the next keyframe."""
-        last = len(self) - 1
-        known = {family.name: family for family in self.families}
-        for family in interval.families:
-            later = family.shifted(last)
-            known[family.name] = known[family.name].joined(later) if family.name in known else later
-        response = np.concatenate([self.response[:-1], interval.response[None], np.zeros_like(self.response[:1])])
-        bias = np.concatenate([self.states.bias[:-1], interval.bias[None]])
+    def extended(self, *intervals: Interval) -> Window:
+        """With the next keyframes."""
+        known = {family.name: [family] for family in self.families}
+        for last, interval in enumerate(intervals, len(self) - 1):
+            for family in interval.families:
+                known.setdefault(family.name, []).append(family.shifted(last))
+        response = [self.response[:-1], *(interval.response[None] for interval in intervals)]
+        bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
+        states = self.states.joined(*(interval.ahead for interval in intervals))
         return Window(
-            np.append(self.t, interval.t),
-            replace(self.states, bias=bias).joined(interval.ahead),
-            (*self.measured, interval.measured),
-            response,
-            tuple(known.values()),
+            np.append(self.t, [interval.t for interval in intervals]),
+            replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
+            (*self.measured, *(interval.measured for interval in intervals)),
+            np.concatenate([*response, np.zeros_like(self.response[:1])]),
+            tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in known.values()),
         )
 
     def linearized(self) -> list[LinearFactors]:
@@ -86,32 +89,42 @@ class Window:
         inertial = linearize_imu_factors(graph_of(self.measured), self.states.to_gtsam())
         return [inertial, *(family.linearize(self.states) for family in self.families)]
 
-    def moved(self, gone: int) -> tuple[Window, SquareRoot, Array]:
-        """One Gauss-Newton step on: the window, the square root of the information, and what its first ``gone``
-        keyframes leave for the rest (:func:`~trackfg.elimination.eliminate_leaving`), linearised before the step.
+    def moved(self, gone: Collection[int] = ()) -> Stepped:
+        """One Gauss-Newton step on; for each of ``gone`` so many of the first keyframes can be left behind then.
 
         Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
         """
         root, left = eliminate_leaving(self.linearized(), len(self), gone)
         if not np.isfinite(root.length):
             raise ValueError("the step is not finite")
-        return replace(self, states=self.states.moved(root.solution())), root, left
+        return Stepped(replace(self, states=self.states.moved(root.solution())), root, left, self.states)
 
-    def without(self, gone: int, root: SquareRoot, left: Array, origin: States) -> tuple[Window, Gone]:
-        """Without the first ``gone`` keyframes, and what went; ``root`` and what is ``left`` as linearised at
-        ``origin``.
-        """
+
+class Stepped(NamedTuple):
+    """A window after a step, the square root of its information, and for some numbers of first keyframes what these
+    leave for the rest (:func:`~trackfg.elimination.eliminate_leaving`); both as linearised at ``origin``.
+    """
+
+    window: Window
+    root: SquareRoot
+    left: Mapping[int, Array]
+    origin: States
+
+    def without(self, gone: int) -> tuple[Window, Gone]:
+        """Without the first ``gone`` keyframes, and what went."""
+        window, root, origin = self.window, self.root, self.origin
         kept = [
-            family.take(later).shifted(-gone)
-            for family in self.families
+            family.following(later, window.states).shifted(-gone)
+            for family in window.families
             if (later := np.flatnonzero(family.first_keyframe >= gone)).size
         ]
-        window = Window(
-            self.t[gone:],
-            self.states.take(slice(gone, None)),
-            self.measured[gone:],
-            self.response[gone:],
-            (past(left, origin.take(slice(gone, gone + 1))), *kept),
+        rest = Window(
+            window.t[gone:],
+            window.states.take(slice(gone, None)),
+            window.measured[gone:],
+            window.response[gone:],
+            (past(self.left[gone], origin.take(slice(gone, gone + 1))), *kept),
         )
         conditionals = Conditionals(root.R[:gone], root.S[:gone], root.d[:gone])
-        return window, Gone(self.t[:gone], conditionals, origin.take(slice(0, gone + 1)))
+        left = tuple(family.take(family.first_keyframe < gone) for family in window.families)
+        return rest, Gone(window.t[:gone], conditionals, origin.take(slice(0, gone + 1)), left)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trackfg.mapping.place_chain import NEAR, PlaceChain, Windows, _State
+from trackfg.mapping.place_chain import NEAR, PlaceChain, Windows, State
 
 PLACES = 90
 
@@ -24,11 +24,11 @@ def test_backward_is_the_transpose_of_forward(first: list[int], scale_sd: float)
     model = chain(first, scale_sd)
     rng = np.random.default_rng(1)
 
-    def drawn(place: int) -> _State:
+    def drawn(place: int) -> State:
         on = rng.random((2, len(model.scales), PLACES)).astype(np.float32)
-        return _State(place, on, rng.random(PLACES).astype(np.float32), float(rng.random()))
+        return State(place, on, rng.random(PLACES).astype(np.float32), float(rng.random()))
 
-    def product(a: _State, b: _State) -> float:
+    def product(a: State, b: State) -> float:
         return float((a.on * b.on).sum() + (a.alike * b.alike).sum()) + a.off * b.off
 
     now, future, other = drawn(first[0]), drawn(first[1]), drawn(first[0])

@@ -13,6 +13,7 @@ from trackfg.recording import Recording
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake import Intake
 from trackfg.streaming.sources import RecordingSource
+from trackfg.streaming.stream_events import StreamEvent
 
 TWICE_A_SECOND = SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
 
@@ -22,6 +23,7 @@ class Streamed(NamedTuple):
     filtered: pd.DataFrame
     smoothed: pd.DataFrame
     geometry: pd.DataFrame
+    events: tuple[StreamEvent, ...]
 
 
 def streamed(
@@ -33,7 +35,7 @@ def streamed(
     pieces: list[Estimates] = [smoother.put(intake.push(batch)[0]) for batch in source]
     pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
     tables = (pd.concat([piece[i] for piece in pieces if len(piece[i])], ignore_index=True) for i in range(3))
-    return Streamed(smoother, *tables)
+    return Streamed(smoother, *tables, events=tuple(event for piece in pieces for event in piece.events))
 
 
 @pytest.fixture(scope="session")

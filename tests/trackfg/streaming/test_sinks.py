@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError, OutputError
-from trackfg.streaming import parquet_parts, sinks
+from trackfg.streaming import sinks
 from trackfg.streaming.parquet_parts import ParquetParts, read_parts
 from trackfg.streaming.sinks import Callback, JsonLines, Sink, json_lines
 from trackfg.streaming.stream_events import StreamEvent, event_table
@@ -104,7 +104,7 @@ def test_a_full_disk_is_one_error_and_leaves_no_half_part(tmp_path: Path, monkey
     sink = ParquetParts(tmp_path, rows_per_part=10)
     sink.write("filtered", frame(0, 12))
     with monkeypatch.context() as full:
-        full.setattr(parquet_parts.os, "fsync", full_disk)
+        full.setattr(os, "fsync", full_disk)
         with pytest.raises(OutputError, match=r"part-000002\.parquet: cannot be written \(No space left on device\)"):
             sink.write("filtered", frame(12, 25))
     assert [path.name for path in (tmp_path / "filtered").iterdir()] == ["part-000001.parquet"]

@@ -1,0 +1,43 @@
+"""A stream that is located on a map goes on from its state as if it had not been stopped."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from trackfg.maps.feature_map import FeatureMap
+from trackfg.streaming.fixed_lag import FixedLagSmoother
+from trackfg.streaming.intake import Intake
+from trackfg.streaming.snapshot import Snapshot
+from trackfg.streaming.sources import RecordingSource
+
+
+@pytest.mark.slow
+def test_while_it_is_sought_and_when_it_is_found(line_map: FeatureMap, ride: Callable[..., Any]) -> None:
+    recording = replace(ride(4).simulation.recording, fixes=None)
+    source = RecordingSource(recording, batch_s=1.0)
+    intake = Intake.of(source)
+
+    def made() -> FixedLagSmoother:
+        return FixedLagSmoother(recording.description, lag_s=10.0, feature_map=line_map)
+
+    smoother, again, told = made(), made(), set()
+    for batch in source:
+        rows = intake.push(batch)[0]
+        ours, theirs = smoother.put(rows), again.put(rows)
+        for one, other in zip(ours, theirs, strict=True):
+            assert one.equals(other) if hasattr(one, "equals") else one == other
+        told |= {event.kind for event in theirs.events}
+        if batch.position % 20 == 0:
+            state = again.state()
+            assert len(state.data) < 4_000_000
+            tree = json.loads(json.dumps(state.tree))
+            again = made()
+            again.restore(Snapshot(tree, state.data))
+        if batch.position == 250:
+            break
+    assert "located" in told

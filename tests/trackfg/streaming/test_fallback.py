@@ -1,0 +1,112 @@
+"""What takes over where a step fails: the whole window, a batch, a new window; and no output is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.config import KeyframeConfig, SmoothConfig
+from trackfg.datasets.scenarios import simulate
+from trackfg.errors import UnsolvableError
+from trackfg.streaming import moving_window
+from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.intake import Intake
+from trackfg.streaming.sources import RecordingSource
+from trackfg.streaming.stream_events import StreamEvent
+from trackfg.streaming.window import Window
+
+RUN = simulate("mainline", seed=3, duration_s=90.0)
+AT_S = 45.0
+
+
+def streamed() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[StreamEvent]]:
+    source = RecordingSource(RUN.recording)
+    smoother = FixedLagSmoother(source.description, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)), lag_s=5.0)
+    intake, out = Intake.of(source), list[Estimates]()
+    for batch in source:
+        out.append(smoother.put(intake.push(batch)[0]))
+    out += [smoother.put(intake.finish()[0]), smoother.finish()]
+    tables = (pd.concat([one[i] for one in out if len(one[i])], ignore_index=True) for i in range(3))
+    return *tables, [event for one in out for event in one.events]
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Steps of windows whose newest keyframe is between 45 and 50 s fail, of some lengths; and batches."""
+
+    def fail(longest: int, *, batches: bool = False) -> None:
+        moved = Window.moved
+
+        def step(window: Window, *args: Any) -> Any:
+            if AT_S < window.t[-1] < AT_S + 5.0 and len(window) <= longest:
+                raise UnsolvableError("as asked")
+            return moved(window, *args)
+
+        monkeypatch.setattr(Window, "moved", step)
+        if batches:
+
+            def solve(problem: Any, config: Any) -> Any:
+                if AT_S < problem.t[-1] < AT_S + 5.0:
+                    raise UnsolvableError("as asked")
+                return solved(problem, config)
+
+            solved = moving_window.solve
+            monkeypatch.setattr(moving_window, "solve", solve)
+
+    return fail
+
+
+def close(ours: pd.DataFrame, undisturbed: pd.DataFrame, name: str, sigmas: float) -> None:
+    away = np.abs(ours[name] - undisturbed[name]) / undisturbed[f"{name}_sd"]
+    assert away.max() < sigmas, name
+
+
+def test_the_whole_window_takes_over_from_the_front(failing: Callable[..., None]) -> None:
+    undisturbed = streamed()
+    failing(7)
+    ours = streamed()
+    told = [event for event in ours[3] if event.kind == "by-window"]
+    assert len(told) == 9
+    assert told[0].detail == "as asked"
+    assert not [event for event in undisturbed[3] if event.kind.startswith("by-")]
+    for mine, other in zip(ours[:2], undisturbed[:2], strict=True):
+        np.testing.assert_array_equal(mine["t_s"].round(6), other["t_s"].round(6))
+        # Steps of the window come at other times than without: the smoothed rows know more or less of what comes.
+        for name in ("roll_rad", "chainage_m", "speed_mps"):
+            close(mine, other, name, 3.0)
+
+
+def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None]) -> None:
+    undisturbed = streamed()
+    failing(1000, batches=True)
+    ours = streamed()
+    told = [event for event in ours[3] if event.kind == "restarted"]
+    assert len(told) == 1
+    assert told[0].t_s is not None
+    assert AT_S - 3.0 < told[0].t_s < AT_S + 1.0
+    np.testing.assert_allclose(np.diff(ours[1]["t_s"]), 0.1, atol=0.051)  # of smoothed rows none is missing
+    assert len(ours[1]) >= len(undisturbed[1]) - 1
+    truth, late = RUN.truth, ours[1][ours[1]["t_s"] > AT_S + 1.0]
+    for name in ("roll_rad", "chainage_m", "speed_mps"):
+        error = late[name] - np.interp(late["t_s"], truth["t_s"], truth[name] - truth[name].iloc[0])
+        assert (np.abs(error) < 5.0 * late[f"{name}_sd"]).mean() > 0.98, name
+    assert late["chainage_m_sd"].max() < 20.0
+
+
+def test_a_first_window_that_cannot_be_made_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    build = moving_window.build_problem
+
+    def fail(recording: Any, *args: Any) -> Any:
+        if recording.imu["t_s"].iloc[0] < 15.0:
+            raise UnsolvableError("as asked")
+        return build(recording, *args)
+
+    monkeypatch.setattr(moving_window, "build_problem", fail)
+    filtered, smoothed, _, events = streamed()
+    assert [event.kind for event in events].count("restarted") == 2
+    assert 29.0 < filtered["t_s"].iloc[0] < 31.0
+    assert smoothed["t_s"].iloc[0] == pytest.approx(20.0, abs=0.11)
