@@ -26,9 +26,8 @@ import streaming_cost as cost
 from positioning_table import printed, table_of
 from rich.console import Console
 from rich.progress import track as progress_over
-from streaming_damage import KINDS
 from streaming_fault_table import by_kind, of_case, of_quantities
-from streaming_faults import CHECKS, Outcome, outcomes
+from streaming_faults import CHECKS, KINDS, Outcome, outcomes
 
 PARTS = ("cost", "faults")
 

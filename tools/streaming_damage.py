@@ -251,7 +251,7 @@ def wild(ground: Ground, rng: np.random.Generator) -> Damaged:
     )
 
 
-KINDS: Mapping[str, Damage] = MappingProxyType(
+DAMAGES: Mapping[str, Damage] = MappingProxyType(
     {
         "none": none,
         "gap-imu": gap_imu,

@@ -8,7 +8,8 @@ crash       an exception, or the end of the process
 hang        no result within ``LONGEST_S``
 loss        rows in = rows used + rows in events; the smoothed table has every tenth of a second from first to last; a
             filtered row for every keyframe, up to the end; no NaN
-before      filtered rows of before the fault are those of the run without it, bit by bit
+before      filtered rows of before the fault are those of the run without it, bit by bit; where it is a kill or a disk
+            that is full: what was written is whole, and resumed in the end all that is written without it
 outside     from ``SETTLE_S`` after the fault on, roll, pitch, chainage and speed, filtered and smoothed, are within
             ``SIGMAS`` of the truth
 ==========  ==========================================================================================================
@@ -28,7 +29,8 @@ from multiprocessing.connection import Connection, wait
 import numpy as np
 import pandas as pd
 from streaming_arrivals import Stream
-from streaming_damage import KINDS, Damaged, Ground
+from streaming_breaks import BREAKS
+from streaming_damage import DAMAGES, Damaged, Ground
 from streaming_grounds import CONFIG, GROUNDS, LAG_S, ground
 
 from trackfg import FixedLagSmoother
@@ -37,6 +39,7 @@ from trackfg.results import TRAJECTORY_COLUMNS
 from trackfg.streaming.run import StreamCounts, run_stream
 from trackfg.streaming.sinks import TABLES, Callback
 
+KINDS = (*DAMAGES, *BREAKS)
 CHECKS = ("crash", "hang", "loss", "before", "outside")
 LONGEST_S = 180.0
 SETTLE_S = 5.0
@@ -82,22 +85,24 @@ def streamed(stream: Stream) -> Streamed:
     return Streamed(counts, {name: pd.concat(parts, ignore_index=True) for name, parts in pieces.items() if parts})
 
 
-def case(kind: str, seed: int, undamaged: dict[str, pd.DataFrame]) -> Outcome:
-    """One case; ``undamaged`` are the filtered tables of the grounds."""
+def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) -> Outcome:
+    """One case; ``undamaged`` are the tables of the grounds."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
     own = ground(GROUNDS[seed % len(GROUNDS)])
     outcome = Outcome(kind, seed, own.name)
     start = time.perf_counter()
     try:
-        damaged = KINDS[kind](own, rng)
-        outcome.said = f"{damaged.said} at {damaged.begin_s:.2f} s"
-        result = streamed(damaged.stream)
+        if kind in BREAKS:
+            outcome.said, outcome.failed = BREAKS[kind](own, rng, undamaged[own.name])
+        else:
+            damaged = DAMAGES[kind](own, rng)
+            outcome.said = f"{damaged.said} at {damaged.begin_s:.2f} s"
+            result = streamed(damaged.stream)
+            outcome.events = dict(result.counts.events)
+            judge(outcome, own, damaged, result, undamaged[own.name]["filtered"])
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         outcome.failed["crash"] = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"[:300]
-    else:
-        outcome.events = dict(result.counts.events)
-        judge(outcome, own, damaged, result, undamaged[own.name])
     outcome.seconds = time.perf_counter() - start
     return outcome
 
@@ -177,14 +182,17 @@ def errors(own: Ground, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -
         yield quantity, np.sign(error) * np.maximum(np.abs(error) - unsure, 0.0), table[f"{quantity}_sd"].to_numpy()
 
 
-def undamaged(names: Sequence[str], jobs: int) -> dict[str, pd.DataFrame]:
-    """The filtered rows of some grounds as they are."""
+def undamaged(names: Sequence[str], jobs: int) -> dict[str, dict[str, pd.DataFrame]]:
+    """The tables of some grounds as they are."""
     tables = dict(_each_in_a_process([(_undamaged, (name,)) for name in names], jobs, LONGEST_S))
+    for i, name in enumerate(names):
+        if "filtered" not in tables[i]:
+            raise RuntimeError(f"{name} without any fault: {tables[i]}")
     return {name: tables[i] for i, name in enumerate(names)}
 
 
-def _undamaged(name: str) -> pd.DataFrame:
-    return streamed(ground(name).stream).tables["filtered"]
+def _undamaged(name: str) -> dict[str, pd.DataFrame]:
+    return streamed(ground(name).stream).tables
 
 
 def outcomes(cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:
