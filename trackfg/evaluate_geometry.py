@@ -30,13 +30,17 @@ def geometry_errors(
 ) -> pd.DataFrame:
     """Errors of a geometry table at the places where its rows were measured.
 
-    ``trajectory`` and ``truth`` have ``t_s, chainage_m``. Columns, one row per row of ``geometry``: ``chainage_m``
+    ``trajectory`` and ``truth`` have ``t_s, chainage_m``; a ``geometry`` with ``t_s``, as of a stream, tells by itself
+    when the vehicle was where. Columns, one row per row of ``geometry``: ``chainage_m``
     (estimated), ``speed_mps``, and for every quantity that the truth has too its error, under its own name, and its
     sigma, ``_sd``; NaN where the estimate or the truth has no value. Where the run passed a place more than once, the
     pass is the longest, as in the geometry table.
     """
     chainage = geometry["chainage_m"].to_numpy(dtype=np.float64)
-    place = chainage - _chainage_errors(trajectory, truth, chainage)
+    if "t_s" in geometry:
+        place = np.interp(geometry["t_s"], truth["t_s"], truth["chainage_m"])
+    else:
+        place = chainage - _chainage_errors(trajectory, truth, chainage)
     true_chainage = truth_geometry["chainage_m"].to_numpy(dtype=np.float64)
     columns = {name: geometry[name].to_numpy(dtype=np.float64) for name in PLACE}
     for name in quantities(geometry):

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
 
 NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
-NO_GEOMETRY = pd.DataFrame(columns=list(GEOMETRY_COLUMNS), dtype=np.float64)
+NO_GEOMETRY = pd.DataFrame(columns=["t_s", *GEOMETRY_COLUMNS], dtype=np.float64)
 
 _JUST_S = 1e-6
 PIECE_S = 10.0
@@ -53,8 +53,8 @@ PIECE_S = 10.0
 
 class Estimates(NamedTuple):
     """``filtered``: a row per new keyframe, from the rows up to it. ``smoothed``: rows of the trajectory, ``geometry``:
-    rows of the geometry table, of what the lag is over for. Columns as in a result; tables may be empty. ``events``:
-    what else became known.
+    rows of the geometry table, of what the lag is over for. Columns as in a result, and of geometry ``t_s``, when the
+    place was passed; tables may be empty. ``events``: what else became known.
     """
 
     filtered: pd.DataFrame

@@ -135,10 +135,13 @@ class SmoothedTables:
         f = np.concatenate([np.zeros(0), *(at.fraction[rows] for at, rows in zip(points, passed, strict=True))])
         distance, following = states.odo[:, 0], k + 1
         beyond = track.direction * meaning.step_m * cells - (1.0 - f) * distance[k] - f * distance[following]
-        sight = Sight(own, (1.0 - f) * t[k] + f * t[following], beyond, moved)
+        passed_at = (1.0 - f) * t[k] + f * t[following]
+        sight = Sight(own.copy(), passed_at, beyond, moved)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         self.along = np.stack([t, distance])
-        return Tables(trajectory, own if self._follows_track else geometry.iloc[:0], events, sight)
+        own = own if self._follows_track else own.iloc[:0]
+        own.insert(0, "t_s", passed_at[: len(own)])
+        return Tables(trajectory, own, events, sight)
 
     def _moved(self, t: Array, states: States, cell_m: float) -> int:
         """By how many steps a place was found to be elsewhere since the last piece: none where it was only corrected,

@@ -31,7 +31,7 @@ def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
     assert "no events" in done.stderr
     filtered, smoothed, geometry = (read_parts(tmp_path / "out", name) for name in ("filtered", "smoothed", "geometry"))
     assert tuple(filtered) == tuple(smoothed) == TRAJECTORY_COLUMNS
-    assert tuple(geometry) == GEOMETRY_COLUMNS
+    assert tuple(geometry) == ("t_s", *GEOMETRY_COLUMNS)
     assert smoothed["t_s"].iloc[-1] > 88.0
     np.testing.assert_allclose(np.diff(smoothed["t_s"]), 0.1, atol=1e-9)
 

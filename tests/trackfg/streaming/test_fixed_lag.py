@@ -50,7 +50,7 @@ def test_how_rows_are_grouped_makes_no_difference(stream: Callable[..., Any]) ->
 def test_tables(stream: Callable[..., Any], run: Any) -> None:
     ours = stream(run.recording, lag_s=10.0)
     assert tuple(ours.filtered) == tuple(ours.smoothed) == TRAJECTORY_COLUMNS
-    assert tuple(ours.geometry) == GEOMETRY_COLUMNS
+    assert tuple(ours.geometry) == ("t_s", *GEOMETRY_COLUMNS)
     np.testing.assert_allclose(np.diff(ours.smoothed["t_s"]), 0.1, atol=1e-9)
     np.testing.assert_allclose(np.diff(ours.geometry["chainage_m"]), 0.25, atol=1e-9)
     assert ours.smoothed["t_s"].iloc[-1] > run.recording.imu["t_s"].iloc[-1] - 0.11
