@@ -5,7 +5,7 @@ process of its own, so that even a crash of the interpreter or a hang is one res
 
 ==========  ==========================================================================================================
 crash       an exception, or the end of the process
-hang        no result within ``LONGEST_S``
+hang        no result within ``CPU_S`` of the processor's time, or ``LONGEST_S`` of the clock
 loss        rows in = rows used + rows in events; the smoothed table has every tenth of a second from first to last; a
             filtered row for every keyframe, up to the end; no NaN
 before      filtered rows of before the fault are those of the run without it, bit by bit; where it is a kill or a disk
@@ -17,6 +17,8 @@ outside     from ``SETTLE_S`` after the fault on, roll, pitch, chainage and spee
 
 from __future__ import annotations
 
+import resource
+import signal
 import time
 import traceback
 import warnings
@@ -41,7 +43,7 @@ from trackfg.streaming.sinks import TABLES, Callback
 
 KINDS = (*DAMAGES, *BREAKS)
 CHECKS = ("crash", "hang", "loss", "before", "outside")
-LONGEST_S = 180.0
+CPU_S, LONGEST_S = 180, 3600.0
 SETTLE_S = 5.0
 SIGMAS = 4.0
 _KEYFRAME_S = 0.7
@@ -97,7 +99,8 @@ def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) ->
         else:
             damaged = DAMAGES[kind](own, rng)
             outcome.said = f"{damaged.said} at {damaged.begin_s:.2f} s"
-            result = streamed(damaged.stream)
+            with damaged.within:
+                result = streamed(damaged.stream)
             outcome.events = dict(result.counts.events)
             judge(outcome, own, damaged, result, undamaged[own.name]["filtered"])
     except Exception as error:
@@ -184,7 +187,7 @@ def errors(own: Ground, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -
 
 def undamaged(names: Sequence[str], jobs: int) -> dict[str, dict[str, pd.DataFrame]]:
     """The tables of some grounds as they are."""
-    tables = dict(_each_in_a_process([(_undamaged, (name,)) for name in names], jobs, LONGEST_S))
+    tables = dict(_each_in_a_process([(_undamaged, (name,)) for name in names], jobs))
     for i, name in enumerate(names):
         if "filtered" not in tables[i]:
             raise RuntimeError(f"{name} without any fault: {tables[i]}")
@@ -202,16 +205,14 @@ def outcomes(cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:
         ground(name)  # here, for all processes
     references = undamaged(names, jobs)
     calls = [(case, (kind, seed, references)) for kind, seed in cases]
-    for i, outcome in _each_in_a_process(calls, jobs, LONGEST_S):
+    for i, outcome in _each_in_a_process(calls, jobs):
         if isinstance(outcome, Outcome):
             yield outcome
         else:
             yield Outcome(*cases[i], GROUNDS[cases[i][1] % len(GROUNDS)], failed=outcome)
 
 
-def _each_in_a_process(
-    calls: Sequence[tuple[Callable, tuple]], jobs: int, longest_s: float
-) -> Iterator[tuple[int, object]]:
+def _each_in_a_process(calls: Sequence[tuple[Callable, tuple]], jobs: int) -> Iterator[tuple[int, object]]:
     """The number of each call and what it gave, or ``{"crash": why}`` or ``{"hang": how long}``."""
     fork = get_context("fork")
     running: dict[Connection, tuple[int, object, float]] = {}
@@ -223,7 +224,7 @@ def _each_in_a_process(
             process = fork.Process(target=_send, args=(theirs, function, arguments))
             process.start()
             theirs.close()
-            running[ours] = (i, process, time.monotonic() + longest_s)
+            running[ours] = (i, process, time.monotonic() + LONGEST_S)
         ready = wait(list(running), timeout=1.0)
         for pipe, (i, process, until) in list(running.items()):
             if pipe in ready:
@@ -231,10 +232,13 @@ def _each_in_a_process(
                     yield i, pipe.recv()
                 except EOFError:
                     process.join()
-                    yield i, {"crash": f"the process ended with {process.exitcode}"}
+                    if process.exitcode == -signal.SIGXCPU:
+                        yield i, {"hang": f"no result within {CPU_S} s of the processor's time"}
+                    else:
+                        yield i, {"crash": f"the process ended with {process.exitcode}"}
             elif time.monotonic() > until:
                 process.kill()
-                yield i, {"hang": f"no result within {longest_s:g} s"}
+                yield i, {"hang": f"no result within {LONGEST_S:g} s"}
             else:
                 continue
             process.join()
@@ -243,6 +247,7 @@ def _each_in_a_process(
 
 
 def _send(pipe: Connection, function: Callable, arguments: tuple) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S + 10))
     warnings.simplefilter("ignore")  # what they warn of is found in the tables
     pipe.send(function(*arguments))
     pipe.close()
