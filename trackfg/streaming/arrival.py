@@ -101,7 +101,8 @@ class Arrival:
         return np.concatenate([rest, self._fits(name, rows[first:], other, report)])
 
     def _is_due(self, t: Array) -> np.ndarray:
-        return (t > self.watermark_s) & (t <= self._clock.newest_s + self._limits.settle_s)
+        due: np.ndarray = (t > self.watermark_s) & (t <= self._clock.newest_s + self._limits.settle_s)
+        return due
 
     def _fits(self, name: str, rows: Array, shift_s: float, report: LossReport) -> Array:
         t = rows[:, 0] + shift_s
