@@ -57,11 +57,13 @@ class Stream:
         """With this table in the place of the one of that name."""
         return replace(self, tables={**self.tables, name: table})
 
-    def source(self) -> Source:
-        """That gives the rows as they arrive."""
+    def source(self, position: int = 0) -> Source:
+        """That gives the rows as they arrive, from where it had read so far."""
         if self.form != "json":
-            return _Arrivals(self)
-        return JsonLinesSource(io.BytesIO(_lines(self)), self.description)
+            return _Arrivals(self, position)
+        source = JsonLinesSource(io.BytesIO(_lines(self)), self.description, position=position)
+        source.live = False  # how many keyframes there are must not hang on how busy the machine is
+        return source
 
 
 def stream_of(recording: Recording, form: Form) -> Stream:
@@ -99,6 +101,8 @@ class _Arrivals:
     """Batches of what arrives within ``BATCH_S``."""
 
     stream: Stream
+    position: int
+    live = False
 
     @property
     def description(self) -> RecordingDescription:
@@ -118,7 +122,7 @@ class _Arrivals:
         end = max(float(table.at[-1]) for table in tables.values())
         edges = begin + BATCH_S * np.arange(1, int((end - begin) / BATCH_S) + 2)
         until = {name: np.searchsorted(table.at, edges) for name, table in tables.items()}
-        for i in range(len(edges)):
+        for i in range(self.position, len(edges)):
             pieces = {name: tables[name].rows[(rows[i - 1] if i else 0) : rows[i]] for name, rows in until.items()}
             yield Batch({name: rows for name, rows in pieces.items() if rows.shape[0]}, position=i + 1)
 

@@ -5,12 +5,14 @@ batches of 0.1 s, as a recorder would send them, to Parquet parts, and takes the
 its estimates: the latency where it made a keyframe complete. Memory is read once a simulated minute.
 
 The slopes are those of straight lines through a median a minute with their sigmas, the first tenth of the run left out:
-buffers fill. What they make of the whole run is within noise if it is less than ``NOISE`` of the mean or twice its sigma.
+buffers fill. What they make of the whole run is within noise if it is below ``NOISE`` of the mean or twice its sigma.
 """
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import itertools
 import os
 import tempfile
 import time
@@ -19,6 +21,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pandas as pd
@@ -58,26 +61,24 @@ class RowFiles:
         return RecordingDescription.model_validate_json((self.folder / _DESCRIPTION).read_bytes())
 
     def __iter__(self) -> Iterator[Batch]:
-        names = sorted(path.stem for path in self.folder.glob("*.rows"))
-        readers = {name: _Reader(self.folder / f"{name}.rows") for name in names}
-        minute = 0
-        while True:
-            minute += 1
-            tables = {name: reader.until(minute * _MINUTE_S) for name, reader in readers.items()}
-            if not len(tables["imu"]):
-                return
-            edges = (minute - 1) * _MINUTE_S + BATCH_S * np.arange(1, round(_MINUTE_S / BATCH_S) + 1)
-            cuts = {name: np.searchsorted(rows[:, 0], edges) for name, rows in tables.items()}
-            for i in range(len(edges)):
-                parts = {name: rows[(cuts[name][i - 1] if i else 0) : cuts[name][i]] for name, rows in tables.items()}
-                batch = {name: rows for name, rows in parts.items() if len(rows)}
-                if batch:
-                    yield Batch(batch)
+        paths = sorted(self.folder.glob("*.rows"))
+        with contextlib.ExitStack() as stack:
+            readers = {path.stem: _Reader(stack.enter_context(path.open("rb"))) for path in paths}
+            for minute in itertools.count(1):
+                tables = {name: reader.until(minute * _MINUTE_S) for name, reader in readers.items()}
+                if not len(tables["imu"]):
+                    return
+                edges = (minute - 1) * _MINUTE_S + BATCH_S * np.arange(1, round(_MINUTE_S / BATCH_S) + 1)
+                cuts = {name: np.append(0, np.searchsorted(rows[:, 0], edges)) for name, rows in tables.items()}
+                for i in range(len(edges)):
+                    parts = {name: rows[cuts[name][i] : cuts[name][i + 1]] for name, rows in tables.items()}
+                    if batch := {name: rows for name, rows in parts.items() if len(rows)}:
+                        yield Batch(batch)
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("rb")
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
         self._columns = int(np.fromfile(self._file, count=1)[0])
         self._ahead = np.empty((0, self._columns))
 
@@ -103,7 +104,7 @@ def write_rows(folder: Path, seed: int, duration_s: float) -> None:
 
 
 def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame, float]:
-    """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``; and seconds in all."""
+    """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``; seconds in all."""
     source, sink = RowFiles(rows), ParquetParts(out)
     intake, smoother = Intake.of(source), FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S)
     puts, memory = [], []

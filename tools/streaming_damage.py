@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from streaming_arrivals import Arriving, Stream, stream_of
@@ -12,7 +15,9 @@ from streaming_arrivals import Arriving, Stream, stream_of
 from trackfg.datasets.adhesion import SlipEvent
 from trackfg.datasets.faults import slip_wheel
 from trackfg.datasets.scenarios import Simulation
+from trackfg.errors import UnsolvableError
 from trackfg.frames import Array
+from trackfg.streaming.window import Stepped, Window
 
 EARLIEST_S, LATEST_S, LONGEST_S = 18.0, 34.0, 8.0
 """When a fault begins, and how long it lasts at most; clocks may take longer to be believed again."""
@@ -27,6 +32,7 @@ class Damaged:
     """A stream with a fault from ``begin_s`` to ``end_s``, s of true time, and in words what it is.
 
     ``ahead_s``: by how much the stream's clock is ahead of true time afterwards. ``unsure_s``: as well as one can know.
+    ``within``: what the stream runs in.
     """
 
     stream: Stream
@@ -35,6 +41,7 @@ class Damaged:
     said: str
     ahead_s: float = 0.0
     unsure_s: float = 0.0
+    within: AbstractContextManager[None] = field(default_factory=nullcontext)
 
 
 @dataclass(frozen=True)
@@ -251,7 +258,29 @@ def wild(ground: Ground, rng: np.random.Generator) -> Damaged:
     )
 
 
-KINDS: Mapping[str, Damage] = MappingProxyType(
+def thrown(ground: Ground, rng: np.random.Generator) -> Damaged:
+    """Steps of the smoother fail, as those of an undetermined graph do: one, or that of what takes over too."""
+    begin, count = _begin(rng), int(rng.integers(1, 3))
+    said = f"{count} step{'s' if count > 1 else ''} thrown"
+    return Damaged(ground.stream, begin, begin + 0.5, said, within=_failing(begin, count))
+
+
+@contextmanager
+def _failing(begin: float, count: int) -> Iterator[None]:
+    moved, left = Window.moved, count
+
+    def failing(window: Window, *arguments: Any) -> Stepped:
+        nonlocal left
+        if window.t[-1] >= begin and left:
+            left -= 1
+            raise UnsolvableError("thrown on purpose")
+        return moved(window, *arguments)
+
+    with patch.object(Window, "moved", failing):
+        yield
+
+
+DAMAGES: Mapping[str, Damage] = MappingProxyType(
     {
         "none": none,
         "gap-imu": gap_imu,
@@ -273,6 +302,7 @@ KINDS: Mapping[str, Damage] = MappingProxyType(
         "saturation": saturated,
         "slip": slip,
         "wild-position": wild,
+        "throw": thrown,
     }
 )
 

@@ -49,19 +49,16 @@ def of_quantities(outcomes: Sequence[Outcome]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def of_cases(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-    """A row per case."""
-    return pd.DataFrame(
-        [
-            {
-                "case": f"{outcome.kind}:{outcome.seed}",
-                "ground": outcome.ground,
-                "fault": outcome.said,
-                "seconds": outcome.seconds,
-                "worst": max((float(np.abs(z).max()) for z in outcome.z.values() if len(z)), default=np.nan),
-                "events": ", ".join(f"{count} {kind}" for kind, count in sorted(outcome.events.items())),
-                **{check: outcome.failed.get(check, "") for check in CHECKS},
-            }
-            for outcome in outcomes
-        ]
-    )
+def of_case(outcome: Outcome) -> pd.DataFrame:
+    """A row that says all about one case."""
+    worst = max((float(np.abs(z).max()) for z in outcome.z.values() if len(z)), default=np.nan)
+    row = {
+        "case": f"{outcome.kind}:{outcome.seed}",
+        "ground": outcome.ground,
+        "fault": outcome.said,
+        "seconds": outcome.seconds,
+        "worst": worst,
+        "events": ", ".join(f"{count} {kind}" for kind, count in sorted(outcome.events.items())),
+        **{check: outcome.failed.get(check, "") for check in CHECKS},
+    }
+    return pd.DataFrame([row])

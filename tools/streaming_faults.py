@@ -5,10 +5,11 @@ process of its own, so that even a crash of the interpreter or a hang is one res
 
 ==========  ==========================================================================================================
 crash       an exception, or the end of the process
-hang        no result within ``LONGEST_S``
+hang        no result within ``CPU_S`` of the processor's time, or ``LONGEST_S`` of the clock
 loss        rows in = rows used + rows in events; the smoothed table has every tenth of a second from first to last; a
             filtered row for every keyframe, up to the end; no NaN
-before      filtered rows of before the fault are those of the run without it, bit by bit
+before      filtered rows of before the fault are those of the run without it, bit by bit; where it is a kill or a disk
+            that is full: what was written is whole, and resumed in the end all that is written without it
 outside     from ``SETTLE_S`` after the fault on, roll, pitch, chainage and speed, filtered and smoothed, are within
             ``SIGMAS`` of the truth
 ==========  ==========================================================================================================
@@ -16,6 +17,8 @@ outside     from ``SETTLE_S`` after the fault on, roll, pitch, chainage and spee
 
 from __future__ import annotations
 
+import resource
+import signal
 import time
 import traceback
 import warnings
@@ -28,7 +31,8 @@ from multiprocessing.connection import Connection, wait
 import numpy as np
 import pandas as pd
 from streaming_arrivals import Stream
-from streaming_damage import KINDS, Damaged, Ground
+from streaming_breaks import BREAKS
+from streaming_damage import DAMAGES, Damaged, Ground
 from streaming_grounds import CONFIG, GROUNDS, LAG_S, ground
 
 from trackfg import FixedLagSmoother
@@ -37,8 +41,9 @@ from trackfg.results import TRAJECTORY_COLUMNS
 from trackfg.streaming.run import StreamCounts, run_stream
 from trackfg.streaming.sinks import TABLES, Callback
 
+KINDS = (*DAMAGES, *BREAKS)
 CHECKS = ("crash", "hang", "loss", "before", "outside")
-LONGEST_S = 180.0
+CPU_S, LONGEST_S = 180, 3600.0
 SETTLE_S = 5.0
 SIGMAS = 4.0
 _KEYFRAME_S = 0.7
@@ -82,22 +87,25 @@ def streamed(stream: Stream) -> Streamed:
     return Streamed(counts, {name: pd.concat(parts, ignore_index=True) for name, parts in pieces.items() if parts})
 
 
-def case(kind: str, seed: int, undamaged: dict[str, pd.DataFrame]) -> Outcome:
-    """One case; ``undamaged`` are the filtered tables of the grounds."""
+def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) -> Outcome:
+    """One case; ``undamaged`` are the tables of the grounds."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
     own = ground(GROUNDS[seed % len(GROUNDS)])
     outcome = Outcome(kind, seed, own.name)
     start = time.perf_counter()
     try:
-        damaged = KINDS[kind](own, rng)
-        outcome.said = f"{damaged.said} at {damaged.begin_s:.2f} s"
-        result = streamed(damaged.stream)
+        if kind in BREAKS:
+            outcome.said, outcome.failed = BREAKS[kind](own, rng, undamaged[own.name])
+        else:
+            damaged = DAMAGES[kind](own, rng)
+            outcome.said = f"{damaged.said} at {damaged.begin_s:.2f} s"
+            with damaged.within:
+                result = streamed(damaged.stream)
+            outcome.events = dict(result.counts.events)
+            judge(outcome, own, damaged, result, undamaged[own.name]["filtered"])
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         outcome.failed["crash"] = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"[:300]
-    else:
-        outcome.events = dict(result.counts.events)
-        judge(outcome, own, damaged, result, undamaged[own.name])
     outcome.seconds = time.perf_counter() - start
     return outcome
 
@@ -177,14 +185,17 @@ def errors(own: Ground, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -
         yield quantity, np.sign(error) * np.maximum(np.abs(error) - unsure, 0.0), table[f"{quantity}_sd"].to_numpy()
 
 
-def undamaged(names: Sequence[str], jobs: int) -> dict[str, pd.DataFrame]:
-    """The filtered rows of some grounds as they are."""
-    tables = dict(_each_in_a_process([(_undamaged, (name,)) for name in names], jobs, LONGEST_S))
+def undamaged(names: Sequence[str], jobs: int) -> dict[str, dict[str, pd.DataFrame]]:
+    """The tables of some grounds as they are."""
+    tables = dict(_each_in_a_process([(_undamaged, (name,)) for name in names], jobs))
+    for i, name in enumerate(names):
+        if "filtered" not in tables[i]:
+            raise RuntimeError(f"{name} without any fault: {tables[i]}")
     return {name: tables[i] for i, name in enumerate(names)}
 
 
-def _undamaged(name: str) -> pd.DataFrame:
-    return streamed(ground(name).stream).tables["filtered"]
+def _undamaged(name: str) -> dict[str, pd.DataFrame]:
+    return streamed(ground(name).stream).tables
 
 
 def outcomes(cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:
@@ -194,16 +205,14 @@ def outcomes(cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:
         ground(name)  # here, for all processes
     references = undamaged(names, jobs)
     calls = [(case, (kind, seed, references)) for kind, seed in cases]
-    for i, outcome in _each_in_a_process(calls, jobs, LONGEST_S):
+    for i, outcome in _each_in_a_process(calls, jobs):
         if isinstance(outcome, Outcome):
             yield outcome
         else:
             yield Outcome(*cases[i], GROUNDS[cases[i][1] % len(GROUNDS)], failed=outcome)
 
 
-def _each_in_a_process(
-    calls: Sequence[tuple[Callable, tuple]], jobs: int, longest_s: float
-) -> Iterator[tuple[int, object]]:
+def _each_in_a_process(calls: Sequence[tuple[Callable, tuple]], jobs: int) -> Iterator[tuple[int, object]]:
     """The number of each call and what it gave, or ``{"crash": why}`` or ``{"hang": how long}``."""
     fork = get_context("fork")
     running: dict[Connection, tuple[int, object, float]] = {}
@@ -215,7 +224,7 @@ def _each_in_a_process(
             process = fork.Process(target=_send, args=(theirs, function, arguments))
             process.start()
             theirs.close()
-            running[ours] = (i, process, time.monotonic() + longest_s)
+            running[ours] = (i, process, time.monotonic() + LONGEST_S)
         ready = wait(list(running), timeout=1.0)
         for pipe, (i, process, until) in list(running.items()):
             if pipe in ready:
@@ -223,10 +232,13 @@ def _each_in_a_process(
                     yield i, pipe.recv()
                 except EOFError:
                     process.join()
-                    yield i, {"crash": f"the process ended with {process.exitcode}"}
+                    if process.exitcode == -signal.SIGXCPU:
+                        yield i, {"hang": f"no result within {CPU_S} s of the processor's time"}
+                    else:
+                        yield i, {"crash": f"the process ended with {process.exitcode}"}
             elif time.monotonic() > until:
                 process.kill()
-                yield i, {"hang": f"no result within {longest_s:g} s"}
+                yield i, {"hang": f"no result within {LONGEST_S:g} s"}
             else:
                 continue
             process.join()
@@ -235,6 +247,7 @@ def _each_in_a_process(
 
 
 def _send(pipe: Connection, function: Callable, arguments: tuple) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S + 10))
     warnings.simplefilter("ignore")  # what they warn of is found in the tables
     pipe.send(function(*arguments))
     pipe.close()

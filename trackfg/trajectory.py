@@ -81,7 +81,7 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
     ``mount_roll_sd``, rad, is what nobody knows of the mounting's roll: it is in the vehicle's roll as it is.
     """
     J = keyframe_jacobian(states, lever_arm)
-    variance = np.sum((J @ covariance.marginal) * J, axis=2)
+    variance = np.asarray(np.sum((J @ covariance.marginal) * J, axis=2))
     variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
     return variance
 

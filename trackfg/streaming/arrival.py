@@ -11,8 +11,8 @@ nonsense, :mod:`trackfg.streaming.imu_clock` decides. Rows of other tables are p
 * later than the watermark and at most ``settle_s`` ahead of the IMU: they wait for the watermark;
 * further ahead, or while the IMU's clock is in doubt: they are held, and placed when the IMU has come near; or refused
   (``clock-jump``) when it has moved on by ``settle_s`` and they still do not fit;
-* behind: late, or ``clock-jump`` if by more than ``ahead_s``. But where the IMU's clock was set back, and rows come
-  nearer to it with the same shift, the table's clock was set back too, and is shifted alike.
+* behind: late, or ``clock-jump`` if by more than ``ahead_s``. But where the IMU's clock was set, and a row comes nearer
+  to it with the same shift, the table's clock was set too, and is shifted alike from that row on.
 
 Nothing is lost silently: rows in = rows out + rows waiting or held + rows in the report.
 """
@@ -86,25 +86,29 @@ class Arrival:
 
     def _fitting(self, name: str, rows: Array, report: LossReport) -> Array:
         """Rows that fit go to the waiting ones; the rest comes back."""
-        rest = self._fits(name, rows, self._shift_s[name], report)
         own, other = self._shift_s[name], self._clock.shift_s
-        if rest.shape[0] == 0 or own == other:
-            return rest
-        off = rest[:, 0] - self._clock.newest_s
-        nearer = np.abs(off + other) < np.abs(off + own)
-        left = self._fits(name, rest[nearer], other, report)
-        if left.shape[0] < np.count_nonzero(nearer):
-            self._shift_s[name] = other
-            first = float(rest[nearer, 0].min()) + other
-            detail = f"as the IMU's; from here times are the sensor's plus {other:.6f} s"
-            report.note(StreamEvent("clock-restart", name, first, first, 0, detail))
-        return np.concatenate([rest[~nearer], left])
+        off = rows[:, 0] - self._clock.newest_s
+        turned = ~self._is_due(rows[:, 0] + own) & self._is_due(rows[:, 0] + other)
+        turned &= np.abs(off + other) < np.abs(off + own)
+        if not turned.any():
+            return self._fits(name, rows, own, report)
+        first = int(np.argmax(turned))  # and all that came after it
+        rest = self._fits(name, rows[:first], own, report)
+        self._shift_s[name] = other
+        t = float(rows[first, 0]) + other
+        detail = f"as the IMU's; from here times are the sensor's plus {other:.6f} s"
+        report.note(StreamEvent("clock-restart", name, t, t, 0, detail))
+        return np.concatenate([rest, self._fits(name, rows[first:], other, report)])
+
+    def _is_due(self, t: Array) -> np.ndarray:
+        due: np.ndarray = (t > self.watermark_s) & (t <= self._clock.newest_s + self._limits.settle_s)
+        return due
 
     def _fits(self, name: str, rows: Array, shift_s: float, report: LossReport) -> Array:
         t = rows[:, 0] + shift_s
-        fits = (t > self.watermark_s) & (t <= self._clock.newest_s + self._limits.settle_s)
+        fits = self._is_due(t)
         self._wait(name, np.column_stack([t[fits], rows[fits, 1:]]), report)
-        return rows[~fits]
+        return np.asarray(rows[~fits])
 
     def _hold(self, name: str, rows: Array, since: float, report: LossReport) -> None:
         report.lose("buffer-full", name, rows[MOST_WAITING:, 0])

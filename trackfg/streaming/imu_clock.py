@@ -3,14 +3,21 @@
 A row that is at most ``hold_s`` ahead of the newest one moves the clock on. One that is further ahead, or more than
 ``back_s`` behind what was released, puts the clock in doubt: it is set aside, and so are the next, until
 
-* either the old clock goes on for ``hold_s``: then the rows that were set aside are refused (``clock-jump``);
+* either the old clock goes on for ``hold_s``: then the rows that were set aside are refused (``clock-jump``, or
+  ``late`` where they are less than ``back_s`` behind);
 * or they have gone on among themselves, but for single wrong stamps, for ``hold_s`` (``settle_s`` where they are more
   than ``ahead_s`` ahead, or behind): then they are the clock, and none of them is lost.
 
-A clock that went forward left a ``gap``, and is believed. One that was set back (``clock-restart``) cannot be: times on
-the stream must grow, so from there on they are the sensor's times plus a shift, by which the first row after comes one
-sampling interval after the last row before. That is right where a running logger's clock was corrected; where a device
-was off for a time, nobody knows for how long.
+A clock set back by a little comes to where it was before ``settle_s`` is over. Rows that are behind may also be rows
+sent again, or sent late to fill a hole. They are a clock that was set back if times come again that there have been
+rows of, with other values, and if they go on for ``back_s``, or until they are not too late any more. (One that is set
+back by less than ``hold_s`` looks like rows in disorder, and its rows are sorted in.)
+
+A clock that went forward left a ``gap``, and is believed, up to ``longest_gap_s``. One that went further was set, and
+one that was set back (``clock-restart``) cannot be believed either: times on the stream must grow, so from there on
+they are the sensor's times plus a shift, by which the first row after comes one sampling interval after the last row
+before. That is right where a running logger's clock was corrected; where a device was off for a time, nobody knows for
+how long.
 
 A wrong stamp therefore costs itself and nothing else, whatever it says, and the first row of all is no exception.
 """
@@ -30,6 +37,9 @@ from trackfg.streaming.stream_events import LossReport, StreamEvent
 _AT_ONCE = 256
 _MOST_DOUBTFUL = 100_000
 _RIVAL_ROWS = 10
+_FEWEST_AGAIN = 5
+_NEIGHBOURS = 3.5
+"""Rows so many sampling intervals apart, or less, follow each other."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,8 @@ class ClockLimits:
 
     ``hold_s``: how late a row of any table may be against the newest of the IMU; ``back_s``: how much further behind a
     row of the IMU is merely late; ``ahead_s``: a longer gap must prove itself; ``settle_s``: by so long a succession;
-    ``step_s``: between rows that belong together; ``gap_s``: a longer gap of the IMU is an event.
+    ``step_s``: between rows that belong together; ``gap_s``: a longer gap of the IMU is an event; ``longest_gap_s``: a
+    longer one was none.
     """
 
     hold_s: float = 0.2
@@ -47,6 +58,7 @@ class ClockLimits:
     settle_s: float = 5.0
     step_s: float = 1.0
     gap_s: float = 0.5
+    longest_gap_s: float = 600.0
 
 
 class ImuClock:
@@ -57,6 +69,7 @@ class ImuClock:
         self._doubtful: list[Array] = []
         self._rival: list[Array] = []
         self._doubted_at_s = -np.inf
+        self._heard = np.empty((0, 2))
         self.newest_s = -np.inf
         """On the stream's clock; minus infinity before the first rows have proved themselves."""
         self.shift_s = 0.0
@@ -71,6 +84,8 @@ class ImuClock:
         """The rows that belong to the clock, on the stream's time. All up to ``passed_s`` was released before."""
         kept = [rows[:0]]
         while rows.shape[0]:
+            if self._doubtful and self._comes_up_again(rows[0], passed_s):
+                kept.append(self._settled(report))
             count = self._leading(rows[:_AT_ONCE], passed_s)
             if count:
                 kept.append(self._accepted(rows[:count]))
@@ -105,14 +120,15 @@ class ImuClock:
         out = np.array(rows)
         out[:, 0] += self.shift_s
         self.newest_s = max(self.newest_s, float(out[:, 0].max()))
+        heard = np.concatenate([self._heard, _marks(out)])
+        if (np.diff(heard[:, 0]) < 0.0).any():
+            heard = heard[np.argsort(heard[:, 0], kind="stable")]
+        kept_s = self._limits.settle_s + self._limits.back_s
+        self._heard = heard[np.searchsorted(heard[:, 0], self.newest_s - kept_s) :]
         return out
 
     def _doubt(self, row: Array, passed_s: float, report: LossReport) -> Array:
         """Set one row aside, and take the rows set aside for the clock if this one settles it."""
-        t = float(row[0, 0]) + self.shift_s
-        if passed_s - self._limits.back_s < t <= passed_s:
-            report.lose("late", "imu", np.array([t]))
-            return row[:0]
         if len(self._doubtful) >= _MOST_DOUBTFUL:
             self._refuse(report)
         if not self._doubtful:
@@ -140,24 +156,58 @@ class ImuClock:
     def _settles(self) -> bool:
         first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
         ahead = first + self.shift_s - self.newest_s
-        near = np.isneginf(self.newest_s) or 0.0 < ahead <= self._limits.ahead_s
-        return bool(last - first >= (self._limits.hold_s if near else self._limits.settle_s))
+        gone_on = last - first
+        if np.isneginf(self.newest_s) or 0.0 < ahead <= self._limits.ahead_s:
+            return bool(gone_on >= self._limits.hold_s)
+        if gone_on >= self._limits.settle_s:
+            return True
+        return bool(ahead <= 0.0 and gone_on >= self._limits.back_s and self._is_heard_again())
+
+    def _comes_up_again(self, row: Array, passed_s: float) -> bool:
+        """Whether this row, which is not too late, follows those set aside, which are, and none came between."""
+        first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
+        if self.newest_s > self._doubted_at_s or not first + self.shift_s <= passed_s < row[0] + self.shift_s:
+            return False
+        return bool(0.0 < row[0] - last <= self._neighbour_s and self._is_heard_again())
+
+    def _is_heard_again(self) -> bool:
+        """Whether the rows set aside follow each other and are of times that others were of, with other values."""
+        rows = np.concatenate(self._doubtful)
+        steps = np.diff(rows[:, 0])
+        if len(rows) < _FEWEST_AGAIN or np.mean((steps > 0.0) & (steps <= self._neighbour_s)) < 0.9:
+            return False
+        near, same = self._beside(rows[rows[:, 0] + self.shift_s <= self.newest_s])
+        return bool(np.mean(near <= self._neighbour_s) > 0.5 > np.mean(same))
+
+    def _beside(self, rows: Array) -> tuple[Array, np.ndarray]:
+        """How far in time each row is from the nearest one heard, s, and whether that is the same row."""
+        heard, marks = self._heard, _marks(rows)
+        marks[:, 0] += self.shift_s
+        if len(heard) < 2:
+            return np.full(len(rows), np.inf), np.zeros(len(rows), dtype=bool)
+        after = np.clip(np.searchsorted(heard[:, 0], marks[:, 0]), 1, len(heard) - 1)
+        both = np.stack([heard[after - 1], heard[after]])
+        near = np.abs(both[:, :, 0] - marks[:, 0]).min(axis=0)
+        return near, (both == marks).all(axis=2).any(axis=0)
+
+    @property
+    def _neighbour_s(self) -> float:
+        return _NEIGHBOURS * median_interval(self._heard[:, 0]) if len(self._heard) > 1 else 0.0
 
     def _settled(self, report: LossReport) -> Array:
         rows = np.concatenate(self._doubtful)
         self._doubtful = []
         self._refuse_rival(report)
         first, before = float(rows[:, 0].min()) + self.shift_s, self.newest_s
-        if first > before:
+        if np.isneginf(before) or 0.0 < first - before <= self._limits.longest_gap_s:
             if first - before > self._limits.gap_s and np.isfinite(before):
                 detail = f"no rows for {first - before:.3f} s"
                 report.note(StreamEvent("gap", "imu", before, first, 0, detail))
             return self._accepted(rows)
         interval = median_interval(np.unique(rows[:, 0]))
         self.shift_s += before + interval - first
-        detail = (
-            f"the clock went back by {before - first:.3f} s; from here times are the sensor's plus {self.shift_s:.6f} s"
-        )
+        went = f"{'forward' if first > before else 'back'} by {abs(first - before):.3f} s"
+        detail = f"the clock went {went}; from here times are the sensor's plus {self.shift_s:.6f} s"
         report.note(StreamEvent("clock-restart", "imu", before, before + interval, 0, detail))
         return self._accepted(rows)
 
@@ -175,7 +225,10 @@ class ImuClock:
         return kept
 
     def _refuse(self, report: LossReport) -> None:
-        report.lose("clock-jump", "imu", np.concatenate(self._doubtful)[:, 0] + self.shift_s)
+        t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
+        late = (t <= self.newest_s) & (t > self.newest_s - self._limits.hold_s - self._limits.back_s)
+        report.lose("late", "imu", t[late])
+        report.lose("clock-jump", "imu", t[~late])
         self._doubtful = []
         self._refuse_rival(report)
 
@@ -190,6 +243,7 @@ class ImuClock:
             "doubtful": [row[0].tolist() for row in self._doubtful],
             "rival": [row[0].tolist() for row in self._rival],
             "doubted_at_s": _number(self._doubted_at_s),
+            "heard": self._heard.tolist(),
             "newest_s": _number(self.newest_s),
             "shift_s": self.shift_s,
         }
@@ -199,8 +253,14 @@ class ImuClock:
         self._doubtful = [np.array([row], dtype=np.float64) for row in state["doubtful"]]
         self._rival = [np.array([row], dtype=np.float64) for row in state["rival"]]
         self._doubted_at_s = -np.inf if state["doubted_at_s"] is None else state["doubted_at_s"]
+        self._heard = np.array(state["heard"], dtype=np.float64).reshape(-1, 2)
         self.newest_s = -np.inf if state["newest_s"] is None else state["newest_s"]
         self.shift_s = state["shift_s"]
+
+
+def _marks(rows: Array) -> Array:
+    """What tells rows from others: their times and the sums of all else."""
+    return np.column_stack([rows[:, 0], rows[:, 1:].sum(axis=1)])
 
 
 def _number(t: float) -> float | None:

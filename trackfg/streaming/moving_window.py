@@ -361,7 +361,10 @@ class MovingWindow:
             rolled = np.interp(t + config.min_rest_s, *tach.T) - np.interp(t, *tach.T)
             if (np.abs(rolled) > 1.5 * self.odometer.wheel.quantum).all():
                 return
-        found = find_standstills(self.tape.recording(begin, until), config.min_rest_s)
+        recording = self.tape.recording(begin, until)
+        if recording.imu.empty:  # within a long gap
+            return
+        found = find_standstills(recording, config.min_rest_s)
         last = tach[: np.searchsorted(tach[:, 0], until), 0][-1:]
         if (last > until - _REST_MARGIN_S).all():  # else it is a tach that says nothing at rest
             until = min(until, *last)
