@@ -87,7 +87,8 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
     if wheel is not None:
         counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
         further = there.odo[0, 1] * counted - there.odo[0, 3]
-        if abs(further) < _BELIEVED_SIGMAS * speed_sd * span:
+        distance_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
+        if abs(further) < _BELIEVED_SIGMAS * distance_sd:
             nav, forward = there.nav, there.nav.R[:, :, 0]
             there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
         else:
