@@ -34,7 +34,8 @@ def streamed(
     intake, smoother = Intake.of(source), FixedLagSmoother(recording.description, config, lag_s=lag_s)
     pieces: list[Estimates] = [smoother.put(intake.push(batch)[0]) for batch in source]
     pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
-    tables = (pd.concat([piece[i] for piece in pieces if len(piece[i])], ignore_index=True) for i in range(3))
+    filled = ([piece[i] for piece in pieces if len(piece[i])] for i in range(3))
+    tables = (pd.concat(some, ignore_index=True) if some else pieces[0][i] for i, some in enumerate(filled))
     return Streamed(smoother, *tables, events=tuple(event for piece in pieces for event in piece.events))
 
 
