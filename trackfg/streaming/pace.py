@@ -45,12 +45,14 @@ class Pace:
         self.short_s = self.short_s + span if self.behind_s < 0.1 * _BEHIND_S else 0.0
         self.at_change_s = min(self.at_change_s, self.behind_s)
         if self.behind_s > self.at_change_s + _BEHIND_S and self.factor < _SPARSEST:
-            return self._changed(2.0 * self.factor, "sparser", f"rows are {self.behind_s:.1f} s ahead")
+            why = self._changed(2.0 * self.factor, f"rows are {self.behind_s:.1f} s ahead")
+            return StreamEvent("sparser", t_s=until_s, detail=why)
         if self.short_s > _CAUGHT_UP_S and self.factor > 1.0:
-            return self._changed(0.5 * self.factor, "denser", "rows are handled as they come")
+            why = self._changed(0.5 * self.factor, "rows are handled as they come")
+            return StreamEvent("denser", t_s=until_s, detail=why)
         return None
 
-    def _changed(self, factor: float, kind: str, why: str) -> StreamEvent:
+    def _changed(self, factor: float, why: str) -> str:
         self.factor, self.at_change_s, self.short_s = factor, self.behind_s, 0.0
         apart = "as the settings say" if factor == 1.0 else f"{factor:g} times further apart than the settings say"
-        return StreamEvent(kind, t_s=self.until_s, detail=f"{why}: keyframes are {apart}")
+        return f"{why}: keyframes are {apart}"
