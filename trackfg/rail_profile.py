@@ -38,10 +38,8 @@ def seen_profiles(
     states: States,
     step_m: float,
 ) -> list[Profile]:
-    """What a run says of the track: nothing where nothing measures speed, or where the sensor is on springs alone."""
+    """What a run whose speed is measured says of the track: nothing where the sensor is on springs alone."""
     direction = description.track.direction
-    if description.tach is None and description.gnss is None:
-        return []
     if {view.side for view in views} == set(SIDES):
         return rail_profiles(problem, motion, states, direction, step_m, views)
     return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []

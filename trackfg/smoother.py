@@ -153,7 +153,9 @@ def _written_out(
         calibration = calibration_table(problem, at_clock, solution.states, covariance)
     with stages.stage("geometry"):
         meaning = conventions(config.geometry, track)
-        shapes = seen_profiles(recording.description, views, problem, motion, solution.states, meaning.step_m)
+        shapes = []
+        if recording.tach is not None or recording.gnss is not None:
+            shapes = seen_profiles(recording.description, views, problem, motion, solution.states, meaning.step_m)
         geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
         places = place_covariance(
             problem,
