@@ -23,8 +23,10 @@ _GRID_S = 0.1
 CRAWL_MPS = 0.25
 """A reversal needs a stop, and a stop may be too short for the tach to show: slower than this may be one."""
 
-_CLEARLY_BACKWARDS = -0.5
-"""Correlation of forward specific force and tach acceleration below which a movement counts as backwards."""
+_CLEARLY_BACKWARDS = -0.7
+"""Correlation of forward specific force and tach acceleration, and force per acceleration, below which a movement counts
+as backwards.
+"""
 
 _LEAST_ROUNDING_M = 1e-4
 _EDGE_STAMPED_FRACTION = 0.1
@@ -133,7 +135,8 @@ def _signed(t: Array, distance: Array, recording: Recording) -> Array:
     sense = np.ones(grid.size)
     for i, j in pairwise(middle):
         f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()
-        if float(f @ a) < _CLEARLY_BACKWARDS * np.linalg.norm(f) * np.linalg.norm(a):
+        # Against both: at constant speed the tach's acceleration is rounding, to which the force is small.
+        if float(f @ a) < _CLEARLY_BACKWARDS * np.linalg.norm(a) * max(np.linalg.norm(f), np.linalg.norm(a)):
             sense[i:j] = -1.0
     if (sense > 0).all():
         return distance

@@ -142,6 +142,19 @@ def test_sense_of_an_unsigned_tach_is_found(simulated: Callable[..., Simulation]
     np.testing.assert_allclose(wheel.at(t) * run.wheel_scale, true, atol=0.1 + 1e-3 * rolled)
 
 
+@pytest.mark.parametrize("name", ["shuttle", "no-stop"])
+def test_ten_seconds_at_constant_speed_are_not_taken_for_backwards(
+    simulated: Callable[..., Simulation], name: str
+) -> None:
+    recording = simulated(name, seed=1, duration_s=150.0).recording
+    assert recording.tach is not None
+    for begin in np.arange(60.0, 140.0, 4.0):
+        imu, tach = (table[table["t_s"].between(begin, begin + 10.0)] for table in (recording.imu, recording.tach))
+        wheel = read_wheel(replace(recording, imu=imu, tach=tach), MAX_GAP_S)
+        assert wheel is not None
+        assert wheel.distance[-1] > wheel.distance[0], begin
+
+
 def test_signed_tach_is_taken_as_it_is(simulated: Callable[..., Simulation]) -> None:
     recording = simulated("shunting", seed=4, duration_s=240.0).recording
     wheel = read_wheel(recording, MAX_GAP_S)
