@@ -24,8 +24,8 @@ CRAWL_MPS = 0.25
 """A reversal needs a stop, and a stop may be too short for the tach to show: slower than this may be one."""
 
 _CLEARLY_BACKWARDS = -0.7
-"""Correlation of forward specific force and tach acceleration, and force per acceleration, below which a movement counts
-as backwards.
+"""Correlation of forward specific force and tach acceleration, and force per acceleration, below which a movement
+counts as backwards.
 """
 
 _LEAST_ROUNDING_M = 1e-4
