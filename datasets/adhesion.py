@@ -58,6 +58,9 @@ _APPLYING, _HELD = 0.7, 0.2
 """Of a cycle of slide protection: the share in which the slide grows, and what of its peak is left after a release."""
 
 
+Shape = Literal["trapezoid", "triangle", "sawtooth"]
+
+
 @dataclass(frozen=True)
 class LowAdhesion:
     """A stretch of the line, in arc length, where adhesion is ``mu_factor`` times that of a dry rail."""
@@ -78,7 +81,7 @@ class SlipEvent:
     start_s: float
     duration_s: float
     creep: float
-    shape: Literal["trapezoid", "triangle", "sawtooth"] = "trapezoid"
+    shape: Shape = "trapezoid"
     ramp_s: float = 0.5
     cycle_s: float = 1.5
 

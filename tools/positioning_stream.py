@@ -14,6 +14,7 @@ import pandas as pd
 from positioning_localise import LATER_RUNS, RIGHT_M, UNDER_WAY_MPS
 from positioning_runs import SHUTTLE, cut, map_of_all, true_at, with_fixes
 from positioning_table import Figure, Part, at_least, at_most, ratio
+from stream_tables import tables_of
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
@@ -21,8 +22,7 @@ from trackfg.frames import Array
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.recording import Recording
 from trackfg.smoother import smooth
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
-from trackfg.streaming.intake import Intake
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.sources import RecordingSource
 
 LAG_S = 20.0
@@ -71,16 +71,11 @@ def measure(seed: int) -> dict[str, float]:
     }
 
 
-def streamed(recording: Recording, feature_map: FeatureMap | None) -> tuple[dict[str, pd.DataFrame], list[str]]:
+def streamed(recording: Recording, feature_map: FeatureMap | None) -> tuple[dict[str, pd.DataFrame], set[str]]:
     """The smoothed and the filtered trajectory, and the kinds of the events."""
-    source = RecordingSource(recording)
-    intake = Intake.of(source)
     smoother = FixedLagSmoother(recording.description, lag_s=LAG_S, feature_map=feature_map)
-    pieces: list[Estimates] = [smoother.put(intake.push(batch)[0]) for batch in source]
-    pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
-    names = ("smoothed", "filtered")
-    tables = {name: pd.concat([getattr(piece, name) for piece in pieces], ignore_index=True) for name in names}
-    return tables, [event.kind for piece in pieces for event in piece.events]
+    tables, counts = tables_of(RecordingSource(recording), smoother)
+    return {name: tables[name] for name in ("smoothed", "filtered")}, set(counts.events)
 
 
 def _known(table: pd.DataFrame, run: Simulation) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from positioning_table import Figure, Part, at_most, between
+from stream_tables import tables_of
 
 from trackfg import FixedLagSmoother
 from trackfg.compare_case import Case, run_case
@@ -20,8 +21,6 @@ from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluate_geometry import geometry_errors
 from trackfg.evaluate_trajectory import distance_errors, from_the_true_start, trajectory_errors
 from trackfg.scores import rms, score_run
-from trackfg.streaming.run import run_stream
-from trackfg.streaming.sinks import Callback
 from trackfg.streaming.sources import RecordingSource
 
 LAG_S = 20.0
@@ -54,11 +53,8 @@ def measure(seed: int) -> dict[str, float]:
 
 def _streamed(run: Simulation) -> pd.DataFrame:
     """The scores of the stream, with ``estimator``: smoothed and filtered."""
-    pieces: dict[str, list[pd.DataFrame]] = {}
     smoother = FixedLagSmoother(run.recording.description, lag_s=LAG_S)
-    sink = Callback(lambda name, frame: pieces.setdefault(name, []).append(frame))
-    run_stream(RecordingSource(run.recording), smoother, sink)
-    tables = {name: pd.concat(parts, ignore_index=True) for name, parts in pieces.items()}
+    tables, _ = tables_of(RecordingSource(run.recording), smoother)
     scores = []
     for estimator, name in ((STREAM, "smoothed"), (FILTERED, "filtered")):
         own = tables[name]

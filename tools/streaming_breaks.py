@@ -56,11 +56,7 @@ def kill(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dic
                 return said, {"crash": f"the process ended with {code}"}
             if failed := _not_whole(folder, whole):
                 return said, {"loss": failed}
-        code = _in_a_process(_written, own, folder, rows_per_part, every_s, None)
-        if code != 0:
-            return said, {"crash": f"resumed, the process ended with {code}"}
-        failed = _not_whole(folder, whole) or _not_all(folder, whole)
-        return said, {"before": failed} if failed else {}
+        return said, _undisturbed(own, folder, whole, rows_per_part, every_s, "resumed")
 
 
 def disk_full(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
@@ -79,11 +75,18 @@ def disk_full(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str
             return said, {"loss": failed}
         if lines:
             return said, {}
-        code = _in_a_process(_written, own, folder, _PART_ROWS, _EVERY_S, None)
-        if code != 0:
-            return said, {"crash": f"with room again, the process ended with {code}"}
-        failed = _not_whole(folder, whole) or _not_all(folder, whole)
-        return said, {"before": failed} if failed else {}
+        return said, _undisturbed(own, folder, whole, _PART_ROWS, _EVERY_S, "with room again")
+
+
+def _undisturbed(
+    own: Ground, folder: Path, whole: Tables, rows_per_part: int, every_s: float, when: str
+) -> dict[str, str]:
+    """What is wrong after going on to the end."""
+    code = _in_a_process(_written, own, folder, rows_per_part, every_s, None)
+    if code != 0:
+        return {"crash": f"{when}, the process ended with {code}"}
+    failed = _not_whole(folder, whole) or _not_all(folder, whole)
+    return {"before": failed} if failed else {}
 
 
 def refused(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:

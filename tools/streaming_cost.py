@@ -36,8 +36,8 @@ from trackfg.frames import Array
 from trackfg.streaming.intake import Intake
 from trackfg.streaming.parquet_parts import ParquetParts
 from trackfg.streaming.rows import recording_rows
+from trackfg.streaming.run import write_estimates
 from trackfg.streaming.sources import BATCH_S, Batch
-from trackfg.streaming.stream_events import event_table
 
 SCENARIO = "mainline"
 LAG_S = 10.0
@@ -115,10 +115,7 @@ def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame, float]:
         ready, events = intake.push(batch)
         estimates = smoother.put(ready)
         taken = time.perf_counter() - start
-        sink.write("events", event_table((*events, *estimates.events)))
-        sink.write("filtered", estimates.filtered)
-        sink.write("smoothed", estimates.smoothed)
-        sink.write("geometry", estimates.geometry)
+        write_estimates(sink, estimates, (*events, *estimates.events))
         t = float(batch.tables["imu"][-1, 0]) if "imu" in batch.tables else np.nan
         puts.append((t, 1e3 * taken, len(estimates.filtered)))
         if t >= due:

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 from unittest.mock import patch
 
 import numpy as np
 from streaming_arrivals import Arriving, Stream, stream_of
 
-from trackfg.datasets.adhesion import SlipEvent
+from trackfg.datasets.adhesion import Shape, SlipEvent
 from trackfg.datasets.faults import slip_wheel
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
@@ -237,8 +237,8 @@ def slip(ground: Ground, rng: np.random.Generator) -> Damaged:
     begin = _begin(rng)
     duration = rng.uniform(1.0, LONGEST_S)
     creep = -1.0 if rng.random() < 0.2 else rng.choice([-1.0, 1.0]) * _log_uniform(rng, 0.02, 0.8)
-    shape = str(rng.choice(["trapezoid", "triangle", "sawtooth"]))
-    run = slip_wheel(ground.run, [SlipEvent(begin, duration, creep, shape)])  # type: ignore[arg-type]
+    shape = get_args(Shape)[int(rng.choice(3))]
+    run = slip_wheel(ground.run, [SlipEvent(begin, duration, creep, shape)])
     stream = stream_of(run.recording, ground.stream.form)
     return Damaged(stream, begin, begin + duration, f"{shape} of creep {creep:.2f} for {duration:.1f} s")
 

@@ -30,6 +30,7 @@ from multiprocessing.connection import Connection, wait
 
 import numpy as np
 import pandas as pd
+from stream_tables import tables_of
 from streaming_arrivals import Stream
 from streaming_breaks import BREAKS
 from streaming_damage import DAMAGES, Damaged, Ground
@@ -38,8 +39,7 @@ from streaming_grounds import CONFIG, GROUNDS, LAG_S, ground
 from trackfg import FixedLagSmoother
 from trackfg.frames import Array
 from trackfg.results import TRAJECTORY_COLUMNS
-from trackfg.streaming.run import StreamCounts, run_stream
-from trackfg.streaming.sinks import TABLES, Callback
+from trackfg.streaming.run import StreamCounts
 
 KINDS = (*DAMAGES, *BREAKS)
 CHECKS = ("crash", "hang", "loss", "before", "outside")
@@ -81,10 +81,8 @@ class Streamed:
 
 def streamed(stream: Stream) -> Streamed:
     """All of it through the smoother."""
-    pieces: dict[str, list[pd.DataFrame]] = {name: [] for name in TABLES}
-    smoother = FixedLagSmoother(stream.description, CONFIG, lag_s=LAG_S)
-    counts = run_stream(stream.source(), smoother, Callback(lambda name, frame: pieces[name].append(frame)))
-    return Streamed(counts, {name: pd.concat(parts, ignore_index=True) for name, parts in pieces.items() if parts})
+    tables, counts = tables_of(stream.source(), FixedLagSmoother(stream.description, CONFIG, lag_s=LAG_S))
+    return Streamed(counts, tables)
 
 
 def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) -> Outcome:

@@ -73,10 +73,6 @@ class Located:
     use: MapUse
     findings: tuple[Finding, ...]
 
-    def with_map_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
-        """Chainages as uncertain as the map's own are, besides."""
-        return self.chainage.with_uncertainty(covariance, states, direction)
-
 
 def located(
     problem: Problem,

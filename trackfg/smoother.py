@@ -207,7 +207,7 @@ def _on_map(
     with stages.stage("covariance"):
         covariance = posterior_covariance(solution.root)
         ratios = noise_ratios(at.problem, solution, covariance)
-        covariance = at.with_map_uncertainty(covariance, solution.states, track.direction)
+        covariance = at.chainage.with_uncertainty(covariance, solution.states, track.direction)
     again = _written_out(recording, config, views, stages, at.problem, solution, covariance, ratios)
     return replace(again.states, located=at, places=PlaceCovariance.none())
 

@@ -87,8 +87,6 @@ class FixedLagSmoother:
     _tables: SmoothedTables | None
     _done_s: float
     """When the tables that a lost window left behind end."""
-    _newest: Pass | None
-    """The window as the last step left it."""
     _locator: MapLocator | None
 
     def __init__(
@@ -116,8 +114,7 @@ class FixedLagSmoother:
         self._tape = Tape(description)
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
-        self._tables = self._newest = None
-        self._done_s = -np.inf
+        self._tables, self._done_s = None, -np.inf
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and give what they make known."""
@@ -200,19 +197,15 @@ class FixedLagSmoother:
             older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
             self._tape.forget(older, newer)
         events = (*events, *(() if step.event is None else (step.event,)))
-        if self._moving.window is not None:
-            window = self._moving.window
-            self._newest = Pass(window, step.root.last(len(window)), None)
         return [Behind(pieces, (*(event for piece in pieces for event in piece.events), *events))]
 
     def _lost(self, lost: Lost) -> Behind:
         """What is known up to there; from there on the stream begins anew."""
         self._moving.newly_lost, pieces = False, []
-        if self._tables is not None and self._newest is not None:
-            end = float(self._newest.window.t[-1])
-            pieces = [self._tables_up_to(self._tables, self._newest, end, at_end=True)]
-            self._done_s = end
-        self._tables = self._newest = None
+        if self._tables is not None and lost.left is not None:
+            pieces = [self._tables_up_to(self._tables, lost.left, lost.begin_s, at_end=True)]
+            self._done_s = lost.begin_s
+        self._tables = None
         if self._locator is not None:
             self._locator = MapLocator(self._tape.description, self.config, self._locator.feature_map)
         event = StreamEvent("restarted", t_s=lost.begin_s, detail=lost.reason)

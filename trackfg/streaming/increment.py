@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
-import pandas as pd
 
 from trackfg.factors.family import Family
 from trackfg.factors.imu import ImuNoise, Preintegration
@@ -25,14 +24,14 @@ from trackfg.layout import Layout
 from trackfg.motion_factors import motion
 from trackfg.odometer_factors import rolled, travelled
 from trackfg.position_factors import positions
-from trackfg.recording import IMU_COLUMNS, Recording
+from trackfg.recording import Recording
+from trackfg.streaming.rows import NO_SAMPLES
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.window import Interval, Window
 from trackfg.wheel import Wheel
 from trackfg.wheel_slip import Rolling
 
 _NO_RESTS = np.zeros((0, 2))
-_NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 OFF_S = 60.0
 """A device that was off was so for about as long."""
 _BELIEVED_SIGMAS = 4.0
@@ -56,7 +55,7 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     here = window.states.take(slice(k, k + 1))
     t = data.edges[edges]
     standing = _path(data.edges, here, np.zeros(len(data.edges)))
-    nothing = Recording(setting.description, _NO_SAMPLES)
+    nothing = Recording(setting.description, NO_SAMPLES)
     layout = Layout(
         nothing, setting.config, setting.world, data, None, _NO_RESTS, standing, None, edges, t, setting.clock_origin
     )

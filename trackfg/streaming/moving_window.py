@@ -105,20 +105,22 @@ class Pass(NamedTuple):
 class Lost(NamedTuple):
     """Nothing could be made of the rows from ``begin_s`` on: the window begins anew.
 
-    ``distance``: along the track there with its sigma, m; None at the begin of the stream.
+    ``left``: the window as its last step left it; ``distance``: along the track at its newest keyframe with its sigma,
+    m. None at the begin of the stream.
     """
 
     begin_s: float
-    distance: tuple[float, float] | None
     reason: str
+    left: Pass | None
+    distance: tuple[float, float] | None
 
 
 @dataclass
 class MovingWindow:
     """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late.
 
-    ``window`` is as the last pass left it, ``since`` what has come after it, ``front`` the newest keyframes, ``coming``
-    the interval after them.
+    ``window`` and the ``root`` of its information are as the last pass left them, ``since`` is what has come after,
+    ``front`` the newest keyframes, ``coming`` the interval after them.
     """
 
     tape: Tape
@@ -126,6 +128,7 @@ class MovingWindow:
     lag_s: float
     setting: Setting | None = None
     window: Window | None = None
+    root: SquareRoot | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
     coming: Ahead | None = field(default=None, metadata=MADE_AGAIN)
@@ -137,8 +140,6 @@ class MovingWindow:
     """A pass that could not wait."""
     speed_sd: float = 0.0
     """Of the newest keyframe, m/s."""
-    known: tuple[float, float] | None = None
-    """Distance along the track at the newest keyframe of the last pass, with its sigma, m."""
     lost: Lost | None = None
     """What the window begins after, until it has begun."""
     newly_lost: bool = False
@@ -163,21 +164,20 @@ class MovingWindow:
         """The next keyframe, where :meth:`ready` says that there is one; None where it is :attr:`lost`."""
         t = self._next_keyframe()
         assert t is not None
-        try:
-            return self._begun(t) if self.front is None else self._advanced(t)
-        except _FAILURES as error:
-            self._lose(t, str(error))
-            return None
+        return self._to(t)
 
     def last(self) -> Update | None:
         """A keyframe at the end of the rows, if they reach beyond the newest one."""
         self.tape.end()
         if self.front is None or self.tape.until < self.front.t[-1] + _LEAST_S:
             return None
+        return self._to(self.tape.until)
+
+    def _to(self, t: float) -> Update | None:
         try:
-            return self._advanced(self.tape.until)
+            return self._begun(t) if self.front is None else self._advanced(t)
         except _FAILURES as error:
-            self._lose(self.tape.until, str(error))
+            self._lose(t, str(error))
             return None
 
     def passed(self, *, at_end: bool = False) -> Pass | None:
@@ -194,12 +194,14 @@ class MovingWindow:
 
     def _lose(self, t: float, reason: str) -> None:
         """Begin anew: where the last pass knew the vehicle, or after rows that do not make a first window."""
-        begin, distance = t, None if self.lost is None else self.lost.distance
-        if self.window is not None and self.known is not None:
-            begin, distance = float(self.window.t[-1]), self.known
-        self.lost = Lost(begin, distance, reason)
+        begin, left, distance = t, None, None if self.lost is None else self.lost.distance
+        if self.window is not None and self.root is not None:
+            begin, left = float(self.window.t[-1]), Pass(self.window, self.root, None)
+            variance = posterior_covariance(self.root.last(1)).of(Kind.ODO)[0, 0, 0]
+            distance = float(self.window.states.odo[-1, 0]), float(np.sqrt(variance))
+        self.lost = Lost(begin, reason, left, distance)
         self.newly_lost = True
-        self.window = self.front = self.coming = self.early = None
+        self.window = self.root = self.front = self.coming = self.early = None
         self.since, self.oriented, self.rests = [], False, np.zeros((0, 2))
 
     def tell(self, family: Family) -> None:
@@ -225,9 +227,8 @@ class MovingWindow:
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
-        self.window = self.front = window
+        self.window, self.root, self.front = window, solution.root, window
         self.early, self.lost = Pass(window, solution.root, None), None
-        self.known = self._distance(window, solution.root)
         return self._told(Update.of(window, solution.root))
 
     def _next_keyframe(self) -> float | None:
@@ -317,9 +318,9 @@ class MovingWindow:
         except _FAILURES as error:
             event = StreamEvent("by-batch", t_s=float(window.t[-1]), detail=str(error))
             step = self._by_batch(window).moved(gone_at)
-        self.known = self._distance(step.window, step.root)
         self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
         self.window, gone = step.without(leaving) if leaving else (step.window, None)
+        self.root = step.root.last(len(self.window))
         self.front = step.without(before)[0] if before else step.window
         self.since, self.coming = [], None
         return Pass(step.window, step.root, gone, event)
@@ -340,12 +341,6 @@ class MovingWindow:
         problem = self.setting.problem_of(window.t, window.states, self.tape.data)
         problem = replace(problem, measured=window.measured, families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
-
-    @staticmethod
-    def _distance(window: Window, root: SquareRoot) -> tuple[float, float]:
-        """Along the track at the newest keyframe, with its sigma, m."""
-        variance = posterior_covariance(root.last(1)).of(Kind.ODO)[0, 0, 0]
-        return float(window.states.odo[-1, 0]), float(np.sqrt(variance))
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
         """The sigma of the newest yaw, rad."""

@@ -57,6 +57,10 @@ def canonical_columns(table: str) -> tuple[str, ...]:
     return LASER_COLUMNS if table.startswith(LASER) else CANONICAL_COLUMNS[table]
 
 
+NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
+"""Of a recording that is asked for its other tables alone."""
+
+
 def no_rows(table: str) -> Array:
     """A canonical table of length 0."""
     return np.empty((0, len(canonical_columns(table))))

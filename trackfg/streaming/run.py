@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from trackfg.errors import BadInputError
@@ -109,14 +109,19 @@ class Stream:
 
     def _write(self, sink: Sink, estimates: Estimates, events: tuple[StreamEvent, ...]) -> None:
         events += estimates.events
-        sink.write("events", event_table(events))
-        sink.write("filtered", estimates.filtered)
-        sink.write("smoothed", estimates.smoothed)
-        sink.write("geometry", estimates.geometry)
+        write_estimates(sink, estimates, events)
         counts = self.counts
         counts.rows_in, counts.rows_used = self.intake.rows_in, self.intake.rows_out
         counts.keyframes += len(estimates.filtered)
         counts.events.update(event.kind for event in events)
+
+
+def write_estimates(sink: Sink, estimates: Estimates, events: Iterable[StreamEvent]) -> None:
+    """Rows of all tables; ``events`` are those of the estimates and all others."""
+    sink.write("events", event_table(events))
+    sink.write("filtered", estimates.filtered)
+    sink.write("smoothed", estimates.smoothed)
+    sink.write("geometry", estimates.geometry)
 
 
 def run_stream(source: Source, smoother: FixedLagSmoother, sink: Sink) -> StreamCounts:

@@ -22,6 +22,7 @@ from trackfg.graph import Problem
 from trackfg.localisation import MapChainage
 from trackfg.passes import passes
 from trackfg.profile import Profile, profiles
+from trackfg.profile_samples import Points
 from trackfg.rail_profile import seen_profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
@@ -138,7 +139,9 @@ class SmoothedTables:
         f = np.concatenate([np.zeros(0), *(at.fraction[rows] for at, rows in zip(points, passed, strict=True))])
         distance, following = states.odo[:, 0], k + 1
         beyond = track.direction * meaning.step_m * cells - (1.0 - f) * distance[k] - f * distance[following]
-        passed_at = (1.0 - f) * t[k] + f * t[following]
+        passed_at = np.concatenate(
+            [np.zeros(0), *(_times(t, at)[rows] for at, rows in zip(points, passed, strict=True))]
+        )
         sight = Sight(own.copy(), passed_at, beyond, moved)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         self.along = np.stack([t, distance])
@@ -193,7 +196,7 @@ class SmoothedTables:
     def _passed(self, problem: Problem, profile: Profile, until: float) -> np.ndarray:
         """The rows of a pass that are due, in the order of passing; a pass that goes on does so at the next cell."""
         points, cell = profile.views[0].points, profile.cell
-        when = problem.t[points.keyframe] * (1.0 - points.fraction) + problem.t[points.keyframe + 1] * points.fraction
+        when = _times(problem.t, points)
         sense = 1 if when[-1] >= when[0] else -1
         due = when > self.passed_s
         if self.last_cell is not None and when.min() < self.passed_s < when.max():
@@ -202,6 +205,11 @@ class SmoothedTables:
         if len(rows):
             self.last_cell = int(cell[rows[-1]])
         return rows
+
+
+def _times(t: Array, points: Points) -> Array:
+    """When the points were passed, between keyframes at ``t`` (n,), s."""
+    return np.asarray(t[points.keyframe] * (1.0 - points.fraction) + t[points.keyframe + 1] * points.fraction)
 
 
 def _vehicle_at(place: Array, seen_at: Array, t: Array, distance: Array, motion: DenseMotion) -> Array:

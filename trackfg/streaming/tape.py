@@ -17,11 +17,10 @@ from trackfg.frames import Array
 from trackfg.inertial import Intervals, laid_out, means_around
 from trackfg.rails import RailView, rail_views
 from trackfg.recording import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
-from trackfg.streaming.rows import CANONICAL_COLUMNS, Rows, no_rows
+from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
 
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
-_NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 _POSITIONS = ("fixes", "gnss")
 _AT_REST_S = 0.5
 """Of a long rest, what lasers show at its begin and at its end."""
@@ -121,7 +120,7 @@ class Tape:
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
         return Recording(
             self.description,
-            _NO_SAMPLES,
+            NO_SAMPLES,
             None,
             fixes if self.description.fixes is not None else None,
             gnss if self.description.gnss is not None else None,
@@ -141,7 +140,7 @@ class Tape:
         lasers = {name: pd.DataFrame(rows, columns=list(LASER_COLUMNS)) for name, rows in self.lasers.items()}
         if not all(len(lasers.get(laser.name, ())) > 1 for laser in self.description.laser):
             return []
-        return rail_views(Recording(self.description, _NO_SAMPLES, lasers=lasers))
+        return rail_views(Recording(self.description, NO_SAMPLES, lasers=lasers))
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""

@@ -157,7 +157,7 @@ def test_what_does_not_fit_its_annotation_is_not_taken(thing: Thing, said: str) 
 
 def test_an_attribute_without_annotation_is_not_forgotten() -> None:
     thing = Thing(outer())
-    thing.later = 1  # type: ignore[attr-defined]
+    vars(thing)["later"] = 1
     with pytest.raises(TypeError, match=r"Thing: \{'later'\} of attributes and annotations differ"):
         taken(thing, (CONFIG,))
 
