@@ -10,6 +10,7 @@ minimised by iteratively reweighted least squares (Zhang, "Parameter estimation 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -19,7 +20,7 @@ import gtsam
 import numpy as np
 from scipy.special import expit
 
-from trackfg.factors.states import Kind, Nav, States, Value, retract
+from trackfg.factors.states import Kind, Nav, States, Step, Value, retract
 from trackfg.factors.switching import OUTLIER_SIGMAS, Chain, after_row, row_cost, row_weights
 from trackfg.frames import Array
 
@@ -57,11 +58,37 @@ def _keyframe(slots: Sequence[Slot], factors: int, choose: Callable[..., np.ndar
 
 
 class LinearFactors(NamedTuple):
-    """m linear factors ``A d = b``, whitened: Jacobians (m, r, dim), one per slot, and right-hand sides (m, r)."""
+    """m linear factors ``A d = b``, whitened: ``rows`` (m, r, c + 1) are [A b], A slot by slot."""
 
     slots: tuple[Slot, ...]
-    jacobians: Sequence[Array]
-    b: Array
+    rows: Array
+
+    @property
+    def jacobian(self) -> Array:
+        """Jacobians by all slots, shape (m, r, c)."""
+        return self.rows[:, :, :-1]
+
+    @property
+    def b(self) -> Array:
+        """Right-hand sides, shape (m, r)."""
+        return self.rows[:, :, -1]
+
+    @property
+    def jacobians(self) -> list[Array]:
+        """One per slot, (m, r, dim)."""
+        ends = np.cumsum([slot.kind.dim for slot in self.slots])
+        return np.split(self.jacobian, ends[:-1], axis=2)
+
+    def take(self, index: np.ndarray) -> LinearFactors:
+        """Some of the factors."""
+        return LinearFactors(tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots), self.rows[index])
+
+    def seen_from(self, step: Step) -> LinearFactors:
+        """For steps from where the values were before this one led to where they are linearised."""
+        d = np.concatenate([step.of(slot.kind)[slot.index] for slot in self.slots], axis=1)
+        rows = self.rows.copy()
+        rows[:, :, -1] += (self.jacobian @ d[:, :, None])[:, :, 0]
+        return LinearFactors(self.slots, rows)
 
 
 @dataclass(frozen=True)
@@ -157,13 +184,18 @@ class Family:
             if slot.index.shape != (m,):
                 raise ValueError(f"{self.name}: slot {slot.kind.name} has {slot.index.shape}, expected ({m},)")
         for array in self.data:
-            if len(array) != m or not np.isfinite(array).all():
+            if len(array) != m or not _finite(array):
                 raise ValueError(f"{self.name}: measurements must be finite, {m} rows; got shape {array.shape}")
-        if self.sigma.ndim != 2 or not (np.isfinite(self.sigma).all() and (self.sigma > 0).all()):
+        if self.sigma.ndim != 2 or not (_finite(self.sigma) and (self.sigma > 0).all()):
             raise ValueError(f"{self.name}: sigmas must be positive and finite, shape ({m}, d)")
 
     def __len__(self) -> int:
         return len(self.sigma)
+
+    @property
+    def in_a_row(self) -> bool:
+        """Whether the loss of a factor depends on those before it."""
+        return self.loss is not None and self.loss.kind == "row"
 
     @property
     def rows(self) -> int:
@@ -177,10 +209,14 @@ class Family:
         doubtful = None if self.doubtful is None else self.doubtful[index]
         return self._like(slots, data, self.sigma[index], doubtful)
 
+    def with_data(self, data: tuple[Array, ...]) -> Family:
+        """With other measurements, made from these."""
+        return self._like(self.slots, data, self.sigma, self.doubtful)
+
     def following(self, first: np.ndarray | slice, states: States) -> Family:
         """:meth:`take` of the last of the factors; the loss is that of a row which began before."""
         rest = self.take(first)
-        if self.loss is None or self.loss.kind != "row":
+        if self.loss is None or not self.in_a_row:
             return rest
         gone = np.linalg.norm(self.whitened(states), axis=1)[: len(self) - len(rest)]
         return replace(rest, loss=self.loss.after(gone))
@@ -200,7 +236,10 @@ class Family:
 
     def joined(self, *later: Family) -> Family:
         """These factors, then those of families of the same sort."""
-        every = (self, *later)
+        every = [family for family in (self, *later) if len(family)]
+        if len(every) < 2:
+            (only,) = every or [self]
+            return self._like(only.slots, only.data, only.sigma, only.doubtful)
         slots = (
             Slot(same[0].kind, np.concatenate([slot.index for slot in same]))
             for same in zip(*(family.slots for family in every), strict=True)
@@ -258,7 +297,9 @@ class Family:
         if self.loss is not None:
             norm = np.linalg.norm(residual * scale, axis=1)
             scale = scale * np.sqrt(self.loss.weight(norm))[:, None]
-        return LinearFactors(self.slots, [jacobian * scale[:, :, None] for jacobian in jacobians], -residual * scale)
+        rows = np.concatenate([*jacobians, -residual[:, :, None]], axis=2)
+        rows *= scale[:, :, None]
+        return LinearFactors(self.slots, rows)
 
     def custom_factors(self) -> list[gtsam.CustomFactor]:
         """One ``gtsam.CustomFactor`` per factor, for GTSAM's own optimisers and fixed-lag smoothers."""
@@ -290,9 +331,15 @@ class Family:
         for slot, jacobian in zip(self.slots, jacobians, strict=True):
             if jacobian.shape != (m, d, slot.kind.dim):
                 raise ValueError(f"{self.name}: Jacobian of {slot.kind.name} has shape {jacobian.shape}")
-        if not np.isfinite(residual).all() or not all(np.isfinite(jacobian).all() for jacobian in jacobians):
+        if not all(_finite(array) for array in (residual, *jacobians)):
             raise ValueError(f"{self.name}: residual or Jacobian is not finite")
         return residual, jacobians
+
+
+def _finite(array: Array) -> bool:
+    """Whether all values are finite, and none is beyond all bounds: their squares are added up, in one pass."""
+    flat = array.ravel()
+    return math.isfinite(flat @ flat)
 
 
 def _from_gtsam(kind: Kind, values: gtsam.Values, key: int) -> Value:

@@ -92,4 +92,4 @@ def linearize_imu_factors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Value
     systems = np.array([linear.at(k).augmentedJacobian() for k in range(linear.size())])
     first = np.arange(len(systems))
     slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.BIAS, first))
-    return LinearFactors(slots, np.split(systems[:, :, :-1], [9, 18], axis=2), systems[:, :, -1])
+    return LinearFactors(slots, systems)

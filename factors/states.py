@@ -23,6 +23,7 @@ cost of elimination counts variables as well as dimensions.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache, lru_cache
@@ -147,8 +148,13 @@ class States:
         parts = {Kind.NAV: nav, Kind.BIAS: self.bias, Kind.ODO: self.odo}
         keyframes = np.concatenate([parts[kind] for kind in ELIMINATION_ORDER], axis=1)
         shared = np.concatenate([np.asarray(self.of(kind))[0] for kind in SHARED])
-        zero = _zero(len(self)) if len(self) <= _SHORT else _zero.__wrapped__(len(self))
-        return zero.retract(Step(keyframes, shared).to_gtsam())
+        return _zero(len(self)).retract(Step(keyframes, shared).to_gtsam())
+
+    def inertial_to_gtsam(self) -> gtsam.Values:
+        """What inertial factors touch alone."""
+        nav = np.concatenate([so3_log(self.nav.R), self.nav.p, self.nav.v], axis=1)
+        values = _no_motion(len(self)) if len(self) <= _SHORT else _no_motion.__wrapped__(len(self))
+        return values.retract(_vectors({Kind.NAV: nav, Kind.BIAS: self.bias}))
 
     def moved(self, step: Step) -> States:
         """Every variable retracted by its part of a step."""
@@ -179,30 +185,42 @@ class Step:
 
     def to_gtsam(self) -> gtsam.VectorValues:
         """What ``gtsam.Values.retract`` takes."""
-        out = gtsam.VectorValues()
-        for kind in Kind:
-            tangents = self.of(kind)
-            for key, tangent in zip(kind.keys(np.arange(len(tangents))).tolist(), tangents, strict=True):
-                out.insert(key, tangent)
-        return out
+        return _vectors({kind: self.of(kind) for kind in Kind})
+
+
+def _vectors(tangents: Mapping[Kind, Array]) -> gtsam.VectorValues:
+    out = gtsam.VectorValues()
+    for kind, vectors in tangents.items():
+        for key, vector in zip(_keys(kind, len(vectors)), vectors, strict=True):
+            out.insert(key, vector)
+    return out
 
 
 _SHORT = 64
 """Keyframes: for as many a stream asks again and again."""
 
 
-@lru_cache(maxsize=_SHORT)
+@lru_cache
+def _keys(kind: Kind, count: int) -> tuple[int, ...]:
+    return tuple(kind.keys(np.arange(count)).tolist())
+
+
 def _zero(keyframes: int) -> gtsam.Values:
     """All variables at zero, attitudes at the identity."""
-    values = gtsam.Values()
-    for kind, zero in (
-        (Kind.NAV, gtsam.NavState()),
-        (Kind.BIAS, gtsam.imuBias.ConstantBias()),
-        (Kind.ODO, np.zeros(Kind.ODO.dim)),
-    ):
-        for key in kind.keys(np.arange(keyframes)).tolist():
-            values.insert(key, zero)
+    values = _no_motion.__wrapped__(keyframes)
+    for key in _keys(Kind.ODO, keyframes):
+        values.insert(key, np.zeros(Kind.ODO.dim))
     for kind in SHARED:
-        (key,) = kind.keys(np.zeros(1)).tolist()
+        (key,) = _keys(kind, 1)
         values.insert(key, np.zeros(kind.dim))
+    return values
+
+
+@lru_cache(maxsize=_SHORT)
+def _no_motion(keyframes: int) -> gtsam.Values:
+    """Of inertial factors alone."""
+    values = gtsam.Values()
+    for kind, zero in ((Kind.NAV, gtsam.NavState()), (Kind.BIAS, gtsam.imuBias.ConstantBias())):
+        for key in _keys(kind, keyframes):
+            values.insert(key, zero)
     return values

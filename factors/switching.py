@@ -94,14 +94,20 @@ def _forward(matrices: Array, chain: Chain) -> Array:
 
 def _matrices(z: Array, chain: Chain) -> tuple[Array, Array]:
     """M_k up to a factor, shape (2, 2, n), and the logarithm of that factor (n,)."""
-    duration = min(chain.interval_s, 1.0)
-    leave = 1.0 - np.exp(-duration / _LASTS_S)
-    stay_cost = duration * (0.5 * _LASTING**2 - 1.0 / _LASTS_S)
-    enter = np.exp(stay_cost - np.log(leave) - 0.5 * chain.width**2)
-    transition = np.array([[1.0 - enter, enter], [leave, 1.0 - leave]])
+    transition, stay_cost = _transition(chain.width, chain.interval_s)
     exponents = np.stack([-0.5 * z**2, -stay_cost - 0.5 * (z / OUTLIER_SIGMAS) ** 2])
     scale = exponents.max(axis=0)
     return transition[:, :, None] * np.exp(exponents - scale), scale
+
+
+@lru_cache
+def _transition(width: float, interval_s: float) -> tuple[Array, float]:
+    """T, and the cost of an interval in the second state."""
+    duration = min(interval_s, 1.0)
+    leave = 1.0 - np.exp(-duration / _LASTS_S)
+    stay_cost = duration * (0.5 * _LASTING**2 - 1.0 / _LASTS_S)
+    enter = np.exp(stay_cost - np.log(leave) - 0.5 * width**2)
+    return np.array([[1.0 - enter, enter], [leave, 1.0 - leave]]), stay_cost
 
 
 def _prefix_products(matrices: Array) -> tuple[Array, Array]:

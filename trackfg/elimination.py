@@ -66,12 +66,13 @@ def eliminate_leaving(
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
-    ahead = _ahead(factors, keyframes)
+    placed = [_Placed.of(one) for one in factors]
+    ahead = _ahead(placed, keyframes)
     if gone and ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
     widths = _PAIR + NAV_DIM * ahead
     with one_thread():
-        conditional, alone, left = _factored(_systems(factors, widths), widths, gone)
+        conditional, alone, left = _factored(_systems(placed, widths), widths, gone)
         shared = _triangle(alone)[:SHARED_DIM]
         if len(shared) < SHARED_DIM:
             raise UnsolvableError(_UNDETERMINED)
@@ -112,7 +113,7 @@ def _factored(
 
 def _left(left: Array, alone: Array) -> Array:
     """Rows over (x, s | b) of both, (49, 50)."""
-    shared = np.triu(_triangle(alone)[:SHARED_DIM])
+    shared = _triangle(alone)[:SHARED_DIM]
     rest = np.zeros((SIZE, SIZE + 1))
     rest[: len(left)] = left
     rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
@@ -153,7 +154,8 @@ def _triangle(rows: Array) -> Array:
     while len(rows) > some:
         padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
         rows = np.asarray(np.linalg.qr(padded.reshape(-1, some, columns), mode="r")).reshape(-1, columns)
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    triangle = dgeqrf(rows)[0][:columns]
+    return np.asarray(triangle * _upper(*triangle.shape))
 
 
 def _determined(R: Array) -> bool:
@@ -175,26 +177,43 @@ def _columns_in_next(width: int, next_width: int) -> np.ndarray:
     return np.concatenate([x, nav, later, next_width + np.arange(_TAIL)])
 
 
-def _ahead(factors: Sequence[LinearFactors], keyframes: int) -> np.ndarray:
+class _Placed(NamedTuple):
+    """Factors in order of the first keyframe that each touches: ``first`` (m,), -1 for shared variables alone, and the
+    ``last`` one (m,).
+    """
+
+    factors: LinearFactors
+    first: np.ndarray
+    last: np.ndarray
+
+    @classmethod
+    def of(cls, factors: LinearFactors) -> _Placed:
+        slots, count = factors.slots, len(factors.rows)
+        first, last = first_keyframe(slots, count), last_keyframe(slots, count)
+        if (first[1:] >= first[:-1]).all():
+            return cls(factors, first, last)
+        order = np.argsort(first, kind="stable")
+        return cls(factors.take(order), first[order], last[order])
+
+
+def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
     """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
     last = np.arange(1, keyframes + 1)
-    for slots, _, b in factors:
-        first, farthest = first_keyframe(slots, len(b)), last_keyframe(slots, len(b))
+    for _, first, farthest in factors:
         far = farthest > first + 1
         if far.any():
             np.maximum.at(last, first[far], farthest[far])
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
 
 
-def _systems(factors: Sequence[LinearFactors], widths: np.ndarray) -> Iterator[Array]:
+def _systems(factors: Sequence[_Placed], widths: np.ndarray) -> Iterator[Array]:
     """Rows of shared variables alone, then those of each keyframe, laid out as its window, the right-hand side last.
 
     Stacked some keyframes at a time: windows differ, and at the widest all rows together would fill the memory.
     """
-    sorted_ = [_by_first(one) for one in factors]
-    shared = [(one, first) for one, first in sorted_ if first.size and first[0] < 0]
-    yield _stacked(shared, -1, 0, np.array([_PAIR]))[0][:, _PAIR:]
-    own = [(one, first) for one, first in sorted_ if first.size and first[0] >= 0]
+    shared = [one for one in factors if one.first.size and one.first[0] < 0]
+    yield _stacked(shared, -1, 0, np.array([_PAIR]))[0][:, _PAIR:] if shared else np.zeros((0, _TAIL))
+    own = [one for one in factors if one.first.size and one.first[0] >= 0]
     for begin in range(0, len(widths), _AT_A_TIME):
         end = min(begin + _AT_A_TIME, len(widths))
         rows, starts = _stacked(own, begin, end, widths[begin:end])
@@ -202,29 +221,16 @@ def _systems(factors: Sequence[LinearFactors], widths: np.ndarray) -> Iterator[A
             yield rows[starts[k] : starts[k + 1], : width + _TAIL]
 
 
-def _by_first(factors: LinearFactors) -> tuple[LinearFactors, np.ndarray]:
-    """Factors in order of the first keyframe of each, -1 for shared variables alone, and these keyframes (m,)."""
-    slots, jacobians, b = factors
-    first = first_keyframe(slots, len(b))
-    if (first[1:] >= first[:-1]).all():
-        return factors, first
-    order = np.argsort(first, kind="stable")
-    slots = tuple(Slot(slot.kind, slot.index[order]) for slot in slots)
-    return LinearFactors(slots, tuple(one[order] for one in jacobians), b[order]), first[order]
-
-
-def _stacked(
-    factors: Sequence[tuple[LinearFactors, np.ndarray]], begin: int, end: int, widths: np.ndarray
-) -> tuple[Array, np.ndarray]:
+def _stacked(factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarray) -> tuple[Array, np.ndarray]:
     """The rows of the keyframes from ``begin`` to ``end``, in order (m, widest window); where those of each start."""
     parts = []
-    for (slots, jacobians, b), first in factors:
+    for one, first, _ in factors:
         some = slice(*np.searchsorted(first, [begin, end]).tolist())
         if some.stop > some.start:
-            parts.append((slots, jacobians, b, first, some))
-    number = [first[some] - begin for *_, first, some in parts]
+            parts.append((one.slots, one.rows[some], first[some], some))
+    number = [first - begin for *_, first, _ in parts]
     none = np.zeros(0, dtype=np.int64)
-    tall = (np.full(len(k), b.shape[1]) for k, (_, _, b, _, _) in zip(number, parts, strict=True))
+    tall = (np.full(len(k), own.shape[1]) for k, (_, own, _, _) in zip(number, parts, strict=True))
     heights = np.concatenate([none, *tall])
     by_keyframe = np.concatenate([none, *number])
     order = np.argsort(by_keyframe, kind="stable")
@@ -233,30 +239,50 @@ def _stacked(
     begins[order] = ends - heights[order]
     starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
 
-    rows = np.zeros((int(ends[-1]) if len(ends) else 0, int(widths.max()) + _TAIL))
-    after = 0
-    for k, (slots, jacobians, b, first, some) in zip(number, parts, strict=True):
+    widest = int(widths.max())
+    rows = np.zeros((int(ends[-1]) if len(ends) else 0, widest + _TAIL))
+    after, further = 0, widest > _PAIR
+    for k, (slots, own, first, some) in zip(number, parts, strict=True):
         before, after = after, after + len(k)
-        row = begins[before:after, None] + _counted(b.shape[1])
-        width = widths[k]
-        rows[row, (width + SHARED_DIM)[:, None]] = b[some]
-        for slot, jacobian in zip(slots, jacobians, strict=True):
-            column = _column(slot.kind, slot.index[some] - first[some], width)[:, None] + _counted(slot.kind.dim)
-            rows[row[:, :, None], column[:, None, :]] = jacobian[some]
+        row = begins[before:after, None] + _counted(own.shape[1])
+        column = _columns(slots, some, first, widths[k], further=further)
+        rows[row[:, :, None], column[:, None, :]] = own
     return rows, starts
 
 
-def _column(kind: Kind, later: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Where variables of a kind begin in windows of some ``width``, ``later`` keyframes after their first. All (m,)."""
-    at = offset_in_keyframe(kind)
-    if kind.shared:
-        return width + (at - KEYFRAME_DIM)
-    near = later < 2
-    if near.all():
-        return np.asarray(KEYFRAME_DIM * later + at)
-    if kind is not Kind.NAV:
-        raise ValueError(f"{kind.name} is touched from {later.max()} keyframes before; only NAV may be")
-    return np.asarray(np.where(near, KEYFRAME_DIM * later + at, _PAIR + NAV_DIM * (later - 2)))
+def _columns(slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.ndarray, *, further: bool) -> np.ndarray:
+    """Which columns of their windows, of some ``width`` (m,), factors fill whose ``first`` keyframe is this (m,):
+    (m, c + 1), the right-hand side last. ``further``: whether any window reaches further than to the next keyframe.
+    """
+    kinds = tuple(slot.kind for slot in slots)
+    at, slot_of, behind = _layout(kinds)
+    later = np.zeros((len(first), len(slots) + 1), dtype=np.int64)
+    for j, slot in enumerate(slots):
+        if not slot.kind.shared:
+            later[:, j] = slot.index[some] - first
+    columns: np.ndarray = at + (KEYFRAME_DIM * later)[:, slot_of]
+    if not further:
+        return columns
+    far = later >= 2
+    for j in np.flatnonzero(far.any(axis=0)).tolist():
+        if kinds[j] is not Kind.NAV:
+            raise ValueError(f"{kinds[j].name} is touched from {later.max()} keyframes before; only NAV may be")
+    beyond = _PAIR - NAV.start + (NAV_DIM - KEYFRAME_DIM) * later - 2 * NAV_DIM
+    columns += np.where(far, beyond, 0)[:, slot_of]
+    columns += np.where(behind, (width - _PAIR)[:, None], 0)
+    return columns
+
+
+@lru_cache
+def _layout(kinds: tuple[Kind, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns of such factors where all slots are of the first keyframe and the window reaches to the next one, and
+    that of the right-hand side; the number of the slot of each; and which are behind all keyframes. All (c + 1,).
+    """
+    starts = (offset_in_keyframe(kind) + (_PAIR - KEYFRAME_DIM) * kind.shared for kind in kinds)
+    at = [start + np.arange(kind.dim) for start, kind in zip(starts, kinds, strict=True)]
+    columns = np.concatenate([*at, [_PAIR + SHARED_DIM]])
+    slot_of = np.repeat(np.arange(len(kinds) + 1), [*(kind.dim for kind in kinds), 1])
+    return columns, slot_of, columns >= _PAIR
 
 
 @lru_cache

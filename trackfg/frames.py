@@ -81,25 +81,32 @@ def so3_exp(v: Array) -> Array:
 
 def so3_log(R: Array) -> Array:
     """The rotation vector of ``R``, angle in [0, pi). Inverse of :func:`so3_exp`. Shape (..., 3, 3) to (..., 3)."""
-    return np.moveaxis(quaternion_log(np.moveaxis(quaternion(R), -1, 0)), 0, -1)
+    return np.moveaxis(quaternion_log(_quaternion(R)), 0, -1)
 
 
 def quaternion(R: Array) -> Array:
-    """The unit quaternion (w, x, y, z) of ``R`` with w >= 0 (Shepperd's method). Shape (..., 3, 3) to (..., 4)."""
+    """The unit quaternion (w, x, y, z) of ``R`` with w >= 0. Shape (..., 3, 3) to (..., 4)."""
+    q = np.moveaxis(_quaternion(R), 0, -1)
+    q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
+    upper: Array = np.where(q[..., :1] < 0, -q, q)
+    return upper
+
+
+def _quaternion(R: Array) -> Array:
+    """A quaternion of ``R`` of any length and sign, components first (Shepperd's method)."""
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     x, y, z = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
     trace = m00 + m11 + m22
     squares = (1 + trace, 1 + 2 * m00 - trace, 1 + 2 * m11 - trace, 1 + 2 * m22 - trace)
+    out = np.empty((4, *trace.shape))
     if (trace > 0).all():  # no turn is large
-        q = _filled([squares[0], x, y, z], (4,))
-    else:
-        rows = [squares[0], x, y, z, x, squares[1], xy, xz, y, xy, squares[2], yz, z, xz, yz, squares[3]]
-        best = np.argmax(_filled(squares, (4,)), axis=-1)[..., None, None]
-        q = np.take_along_axis(_filled(rows, (4, 4)), best, axis=-2)[..., 0, :]
-    q /= np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
-    upper: Array = np.where(q[..., :1] < 0, -q, q)
-    return upper
+        out[0], out[1], out[2], out[3] = squares[0], x, y, z
+        return out
+    rows = [squares[0], x, y, z, x, squares[1], xy, xz, y, xy, squares[2], yz, z, xz, yz, squares[3]]
+    best = np.argmax(_filled(squares, (4,)), axis=-1)[..., None, None]
+    out[:] = np.moveaxis(np.take_along_axis(_filled(rows, (4, 4)), best, axis=-2)[..., 0, :], -1, 0)
+    return out
 
 
 def quaternion_exp(v: Array) -> Array:
@@ -112,11 +119,13 @@ def quaternion_exp(v: Array) -> Array:
 
 
 def quaternion_log(q: Array) -> Array:
-    """The rotation vectors of unit quaternions, angle in [0, pi], components first. Shape (4, ...) to (3, ...)."""
-    norm = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    small = norm < 1e-8
-    angle = 2.0 * np.arctan2(norm, np.abs(q[0]))
-    factor = np.where(small, 2.0, angle / np.where(small, 1.0, norm))
+    """The rotation vectors of quaternions of any length, angle in [0, pi], components first. Shape (4, ...) to
+    (3, ...).
+    """
+    norm, along = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), np.abs(q[0])
+    small = norm < 1e-8 * along
+    angle = 2.0 * np.arctan2(norm, along)
+    factor = np.where(small, 2.0 / np.where(small, along, 1.0), angle / np.where(small, 1.0, norm))
     return np.asarray(np.copysign(factor, q[0]) * q[1:])
 
 

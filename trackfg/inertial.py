@@ -13,11 +13,13 @@ preintegrates a quarter or a tenth of the samples.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackfg.canonical import median_interval
-from trackfg.frames import Array, cross, matrix_from_quaternion, quaternion_exp, quaternion_log, quaternion_product
+from trackfg.frames import Array, cross, matrix_from_quaternion, quaternion_exp, quaternion_log
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
 
@@ -50,7 +52,7 @@ class Intervals:
             np.concatenate([self.bridged, later.bridged]),
         )
 
-    @property
+    @cached_property
     def durations(self) -> Array:
         """Length of each interval, s."""
         return np.diff(self.edges)
@@ -134,36 +136,53 @@ def running_turn(starts: np.ndarray, vectors: Array) -> tuple[Array, Array]:
     from a group's start to before each rotation (4, m) and to its end (4, n).
     """
     first, counts = starts[:-1], np.diff(starts)
-    steps = quaternion_exp(vectors.T)
+    w, x, y, z = quaternion_exp(vectors.T)
+    steps = w + 1j * x, y + 1j * z
     longest = int(counts.max(initial=0))
-    if len(first) < longest:
-        return _running_product(first, counts, steps)
-    before = np.empty_like(steps)
-    now = np.zeros((4, len(first)))
-    now[0] = 1.0
+    before, whole = (_by_doubling if len(first) < longest else _one_by_one)(first, counts, steps)
+    return _components(*before), _components(*whole)
+
+
+_Pair = tuple[NDArray[np.complex128], NDArray[np.complex128]]
+"""Quaternions ``a + b j`` with a = w + x i and b = y + z i: their products are few operations on arrays."""
+
+
+def _product(p: _Pair, q: _Pair) -> _Pair:
+    (a, b), (c, d) = p, q
+    return a * c - b * d.conj(), a * d + b * c.conj()
+
+
+def _components(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
+    return np.stack([a.real, a.imag, b.real, b.imag])
+
+
+def _one_by_one(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
+    """Many short groups: the first of all, then the second of all, and so on."""
+    longest, all_alike = int(counts.max(initial=0)), bool((counts[1:] == counts[:-1]).all())
+    before = np.empty_like(steps[0]), np.empty_like(steps[1])
+    now = np.ones(len(first), dtype=np.complex128), np.zeros(len(first), dtype=np.complex128)
     for i in range(longest):
-        live = np.flatnonzero(counts > i)
-        row = first[live] + i
-        here = now[:, live]
-        before[:, row] = here
-        now[:, live] = quaternion_product(here, steps[:, row])
+        live = slice(None) if all_alike else np.flatnonzero(counts > i)
+        row = slice(i, None, longest) if all_alike else first[live] + i
+        here = now[0][live], now[1][live]
+        before[0][row], before[1][row] = here
+        now[0][live], now[1][live] = _product(here, (steps[0][row], steps[1][row]))
     return before, now
 
 
-def _running_product(first: np.ndarray, counts: np.ndarray, steps: Array) -> tuple[Array, Array]:
-    """The same for few long groups: products of 2, 4, 8, ... steps, all at once."""
-    since = np.arange(steps.shape[1]) - np.repeat(first, counts)
-    product, reach = steps, 1
+def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
+    """Few long groups: products of 2, 4, 8, ... steps, all at once."""
+    since = np.arange(len(steps[0])) - np.repeat(first, counts)
+    (a, b), reach = (steps[0].copy(), steps[1].copy()), 1
     while reach < int(counts.max()):
         far = np.flatnonzero(since >= reach)
-        longer = product.copy()
-        longer[:, far] = quaternion_product(product[:, far - reach], product[:, far])
-        product, reach = longer, 2 * reach
-    before = np.zeros_like(steps)
-    before[0] = 1.0
-    later = np.flatnonzero(since > 0)
-    before[:, later] = product[:, later - 1]
-    return before, product[:, first + counts - 1]
+        near = far - reach
+        a[far], b[far] = _product((a[near], b[near]), (a[far], b[far]))
+        reach *= 2
+    before, later = (np.ones_like(a), np.zeros_like(b)), np.flatnonzero(since > 0)
+    before[0][later], before[1][later] = a[later - 1], b[later - 1]
+    last = first + counts - 1
+    return before, (a[last], b[last])
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,14 @@ _RATE_WINDOW_S = 0.1
 
 
 def motion(layout: Layout) -> list[Family]:
-    """No sideways velocity, no motion at rest; a sensor that follows the track moves where it points all the way."""
-    config, n = layout.config.motion, len(layout.t)
-    k = np.arange(n)
+    """How it moves along the track, and no motion at rest."""
+    rigid = layout.recording.description.imu.rigid
+    return [*along_track(layout), *resting(layout.t, layout.rests, layout.config.motion, rigid=rigid)]
+
+
+def along_track(layout: Layout) -> list[Family]:
+    """No sideways velocity; a sensor that follows the track moves where it points all the way."""
+    config, k = layout.config.motion, np.arange(len(layout.t))
     speed = np.abs(np.interp(layout.t, layout.path.t, layout.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
     sigma = sigma * layout.config.noise.motion
@@ -28,7 +33,6 @@ def motion(layout: Layout) -> list[Family]:
     return [
         _path(layout, huber),
         non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
-        *resting(layout.t, layout.rests, config, rigid=layout.recording.description.imu.rigid),
     ]
 
 

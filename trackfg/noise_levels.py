@@ -67,8 +67,8 @@ def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covarianc
     used = np.flatnonzero(~problem.inertial.bridged[problem.edges[:-1]])
     if used.size == 0:
         return {}
-    _, jacobians, b = linearize_imu_factors(problem.native, solution.values)
-    A, e = np.concatenate(jacobians, axis=2)[used], b[used]
+    linear = linearize_imu_factors(problem.native, solution.values)
+    A, e = linear.jacobian[used], linear.b[used]
     nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
     here, there = covariance.marginal[:-1][used], covariance.marginal[1:][used]
     cross = covariance.gain[used] @ there
@@ -89,13 +89,13 @@ def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covarianc
 
 def _family_sums(family: Family, states: States, covariance: Covariance) -> tuple[float, float]:
     """Weighted sum of squares and redundancy of a family whose slots lie in at most two neighbouring keyframes."""
-    _, jacobians, b = family.linearize(states)
+    linear = family.linearize(states)
     keyed = [slot.index for slot in family.slots if not slot.kind.shared]
     first, last = keyed[0], keyed[-1]
-    m, d = b.shape
+    m, d = linear.b.shape
     size = covariance.marginal.shape[1]
     here, there = np.zeros((2, m, d, size))
-    for slot, jacobian in zip(family.slots, jacobians, strict=True):
+    for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
         target = there if not slot.kind.shared and (slot.index != first).any() else here
         target[:, :, _columns(slot.kind)] += jacobian
     spread = np.sum((here @ covariance.marginal[first]) * here, axis=2)
@@ -104,7 +104,7 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
         spread += np.sum((there @ covariance.marginal[last]) * there, axis=2)
         spread += 2.0 * np.sum((here @ cross) * there, axis=2)
     weight = family.weights(states)[:, None]
-    return float(np.sum(b**2)), float(np.sum(weight) * d - np.sum(spread))
+    return float(np.sum(linear.b**2)), float(np.sum(weight) * d - np.sum(spread))
 
 
 def _columns(kind: Kind) -> np.ndarray:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step, offset_in_keyframe
 from trackfg.frames import Array
@@ -49,12 +50,12 @@ class SquareRoot:
     @cached_property
     def inverse(self) -> Array:
         """R^-1, shape (n, 19, 19)."""
-        return np.asarray(np.linalg.inv(self.R))
+        return np.array([dtrtri(R)[0] for R in self.R])
 
     @cached_property
     def shared_inverse(self) -> Array:
         """R^-1 of the shared variables."""
-        return np.asarray(np.linalg.inv(self.R_shared))
+        return np.asarray(dtrtri(self.R_shared)[0])
 
     @cached_property
     def regression(self) -> Array:

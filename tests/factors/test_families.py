@@ -128,17 +128,18 @@ def test_switch_leaves_outliers_no_pull_but_holds_what_they_measure() -> None:
 def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
     states = random_states(3, 0.3)
     family = families(3, loss)[i]
-    slots, jacobians, b = family.linearize(states)
+    linear = family.linearize(states)
     values = states.to_gtsam()
     graph = gtsam.NonlinearFactorGraph()
     for factor in family.custom_factors():
         graph.push_back(factor)
     single = graph.linearize(values)
-    assert len(b) == single.size() == len(family)
+    assert len(linear.rows) == single.size() == len(family)
     for k in range(len(family)):
-        assert [slot.keys[k] for slot in slots] == list(single.at(k).keys())
-        ours = np.column_stack([*(jacobian[k] for jacobian in jacobians), b[k]])
-        np.testing.assert_allclose(ours, single.at(k).augmentedJacobian(), rtol=1e-9, atol=1e-9)
+        assert [slot.keys[k] for slot in linear.slots] == list(single.at(k).keys())
+        np.testing.assert_allclose(linear.rows[k], single.at(k).augmentedJacobian(), rtol=1e-9, atol=1e-9)
+    ours = [*linear.jacobians, linear.b[:, :, None]]
+    np.testing.assert_array_equal(np.concatenate(ours, axis=2), linear.rows)
     assert family.cost(states) == pytest.approx(graph.error(values), rel=1e-9)
 
 
