@@ -1,4 +1,6 @@
-"""Channels of the IMU that are numbers and yet no measurements: stuck, repeated or cut off at the end of the range."""
+"""Channels of the IMU that are numbers and yet no measurements: stuck, repeated, cut off at the end of the range, or
+beyond any.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +29,12 @@ def findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding
     found = _repeated(imu, t, sensor, limits)
     for name, channel in zip((*imu.gyro, *imu.accel), sensor.T, strict=True):
         found += _stuck(imu, name, t, channel, limits) or _saturated(imu, name, t, channel)
+    for names, channels, most, unit in (
+        (imu.gyro, sensor[:, :3], limits.possible_rate_radps, "rad/s"),
+        (imu.accel, sensor[:, 3:], limits.possible_force_mps2, "m/s^2"),
+    ):
+        for name, channel in zip(names, channels.T, strict=True):
+            found += _impossible(imu, name, t, channel, most, unit)
     return found
 
 
@@ -69,6 +77,17 @@ def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
             mend = "use a wider range; until then the rows near these are not to be trusted"
             return [Finding("warning", "saturated-channel", message, imu.file, name, i + 1, float(t[i]), None, mend)]
     return []
+
+
+def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit: str) -> list[Finding]:
+    beyond = np.abs(channel) > most
+    if not beyond.any():
+        return []
+    i, count = int(beyond.argmax()), int(np.count_nonzero(beyond))
+    message = f"{channel[i]:.6g} {unit}" + (f", and {count - 1} more such values" if count > 1 else "")
+    mend = "remove the rows: a short gap is bridged"
+    expected = f"at most {most:g} {unit}"
+    return [Finding("warning", "impossible-value", message, imu.file, name, i + 1, float(t[i]), expected, mend)]
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:

@@ -26,6 +26,12 @@ class CheckLimits:
     speed_error_mps: float = 170.0
     rate_error_radps: float = 1.5
     """An angular rate held for half a second: far above any curve or crossing."""
+    usual_rate_radps: float = 3.0
+    usual_force_mps2: float = 30.0
+    """A single sample, off the median, that is ten times further than ever before in the stream: no vehicle does it."""
+    possible_rate_radps: float = 35.0
+    possible_force_mps2: float = 5000.0
+    """A single sample: the widest ranges in use, of gyros (2000 deg/s) and of accelerometers on axle boxes (500 g)."""
     lateral_error_mps2: float = 20.0
     """Speed times yaw rate held for half a second: above what wheels can hold."""
     laser_range_m: float = 3.0

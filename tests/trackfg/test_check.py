@@ -406,6 +406,16 @@ def test_saturation_is_a_warning(draft: Draft, tmp_path: Path) -> None:
     )
 
 
+def test_values_beyond_any_sensor_are_a_warning(draft: Draft, tmp_path: Path) -> None:
+    draft["imu"].loc[[4000, 4007], "fx"] = -1e4
+    draft["imu"].loc[500, "wz"] = 40.0
+    findings = check_recording(draft.write(tmp_path / "rec")).findings
+    said = [str(finding) for finding in findings if finding.code == "impossible-value"]
+    assert len(said) == 2
+    assert "column 'wz', data row 501 (t = 10 s): 40 rad/s" in said[0]
+    assert "column 'fx', data row 4001 (t = 80 s): -10000 m/s^2, and 1 more such values" in said[1]
+
+
 def test_fixes_against_the_direction_are_a_warning(draft: Draft, tmp_path: Path) -> None:
     draft.toml["track"]["direction"] = -1
     found = doubts(draft, tmp_path / "rec")

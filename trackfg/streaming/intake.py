@@ -1,6 +1,6 @@
 """From batches as a source gives them to sound, canonical rows in the order of time, and what became of the others.
 
-    stamps -> arrival -> conversion -> row checks
+    stamps -> arrival -> channels of the IMU -> conversion -> row checks -> clock steps
 
 Everything that carries over from one batch to the next is in :meth:`Intake.state`: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
@@ -17,7 +17,9 @@ import numpy as np
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
 from trackfg.streaming.arrival import Arrival
+from trackfg.streaming.clock_steps import ClockSteps
 from trackfg.streaming.conversion import Conversion
+from trackfg.streaming.imu_channels import ImuChannels
 from trackfg.streaming.imu_clock import ClockLimits
 from trackfg.streaming.row_checks import RowChecks
 from trackfg.streaming.rows import Rows, described_tables
@@ -40,7 +42,9 @@ class Intake:
         self._arrival = Arrival(described_tables(description), limits)
         self._stamps = None if canonical else Stamps(description)
         self._conversion = None if canonical else Conversion(description)
+        self._channels = ImuChannels(description.imu, is_canonical=canonical)
         self._checks = RowChecks(description)
+        self._steps = ClockSteps(description)
         self._report = LossReport()
         self._gnss_origin = gnss_origin
         self.rows_in = 0
@@ -58,8 +62,7 @@ class Intake:
             self._report.note(event)
         tables = batch.tables if self._stamps is None else self._stamps.on_common_clock(batch.tables)
         rows = self._sound(self._arrival.push(tables, self._report))
-        events = self._report.end_of_push()
-        return replace(rows, breaks=breaks_of(events)), events
+        return self._passed(rows, self._report.end_of_push())
 
     def finish(self) -> tuple[Rows, tuple[StreamEvent, ...]]:
         """The stream is over: the rest."""
@@ -67,20 +70,31 @@ class Intake:
         if self._stamps is not None:
             tables = self._arrival.push(self._stamps.on_common_clock({}, last=True), self._report)
         rest = self._arrival.finish(self._report)
-        rows = self._sound({
+        rest = {
             name: np.concatenate([part[name] for part in (tables, rest) if name in part])
             for name in dict.fromkeys([*tables, *rest])
-        })  # fmt: skip
-        events = self._report.end_of_stream()
+        }
+        return self._passed(self._sound(rest, last=True), self._report.end_of_stream(), last=True)
+
+    def _passed(
+        self, rows: Rows, events: tuple[StreamEvent, ...], *, last: bool = False
+    ) -> tuple[Rows, tuple[StreamEvent, ...]]:
+        rows, events = self._steps.passed(rows, events, last=last)
+        self.rows_out += len(rows)
         return replace(rows, breaks=breaks_of(events)), events
 
-    def _sound(self, tables: Mapping[str, Array]) -> Rows:
+    def _sound(self, tables: Mapping[str, Array], *, last: bool = False) -> Rows:
+        if "imu" in tables:
+            tables = {**tables, "imu": self._channels.passed(tables["imu"], self._report)}
+        if last and len(rest := self._channels.finish()):
+            tables = {**tables, "imu": np.concatenate([part for part in (tables.get("imu"), rest) if part is not None])}
+        until_s = self._arrival.watermark_s
+        if (since_s := self._channels.waiting_since_s) <= until_s:
+            until_s = float(np.nextafter(since_s, -np.inf))
         if self._conversion is not None:
             tables = self._conversion.converted(tables, self._report)
             self._gnss_origin = self._conversion.gnss_origin
-        rows = Rows.of(self._checks.sound(tables, self._report), self._arrival.watermark_s, self._gnss_origin)
-        self.rows_out += len(rows)
-        return rows
+        return Rows.of(self._checks.sound(tables, self._report), until_s, self._gnss_origin)
 
     def state(self) -> dict[str, Any]:
         """Everything that carries over, as JSON values."""
@@ -88,7 +102,9 @@ class Intake:
             "arrival": self._arrival.state(),
             "stamps": None if self._stamps is None else self._stamps.state(),
             "conversion": None if self._conversion is None else self._conversion.state(),
+            "channels": self._channels.state(),
             "checks": self._checks.state(),
+            "steps": self._steps.state(),
             "report": self._report.state(),
             "rows_in": self.rows_in,
             "rows_out": self.rows_out,
@@ -101,6 +117,8 @@ class Intake:
             self._stamps.restore(state["stamps"])
             self._conversion.restore(state["conversion"])
             self._gnss_origin = self._conversion.gnss_origin
+        self._channels.restore(state["channels"])
         self._checks.restore(state["checks"])
+        self._steps.restore(state["steps"])
         self._report = LossReport.restored(state["report"])
         self.rows_in, self.rows_out = state["rows_in"], state["rows_out"]

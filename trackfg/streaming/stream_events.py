@@ -7,7 +7,7 @@ succession go into one event: it closes when ``QUIET_PUSHES`` batches have gone 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
@@ -28,6 +28,8 @@ LOSS_KINDS = {
     "bad-sigma": "a sigma that is zero or negative",
     "position-range": "no such position on the Earth",
     "tach-jump": "the tach runs faster than 170 m/s, or backwards although it is declared unsigned",
+    "stuck-channel": "shows one value again and again: stuck, or at the end of its range",
+    "impossible-value": "beyond what the sensor of a rail vehicle shows, or far beyond all before",
 }
 """Kinds of events that count rows which were not passed on, and what each means."""
 
@@ -109,6 +111,7 @@ class _Open:
     event: StreamEvent
     pushes: int = 0
     quiet: int = 0
+    columns: tuple[str, ...] = ()
 
 
 class LossReport:
@@ -118,18 +121,16 @@ class LossReport:
         self._open: dict[tuple[str, str], _Open] = {}
         self._ready: list[StreamEvent] = []
 
-    def lose(self, kind: str, table: str, t: Array) -> None:
-        """Rows with the times ``t`` (which may hold NaN) are not passed on."""
+    def lose(self, kind: str, table: str, t: Array, columns: Sequence[str] = ()) -> None:
+        """Rows with the times ``t`` (which may hold NaN) are not passed on, because of ``columns`` if any are said."""
         if t.size == 0:
             return
         known = t[np.isfinite(t)]
         first, last = (float(known.min()), float(known.max())) if known.size else (None, None)
         now = StreamEvent(kind, table, first, last, int(t.size), LOSS_KINDS[kind])
-        entry = self._open.get((kind, table))
-        if entry is None:
-            self._open[kind, table] = _Open(now)
-        else:
-            entry.event, entry.quiet = _joined(entry.event, now), 0
+        entry = self._open.setdefault((kind, table), _Open(StreamEvent(kind, table)))
+        entry.columns = tuple(dict.fromkeys([*entry.columns, *columns]))
+        entry.event, entry.quiet = _joined(entry.event, now, entry.columns), 0
 
     def note(self, event: StreamEvent) -> None:
         """An event that loses nothing here."""
@@ -157,7 +158,7 @@ class LossReport:
     def state(self) -> dict[str, Any]:
         """All of it, as JSON values."""
         return {
-            "open": [{"event": asdict(o.event), "pushes": o.pushes, "quiet": o.quiet} for o in self._open.values()],
+            "open": [asdict(entry) for entry in self._open.values()],
             "ready": [asdict(event) for event in self._ready],
         }
 
@@ -167,12 +168,15 @@ class LossReport:
         report = cls()
         for entry in state["open"]:
             event = StreamEvent(**entry["event"])
-            report._open[event.kind, event.table] = _Open(event, entry["pushes"], entry["quiet"])
+            report._open[event.kind, event.table] = _Open(
+                event, entry["pushes"], entry["quiet"], tuple(entry["columns"])
+            )
         report._ready = [StreamEvent(**event) for event in state["ready"]]
         return report
 
 
-def _joined(a: StreamEvent, b: StreamEvent) -> StreamEvent:
+def _joined(a: StreamEvent, b: StreamEvent, columns: Sequence[str]) -> StreamEvent:
     first = [t for t in (a.t_s, b.t_s) if t is not None]
     last = [t for t in (a.until_s, b.until_s) if t is not None]
-    return StreamEvent(a.kind, a.table, min(first, default=None), max(last, default=None), a.rows + b.rows, a.detail)
+    detail = f"{', '.join(columns)}: {b.detail}" if columns else b.detail
+    return StreamEvent(a.kind, a.table, min(first, default=None), max(last, default=None), a.rows + b.rows, detail)
