@@ -17,7 +17,7 @@ from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError, TrackfgError
 from trackfg.streaming.row_parser import RowError, RowParser, json_object, stream_description
 from trackfg.streaming.rows import described_tables
-from trackfg.streaming.sources import BATCH_S, Batch
+from trackfg.streaming.sources import STORED_BATCH_S, Batch
 from trackfg.streaming.stream_events import StreamEvent
 
 try:
@@ -53,7 +53,7 @@ class McapSource:
         path: Path | str,
         description: RecordingDescription | None = None,
         *,
-        batch_s: float = BATCH_S,
+        batch_s: float = STORED_BATCH_S,
         position: int = 0,
     ) -> None:
         self._path, self._batch_s, self._position = Path(path), batch_s, position

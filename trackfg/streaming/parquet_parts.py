@@ -29,6 +29,7 @@ ROWS_PER_PART = 6000
 
 _PART = re.compile(r"part-(\d{6})\.parquet")
 _MOST_PARTS = 999_999
+_MOST_ARRAYS = 200
 
 NOTHING_WRITTEN = {name: {"part": 1, "rows": 0} for name in TABLES}
 """The state of the checkpoint before the first row."""
@@ -46,9 +47,14 @@ class _Table:
     schema: pa.Schema | None = None
 
     def add(self, frame: pd.DataFrame) -> None:
-        """Arrays are kept as they are: making an Arrow table of every few rows would take longer than all else."""
+        """Arrays are kept as they are: making an Arrow table of every few rows would take longer than all else. But
+        many short ones would take more memory than their numbers.
+        """
         for name, values in columns_of(frame).items():
-            self.pending.setdefault(name, []).append(values)
+            parts = self.pending.setdefault(name, [])
+            parts.append(values)
+            if len(parts) == _MOST_ARRAYS:
+                self.pending[name] = [np.concatenate(parts)]
         self.rows += len(frame)
 
     def content(self) -> pa.Table:

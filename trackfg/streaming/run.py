@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from trackfg.errors import BadInputError
@@ -116,9 +116,10 @@ class Stream:
         counts.events.update(event.kind for event in events)
 
 
-def write_estimates(sink: Sink, estimates: Estimates, events: Iterable[StreamEvent]) -> None:
+def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[StreamEvent]) -> None:
     """Rows of all tables; ``events`` are those of the estimates and all others."""
-    sink.write("events", event_table(events))
+    if events:  # a table of none costs as much as one of some
+        sink.write("events", event_table(events))
     sink.write("filtered", estimates.filtered)
     sink.write("smoothed", estimates.smoothed)
     sink.write("geometry", estimates.geometry)

@@ -19,6 +19,9 @@ from trackfg.streaming.rows import recording_rows
 from trackfg.streaming.stream_events import StreamEvent
 
 BATCH_S = 0.1
+"""Of rows that are waited for."""
+STORED_BATCH_S = 1.0
+"""Of rows that are there: fewer batches cost less."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,8 @@ class RecordingSource:
     """A recording as a stream: each batch holds the rows of ``batch_s`` seconds, of all tables.
 
     As fast as they are taken, or at ``speed`` times real time: then a batch comes when its last row would have. Batches
-    that were not taken in time come at once, until the stream has caught up. ``position`` counts batches.
+    that were not taken in time come at once, until the stream has caught up. ``position`` counts milliseconds from the
+    first row.
     """
 
     canonical = True
@@ -68,7 +72,7 @@ class RecordingSource:
         self,
         recording: Recording,
         *,
-        batch_s: float = BATCH_S,
+        batch_s: float | None = None,
         speed: float | None = None,
         position: int = 0,
         clock: Callable[[], float] = time.monotonic,
@@ -77,25 +81,26 @@ class RecordingSource:
         self.description = recording.description
         self.gnss_origin = recording.gnss_origin
         self._tables = {name: rows for name, rows in recording_rows(recording).tables().items() if rows.shape[0]}
-        self._batch_s, self._speed, self._position = batch_s, speed, position
+        self._batch_s = batch_s or (STORED_BATCH_S if speed is None else BATCH_S)
+        self._speed, self._position = speed, position
         self._clock, self._sleep = clock, sleep
         self.live = speed is not None
 
     def __iter__(self) -> Iterator[Batch]:
         start = min(rows[0, 0] for rows in self._tables.values())
         end = max(rows[-1, 0] for rows in self._tables.values())
-        began = self._clock()
-        count = int((end - start) // self._batch_s) + 1
-        edges = start + self._batch_s * np.arange(1, count + 1)
-        until = {name: np.searchsorted(rows[:, 0], edges, side="left") for name, rows in self._tables.items()}
-        for i in range(self._position, count):
+        began, step = self._clock(), max(round(1e3 * self._batch_s), 1)
+        positions = np.arange(self._position, 1e3 * (end - start) + step, step)
+        edges = start + 1e-3 * positions
+        cuts = {name: np.searchsorted(rows[:, 0], edges, side="left") for name, rows in self._tables.items()}
+        for i in range(1, len(edges)):
             tables = {}
             for name, rows in self._tables.items():
-                first, last = (until[name][i - 1] if i else 0), until[name][i] if i < count - 1 else rows.shape[0]
+                first, last = cuts[name][i - 1], cuts[name][i] if i < len(edges) - 1 else rows.shape[0]
                 if last > first:
                     tables[name] = rows[first:last]
             if self._speed is not None:
-                wait = (i + 1 - self._position) * self._batch_s / self._speed - (self._clock() - began)
+                wait = i * self._batch_s / self._speed - (self._clock() - began)
                 if wait > 0.0:
                     self._sleep(wait)
-            yield Batch(tables, position=i + 1)
+            yield Batch(tables, position=int(positions[i]))

@@ -247,7 +247,7 @@ def test_another_version_is_refused(content: bytes, monkeypatch: pytest.MonkeyPa
 
 
 def test_other_settings_are_refused(saved: Checkpoint, recording: Recording) -> None:
-    source, description = RecordingSource(recording, position=30), recording.description
+    source, description = RecordingSource(recording, position=3000), recording.description
     other = description.model_copy(update={"id": "another"})
     config = SmoothConfig.model_validate({"output": {"rate_hz": 5.0}})
     rows = JsonLinesSource(io.BytesIO(), description)

@@ -62,7 +62,7 @@ def write(folder: Path, content: bytes) -> Path:
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_messages_are_rows(compression: CompressionType, tmp_path: Path) -> None:
-    source = McapSource(write(tmp_path, mcap(RUN, compression=compression)))
+    source = McapSource(write(tmp_path, mcap(RUN, compression=compression)), batch_s=0.1)
     assert source.description.id == "down"
     batches = list(source)
     rows = np.concatenate([batch.tables["imu"] for batch in batches])
@@ -70,7 +70,7 @@ def test_messages_are_rows(compression: CompressionType, tmp_path: Path) -> None
     assert sum(batch.tables["tach"].shape[0] for batch in batches if "tach" in batch.tables) == 100
     assert batches[-1].position == 201
     assert not any(batch.events for batch in batches)
-    rest = list(McapSource(tmp_path / "run.mcap", source.description, position=batches[3].position))
+    rest = list(McapSource(tmp_path / "run.mcap", source.description, batch_s=0.1, position=batches[3].position))
     assert [batch.position for batch in rest] == [batch.position for batch in batches[4:]]
     np.testing.assert_array_equal(rest[0].tables["imu"], batches[4].tables["imu"])
 
@@ -110,7 +110,7 @@ def test_a_damaged_file_ends_in_an_event_or_one_error(tmp_path: Path) -> None:
         for place in rng.integers(0, len(content), 5):
             spoilt[place] = rng.integers(0, 256)
         with contextlib.suppress(BadInputError):
-            for batch in McapSource(write(tmp_path, bytes(spoilt)), description):
+            for batch in McapSource(write(tmp_path, bytes(spoilt)), description, batch_s=0.1):
                 assert all(event.detail.isprintable() for event in batch.events)
                 read += 1
     assert read > 150
