@@ -8,6 +8,8 @@ any two keyframes the count is off by one rounding, not by a random walk of them
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
@@ -151,3 +153,17 @@ def absolute_fix(index: np.ndarray, distance: Array, sigma: Array, loss: Loss | 
     time by the tach. sigma (m, 1).
     """
     return Family("absolute fix", _fix, (Slot(Kind.ODO, index),), (distance[:, None],), sigma, loss)
+
+
+def _seen(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
+    return odo[:, :1] - distance, (np.zeros((len(odo), 1, 4)),)
+
+
+def withheld_fix(fixes: Family) -> Family:
+    """Fixes that are not believed: their residuals are known, but nothing follows them."""
+    return replace(fixes, name="withheld fix", evaluate=_seen)
+
+
+def followed_fix(fixes: Family) -> Family:
+    """Fixes as :func:`absolute_fix` has them, whether they were withheld or not."""
+    return replace(fixes, name="absolute fix", evaluate=_fix)

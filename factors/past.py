@@ -13,13 +13,19 @@ makes angular rates in body axes rates of the angles. To first order it is the t
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
 from trackfg.frames import Array, body_rates, euler_rates, matrix_from_rpy, rpy_from_matrix
 
+PAST = "past"
+"""The family's name."""
+
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
+_OTHERS = tuple(kind for kind in _KINDS if kind is not Kind.NAV)
 _IN_KEYFRAME = len(ELIMINATION_ORDER)
 
 
@@ -28,9 +34,14 @@ def away(value: Value, origin: Value) -> Array:
     if not (isinstance(value, Nav) and isinstance(origin, Nav)):
         return np.asarray(value, dtype=np.float64) - np.asarray(origin, dtype=np.float64)
     rpy = rpy_from_matrix(origin.R)
-    angles = rpy_from_matrix(value.R) - rpy
+    return _nav_away(value, origin, rpy_from_matrix(value.R), rpy, body_rates(rpy))
+
+
+def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Array) -> Array:
+    """``rpy`` (m, 3) of both, and the :func:`~trackfg.frames.body_rates` at the origin."""
+    angles = rpy - rpy_origin
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
-    turn = np.einsum("mij,mj->mi", body_rates(rpy), angles)
+    turn = np.einsum("mij,mj->mi", rates, angles)
     shift, faster = (np.einsum("mji,mj->mi", origin.R, part) for part in (value.p - origin.p, value.v - origin.v))
     return np.concatenate([turn, shift, faster], axis=1)
 
@@ -48,7 +59,9 @@ def carried(origin: States, other: States) -> tuple[Array, Step]:
     """
     J = np.eye(sum(kind.dim for kind in _KINDS))
     at = offset_in_keyframe(Kind.NAV)
-    J[at : at + Kind.NAV.dim, at : at + Kind.NAV.dim] = _by_nav(other.nav, origin.nav)[0]
+    J[at : at + Kind.NAV.dim, at : at + Kind.NAV.dim] = _by_nav(
+        other.nav, origin.nav, rpy_from_matrix(other.nav.R), body_rates(rpy_from_matrix(origin.nav.R))
+    )[0]
     return J, step_from(origin, other)
 
 
@@ -62,21 +75,27 @@ def moved_from(origin: States, step: Step) -> States:
 
 def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
     values, (R, p, v, *others, A, b) = parts[: len(_KINDS)], (np.asarray(part) for part in parts[len(_KINDS) :])
-    origins: dict[Kind, Array] = dict(zip((kind for kind in _KINDS if kind is not Kind.NAV), others, strict=True))
-    residual, jacobians = -b, []
+    origins: dict[Kind, Array] = dict(zip(_OTHERS, others, strict=True))
+    tangents, jacobians = [], []
     for kind, value in zip(_KINDS, values, strict=True):
         at = offset_in_keyframe(kind)
         block = A[:, :, at : at + kind.dim]
-        origin = Nav(R, p, v) if isinstance(value, Nav) else origins[kind]
-        residual = residual + np.einsum("mij,mj->mi", block, away(value, origin))
-        jacobians.append(block @ _by_nav(value, Nav(R, p, v)) if isinstance(value, Nav) else block)
-    return residual, tuple(jacobians)
+        if isinstance(value, Nav):
+            origin, (rpy, rpy_origin) = Nav(R, p, v), (rpy_from_matrix(one) for one in (value.R, R))
+            rates = body_rates(rpy_origin)
+            tangents.append(_nav_away(value, origin, rpy, rpy_origin, rates))
+            block = block @ _by_nav(value, origin, rpy, rates)
+        else:
+            tangents.append(np.asarray(value) - origins[kind])
+        jacobians.append(block)
+    x = np.concatenate(tangents, axis=1)
+    return (A @ x[:, :, None])[:, :, 0] - b, tuple(jacobians)
 
 
-def _by_nav(value: Nav, origin: Nav) -> Array:
-    """The derivative of :func:`away` by the tangent of ``value``."""
+def _by_nav(value: Nav, origin: Nav, rpy: Array, rates: Array) -> Array:
+    """The derivative of :func:`_nav_away` by the tangent of ``value``."""
     out = np.zeros((len(value), Kind.NAV.dim, Kind.NAV.dim))
-    out[:, :3, :3] = body_rates(rpy_from_matrix(origin.R)) @ euler_rates(rpy_from_matrix(value.R))
+    out[:, :3, :3] = rates @ euler_rates(rpy)
     out[:, 3:6, 3:6] = out[:, 6:, 6:] = np.swapaxes(origin.R, 1, 2) @ value.R
     return out
 
@@ -88,6 +107,35 @@ def past(rows: Array, origin: States) -> Family:
     """
     zero = np.zeros(1, dtype=np.int64)
     nav = origin.nav
-    others = [np.asarray(origin.of(kind)) for kind in _KINDS if kind is not Kind.NAV]
+    others = [np.asarray(origin.of(kind)) for kind in _OTHERS]
     data = (nav.R, nav.p, nav.v, *others, rows[None, :, :-1], rows[None, :, -1])
-    return Family("past", _past, tuple(Slot(kind, zero) for kind in _KINDS), data, np.ones((1, len(rows))))
+    return Family(PAST, _past, tuple(Slot(kind, zero) for kind in _KINDS), data, np.ones((1, len(rows))))
+
+
+def answering(family: Family, response: Array) -> Family:
+    """The past of a keyframe from which an interval begins now: its bias b is no longer the sensor's own one but that
+    of the interval, ``own + response c`` with the calibration c, and ``response`` (6, 21).
+    """
+    R, p, v, *others, A, b = family.data
+    origins = dict(zip(_OTHERS, others, strict=True))
+    at_bias, at_imu = (offset_in_keyframe(kind) for kind in (Kind.BIAS, Kind.IMU))
+    A = A.copy()
+    A[:, :, at_imu : at_imu + Kind.IMU.dim] -= A[:, :, at_bias : at_bias + Kind.BIAS.dim] @ response
+    origins[Kind.BIAS] = origins[Kind.BIAS] + origins[Kind.IMU] @ response.T
+    return family.with_data((R, p, v, *origins.values(), A, b))
+
+
+def past_elsewhere(family: Family, by_m: float, sd_m: float) -> Family:
+    """The :func:`past` of a vehicle that was ``by_m`` further along the track, to ``sd_m``; all else as it was.
+
+    What it said of the distance D was wrong by e ~ N(by, sd^2): the rows ``A (x - u e) = b`` with u the direction of D
+    and ``e / sd = 0``, counted from D + by, and e eliminated.
+    """
+    *parts, A, b = family.data
+    at, odo = offset_in_keyframe(Kind.ODO), 3 + _OTHERS.index(Kind.ODO)
+    parts[odo] = parts[odo] + np.array([by_m, 0.0, 0.0, 0.0])
+    rows = np.column_stack([-A[0, :, at], A[0], b[0]])
+    error = np.zeros((1, rows.shape[1]))
+    error[0, 0] = 1.0 / sd_m
+    left = np.asarray(np.linalg.qr(np.concatenate([error, rows]), mode="r"))[1:, 1:]
+    return replace(family, data=(*parts, left[None, :, :-1], left[None, :, -1]), sigma=np.ones((1, len(left))))

@@ -16,7 +16,7 @@ from trackfg.results import EVENT_COLUMNS
 from trackfg.slip_events import slip_events
 from trackfg.spans import true_runs
 
-POSITIONS = ("absolute fix", "landmark", "GNSS position")
+POSITIONS = ("absolute fix", "withheld fix", "landmark", "GNSS position")
 """Families whose measurements are told one by one, or as runs of outliers."""
 
 TOLD = ("tach distance", *POSITIONS)
@@ -87,7 +87,7 @@ def _positions(problem: Problem, family: Family, states: States, row: Callable[.
     size = np.linalg.norm(family.residual(states), axis=1)
     outlier = family.weights(states) < _OUTLIER_WEIGHT
     if family.name != "GNSS position":
-        what = "fix" if family.name == "absolute fix" else "landmark"
+        what = "landmark" if family.name == "landmark" else "fix"
         return [
             row(f"{what} set aside" if bad else f"{what} used", at, at, f"residual {r:.2f} m")
             for at, r, bad in zip(t, size, outlier, strict=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trackfg.factors.family import check_jacobians
-from trackfg.factors.past import moved_from, past, step_from
-from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step
+from trackfg.factors.past import moved_from, past, past_elsewhere, step_from
+from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step, offset_in_keyframe
 from trackfg.frames import matrix_from_rpy
 
 
@@ -51,3 +53,21 @@ def test_jacobians() -> None:
     origin = one_keyframe(rng)
     family = past(rng.standard_normal((49, 50)), origin)
     check_jacobians(family, moved_from(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)
+
+
+def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
+    rng = np.random.default_rng(3)
+    origin, rows, by, sd = one_keyframe(rng), rng.standard_normal((49, 50)), 40.0, 25.0
+    family = past_elsewhere(past(rows, origin), by, sd)
+    A, b = family.data[-2][0], family.data[-1][0]
+    at = offset_in_keyframe(Kind.ODO)
+    before, after = np.linalg.inv(rows[:, :-1].T @ rows[:, :-1]), np.linalg.inv(A.T @ A)
+    before[at, at] += sd**2
+    np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-6 * np.abs(before).max())
+    expected, found = np.linalg.solve(rows[:, :-1], rows[:, -1]), after @ A.T @ b
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+    step = a_step(rng, 0.1)
+    states = moved_from(origin, step)
+    x = np.concatenate([step.keyframes[0], step.shared])
+    there = replace(states, odo=states.odo + np.array([by, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(family.residual(there)[0], A @ x - b, atol=1e-9)

@@ -31,6 +31,7 @@ from trackfg.localisation import MapChainage
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.map_locator import MapLocator
 from trackfg.streaming.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
+from trackfg.streaming.place_votes import with_doubt
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
@@ -120,12 +121,16 @@ class FixedLagSmoother:
         """Take the next rows and give what they make known."""
         self._tape.put(rows if self._locator is None else self._locator.less_sure(rows))
         behind, at_once = self._behind(), []
-        while self._moving.ready():
-            behind += self._behind()
-            if self._moving.ready():  # it may be that the vehicle is slower than was thought
-                update = self._moving.advanced()
+        t = self._moving.next_keyframe()
+        while t is not None and self._moving.reaches(t):
+            if done := self._behind():  # it may be that the vehicle is slower than was thought
+                behind += done
+            else:
+                update = self._moving.advanced(t)
                 at_once += [] if update is None else [self._filtered(update)]
-        self._moving.prepare()
+            t = self._moving.next_keyframe()
+        if t is not None:
+            self._moving.prepare(t)
         return _estimates_of(_table(at_once), behind)
 
     def finish(self) -> Estimates:
@@ -160,10 +165,11 @@ class FixedLagSmoother:
 
     def _filtered(self, update: Update) -> dict[str, Array]:
         """The newest keyframe's row, by columns."""
-        window, setting = update.front, self._setting
+        window, setting = update.window, self._setting
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
-        covariance, direction = update.covariance, setting.description.track.direction
+        direction = setting.description.track.direction
+        covariance = with_doubt(update.covariance, self._moving.places.doubt_m)
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, direction)
         assert self._tape.data is not None
@@ -188,7 +194,9 @@ class FixedLagSmoother:
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
             pieces = [self._tables_up_to(tables, step, settled, at_end=at_end)]
-        events = () if self._locator is None else self._locate(self._locator, pieces, step)
+        events = self._moving.places.told()
+        if self._locator is not None:
+            events = self._locate(self._locator, pieces, step)
         if step.gone is not None:
             tables.history.append(step.gone)
         if pieces:
@@ -221,6 +229,7 @@ class FixedLagSmoother:
             odometer=self._moving.odometer,
             at_end=at_end,
             chainage=self._chainage,
+            doubt_m=self._moving.places.doubt_m,
         )
 
     def _locate(self, locator: MapLocator, pieces: list[Tables], step: Pass) -> tuple[StreamEvent, ...]:

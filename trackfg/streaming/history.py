@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
 from trackfg.elimination import Conditionals
 from trackfg.events import TOLD
@@ -81,9 +82,13 @@ class History:
 
     def with_window(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:
         """Times, states and square root of the information of these keyframes and of the window's, in a row."""
-        states = [window.states]
-        for part in reversed(self.parts):
-            states.append(_estimated(part, states[-1]))
+        states, end = [window.states], len(self.parts)
+        while end:
+            begin = end - 1
+            while begin and _goes_on(self.parts[begin - 1], self.parts[begin]):
+                begin -= 1
+            states.append(_estimated(self.parts[begin:end], states[-1]))
+            end = begin
         oldest, *later = reversed(states)
         R, S, d = (
             np.concatenate([*(part.conditionals[i] for part in self.parts), own])
@@ -116,10 +121,19 @@ def _merged(first: Gone, second: Gone) -> Gone:
     return Gone(first.t, merged, first.origin.take(slice(0, 1)).joined(second.origin.take(slice(1, 2))), ())
 
 
-def _estimated(part: Gone, later: States) -> States:
-    """One keyframe from the states of those after it."""
-    origin = part.origin
-    step = step_from(origin.take(slice(1, 2)), later.take(slice(0, 1)))
-    y = np.concatenate([step.keyframes[0], step.shared])
-    x = np.linalg.solve(part.conditionals.R[0], part.conditionals.d[0] - part.conditionals.S[0] @ y)
-    return moved_from(origin.take(slice(0, 1)), Step(x[None], step.shared))
+def _goes_on(first: Gone, second: Gone) -> bool:
+    """Whether the second was linearised where the first took it to be: both left the window together."""
+    here, there = first.origin.take(slice(1, 2)), second.origin
+    return np.array_equal(here.nav.p, there.nav.p[:1]) and np.array_equal(here.imu, there.imu)
+
+
+def _estimated(parts: list[Gone], later: States) -> States:
+    """Keyframes that left together, from the states of those after them."""
+    step = step_from(parts[-1].origin.take(slice(1, 2)), later.take(slice(0, 1)))
+    x, found = step.keyframes[0], []
+    for part in reversed(parts):
+        (R,), (S,), (d,) = part.conditionals
+        x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
+        found.append(x)
+    oldest, *others = (part.origin.take(slice(0, 1)) for part in parts)
+    return moved_from(oldest.joined(*others), Step(np.array(found[::-1]), step.shared))

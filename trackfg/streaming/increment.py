@@ -21,7 +21,7 @@ from trackfg.inertial import Intervals
 from trackfg.inertial_factors import preintegrated
 from trackfg.initial import InitialPath
 from trackfg.layout import Layout
-from trackfg.motion_factors import motion
+from trackfg.motion_factors import along_track
 from trackfg.odometer_factors import rolled, travelled
 from trackfg.position_factors import positions
 from trackfg.recording import Recording
@@ -37,6 +37,8 @@ OFF_S = 60.0
 _BELIEVED_SIGMAS = 4.0
 _OF_THE_INTERVAL = ("absolute fix", "GNSS position")
 """Families that may touch the older keyframe alone, and are new all the same."""
+OTHER_ROWS = ("tach distance", "tach reading", *_OF_THE_INTERVAL, "withheld fix")
+"""Families of other rows than the inertial sensor's."""
 
 
 class Ahead(NamedTuple):
@@ -54,7 +56,7 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     k = len(window) - 1
     here = window.states.take(slice(k, k + 1))
     t = data.edges[edges]
-    standing = _path(data.edges, here, np.zeros(len(data.edges)))
+    standing = _path(data.edges[[0, -1]], here, np.zeros(2))
     nothing = Recording(setting.description, NO_SAMPLES)
     layout = Layout(
         nothing, setting.config, setting.world, data, None, _NO_RESTS, standing, None, edges, t, setting.clock_origin
@@ -68,7 +70,7 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     count = here.odo[0, 2] + distance
     odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
     there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
-    families = _new([*travelled(layout), *motion(layout)])
+    families = _new([*travelled(layout), *along_track(layout)])
     if broken:
         measured, families = _across_break(layout, here, measured, families)
     return Ahead(layout, Interval(float(t[1]), here.bias[0], there, measured, response, families))
@@ -86,7 +88,8 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
     if wheel is not None:
         counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
         further = there.odo[0, 1] * counted - there.odo[0, 3]
-        distance_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
+        moved_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
+        distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
         if abs(further) < _BELIEVED_SIGMAS * distance_sd:
             nav, forward = there.nav, there.nav.R[:, :, 0]
             there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
@@ -117,8 +120,13 @@ def _across_break(
 
 def _new(families: list[Family]) -> tuple[Family, ...]:
     """Without what the interval before has said already: factors of the older keyframe alone."""
-    new = (family if family.name in _OF_THE_INTERVAL else family.take(family.last_keyframe == 1) for family in families)
+    new = (family if family.name in _OF_THE_INTERVAL else _of_the_later(family) for family in families)
     return tuple(family for family in new if len(family))
+
+
+def _of_the_later(family: Family) -> Family:
+    own = family.last_keyframe == 1
+    return family if own.all() else family.take(own)
 
 
 def _predicted(interval: Preintegration, here: States) -> Nav:

@@ -1,9 +1,9 @@
 """The window moving along a stream: from rows to one keyframe after the other.
 
-The window begins as a batch problem of the first seconds. From then on each keyframe adds its factors to the newest
-few, the front, which move by a Gauss-Newton step at once: what the rest of the window says is a factor on the front's
-first one. Every few keyframes the whole window takes a step, where robust weights and linearisations are made anew;
-what is older than the lag is eliminated then, and what it said stays as a factor.
+The window begins as a batch problem of the first seconds. From then on each keyframe is found by a step of two, the
+tip (:mod:`trackfg.streaming.tip`). Where that step casts doubt on what was believed before, all keyframes since the
+last pass take it anew, the front: robust weights and linearisations are made again. In a pass, every few keyframes,
+the whole window takes a step; what is older than the lag is eliminated then, and what it said stays as a factor.
 
 Where the front's step fails or its steps do not settle, the whole window takes over; where the window's do, it is
 solved as a batch from what it knows; and where that fails too, a new window begins where the newest keyframe was.
@@ -31,12 +31,14 @@ from trackfg.solver import solve
 from trackfg.spans import joined_spans, parted
 from trackfg.square_root import SquareRoot
 from trackfg.standstill import find_standstills
-from trackfg.streaming.increment import Ahead, ahead, completed
+from trackfg.streaming.increment import ahead, completed
 from trackfg.streaming.odometer import Odometer
+from trackfg.streaming.place_votes import PlaceVotes, moved_interval, moved_window
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.snapshot import MADE_AGAIN
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
+from trackfg.streaming.tip import Begun
 from trackfg.streaming.window import Gone, Interval, Stepped, Window
 from trackfg.trajectory import QUANTITIES, keyframe_variances
 
@@ -66,22 +68,24 @@ _FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
 _ORIENTED_RAD = 0.03
 _LONGEST_WITHOUT_HEADING = 240
 """Keyframes: a vehicle may stand for hours before it shows its heading."""
-TOGETHER = 4
+TOGETHER = 8
 """The whole window takes a step when so many keyframes have come."""
 _FRONT = 2
 """As many older ones are in the front: a slip shows in intervals one after the other."""
+_BELIEVED = 0.9
+"""A wheel that is believed less is looked at in the front."""
 
 
 class Update(NamedTuple):
     """The newest keyframes, and the covariance of the last two."""
 
-    front: Window
+    window: Window
     covariance: Covariance
 
     @classmethod
-    def of(cls, front: Window, root: SquareRoot) -> Update:
-        """``root``: of the information about the front or the whole window."""
-        return cls(front, posterior_covariance(root.last(2)))
+    def of(cls, window: Window, root: SquareRoot) -> Update:
+        """``root``: of the information about the window."""
+        return cls(window, posterior_covariance(root.last(2)))
 
     @property
     def speed_sd(self) -> float:
@@ -119,8 +123,9 @@ class Lost(NamedTuple):
 class MovingWindow:
     """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late.
 
-    ``window`` and the ``root`` of its information are as the last pass left them, ``since`` is what has come after,
-    ``front`` the newest keyframes, ``coming`` the interval after them.
+    ``window`` and the ``root`` of its information are as the last pass left them, ``front`` its newest keyframes with
+    what the others say; ``since`` is what has come after, with keyframes where they were found; ``tip`` the newest
+    keyframe with what all others say, ``coming`` the interval after it.
     """
 
     tape: Tape
@@ -131,7 +136,8 @@ class MovingWindow:
     root: SquareRoot | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
-    coming: Ahead | None = field(default=None, metadata=MADE_AGAIN)
+    tip: Window | None = None
+    coming: Begun | None = field(default=None, metadata=MADE_AGAIN)
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
@@ -148,37 +154,59 @@ class MovingWindow:
     """How many times further apart keyframes are than the settings say."""
     on_map: bool = False
     """Whether a map will tell where the vehicle is, which nobody knows before."""
+    places: PlaceVotes = field(default_factory=PlaceVotes)
 
-    def ready(self) -> bool:
-        """Whether the rows reach the next keyframe."""
-        t = self._next_keyframe()
-        return t is not None and self.tape.until >= t + AFTER_S
+    def next_keyframe(self) -> float | None:
+        """When the next keyframe is; None while rows are missing."""
+        tip, tape = self.tip, self.tape
+        if tape.data is None:
+            return None
+        if tip is None:
+            begin = float(tape.data.edges[0])
+            return START_S + (begin if self.lost is None else max(begin, self.lost.begin_s))
+        here, config = float(tip.t[0]), self.config.keyframes
+        speed = float(np.linalg.norm(tip.states.nav.v[0]))
+        due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
+        for table in tape.positions.values():
+            times = table[:, 0]
+            soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)
+            coming = times[(times > here + 1e-3) & (times < soon)]
+            if coming.size:
+                due = float(coming[0])
+        due = min([due, *tape.turns(here, due)[:1]])
+        edges = tape.data.edges
+        at = int(np.searchsorted(edges, due))
+        if at >= len(edges):
+            return None
+        if due - edges[at - 1] < edges[at] - due and edges[at - 1] > here:
+            at -= 1
+        return float(edges[at])
 
-    def prepare(self) -> None:
-        """Begin the next interval, if the inertial sensor's rows reach as far: less is left when the others do."""
-        t = self._next_keyframe()
-        if t is not None and self.front is not None and self.tape.until >= t + _AROUND_S:
+    def reaches(self, t: float) -> bool:
+        """Whether the rows that a keyframe at ``t`` needs are there."""
+        return self.tape.until >= t + AFTER_S
+
+    def prepare(self, t: float) -> None:
+        """Begin the interval to the next keyframe, if the inertial sensor's rows reach as far: less is left when the
+        others do.
+        """
+        if self.tip is not None and self.tape.until >= t + _AROUND_S:
             self._begin(t)
 
-    def advanced(self) -> Update | None:
-        """The next keyframe, where :meth:`ready` says that there is one; None where it is :attr:`lost`."""
-        t = self._next_keyframe()
-        assert t is not None
-        return self._to(t)
+    def advanced(self, t: float) -> Update | None:
+        """The next keyframe, at ``t``; None where it is :attr:`lost`."""
+        try:
+            return self._begun(t) if self.tip is None else self._advanced(t)
+        except _FAILURES as error:
+            self._lose(t, str(error))
+            return None
 
     def last(self) -> Update | None:
         """A keyframe at the end of the rows, if they reach beyond the newest one."""
         self.tape.end()
-        if self.front is None or self.tape.until < self.front.t[-1] + _LEAST_S:
+        if self.tip is None or self.tape.until < self.tip.t[0] + _LEAST_S:
             return None
-        return self._to(self.tape.until)
-
-    def _to(self, t: float) -> Update | None:
-        try:
-            return self._begun(t) if self.front is None else self._advanced(t)
-        except _FAILURES as error:
-            self._lose(t, str(error))
-            return None
+        return self.advanced(self.tape.until)
 
     def passed(self, *, at_end: bool = False) -> Pass | None:
         """The step of the whole window, if it is due and the window is not :attr:`lost`; at the end of the stream it
@@ -198,10 +226,10 @@ class MovingWindow:
         if self.window is not None and self.root is not None:
             begin, left = float(self.window.t[-1]), Pass(self.window, self.root, None)
             variance = posterior_covariance(self.root.last(1)).of(Kind.ODO)[0, 0, 0]
-            distance = float(self.window.states.odo[-1, 0]), float(np.sqrt(variance))
+            distance = float(self.window.states.odo[-1, 0]), float(np.hypot(np.sqrt(variance), self.places.doubt_m))
         self.lost = Lost(begin, reason, left, distance)
         self.newly_lost = True
-        self.window = self.root = self.front = self.coming = self.early = None
+        self.window = self.root = self.front = self.tip = self.coming = self.early = None
         self.since, self.oriented, self.rests = [], False, np.zeros((0, 2))
 
     def tell(self, family: Family) -> None:
@@ -228,83 +256,93 @@ class MovingWindow:
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
         self.window, self.root, self.front = window, solution.root, window
+        self.tip = window.moved({len(window) - 1}).rest(len(window) - 1)
         self.early, self.lost = Pass(window, solution.root, None), None
+        self.places.begin(problem.family("absolute fix"), solution.states)
         return self._told(Update.of(window, solution.root))
 
-    def _next_keyframe(self) -> float | None:
-        """When the next keyframe is; None while rows are missing."""
-        window, tape = self.front, self.tape
-        if tape.data is None:
-            return None
-        if window is None:
-            begin = float(tape.data.edges[0])
-            return START_S + (begin if self.lost is None else max(begin, self.lost.begin_s))
-        here, config = float(window.t[-1]), self.config.keyframes
-        speed = float(np.linalg.norm(window.states.nav.v[-1]))
-        due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
-        for table in tape.positions.values():
-            times = table[:, 0]
-            soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)
-            coming = times[(times > here + 1e-3) & (times < soon)]
-            if coming.size:
-                due = float(coming[0])
-        due = min([due, *tape.turns(here, due)[:1]])
-        edges = tape.data.edges
-        at = int(np.searchsorted(edges, due))
-        if at >= len(edges):
-            return None
-        if due - edges[at - 1] < edges[at] - due and edges[at - 1] > here:
-            at -= 1
-        return float(edges[at])
-
-    def _begin(self, t: float) -> Ahead:
+    def _begin(self, t: float) -> Begun:
         """What the inertial sensor says of the interval to ``t``."""
-        front, setting = self.front, self.setting
-        assert front is not None
+        tip, setting = self.tip, self.setting
+        assert tip is not None
         assert setting is not None
-        if self.coming is None or self.coming.interval.t != t:
-            here = float(front.t[-1])
+        if self.coming is None or self.coming.ahead.interval.t != t:
+            here = float(tip.t[0])
             data = self.tape.intervals(here - _AROUND_S, t + _AROUND_S)
             edges = np.searchsorted(data.edges, [here - 1e-9, t - 1e-9])
-            self.coming = ahead(setting, front, data, edges, broken=self.tape.broken(here, t))
+            next_ = ahead(setting, tip, data, edges, broken=self.tape.broken(here, t))
+            self.coming = Begun.of(tip, next_, setting.description.imu.noise)
         return self.coming
 
     def _advanced(self, t: float) -> Update:
-        begun, front, setting = self._begin(t), self.front, self.setting
+        begun, tip = self._begin(t), self.tip
         self.coming = None
-        assert front is not None
-        assert setting is not None
-        here, wheel = float(front.t[-1]), None
+        assert tip is not None
+        here, wheel = float(tip.t[0]), None
         if self.odometer is not None:
-            newest = front.states.nav[-1:]
+            newest = tip.states.nav
             speed = float(newest.v[0] @ newest.R[0, :, 0])
             wheel = self.odometer.about(self.tape.tach, here, t + AFTER_S, speed, self._uncounted())
-        new = completed(begun, self.tape.positions_between(here, t), wheel, self.speed_sd)
-        self.since.append(new)
-        front = front.extended(new)
-        self.front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
-        try:
-            step = self._step(self.front)
-        except _FAILURES as error:
-            self.early = self._passed(StreamEvent("by-window", t_s=t, detail=str(error)))
-            return self._told(Update.of(self.front, self.early.root))
-        self.front = step.window
+        new = completed(begun.ahead, self.tape.positions_between(here, t), wheel, self.speed_sd)
+        if not self.on_map:  # which judges fixes by itself
+            new, by_m = self.places.judged(new, tip.states)
+            if by_m:
+                return self._told(self._elsewhere(new, by_m))
+        step = self._tip_step(begun, new)
+        if step is None or (tip := step.rest(1)).wheel_belief < _BELIEVED:
+            return self._told(self._doubted(new))
+        self.since.append(new.found(step.window.states))
+        self.tip = tip
         return self._told(Update.of(step.window, step.root))
+
+    def _tip_step(self, begun: Begun, new: Interval) -> Stepped | None:
+        """None where it is not to be trusted."""
+        if not self.oriented:
+            return None
+        try:
+            step = begun.step(new)
+        except _FAILURES:
+            return None
+        return step if step.root.length < _SETTLED else None
+
+    def _doubted(self, new: Interval) -> Update:
+        """The next keyframe by a step of the whole front."""
+        front, setting = self.front, self.setting
+        assert front is not None
+        assert setting is not None
+        self.since.append(new)
+        front = front.extended(*self.since)
+        front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
+        try:
+            step = self._step(front, {len(front) - 1})
+        except _FAILURES as error:
+            self.early = self._passed(StreamEvent("by-window", t_s=float(front.t[-1]), detail=str(error)))
+            return Update.of(self.early.window, self.early.root)
+        first, states = len(front) - len(self.since) - 1, step.window.states
+        self.since = [one.found(states.take(slice(k, k + 2))) for k, one in enumerate(self.since, first)]
+        self.tip = step.rest(len(front) - 1)
+        return Update.of(step.window, step.root)
+
+    def _elsewhere(self, new: Interval, by_m: float) -> Update:
+        """The next keyframe, by a step of the whole front: the vehicle is further along the track than was believed."""
+        assert self.window is not None
+        assert self.front is not None
+        self.window, self.front = moved_window(self.window, by_m), moved_window(self.front, by_m)
+        self.since = [moved_interval(interval, by_m) for interval in self.since]
+        return self._doubted(moved_interval(new, by_m))
 
     def _told(self, update: Update) -> Update:
         self.speed_sd = update.speed_sd
+        self.places.learn(update.covariance)
         return update
 
     def _passed(self, event: StreamEvent | None = None) -> Pass:
         """``event``: that the front could not take its step."""
-        window, front, setting = self.window, self.front, self.setting
+        window, setting = self.window, self.setting
         assert window is not None
-        assert front is not None
         assert setting is not None
         imu, begin = setting.description.imu, float(window.t[-1])
         window = window.extended(*self.since)
-        older = window.states.take(slice(0, len(window) - len(front)))
-        window = replace(window, states=older.joined(front.states))
         self._find_rests(window, begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
@@ -312,16 +350,19 @@ class MovingWindow:
         if self.oriented or len(window) > _LONGEST_WITHOUT_HEADING:
             leaving = int(np.searchsorted(window.t, window.t[-1] - self.lag_s))
             before = max(len(window) - _FRONT, leaving)
-        gone_at = {leaving, before} - {0}
+        newest = len(window) - 1
+        gone_at = {leaving, before, newest} - {0}
         try:
             step = self._step(window, gone_at)
+            if step.window.doubts_wheel and (other := self._by_batch(window)).cost < step.window.cost:
+                step = other.moved(gone_at)
         except _FAILURES as error:
             event = StreamEvent("by-batch", t_s=float(window.t[-1]), detail=str(error))
             step = self._by_batch(window).moved(gone_at)
         self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
-        self.window, gone = step.without(leaving) if leaving else (step.window, None)
+        gone = step.gone(leaving) if leaving else None
+        self.window, self.front, self.tip = step.rest(leaving), step.rest(before), step.rest(newest)
         self.root = step.root.last(len(self.window))
-        self.front = step.without(before)[0] if before else step.window
         self.since, self.coming = [], None
         return Pass(step.window, step.root, gone, event)
 

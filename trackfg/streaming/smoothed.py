@@ -27,6 +27,7 @@ from trackfg.rail_profile import seen_profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
 from trackfg.streaming.odometer import Odometer
+from trackfg.streaming.place_votes import with_doubt
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.settled_events import SettledEvents
 from trackfg.streaming.stream_events import StreamEvent
@@ -98,17 +99,18 @@ class SmoothedTables:
         odometer: Odometer | None,
         at_end: bool = False,
         chainage: MapChainage | None = None,
+        doubt_m: float = 0.0,
     ) -> Tables:
         """The tables of what is older than ``settled_s``; at the end of the stream of all there is.
 
         ``rests`` (r, 2), s, are those of late. ``chainage``: where the run is located on a map, how well its places are
-        known.
+        known. ``doubt_m``: how far it is in doubt by contradicting fixes.
         """
         t, states, whole = self.history.with_window(window, root)
         assert tape.data is not None
         problem = self.setting.problem_of(t, states, tape.data)
         track, config = self.setting.description.track, self.setting.config
-        covariance = posterior_covariance(whole)
+        covariance = with_doubt(posterior_covariance(whole), doubt_m)
         if chainage is not None:
             covariance = chainage.with_uncertainty(covariance, states, track.direction)
         clock = _clock(self.done_s, settled_s, config.output.rate_hz)

@@ -22,6 +22,8 @@ from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
 _POSITIONS = ("fixes", "gnss")
+_RATE_S = 0.1
+"""A rate is a mean over as long."""
 _AT_REST_S = 0.5
 """Of a long rest, what lasers show at its begin and at its end."""
 
@@ -144,8 +146,8 @@ class Tape:
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        assert self.data is not None
-        return means_around(np.array([t]), 0.1, self.data.edges, self.data.gyro)
+        about = self.intervals(t - 2.0 * _RATE_S, t + 2.0 * _RATE_S)
+        return means_around(np.array([t]), _RATE_S, about.edges, about.gyro)
 
     def forget(self, before: float, newer: float) -> None:
         """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""

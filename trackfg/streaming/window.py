@@ -6,7 +6,7 @@ one that is in the window. What is left behind stays as one factor, :mod:`trackf
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 from trackfg.elimination import Conditionals, eliminate_leaving
 from trackfg.factors.family import Family, LinearFactors
 from trackfg.factors.imu import Preintegration, linearize_imu_factors
-from trackfg.factors.past import past
+from trackfg.factors.past import PAST, answering, past
 from trackfg.factors.states import States
 from trackfg.frames import Array
 from trackfg.inertial_factors import graph_of
@@ -35,6 +35,10 @@ class Interval(NamedTuple):
     measured: Preintegration
     response: Array
     families: tuple[Family, ...]
+
+    def found(self, states: States) -> Interval:
+        """With both keyframes where they were found to be: ``states`` of the two."""
+        return self._replace(bias=states.bias[0], ahead=states.take(slice(1, 2)))
 
 
 class Gone(NamedTuple):
@@ -61,6 +65,23 @@ class Window:
     def __len__(self) -> int:
         return len(self.t)
 
+    @property
+    def cost(self) -> float:
+        """Of the graph at these states."""
+        inertial = float(graph_of(self.measured).error(self.states.inertial_to_gtsam()))
+        return inertial + sum(family.cost(self.states) for family in self.families)
+
+    @property
+    def doubts_wheel(self) -> bool:
+        """Whether it is as likely as not that the wheel slipped somewhere."""
+        return any((family.weights(self.states) < 0.5).any() for family in self.families if family.in_a_row)
+
+    @property
+    def wheel_belief(self) -> float:
+        """How likely it is, after the last interval, that the wheel rolls; 1 where there is none."""
+        rolling = (family.loss for family in self.families if family.in_a_row)
+        return min((loss.before for loss in rolling if loss is not None), default=1.0)
+
     def with_families(self, *families: Family) -> Window:
         """With these in the place of those of the same names."""
         names = {family.name for family in families}
@@ -69,10 +90,12 @@ class Window:
 
     def extended(self, *intervals: Interval) -> Window:
         """With the next keyframes."""
-        known = {family.name: [family] for family in self.families}
-        for last, interval in enumerate(intervals, len(self) - 1):
-            for family in interval.families:
-                known.setdefault(family.name, []).append(family.shifted(last))
+        families = self.families
+        if len(self) == 1:  # what is known of the keyframe is known of its bias as no interval has it
+            families = tuple(
+                answering(family, intervals[0].response) if family.name == PAST else family for family in families
+            )
+        later = [family.shifted(last) for last, new in enumerate(intervals, len(self) - 1) for family in new.families]
         response = [self.response[:-1], *(interval.response[None] for interval in intervals)]
         bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
         states = self.states.joined(*(interval.ahead for interval in intervals))
@@ -81,23 +104,39 @@ class Window:
             replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
             (*self.measured, *(interval.measured for interval in intervals)),
             np.concatenate([*response, np.zeros_like(self.response[:1])]),
-            tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in known.values()),
+            _joined([*families, *later]),
         )
 
-    def linearized(self) -> list[LinearFactors]:
-        """All factors at the window's states."""
-        inertial = linearize_imu_factors(graph_of(self.measured), self.states.to_gtsam())
-        return [inertial, *(family.linearize(self.states) for family in self.families)]
+    def joined(self, families: Sequence[Family]) -> Window:
+        """With these factors too."""
+        return replace(self, families=_joined([*self.families, *families]))
+
+    def linearized(self, left_out: Collection[str] = ()) -> list[LinearFactors]:
+        """All factors at the window's states, but families of the names ``left_out``."""
+        inertial = linearize_imu_factors(graph_of(self.measured), self.states.inertial_to_gtsam())
+        return [inertial, *(one.linearize(self.states) for one in self.families if one.name not in left_out)]
 
     def moved(self, gone: Collection[int] = ()) -> Stepped:
         """One Gauss-Newton step on; for each of ``gone`` so many of the first keyframes can be left behind then.
 
         Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
         """
-        root, left = eliminate_leaving(self.linearized(), len(self), gone)
+        return self.stepped(self.linearized(), gone)
+
+    def stepped(self, linear: Sequence[LinearFactors], gone: Collection[int]) -> Stepped:
+        """:meth:`moved` by factors that have been linearised at the window's states."""
+        root, left = eliminate_leaving(linear, len(self), gone)
         if not np.isfinite(root.length):
             raise ValueError("the step is not finite")
         return Stepped(replace(self, states=self.states.moved(root.solution())), root, left, self.states)
+
+
+def _joined(families: Sequence[Family]) -> tuple[Family, ...]:
+    """Those of one name as one."""
+    by_name: dict[str, list[Family]] = {}
+    for family in families:
+        by_name.setdefault(family.name, []).append(family)
+    return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in by_name.values())
 
 
 class Stepped(NamedTuple):
@@ -110,21 +149,30 @@ class Stepped(NamedTuple):
     left: Mapping[int, Array]
     origin: States
 
-    def without(self, gone: int) -> tuple[Window, Gone]:
-        """Without the first ``gone`` keyframes, and what went."""
-        window, root, origin = self.window, self.root, self.origin
+    def rest(self, gone: int) -> Window:
+        """Without the first ``gone`` keyframes.
+
+        Of factors in a row the family stays though all are gone: it knows what the next ones follow.
+        """
+        if not gone:
+            return self.window
+        window = self.window
         kept = [
             family.following(later, window.states).shifted(-gone)
             for family in window.families
-            if (later := np.flatnonzero(family.first_keyframe >= gone)).size
+            if (later := family.first_keyframe >= gone).any() or family.in_a_row
         ]
-        rest = Window(
+        return Window(
             window.t[gone:],
             window.states.take(slice(gone, None)),
             window.measured[gone:],
             window.response[gone:],
-            (past(self.left[gone], origin.take(slice(gone, gone + 1))), *kept),
+            (past(self.left[gone], self.origin.take(slice(gone, gone + 1))), *kept),
         )
+
+    def gone(self, gone: int) -> Gone:
+        """The first ``gone`` keyframes."""
+        window, root = self.window, self.root
         conditionals = Conditionals(root.R[:gone], root.S[:gone], root.d[:gone])
         left = tuple(family.take(family.first_keyframe < gone) for family in window.families)
-        return rest, Gone(window.t[:gone], conditionals, origin.take(slice(0, gone + 1)), left)
+        return Gone(window.t[:gone], conditionals, self.origin.take(slice(0, gone + 1)), left)

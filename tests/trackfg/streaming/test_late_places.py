@@ -40,7 +40,7 @@ def places(step: Stepped, away: list[float], sigma: float) -> Passed:
 
 def told(step: Stepped, passed: Passed, loss: Loss | None = None) -> tuple[Window, np.ndarray]:
     """The window without the keyframes that left, but with what the places say; and their weights."""
-    rest, gone = step.without(LEAVING)
+    rest, gone = step.rest(LEAVING), step.gone(LEAVING)
     marginal = posterior_covariance(step.root).marginal[LEAVING]
     late = told_late(passed, History(), step.window, step.root, LEAVING, marginal, loss)
     assert late is not None
