@@ -153,7 +153,7 @@ def test_a_slope_is_known_as_well_as_the_scatter_lets_it(tools: SimpleNamespace)
     measured = {f"{what} {part}": value for what in ("update", "all", "memory") for part, value in
                 (("slope", 1.0), ("sigma", 0.01), ("mean", 10.0))}  # fmt: skip
     times = {"p50 ms": 3.0, "p99 ms": 30.0, "max ms": 40.0, "longest ms": 40.0, "first ms": 80.0}
-    row = pd.DataFrame([{**measured, **times, "hours": 6.0, "times real time": 40.0}])
+    row = pd.DataFrame([{**measured, **times, "hours": 6.0, "times real time": 40.0, "stored": 1.0}])
     met = {figure.quantity: figure.met for figure in tools.cost.figures(row)}
     assert met["latency of a keyframe, median, ms"] is True
     assert met["latency of a keyframe, 99 %, ms"] is False
@@ -183,7 +183,7 @@ def test_a_short_stream_has_its_cost(tmp_path: Path) -> None:
     done = subprocess.run([*command, "--out", tmp_path / "lines.csv"], capture_output=True, text=True)
     assert done.returncode in (0, 1), done.stderr
     lines = pd.read_csv(tmp_path / "lines.csv").set_index("quantity")
-    assert lines.loc["times real time", "value"] > 1.0
+    assert lines.loc["times real time, 0.05 h from a store", "value"] > 1.0
 
 
 @pytest.mark.slow

@@ -5,9 +5,18 @@ ratio is that of the errors' root mean squares over all seeds; the best baseline
 that quantity. The place along the track counts from where a stream says that it knows it: up to the first fix it does
 not. Coverage is the share of errors within the interval of 95 %, the mean over seeds; a quantity whose error
 is one offset for the whole run throws the dice once a run.
+
+All runs are scored as a whole, and from ``LATE_S`` on. A batch judges the first minutes by what the sensor showed
+later, its biases and the wheel's scale; a stream knows of these, then, what its description says, and its sigmas say
+so.
 """
 
 from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -15,17 +24,21 @@ from positioning_table import Figure, Part, at_most, between
 from stream_tables import tables_of
 
 from trackfg import FixedLagSmoother
-from trackfg.compare_case import Case, run_case
-from trackfg.comparison import QUANTITIES, REFERENCE
+from trackfg.comparison import QUANTITIES, REFERENCE, Task
 from trackfg.datasets.scenarios import Simulation, simulate
+from trackfg.errors import TrackfgError
+from trackfg.estimators import estimators
 from trackfg.evaluate_geometry import geometry_errors
 from trackfg.evaluate_trajectory import distance_errors, from_the_true_start, trajectory_errors
+from trackfg.frames import Array
 from trackfg.scores import rms, score_run
 from trackfg.streaming.sources import RecordingSource
 
 LAG_S = 20.0
 SCENARIOS = {"mainline": 1200.0, "trolley": 1200.0, "slippery-line": 1200.0, "shuttle": 1000.0}
 """And how long a run of each is, s."""
+LATE_S = 600.0
+LATE = f", from {LATE_S:g} s on"
 
 COMPARED = ("cross_level_mm", "twist_mm", "distance_percent")
 COVERED = ("cross_level_mm", "twist_mm", "along_track_m", "speed_kmh", "roll_mrad", "pitch_mrad")
@@ -34,46 +47,85 @@ KNOWN_M = 100.0
 STREAM, FILTERED = "stream", "filtered"
 
 
+@dataclass(frozen=True)
+class _Estimate:
+    """What one estimator says of a run. ``tasks``: what it is judged by; ``anchored``: its chainage is the line's."""
+
+    name: str
+    trajectory: pd.DataFrame
+    geometry: pd.DataFrame
+    tasks: Collection[str]
+    anchored: bool = True
+
+
 def measure(seed: int) -> dict[str, float]:
     """Per scenario, estimator and quantity the error, and of the stream the coverage: ``scenario/estimator/quantity``
-    and ``scenario/stream/quantity/coverage``.
+    and ``scenario/stream/quantity/coverage``; the scenario's name with ``LATE`` where the begin does not count.
     """
     out: dict[str, float] = {}
     for name, duration_s in SCENARIOS.items():
-        compared = run_case(Case(name, seed, duration_s), peers=False, keep=False).scores
-        scores = pd.concat([compared, _streamed(simulate(name, seed=seed, duration_s=duration_s))])
-        for row in scores[scores["from_kmh"].isna() & (scores["places"] > 0)].itertuples():
-            key = f"{name}/{row.estimator}/{row.quantity}"
-            if row.quantity in COMPARED:
-                out[key] = float(getattr(row, QUANTITIES[row.quantity].statistic))
-            if row.quantity in COVERED and row.estimator in (STREAM, FILTERED):
-                out[f"{key}/coverage"] = float(row.coverage)
+        run = simulate(name, seed=seed, duration_s=duration_s)
+        for one in (*_known(run), *_streamed(run)):
+            for label, since_s in ((name, -np.inf), (name + LATE, LATE_S)):
+                for row in _scores(one, run, since_s).itertuples():
+                    key = f"{label}/{one.name}/{row.quantity}"
+                    if row.quantity in COMPARED:
+                        out[key] = float(getattr(row, QUANTITIES[row.quantity].statistic))
+                    if row.quantity in COVERED and one.name in (STREAM, FILTERED):
+                        out[f"{key}/coverage"] = float(row.coverage)
     return out
 
 
-def _streamed(run: Simulation) -> pd.DataFrame:
-    """The scores of the stream, with ``estimator``: smoothed and filtered."""
+def _known(run: Simulation) -> Iterator[_Estimate]:
+    """The batch smoother and the published systems, as far as they can use the recording."""
+    for name, estimator in estimators(peers=False).items():
+        with contextlib.suppress(TrackfgError):
+            result = estimator.run(run.recording)
+            yield _Estimate(name, result.trajectory, result.geometry, estimator.tasks, estimator.anchored)
+
+
+def _streamed(run: Simulation) -> Iterator[_Estimate]:
     smoother = FixedLagSmoother(run.recording.description, lag_s=LAG_S)
     tables, _ = tables_of(RecordingSource(run.recording), smoother)
-    scores = []
-    for estimator, name in ((STREAM, "smoothed"), (FILTERED, "filtered")):
-        own = tables[name]
-        trajectory = own[own["chainage_m_sd"] < KNOWN_M]
-        if run.recording.fixes is None:
-            trajectory = from_the_true_start(trajectory, run.truth)
-        scored = [score_run(trajectory_errors(trajectory, run.truth), band_kmh=None)]
-        if estimator == STREAM:
-            scored.append(score_run(distance_errors(trajectory, run.truth), band_kmh=None))
-            if "geometry" in tables:
-                errors = geometry_errors(tables["geometry"], own, run.truth, run.truth_geometry)
-                scored.append(score_run(errors, band_kmh=None))
-        scores += [table.assign(estimator=estimator) for table in scored]
-    return pd.concat(scores, ignore_index=True)
+    tasks, none = get_args(Task), pd.DataFrame()
+    for name, table, geometry in ((STREAM, "smoothed", tables.get("geometry", none)), (FILTERED, "filtered", none)):
+        own = tables[table]
+        yield _Estimate(name, own[own["chainage_m_sd"] < KNOWN_M], geometry, tasks)
+
+
+def _scores(one: _Estimate, run: Simulation, since_s: float) -> pd.DataFrame:
+    """Of what was passed from ``since_s`` on."""
+    truth = run.truth[run.truth["t_s"] >= since_s]
+    trajectory = one.trajectory[one.trajectory["t_s"] >= since_s]
+    if not one.anchored or run.recording.fixes is None:
+        trajectory = from_the_true_start(trajectory, truth)
+    errors = [trajectory_errors(trajectory, truth)]
+    if one.name != FILTERED:
+        errors.append(distance_errors(trajectory, truth))
+    if len(one.geometry):
+        of_places = geometry_errors(one.geometry, one.trajectory, run.truth, run.truth_geometry)
+        errors.append(of_places[_passed_s(one, run) >= since_s])
+    scores = pd.concat([score_run(table, band_kmh=None) for table in errors], ignore_index=True)
+    scores = scores[scores["quantity"].isin(QUANTITIES) & (scores["places"] > 0)]
+    return scores[[QUANTITIES[name].task in one.tasks for name in scores["quantity"]]]
+
+
+def _passed_s(one: _Estimate, run: Simulation) -> Array:
+    """When the rows of the geometry were passed; NaN where that is more than one time."""
+    if "t_s" in one.geometry:
+        return one.geometry["t_s"].to_numpy()
+    way = run.truth["chainage_m"].to_numpy()
+    steps = np.diff(way)
+    if steps.min() < 0.0 < steps.max():
+        return np.full(len(one.geometry), np.nan)
+    sense = 1.0 if steps.max() > 0.0 else -1.0
+    return np.interp(sense * one.geometry["chainage_m"], sense * way, run.truth["t_s"])
 
 
 def figures(measured: pd.DataFrame) -> list[Figure]:
     """The lines of the part."""
-    return [line for name in SCENARIOS for line in (*_compared(measured, name), *_covered(measured, name))]
+    labels = [name + when for name in SCENARIOS for when in ("", LATE)]
+    return [line for label in labels for line in (*_compared(measured, label), *_covered(measured, label))]
 
 
 def _compared(measured: pd.DataFrame, scenario: str) -> list[Figure]:

@@ -267,16 +267,17 @@ def thrown(ground: Ground, rng: np.random.Generator) -> Damaged:
 
 @contextmanager
 def _failing(begin: float, count: int) -> Iterator[None]:
-    moved, left = Window.moved, count
+    """So many steps of more than the newest two keyframes, and all of these until then."""
+    stepped, left = Window.stepped, count
 
     def failing(window: Window, *arguments: Any) -> Stepped:
         nonlocal left
         if window.t[-1] >= begin and left:
-            left -= 1
+            left -= len(window) > 2
             raise UnsolvableError("thrown on purpose")
-        return moved(window, *arguments)
+        return stepped(window, *arguments)
 
-    with patch.object(Window, "moved", failing):
+    with patch.object(Window, "stepped", failing):
         yield
 
 
