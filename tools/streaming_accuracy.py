@@ -35,9 +35,9 @@ from trackfg.scores import rms, score_run
 from trackfg.streaming.sources import RecordingSource
 
 LAG_S = 20.0
-SCENARIOS = {"mainline": 1200.0, "trolley": 1200.0, "slippery-line": 1200.0, "shuttle": 1000.0}
+SCENARIOS = {"mainline": 2400.0, "trolley": 2400.0, "slippery-line": 2400.0, "shuttle": 2000.0}
 """And how long a run of each is, s."""
-LATE_S = 600.0
+LATE_S = 1200.0
 LATE = f", from {LATE_S:g} s on"
 
 COMPARED = ("cross_level_mm", "twist_mm", "distance_percent")

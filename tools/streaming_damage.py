@@ -17,7 +17,7 @@ from trackfg.datasets.faults import slip_wheel
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
 from trackfg.frames import Array
-from trackfg.streaming.window import Stepped, Window
+from trackfg.streaming.window import Window
 
 EARLIEST_S, LATEST_S, LONGEST_S = 18.0, 34.0, 8.0
 """When a fault begins, and how long it lasts at most; clocks may take longer to be believed again."""
@@ -268,16 +268,16 @@ def thrown(ground: Ground, rng: np.random.Generator) -> Damaged:
 @contextmanager
 def _failing(begin: float, count: int) -> Iterator[None]:
     """So many steps of more than the newest two keyframes, and all of these until then."""
-    stepped, left = Window.stepped, count
+    by, left = Window.by, count
 
-    def failing(window: Window, *arguments: Any) -> Stepped:
+    def failing(window: Window, *arguments: Any) -> Window:
         nonlocal left
         if window.t[-1] >= begin and left:
             left -= len(window) > 2
             raise UnsolvableError("thrown on purpose")
-        return stepped(window, *arguments)
+        return by(window, *arguments)
 
-    with patch.object(Window, "stepped", failing):
+    with patch.object(Window, "by", failing):
         yield
 
 

@@ -80,6 +80,50 @@ def eliminate_leaving(
         return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead), left
 
 
+def stacked_pair(factors: Sequence[LinearFactors]) -> Array:
+    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes: so few that they are placed one by one."""
+    rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + _TAIL))
+    end = 0
+    for slots, factor_rows in factors:
+        for i, own in enumerate(factor_rows):
+            begin, end, column = end, end + len(own), 0
+            for slot in slots:
+                at = offset_in_keyframe(slot.kind)
+                at += _PAIR - KEYFRAME_DIM if slot.kind.shared else KEYFRAME_DIM * int(slot.index[i])
+                rows[begin:end, at : at + slot.kind.dim] = own[:, column : column + slot.kind.dim]
+                column += slot.kind.dim
+            rows[begin:end, -1] = own[:, -1]
+    return rows
+
+
+def compressed(rows: Array) -> Array:
+    """As many rows as columns, at most, that say the same: R of their QR."""
+    with one_thread():
+        return _triangle(rows)
+
+
+def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
+    """The square root of the information in rows of :func:`stacked_pair`, by one dense QR; and what these rows say of
+    (x_1, s) alone, as rows [A b].
+    """
+    R, dim = compressed(rows)[: _PAIR + SHARED_DIM], KEYFRAME_DIM
+    if len(R) < _PAIR + SHARED_DIM:
+        raise UnsolvableError(_UNDETERMINED)
+    R = R * _positive(R[:, :-1])[1][:, None]
+    first, second, shared = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, _PAIR + SHARED_DIM)
+    S = np.zeros((2, dim, SIZE))
+    S[0], S[1, :, dim:] = R[first, dim:-1], R[second, _PAIR:-1]
+    root = SquareRoot(
+        np.array([R[first, first], R[second, second]]),
+        S,
+        R[:_PAIR, -1].reshape(2, dim),
+        R[shared, shared],
+        R[shared, -1],
+        np.zeros(2, dtype=np.int64),
+    )
+    return root, R[dim:, dim:]
+
+
 def _factored(
     systems: Iterator[Array], widths: np.ndarray, gone: Collection[int]
 ) -> tuple[Array, Array, dict[int, Array]]:

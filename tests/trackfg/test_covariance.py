@@ -12,8 +12,9 @@ from scipy.linalg import solve_triangular
 from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
 from trackfg.datasets.scenarios import Simulation
-from trackfg.elimination import eliminate, eliminate_leaving
-from trackfg.factors.family import LinearFactors, Slot
+from trackfg.elimination import compressed, eliminate, eliminate_leaving, eliminate_pair, stacked_pair
+from trackfg.errors import UnsolvableError
+from trackfg.factors.family import LinearFactors, Slot, last_keyframe
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.past import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
@@ -72,6 +73,28 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     np.testing.assert_allclose(rest.solution().keyframes, whole.solution().keyframes[gone:], rtol=1e-5, atol=1e-9)
     marginal = posterior_covariance(rest).marginal
     np.testing.assert_allclose(marginal, posterior_covariance(whole).marginal[gone:], rtol=1e-4, atol=1e-14)
+
+
+def test_a_pair_is_eliminated_as_a_chain_of_two(simulated: Callable[..., Simulation]) -> None:
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    states = problem.initial
+    inertial = linearize_imu_factors(problem.native, states.to_gtsam())
+    every = [inertial, *(family.linearize(states) for family in problem.families)]
+    factors = [one.take(last_keyframe(one.slots, len(one.rows)) <= 1) for one in every]
+    chain = eliminate(factors, 2)
+    rows = stacked_pair(factors)
+    pair, left = eliminate_pair(np.concatenate([compressed(rows[:40]), rows[40:]]))
+    for name in ("R", "S", "d", "R_shared", "d_shared"):
+        theirs = getattr(chain, name)
+        np.testing.assert_allclose(getattr(pair, name), theirs, rtol=1e-6, atol=1e-9 * max(1.0, np.abs(theirs).max()))
+    rest = np.zeros((len(left), left.shape[1]))
+    rest[:19, :19], rest[:19, 19:-1], rest[:19, -1] = chain.R[1], chain.S[1, :, 19:], chain.d[1]
+    rest[19:, 19:-1], rest[19:, -1] = chain.R_shared, chain.d_shared
+    ours, theirs = left.T @ left, rest.T @ rest
+    scale = np.maximum(np.sqrt(np.diag(theirs)), 1.0)
+    np.testing.assert_allclose(ours / np.outer(scale, scale), theirs / np.outer(scale, scale), atol=1e-9)
+    with pytest.raises(UnsolvableError, match="do not determine"):
+        eliminate_pair(rows[:30])
 
 
 def from_keyframe(factors: LinearFactors, keyframe: int) -> LinearFactors:

@@ -38,7 +38,7 @@ from trackfg.streaming.setting import Setting
 from trackfg.streaming.snapshot import MADE_AGAIN
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.streaming.tape import Tape
-from trackfg.streaming.tip import Begun
+from trackfg.streaming.tip import Begun, Found
 from trackfg.streaming.window import Gone, Interval, Stepped, Window
 from trackfg.trajectory import QUANTITIES, keyframe_variances
 
@@ -288,22 +288,22 @@ class MovingWindow:
             new, by_m = self.places.judged(new, tip.states)
             if by_m:
                 return self._told(self._elsewhere(new, by_m))
-        step = self._tip_step(begun, new)
-        if step is None or (tip := step.rest(1)).wheel_belief < _BELIEVED:
+        found = self._found(begun, new)
+        if found is None:
             return self._told(self._doubted(new))
-        self.since.append(new.found(step.window.states))
-        self.tip = tip
-        return self._told(Update.of(step.window, step.root))
+        self.since.append(new.found(found.pair.states))
+        self.tip = found.tip
+        return self._told(Update.of(found.pair, found.root))
 
-    def _tip_step(self, begun: Begun, new: Interval) -> Stepped | None:
-        """None where it is not to be trusted."""
+    def _found(self, begun: Begun, new: Interval) -> Found | None:
+        """The next keyframe by a step of its own; None where that is not to be trusted."""
         if not self.oriented:
             return None
         try:
-            step = begun.step(new)
+            found = begun.step(new)
         except _FAILURES:
             return None
-        return step if step.root.length < _SETTLED else None
+        return found if found.root.length < _SETTLED and found.tip.wheel_belief >= _BELIEVED else None
 
     def _doubted(self, new: Interval) -> Update:
         """The next keyframe by a step of the whole front."""

@@ -121,14 +121,14 @@ class Window:
 
         Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
         """
-        return self.stepped(self.linearized(), gone)
+        root, left = eliminate_leaving(self.linearized(), len(self), gone)
+        return Stepped(self.by(root), root, left, self.states)
 
-    def stepped(self, linear: Sequence[LinearFactors], gone: Collection[int]) -> Stepped:
-        """:meth:`moved` by factors that have been linearised at the window's states."""
-        root, left = eliminate_leaving(linear, len(self), gone)
+    def by(self, root: SquareRoot) -> Window:
+        """After the step of a linear system at the window's states. Raises as :meth:`moved` does."""
         if not np.isfinite(root.length):
             raise ValueError("the step is not finite")
-        return Stepped(replace(self, states=self.states.moved(root.solution())), root, left, self.states)
+        return replace(self, states=self.states.moved(root.solution()))
 
 
 def _joined(families: Sequence[Family]) -> tuple[Family, ...]:

@@ -184,11 +184,11 @@ def saved(recording: Recording) -> Checkpoint:
     stream = stream_of(source)
     for batch in source:
         stream.smoother.put(stream.intake.push(batch)[0])
-        if batch.position == 30:
+        if batch.position == 15_000:
             break
     settings = {**stream.settings}
     return Checkpoint(
-        settings, NOTHING_WRITTEN, 30, stream.intake.state(), stream.smoother.state(), 14.8, 5, {"gap": 1}
+        settings, NOTHING_WRITTEN, 15_000, stream.intake.state(), stream.smoother.state(), 14.8, 5, {"gap": 1}
     )
 
 
@@ -247,7 +247,7 @@ def test_another_version_is_refused(content: bytes, monkeypatch: pytest.MonkeyPa
 
 
 def test_other_settings_are_refused(saved: Checkpoint, recording: Recording) -> None:
-    source, description = RecordingSource(recording, position=3000), recording.description
+    source, description = RecordingSource(recording, position=15_000), recording.description
     other = description.model_copy(update={"id": "another"})
     config = SmoothConfig.model_validate({"output": {"rate_hz": 5.0}})
     rows = JsonLinesSource(io.BytesIO(), description)
@@ -274,7 +274,7 @@ def test_a_full_disk_keeps_the_last_checkpoint(
         full.setattr(os, "fsync", full_disk)
         with pytest.raises(OutputError, match=r"checkpoint: cannot be written \(No space left on device\)"):
             checkpoints.write(Checkpoint(saved.settings, NOTHING_WRITTEN))
-    assert checkpoints.read().position == 30
+    assert checkpoints.read().position == 15_000
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
 
 

@@ -39,14 +39,14 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Steps of windows whose newest keyframe is between 45 and 50 s fail, of some lengths; and batches."""
 
     def fail(longest: int, *, batches: bool = False) -> None:
-        stepped = Window.stepped
+        by = Window.by
 
         def step(window: Window, *args: Any) -> Any:
             if AT_S < window.t[-1] < AT_S + 5.0 and len(window) <= longest:
                 raise UnsolvableError("as asked")
-            return stepped(window, *args)
+            return by(window, *args)
 
-        monkeypatch.setattr(Window, "stepped", step)
+        monkeypatch.setattr(Window, "by", step)
         if batches:
 
             def solve(problem: Any, config: Any) -> Any:
