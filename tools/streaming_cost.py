@@ -35,6 +35,7 @@ from trackfg import FixedLagSmoother
 from trackfg.datasets.scenarios import simulate
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
+from trackfg.one_thread import one_thread
 from trackfg.streaming.intake import Intake
 from trackfg.streaming.parquet_parts import ParquetParts
 from trackfg.streaming.rows import recording_rows
@@ -107,6 +108,7 @@ def write_rows(folder: Path, seed: int, duration_s: float) -> None:
             np.concatenate([[float(rows.shape[1])], rows.ravel()]).tofile(folder / f"{name}.rows")
 
 
+@one_thread()  # as a stream does that runs by itself
 def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``."""
     source, sink = RowFiles(rows), ParquetParts(out)

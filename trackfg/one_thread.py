@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
-from typing import Any
 
 import scipy.linalg.lapack  # noqa: F401  (with its library loaded, the controller finds it)
 from threadpoolctl import ThreadpoolController
 
+_inside = 0
 
-def one_thread() -> AbstractContextManager[Any]:
-    """Linear algebra on one thread inside the ``with``."""
-    limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
-    return limit
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread inside the ``with``; one within another costs nothing."""
+    global _inside
+    _inside += 1
+    try:
+        if _inside > 1:
+            yield
+            return
+        with _controller().limit(limits=1, user_api="blas"):
+            yield
+    finally:
+        _inside -= 1
 
 
 @cache

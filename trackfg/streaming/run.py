@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from trackfg.errors import BadInputError
+from trackfg.one_thread import one_thread
 from trackfg.streaming.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake import Intake
@@ -75,6 +76,10 @@ class Stream:
 
     def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
         """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
+        with one_thread():
+            return self._run(sink, checkpoints)
+
+    def _run(self, sink: Sink, checkpoints: Checkpoints | None) -> StreamCounts:
         pace, done = Pace(self.smoother.sparser), self.clock()
         for batch in self.source:
             begun = self.clock()
