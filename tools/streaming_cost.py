@@ -18,7 +18,7 @@ import itertools
 import os
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -54,10 +54,11 @@ _MINUTE_S = 60.0
 
 @dataclass(frozen=True)
 class RowFiles:
-    """A source that reads the rows of a simulated run from files, a minute at a time."""
+    """A source that reads the rows of a simulated run from files, whole minutes, up to ``until_s``."""
 
     folder: Path
     batch_s: float = BATCH_S
+    until_s: float = np.inf
     canonical, live = True, False
     gnss_origin = None
 
@@ -71,7 +72,7 @@ class RowFiles:
             readers = {path.stem: _Reader(stack.enter_context(path.open("rb"))) for path in paths}
             for minute in itertools.count(1):
                 tables = {name: reader.until(minute * _MINUTE_S) for name, reader in readers.items()}
-                if not len(tables["imu"]):
+                if not len(tables["imu"]) or (minute - 1) * _MINUTE_S >= self.until_s:
                     return
                 edges = (minute - 1) * _MINUTE_S + self.batch_s * np.arange(1, round(_MINUTE_S / self.batch_s) + 1)
                 cuts = {name: np.append(0, np.searchsorted(rows[:, 0], edges)) for name, rows in tables.items()}
@@ -133,27 +134,9 @@ def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 def times_real_time(rows: Path, out: Path, hours: float) -> float:
     """Of so many hours from their rows to Parquet parts."""
-    source, begun = RowFiles(rows, STORED_BATCH_S), time.perf_counter()
-    within = itertools.takewhile(lambda batch: batch.tables["imu"][0, 0] < 3600.0 * hours, source)
-    run_stream(_Some(source, within), FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S), ParquetParts(out))
+    source, begun = RowFiles(rows, STORED_BATCH_S, 3600.0 * hours), time.perf_counter()
+    run_stream(source, FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S), ParquetParts(out))
     return 3600.0 * hours / (time.perf_counter() - begun)
-
-
-@dataclass(frozen=True)
-class _Some:
-    """Some batches of a source."""
-
-    source: RowFiles
-    batches: Iterable[Batch]
-    canonical, live = True, False
-    gnss_origin = None
-
-    @property
-    def description(self) -> RecordingDescription:
-        return self.source.description
-
-    def __iter__(self) -> Iterator[Batch]:
-        return iter(self.batches)
 
 
 def _resident_mb() -> float:

@@ -8,7 +8,7 @@ with ``R' Y = C'``. (Bierman, "Factorization methods for discrete sequential est
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,14 @@ class Covariance:
         start = offset_in_keyframe(kind)
         rows = self.marginal[:1] if kind.shared else self.marginal
         return rows[:, start : start + kind.dim, start : start + kind.dim]
+
+    def less_sure_of_distance(self, variance: Array | float) -> Covariance:
+        """With so much more variance (n,), m^2, of the distances along the track."""
+        if not np.any(variance):
+            return self
+        at, marginal = offset_in_keyframe(Kind.ODO), self.marginal.copy()
+        marginal[:, at, at] += variance
+        return replace(self, marginal=marginal)
 
     def between(self, i: int, j: int) -> Array:
         """Cross-covariance of keyframes ``i <= j``, shape (d, d).

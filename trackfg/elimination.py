@@ -81,18 +81,15 @@ def eliminate_leaving(
 
 
 def stacked_pair(factors: Sequence[LinearFactors]) -> Array:
-    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes: so few that they are placed one by one."""
+    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes."""
     rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + _TAIL))
     end = 0
-    for slots, factor_rows in factors:
-        for i, own in enumerate(factor_rows):
-            begin, end, column = end, end + len(own), 0
-            for slot in slots:
-                at = offset_in_keyframe(slot.kind)
-                at += _PAIR - KEYFRAME_DIM if slot.kind.shared else KEYFRAME_DIM * int(slot.index[i])
-                rows[begin:end, at : at + slot.kind.dim] = own[:, column : column + slot.kind.dim]
-                column += slot.kind.dim
-            rows[begin:end, -1] = own[:, -1]
+    for slots, own in factors:
+        count, tall, _ = own.shape
+        begin, end = end, end + count * tall
+        row, none = np.arange(begin, end).reshape(count, tall), np.zeros(count, dtype=np.int64)
+        column = _columns(slots, slice(None), none, none + _PAIR, further=False)
+        rows[row[:, :, None], column[:, None, :]] = own
     return rows
 
 

@@ -96,13 +96,13 @@ def _quaternion(R: Array) -> Array:
     """A quaternion of ``R`` of any length and sign, components first (Shepperd's method)."""
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     x, y, z = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
-    xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
     trace = m00 + m11 + m22
     squares = (1 + trace, 1 + 2 * m00 - trace, 1 + 2 * m11 - trace, 1 + 2 * m22 - trace)
     out = np.empty((4, *trace.shape))
     if (trace > 0).all():  # no turn is large
         out[0], out[1], out[2], out[3] = squares[0], x, y, z
         return out
+    xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
     rows = [squares[0], x, y, z, x, squares[1], xy, xz, y, xy, squares[2], yz, z, xz, yz, squares[3]]
     best = np.argmax(_filled(squares, (4,)), axis=-1)[..., None, None]
     out[:] = np.moveaxis(np.take_along_axis(_filled(rows, (4, 4)), best, axis=-2)[..., 0, :], -1, 0)

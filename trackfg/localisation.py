@@ -23,7 +23,7 @@ from trackfg.config import PositionConfig
 from trackfg.covariance import Covariance
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.landmark import landmark
-from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.factors.states import States
 from trackfg.findings import Finding
 from trackfg.frames import Array
 from trackfg.graph import Problem, placeless
@@ -57,11 +57,8 @@ class MapChainage:
 
     def with_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
         """Chainages as uncertain as the map's own are, besides."""
-        at = offset_in_keyframe(Kind.ODO)
-        marginal = covariance.marginal.copy()
         common = _ON_SPRINGS_SD_M if self.on_springs else 0.0
-        marginal[:, at, at] += self.sd_m(direction * states.odo[:, 0]) ** 2 + common**2
-        return replace(covariance, marginal=marginal)
+        return covariance.less_sure_of_distance(self.sd_m(direction * states.odo[:, 0]) ** 2 + common**2)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from trackfg.inertial import means_around, turning
 from trackfg.layout import Layout, still_between
 from trackfg.spans import within
 
-_RATE_WINDOW_S = 0.1
+RATE_WINDOW_S = 0.1
 """The body rate of a keyframe is a mean over this."""
 
 
@@ -65,4 +65,4 @@ def _path(layout: Layout, loss: Loss) -> Family:
 
 def _angular_rate(layout: Layout) -> Array:
     """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""
-    return means_around(layout.t, _RATE_WINDOW_S, layout.data.edges, layout.data.gyro) - layout.path.bias(layout.t)
+    return means_around(layout.t, RATE_WINDOW_S, layout.data.edges, layout.data.gyro) - layout.path.bias(layout.t)

@@ -32,7 +32,7 @@ import numpy as np
 from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
-from trackfg.streaming.rows import Rows, canonical_columns
+from trackfg.streaming.rows import Rows, canonical_columns, joined_tables
 from trackfg.streaming.stream_events import StreamEvent
 
 LOOK_S = 1.0
@@ -105,7 +105,7 @@ class ClockSteps:
             return (rows if self.shift_s == 0.0 else self._rows(rows, tables, rows.until_s)), tuple(told)
         tables = self._on_time(rows)
         if self._waiting:
-            tables = _joined([self._waiting, tables])
+            tables = joined_tables([self._waiting, tables])
             self._waiting = {}
         parts, until_s = [], rows.until_s
         while (jump := self._next(tables["imu"][:, 0])) is not None:
@@ -127,7 +127,7 @@ class ClockSteps:
             reached = np.inf if last else self._last_s.get("imu", -np.inf)
             told += [event for event in self._open if _end(event) <= reached]
             self._open = [event for event in self._open if _end(event) > reached]
-        return self._rows(rows, _joined(parts), until_s), tuple(told)
+        return self._rows(rows, joined_tables(parts), until_s), tuple(told)
 
     def _rows(self, rows: Rows, tables: Mapping[str, Array], until_s: float) -> Rows:
         return Rows.of(tables, until_s - self.shift_s, rows.gnss_origin)
@@ -333,11 +333,6 @@ def _rolled_on(before: Array, after: Array, jump: Jump) -> bool:
         return False
     seconds, counted = after[0] - before[-1]
     return bool(abs(counted - speed * (seconds - jump.by_s)) <= allowed)
-
-
-def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
-    names = dict.fromkeys(name for part in parts for name in part)
-    return {name: np.concatenate([part[name] for part in parts if name in part]) for name in names}
 
 
 def _parted(tables: Mapping[str, Array], at_s: float) -> tuple[dict[str, Array], dict[str, Array]]:

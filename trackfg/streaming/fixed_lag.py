@@ -31,7 +31,6 @@ from trackfg.localisation import MapChainage
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.map_locator import MapLocator
 from trackfg.streaming.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
-from trackfg.streaming.place_votes import with_doubt
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.smoothed import SmoothedTables, Tables
@@ -169,7 +168,7 @@ class FixedLagSmoother:
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
         direction = setting.description.track.direction
-        covariance = with_doubt(update.covariance, self._moving.places.doubt_m)
+        covariance = update.covariance.less_sure_of_distance(self._moving.places.doubt_m**2)
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, direction)
         assert self._tape.data is not None
@@ -194,9 +193,8 @@ class FixedLagSmoother:
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
             pieces = [self._tables_up_to(tables, step, settled, at_end=at_end)]
-        events = self._moving.places.told()
-        if self._locator is not None:
-            events = self._locate(self._locator, pieces, step)
+        locator = self._locator
+        events = self._moving.places.told() if locator is None else self._locate(locator, pieces, step)
         if step.gone is not None:
             tables.history.append(step.gone)
         if pieces:

@@ -22,7 +22,7 @@ from trackfg.streaming.conversion import Conversion
 from trackfg.streaming.imu_channels import ImuChannels
 from trackfg.streaming.imu_clock import ClockLimits
 from trackfg.streaming.row_checks import RowChecks
-from trackfg.streaming.rows import Rows, described_tables
+from trackfg.streaming.rows import Rows, described_tables, joined_tables
 from trackfg.streaming.sources import Batch, Source
 from trackfg.streaming.stamps import Stamps
 from trackfg.streaming.stream_events import LossReport, StreamEvent, breaks_of
@@ -70,11 +70,8 @@ class Intake:
         if self._stamps is not None:
             tables = self._arrival.push(self._stamps.on_common_clock({}, last=True), self._report)
         rest = self._arrival.finish(self._report)
-        rest = {
-            name: np.concatenate([part[name] for part in (tables, rest) if name in part])
-            for name in dict.fromkeys([*tables, *rest])
-        }
-        return self._passed(self._sound(rest, last=True), self._report.end_of_stream(), last=True)
+        rows = self._sound(joined_tables([tables, rest]), last=True)
+        return self._passed(rows, self._report.end_of_stream(), last=True)
 
     def _passed(
         self, rows: Rows, events: tuple[StreamEvent, ...], *, last: bool = False

@@ -163,15 +163,6 @@ def _fewer(rivals: tuple[Rival, ...]) -> tuple[Rival, ...]:
     return tuple(replace(rival, votes=rival.votes - 1) for rival in rivals if rival.votes > 1)
 
 
-def with_doubt(covariance: Covariance, doubt_m: float) -> Covariance:
-    """With distances less sure by ``doubt_m``, all in common."""
-    if doubt_m == 0.0:
-        return covariance
-    at, marginal = offset_in_keyframe(Kind.ODO), covariance.marginal.copy()
-    marginal[:, at, at] += doubt_m**2
-    return replace(covariance, marginal=marginal)
-
-
 def moved_states(states: States, by_m: float) -> States:
     """Further along the track."""
     return replace(states, odo=states.odo + np.array([by_m, 0.0, 0.0, 0.0]))

@@ -12,7 +12,7 @@ Tables are called ``imu``, ``tach``, ``fixes``, ``gnss`` and, for each laser, ``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -59,6 +59,12 @@ def canonical_columns(table: str) -> tuple[str, ...]:
 
 NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
 """Of a recording that is asked for its other tables alone."""
+
+
+def joined_tables(parts: Sequence[RowTables]) -> dict[str, Array]:
+    """Each table's rows of all parts, in their order."""
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: np.concatenate([part[name] for part in parts if name in part]) for name in names}
 
 
 def no_rows(table: str) -> Array:

@@ -74,12 +74,9 @@ class Stream:
         """What another stream would have to have alike to go on from a checkpoint of this one."""
         return {**self.smoother.settings, "source": type(self.source).__name__}
 
+    @one_thread()
     def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
         """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
-        with one_thread():
-            return self._run(sink, checkpoints)
-
-    def _run(self, sink: Sink, checkpoints: Checkpoints | None) -> StreamCounts:
         pace, done = Pace(self.smoother.sparser), self.clock()
         for batch in self.source:
             begun = self.clock()

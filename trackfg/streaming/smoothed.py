@@ -27,7 +27,6 @@ from trackfg.rail_profile import seen_profiles
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.history import History
 from trackfg.streaming.odometer import Odometer
-from trackfg.streaming.place_votes import with_doubt
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.settled_events import SettledEvents
 from trackfg.streaming.stream_events import StreamEvent
@@ -110,7 +109,7 @@ class SmoothedTables:
         assert tape.data is not None
         problem = self.setting.problem_of(t, states, tape.data)
         track, config = self.setting.description.track, self.setting.config
-        covariance = with_doubt(posterior_covariance(whole), doubt_m)
+        covariance = posterior_covariance(whole).less_sure_of_distance(doubt_m**2)
         if chainage is not None:
             covariance = chainage.with_uncertainty(covariance, states, track.direction)
         clock = _clock(self.done_s, settled_s, config.output.rate_hz)

@@ -15,6 +15,7 @@ from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
 from trackfg.inertial import Intervals, laid_out, means_around
+from trackfg.motion_factors import RATE_WINDOW_S
 from trackfg.rails import RailView, rail_views
 from trackfg.recording import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
@@ -22,8 +23,6 @@ from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
 _POSITIONS = ("fixes", "gnss")
-_RATE_S = 0.1
-"""A rate is a mean over as long."""
 _AT_REST_S = 0.5
 """Of a long rest, what lasers show at its begin and at its end."""
 
@@ -146,8 +145,8 @@ class Tape:
 
     def rate_at(self, t: float) -> Array:
         """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        about = self.intervals(t - 2.0 * _RATE_S, t + 2.0 * _RATE_S)
-        return means_around(np.array([t]), _RATE_S, about.edges, about.gyro)
+        about = self.intervals(t - 2.0 * RATE_WINDOW_S, t + 2.0 * RATE_WINDOW_S)
+        return means_around(np.array([t]), RATE_WINDOW_S, about.edges, about.gyro)
 
     def forget(self, before: float, newer: float) -> None:
         """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""

@@ -15,8 +15,8 @@ class WaitingRows:
         self._new: list[Array] = []
 
     def __len__(self) -> int:
-        waiting = 0 if self._sorted is None else self._sorted.shape[0]
-        return waiting + sum([rows.shape[0] for rows in self._new])
+        waiting = 0 if self._sorted is None else len(self._sorted)
+        return waiting + sum(len(rows) for rows in self._new)
 
     def add(self, rows: Array) -> None:
         """Take rows in, in any order."""
