@@ -273,7 +273,7 @@ class Family:
 
     def residual(self, states: States) -> Array:
         """Residuals in their own units, shape (m, d)."""
-        return self._evaluated(self.values(states))[0]
+        return self._checked(self._evaluated(self.values(states))[0])
 
     def whitened(self, states: States) -> Array:
         """Residuals in sigmas, before any robust weight, shape (m, d)."""
@@ -293,11 +293,11 @@ class Family:
     def linearize(self, states: States) -> LinearFactors:
         """Whitened and weighted."""
         residual, jacobians = self._evaluated(self.values(states))
+        rows = self._checked(np.concatenate([*jacobians, -residual[:, :, None]], axis=2))
         scale = 1.0 / self.sigma
         if self.loss is not None:
             norm = np.linalg.norm(residual * scale, axis=1)
             scale = scale * np.sqrt(self.loss.weight(norm))[:, None]
-        rows = np.concatenate([*jacobians, -residual[:, :, None]], axis=2)
         rows *= scale[:, :, None]
         return LinearFactors(self.slots, rows)
 
@@ -315,8 +315,8 @@ class Family:
             )
             if H is not None:
                 for j, jacobian in enumerate(jacobians):
-                    H[j] = np.asfortranarray(jacobian[0])
-            return np.asarray(residual[0])
+                    H[j] = np.asfortranarray(one._checked(jacobian)[0])
+            return np.asarray(one._checked(residual)[0])
 
         model: gtsam.noiseModel.Base = gtsam.noiseModel.Diagonal.Sigmas(self.sigma[i])
         if self.loss is not None:
@@ -331,9 +331,12 @@ class Family:
         for slot, jacobian in zip(self.slots, jacobians, strict=True):
             if jacobian.shape != (m, d, slot.kind.dim):
                 raise ValueError(f"{self.name}: Jacobian of {slot.kind.name} has shape {jacobian.shape}")
-        if not all(_finite(array) for array in (residual, *jacobians)):
-            raise ValueError(f"{self.name}: residual or Jacobian is not finite")
         return residual, jacobians
+
+    def _checked(self, array: Array) -> Array:
+        if not _finite(array):
+            raise ValueError(f"{self.name}: residual or Jacobian is not finite")
+        return array
 
 
 def _finite(array: Array) -> bool:

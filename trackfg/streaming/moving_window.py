@@ -68,7 +68,7 @@ _FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
 _ORIENTED_RAD = 0.03
 _LONGEST_WITHOUT_HEADING = 240
 """Keyframes: a vehicle may stand for hours before it shows its heading."""
-TOGETHER = 8
+TOGETHER = 10
 """The whole window takes a step when so many keyframes have come."""
 _FRONT = 2
 """As many older ones are in the front: a slip shows in intervals one after the other."""
@@ -188,9 +188,9 @@ class MovingWindow:
 
     def prepare(self, t: float) -> None:
         """Begin the interval to the next keyframe, if the inertial sensor's rows reach as far: less is left when the
-        others do.
+        others do. Not where a pass is due, which moves the keyframe that it begins at.
         """
-        if self.tip is not None and self.tape.until >= t + _AROUND_S:
+        if self.tip is not None and self.tape.until >= t + _AROUND_S and not self._pass_due:
             self._begin(t)
 
     def advanced(self, t: float) -> Update | None:
@@ -212,13 +212,17 @@ class MovingWindow:
         """The step of the whole window, if it is due and the window is not :attr:`lost`; at the end of the stream it
         always is due.
         """
-        if self.early is None and self.window is not None and (len(self.since) >= TOGETHER or at_end):
+        if self.early is None and self.window is not None and (self._pass_due or at_end):
             try:
                 return self._passed()
             except _FAILURES as error:
                 self._lose(float(self.window.t[-1]), str(error))
         early, self.early = self.early, None
         return early
+
+    @property
+    def _pass_due(self) -> bool:
+        return len(self.since) >= TOGETHER
 
     def _lose(self, t: float, reason: str) -> None:
         """Begin anew: where the last pass knew the vehicle, or after rows that do not make a first window."""
