@@ -13,22 +13,30 @@ from trackfg.factors.states import Kind, Nav
 from trackfg.frames import Array, matrices, skew, so3_log, so3_right_jacobian_inverse
 
 
-def mount_matrix(mount: Array) -> tuple[Array, Array]:
-    """``R_bt = Rz(yaw) Ry(pitch)``: travel axes to body axes, and its derivative. (m, 2) to (m, 3, 3), (m, 2, 3, 3)."""
-    pitch, yaw = mount[:, 0], mount[:, 1]
-    cp, sp, cy, sy, zero = np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
+def mount_matrix(mount: Array) -> Array:
+    """``R_bt = Rz(yaw) Ry(pitch)``: travel axes to body axes. (m, 2) to (m, 3, 3)."""
+    cp, sp, cy, sy, zero = _turns(mount)
+    return matrices([cy * cp, -sy, cy * sp, sy * cp, cy, sy * sp, -sp, zero, cp])
 
-    R = matrices([cy * cp, -sy, cy * sp, sy * cp, cy, sy * sp, -sp, zero, cp])
+
+def mount_derivative(mount: Array) -> Array:
+    """Of :func:`mount_matrix` by the mounting: (m, 2) to (m, 2, 3, 3)."""
+    cp, sp, cy, sy, zero = _turns(mount)
     derivative = np.empty((len(mount), 2, 3, 3))
     derivative[:, 0] = matrices([-cy * sp, zero, cy * cp, -sy * sp, zero, sy * cp, -cp, zero, -sp])
     derivative[:, 1] = matrices([-sy * cp, -cy, -sy * sp, cy * cp, -sy, cy * sp, zero, zero, zero])
-    return R, derivative
+    return derivative
+
+
+def _turns(mount: Array) -> tuple[Array, ...]:
+    pitch, yaw = mount[:, 0], mount[:, 1]
+    return np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
 
 
 def _sideways(nav: Nav, mount: Array, swing: Array) -> tuple[Array, tuple[Array, ...]]:
     body = np.einsum("mji,mj->mi", nav.R, nav.v)
     at_reference = body - swing
-    R_bt, d_R_bt = mount_matrix(mount)
+    R_bt, d_R_bt = mount_matrix(mount), mount_derivative(mount)
     residual = np.einsum("mji,mj->mi", R_bt, at_reference)[:, 1:]
     side = np.swapaxes(R_bt, 1, 2)[:, 1:]
     zero = np.zeros((len(body), 3, 3))

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
-from trackfg.factors.motion import mount_matrix
+from trackfg.factors.motion import mount_derivative, mount_matrix
 from trackfg.factors.states import Kind, Nav
 from trackfg.frames import Array, skew, so3_log, so3_right_jacobian_inverse
 
@@ -31,7 +31,7 @@ def _path(
     )
     u = np.einsum("mji,mj->mi", first.R, chord)
     e = so3_log(np.swapaxes(turn, 1, 2) @ relative)
-    R_bt, d_R_bt = mount_matrix(mount)
+    R_bt, d_R_bt = mount_matrix(mount), mount_derivative(mount)
     f, d_f = R_bt[:, :, 0], np.swapaxes(d_R_bt[:, :, :, 0], 1, 2)
     d_c_by_e = -mean_by_time @ skew(f)
     c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", d_c_by_e, e)

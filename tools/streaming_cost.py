@@ -18,6 +18,7 @@ import itertools
 import os
 import tempfile
 import time
+from array import array
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -114,7 +115,7 @@ def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``."""
     source, sink = RowFiles(rows), ParquetParts(out)
     intake, smoother = Intake.of(source), FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S)
-    puts, memory = [], []
+    puts, memory = array("d"), []  # which must not grow themselves by what would look like a leak
     due = 0.0
     for batch in source:
         start = time.perf_counter()
@@ -123,13 +124,13 @@ def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
         taken = time.perf_counter() - start
         write_estimates(sink, estimates, (*events, *estimates.events))
         t = float(batch.tables["imu"][-1, 0]) if "imu" in batch.tables else np.nan
-        puts.append((t, 1e3 * taken, len(estimates.filtered)))
+        puts.extend((t, 1e3 * taken, len(estimates.filtered)))
         if t >= due:
             gc.collect()
             memory.append((t, _resident_mb()))
             due += _MINUTE_S
-    columns = ["t_s", "ms", "keyframes"]
-    return pd.DataFrame(puts, columns=columns), pd.DataFrame(memory, columns=["t_s", "mb"])
+    each = np.frombuffer(puts).reshape(-1, 3)
+    return pd.DataFrame(each, columns=["t_s", "ms", "keyframes"]), pd.DataFrame(memory, columns=["t_s", "mb"])
 
 
 def times_real_time(rows: Path, out: Path, hours: float) -> float:

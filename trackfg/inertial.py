@@ -91,9 +91,9 @@ def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None
 def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Array:
     """Means of the samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t``. Shape (m, 3)."""
     integral = np.vstack([np.zeros(3), np.cumsum(samples * np.diff(edges)[:, None], axis=0)])
-    low, high = (np.clip(t + shift, edges[0], edges[-1]) for shift in (-0.5 * width_s, 0.5 * width_s))
-    turned = interpolate_columns(high, edges, integral) - interpolate_columns(low, edges, integral)
-    return np.asarray(turned / (high - low)[:, None])
+    ends = np.clip(np.concatenate([t - 0.5 * width_s, t + 0.5 * width_s]), edges[0], edges[-1])
+    ends, integral = ends.reshape(2, -1), interpolate_columns(ends, edges, integral).reshape(2, -1, 3)
+    return np.asarray((integral[1] - integral[0]) / (ends[1] - ends[0])[:, None])
 
 
 def interpolate_columns(at: Array, t: Array, values: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -88,6 +89,30 @@ class Layout:
         return still_between(self.t, self.rests)
 
     @cached_property
+    def durations(self) -> Array:
+        """From each keyframe to the next, s, shape (n - 1,)."""
+        return np.diff(self.t)
+
+    @cached_property
+    def mean_accel(self) -> Array:
+        """The accelerometer's mean between keyframes, m/s^2, shape (n - 1, 3)."""
+        return self._mean(self.data.accel)
+
+    @cached_property
+    def mean_gyro(self) -> Array:
+        """The gyro's mean between keyframes, rad/s, shape (n - 1, 3)."""
+        return self._mean(self.data.gyro)
+
+    @property
+    def mean_rate(self) -> Array:
+        """:attr:`mean_gyro` less the initial bias."""
+        return self.mean_gyro - self.path.bias(self.t[:-1])
+
+    def _mean(self, samples: Array) -> Array:
+        total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
+        return np.asarray(np.diff(total[self.edges], axis=0) / self.durations[:, None])
+
+    @cached_property
     def distance(self) -> Array:
         """Initial distance between keyframes, m, shape (n - 1,)."""
         return np.asarray(np.diff(self.distance_at(self.t)))
@@ -110,14 +135,23 @@ class Layout:
         """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
         where none starts, nothing. Shape (n, 6, 21).
         """
-        span = np.diff(self.t)[:, None]
-
-        def mean(samples: Array) -> Array:
-            total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
-            return np.asarray(np.diff(total[self.edges], axis=0) / span)
-
-        terms = response_terms(mean(self.data.accel), mean(self.data.gyro) - self.path.bias(self.t[:-1]))
+        terms = response_terms(self.mean_accel, self.mean_rate)
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
+
+    def with_rows(self, recording: Recording, wheel: Wheel | None) -> Layout:
+        """With other rows than the inertial sensor's: nothing that is computed once depends on them."""
+        return self._like(vars(self), recording=recording, wheel=wheel)
+
+    def with_motion(self, path: InitialPath, rolling: Rolling) -> Layout:
+        """With another first guess of the motion."""
+        return self._like(("durations", "mean_accel", "mean_gyro"), path=path, rolling=rolling)
+
+    def _like(self, kept: Collection[str], **fields: object) -> Layout:
+        """With other fields, where those computed once whose names are ``kept`` need not be computed again."""
+        computed = {name: vars(self)[name] for name in vars(self) if name in kept}
+        layout = object.__new__(Layout)
+        vars(layout).update({name: getattr(self, name) for name in Layout.__dataclass_fields__} | computed | fields)
+        return layout
 
     def initial_states(self) -> States:
         """The first guess of every variable."""

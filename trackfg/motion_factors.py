@@ -57,7 +57,7 @@ def _path(layout: Layout, loss: Loss) -> Family:
     turned = turning(
         layout.data, layout.edges, layout.path.bias(layout.t).mean(axis=0), layout.distance_at(layout.data.edges)
     )
-    bridge = layout.noise.gyro * distance * np.sqrt(np.diff(layout.t) / 12.0)
+    bridge = layout.noise.gyro * distance * np.sqrt(layout.durations / 12.0)
     model = (config.path_sd_m + config.path_sd_relative * distance) * layout.config.noise.path
     sigma = np.hypot(model, bridge)[k, None].repeat(2, axis=1)
     return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], layout.lever_arm, sigma, loss)

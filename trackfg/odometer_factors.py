@@ -21,7 +21,6 @@ import numpy as np
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading, wheel_response
 from trackfg.factors.states import Kind
-from trackfg.frames import Array
 from trackfg.layout import Layout
 from trackfg.spans import within
 
@@ -55,19 +54,19 @@ def rolled(layout: Layout) -> list[Family]:
     if layout.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
         return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
-    force = _mean(layout, layout.data.accel[:, 0]) / layout.world.gravity
-    turned = (_mean(layout, layout.data.gyro[:, 2]) - layout.path.bias(layout.t[:-1])[:, 2]) * np.diff(layout.t)
-    variance = config.creep_m_per_sqrt_m**2 * (distance + 0.01) + (
-        config.creep_per_traction * np.abs(force) * distance
-    ) ** 2 / np.diff(layout.t)
+    force = layout.mean_accel[:, 0] / layout.world.gravity
+    variance = (
+        config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+        + (config.creep_per_traction * np.abs(force) * distance) ** 2 / layout.durations
+    )
     if layout.wheel.integrates_speed:
         moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
-        variance = variance + config.speed_noise_mps**2 * np.diff(layout.t) * moving
+        variance = variance + config.speed_noise_mps**2 * layout.durations * moving
     silent = ~(layout.wheel.covers(layout.t[:-1]) & layout.wheel.covers(layout.t[1:]))
     unknown = ~layout.wheel.counts(layout.t) | (silent & layout.wheel.integrates_speed)
     variance = np.where(unknown, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
-    response = wheel_response(layout.distance, turned, force)
+    response = wheel_response(layout.distance, layout.mean_rate[:, 2] * layout.durations, force)
     assert layout.rolling is not None
     interval_s = layout.config.keyframes.interval_s
     loss = Loss("row", config.robust_width, huber_at_start=True, interval_s=interval_s)
@@ -77,12 +76,6 @@ def rolled(layout: Layout) -> list[Family]:
     count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
     since = layout.t[read] - layout.clock_origin
     return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd))]
-
-
-def _mean(layout: Layout, samples: Array) -> Array:
-    """Mean of the inertial samples (m,) between keyframes. Shape (n - 1,)."""
-    gained = np.concatenate([[0.0], np.cumsum(samples * layout.data.durations)])
-    return np.asarray(np.diff(gained[layout.edges]) / np.diff(layout.t))
 
 
 def _readable(layout: Layout) -> np.ndarray:

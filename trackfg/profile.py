@@ -109,7 +109,7 @@ def _profile(
     ascent = Ascent.of(problem, motion, stretch, direction)
     if ascent.x[-1] - ascent.x[0] < SHORTEST_PASS_M:
         return None
-    nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0][0]
+    nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0]
     forward, axle = nav.R @ R_bt[:, 0], nav.R @ (direction * R_bt[:, 1])
     arm = nav.R @ problem.lever_arm
     position = nav.p - arm

@@ -31,7 +31,7 @@ def trajectory_columns(
     of the inertial samples adds in between: to speed and attitude a Brownian bridge, to place and chainage that bridge
     integrated and pinned in slope too; and what their speeds' errors do to the cubic between. Yaw is in (-pi, pi].
     """
-    R_bt = mount_matrix(states.mount)[0][0]
+    R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
     rpy = rpy_from_matrix(nav.R @ R_bt)
     lever_arm, noise = problem.lever_arm, problem.noise
@@ -92,7 +92,7 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     odo, at = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
     turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)
     mounting = slice(KEYFRAME_DIM, KEYFRAME_DIM + 2)
-    R_bt = mount_matrix(mount)[0][0]
+    R_bt = mount_matrix(mount)[0]
     rpy = rpy_from_matrix(nav.R @ R_bt)
 
     J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + SHARED_DIM))

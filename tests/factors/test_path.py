@@ -30,7 +30,7 @@ def wobbly(duration_s: float, speed_mps: float) -> tuple[Intervals, np.ndarray, 
     dt = 1.0 / (RATE_HZ * FINE)
     start = matrix_from_rpy(np.array([0.05]), np.array([-0.02]), np.array([0.7]))[0]
     R, q, s = start, np.zeros(3), 0.0
-    forward, distance = mount_matrix(MOUNT)[0][0][:, 0], [0.0]
+    forward, distance = mount_matrix(MOUNT)[0][:, 0], [0.0]
     for i in range(n):
         half, whole = (so3_exp(gyro[i : i + 1] * share * dt)[0] for share in (0.5, 1.0))
         for j in range(FINE):

@@ -48,7 +48,7 @@ def states(gyro: np.ndarray) -> States:
     rng = np.random.default_rng(3)
     mount = np.array([[0.03, -0.05]])
     R = matrix_from_rpy(0.1 * rng.normal(size=N), 0.05 * rng.normal(size=N), rng.uniform(-3, 3, N))
-    forward = mount_matrix(mount)[0][0][:, 0]
+    forward = mount_matrix(mount)[0][:, 0]
     body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
     nav = Nav(R, 50 * rng.normal(size=(N, 3)), np.einsum("mij,mj->mi", R, body))
     odo = np.column_stack([np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N)])
@@ -145,7 +145,7 @@ def test_attitude_is_that_of_the_vehicle_not_of_the_sensor(
 ) -> None:
     """A sensor mounted 30 mrad nose-down and 50 mrad to the right sees the vehicle turned the other way."""
     rpy = quantities(states, gyro, covariance)[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()
-    R_bt = mount_matrix(states.mount)[0][0]
+    R_bt = mount_matrix(states.mount)[0]
     np.testing.assert_allclose(rpy, rpy_from_matrix(states.nav.R @ R_bt), atol=1e-12)
     level = replace(states, nav=replace(states.nav, R=np.tile(np.eye(3), (N, 1, 1))))
     turned = quantities(level, gyro, covariance)

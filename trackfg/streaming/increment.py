@@ -83,7 +83,7 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
     A wheel that rolled as far as the vehicle may have moved is believed: the next keyframe is where it says. Else it
     would be doubted where the inertial sensor is, for as long as that drifts on without it.
     """
-    layout, interval = replace(begun.layout, recording=recording, wheel=wheel), begun.interval
+    layout, interval = begun.layout.with_rows(recording, wheel), begun.interval
     there = interval.ahead
     if wheel is not None:
         counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
@@ -161,4 +161,4 @@ def _with_motion(layout: Layout, here: States, ahead: Nav, distance: float) -> L
     path = _path(edges, here, speed)
     travelled = Wheel(edges, path.p[:, 0], 1e-4, 0.0, False, _NO_RESTS)
     rolling = Rolling(edges, speed, np.ones(len(edges) - 1, dtype=bool), travelled)
-    return replace(layout, path=path, rolling=rolling)
+    return layout.with_motion(path, rolling)

@@ -106,6 +106,8 @@ class Tape:
         edges = self.data.edges
         low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
         bridged = self.data.bridged[max(low - 1, 0) : high]
+        if not (len(self.breaks["imu"]) or bridged.any()):
+            return np.zeros(0)
         holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
         after = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
         found = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
