@@ -43,15 +43,6 @@ class Intervals:
         first, end, _ = rows.indices(len(self))
         return Intervals(self.edges[first : end + 1], self.gyro[rows], self.accel[rows], self.bridged[rows])
 
-    def joined(self, later: Intervals) -> Intervals:
-        """These, and those that begin where these end."""
-        return Intervals(
-            np.concatenate([self.edges, later.edges[1:]]),
-            np.concatenate([self.gyro, later.gyro]),
-            np.concatenate([self.accel, later.accel]),
-            np.concatenate([self.bridged, later.bridged]),
-        )
-
     @cached_property
     def durations(self) -> Array:
         """Length of each interval, s."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -140,17 +140,14 @@ class Layout:
 
     def with_rows(self, recording: Recording, wheel: Wheel | None) -> Layout:
         """With other rows than the inertial sensor's: nothing that is computed once depends on them."""
-        return self._like(vars(self), recording=recording, wheel=wheel)
+        layout = copy(self)
+        vars(layout).update(recording=recording, wheel=wheel)
+        return layout
 
     def with_motion(self, path: InitialPath, rolling: Rolling) -> Layout:
-        """With another first guess of the motion."""
-        return self._like(("durations", "mean_accel", "mean_gyro"), path=path, rolling=rolling)
-
-    def _like(self, kept: Collection[str], **fields: object) -> Layout:
-        """With other fields, where those computed once whose names are ``kept`` need not be computed again."""
-        computed = {name: vars(self)[name] for name in vars(self) if name in kept}
-        layout = object.__new__(Layout)
-        vars(layout).update({name: getattr(self, name) for name in Layout.__dataclass_fields__} | computed | fields)
+        """With another first guess of the motion, and the means as they were computed."""
+        layout = replace(self, path=path, rolling=rolling)
+        vars(layout).update(durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro)
         return layout
 
     def initial_states(self) -> States:

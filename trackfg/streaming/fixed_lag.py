@@ -171,8 +171,9 @@ class FixedLagSmoother:
         covariance = update.covariance.less_sure_of_distance(self._moving.places.doubt_m**2)
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, direction)
-        assert self._tape.data is not None
-        problem = setting.problem_of(window.t[-2:], two, self._tape.data)
+        data = self._tape.data
+        assert data is not None
+        problem = setting.problem_of(window.t[-2:], two, data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))

@@ -158,11 +158,11 @@ class MovingWindow:
 
     def next_keyframe(self) -> float | None:
         """When the next keyframe is; None while rows are missing."""
-        tip, tape = self.tip, self.tape
-        if tape.data is None:
+        tip, tape, data = self.tip, self.tape, self.tape.data
+        if data is None:
             return None
         if tip is None:
-            begin = float(tape.data.edges[0])
+            begin = float(data.edges[0])
             return START_S + (begin if self.lost is None else max(begin, self.lost.begin_s))
         here, config = float(tip.t[0]), self.config.keyframes
         speed = float(np.linalg.norm(tip.states.nav.v[0]))
@@ -174,7 +174,7 @@ class MovingWindow:
             if coming.size:
                 due = float(coming[0])
         due = min([due, *tape.turns(here, due)[:1]])
-        edges = tape.data.edges
+        edges = data.edges
         at = int(np.searchsorted(edges, due))
         if at >= len(edges):
             return None
@@ -381,9 +381,10 @@ class MovingWindow:
 
     def _by_batch(self, window: Window) -> Window:
         """The whole window from what it knows."""
+        data = self.tape.data
         assert self.setting is not None
-        assert self.tape.data is not None
-        problem = self.setting.problem_of(window.t, window.states, self.tape.data)
+        assert data is not None
+        problem = self.setting.problem_of(window.t, window.states, data)
         problem = replace(problem, measured=window.measured, families=window.families)
         return replace(window, states=solve(problem, self.config.solver).states)
 

@@ -106,8 +106,9 @@ class SmoothedTables:
         known. ``doubt_m``: how far it is in doubt by contradicting fixes.
         """
         t, states, whole = self.history.with_window(window, root)
-        assert tape.data is not None
-        problem = self.setting.problem_of(t, states, tape.data)
+        data = tape.data
+        assert data is not None
+        problem = self.setting.problem_of(t, states, data)
         track, config = self.setting.description.track, self.setting.config
         covariance = posterior_covariance(whole).less_sure_of_distance(doubt_m**2)
         if chainage is not None:
@@ -118,7 +119,7 @@ class SmoothedTables:
         told = replace(
             problem,
             rests=rests,
-            gaps=tape.data.gaps(),
+            gaps=data.gaps(),
             wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2], tape.breaks["tach"]),
             families=self.history.with_families(window.families),
         )

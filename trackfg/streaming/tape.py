@@ -18,6 +18,7 @@ from trackfg.inertial import Intervals, laid_out, means_around
 from trackfg.motion_factors import RATE_WINDOW_S
 from trackfg.rails import RailView, rail_views
 from trackfg.recording import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.streaming.growing import Growing, GrowingIntervals
 from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
 
 _FIRST_SAMPLES = 10
@@ -34,10 +35,10 @@ class Tape:
     description: RecordingDescription
     gnss_origin: Array | None = None
     dt: float | None = None
-    data: Intervals | None = None
+    laid: GrowingIntervals | None = None
     waiting: Array = field(default_factory=lambda: no_rows("imu"))
     """Samples not laid out yet, as rows of the recording's columns."""
-    samples: Array = field(default_factory=lambda: no_rows("imu"))
+    samples: Growing = field(default_factory=lambda: Growing.of(no_rows("imu")))
     """Those laid out."""
     tach: Array = field(default_factory=lambda: no_rows("tach"))
     positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
@@ -46,6 +47,11 @@ class Tape:
     """By the sensor's name."""
     breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
     """By table: spans (b, 2), s, over which nobody knows what happened."""
+
+    @property
+    def data(self) -> Intervals | None:
+        """The inertial record as far as it is laid out."""
+        return None if self.laid is None else self.laid.intervals
 
     def put(self, rows: Rows) -> None:
         """Append rows."""
@@ -65,17 +71,17 @@ class Tape:
 
     def end(self) -> None:
         """No more rows come: the sample that waits is as long as the others."""
-        if self.data is not None and len(self.waiting):
+        if self.laid is not None and len(self.waiting):
             rows = self.waiting
             assert self.dt is not None
-            last = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, float(self.data.edges[-1]))
-            self.data, self.samples = self.data.joined(last), np.concatenate([self.samples, rows])
+            self.laid.append(laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, self.until))
+            self.samples.append(rows)
             self.waiting = rows[:0]
 
     @property
     def until(self) -> float:
         """Up to where the inertial record is laid out, s."""
-        return -np.inf if self.data is None else float(self.data.edges[-1])
+        return -np.inf if self.laid is None else float(self.laid.edges.rows[-1])
 
     def _lay_out(self) -> None:
         """All samples that wait, but the last."""
@@ -86,26 +92,29 @@ class Tape:
             self.dt = median_interval(rows[:_FIRST_SAMPLES, 0])
         if len(rows) < 2:
             return
-        begin = None if self.data is None else float(self.data.edges[-1])
-        new = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, begin)
+        new = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, None if self.laid is None else self.until)
         new = new.take(slice(0, len(new) - 1))
-        self.data = new if self.data is None else self.data.joined(new)
-        self.samples = np.concatenate([self.samples, rows[:-1]])
+        if self.laid is None:
+            self.laid = GrowingIntervals.of(new)
+        else:
+            self.laid.append(new)
+        self.samples.append(rows[:-1])
         self.waiting = rows[-1:]
 
     def intervals(self, begin: float, end: float) -> Intervals:
         """The inertial intervals that lie between two times."""
-        assert self.data is not None
-        edges = self.data.edges
-        low, high = int(np.searchsorted(edges, begin - 1e-9)), int(np.searchsorted(edges, end + 1e-9, side="right")) - 1
-        return self.data.take(slice(low, high))
+        data = self.data
+        assert data is not None
+        low, high = np.searchsorted(data.edges, begin - 1e-9), np.searchsorted(data.edges, end + 1e-9, side="right") - 1
+        return data.take(slice(int(low), int(high)))
 
     def turns(self, begin: float, until: float) -> Array:
         """Edges of the inertial record in (begin, until] at which a hole or a break begins or ends, s."""
-        assert self.data is not None
-        edges = self.data.edges
+        data = self.data
+        assert data is not None
+        edges = data.edges
         low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
-        bridged = self.data.bridged[max(low - 1, 0) : high]
+        bridged = data.bridged[max(low - 1, 0) : high]
         if not (len(self.breaks["imu"]) or bridged.any()):
             return np.zeros(0)
         holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
@@ -132,7 +141,7 @@ class Tape:
 
     def recording(self, begin: float, end: float) -> Recording:
         """The rows from one time to another."""
-        imu = pd.DataFrame(_between(self.samples, begin, end), columns=list(IMU_COLUMNS))
+        imu = pd.DataFrame(_between(self.samples.rows, begin, end), columns=list(IMU_COLUMNS))
         tach = None
         if self.description.tach is not None:
             tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
@@ -152,11 +161,12 @@ class Tape:
 
     def forget(self, before: float, newer: float) -> None:
         """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""
-        if self.data is None:
+        data, samples = self.data, self.samples.rows
+        if data is None:
             return
-        gone = max(int(np.searchsorted(self.data.edges, before, side="right")) - 1, 0)
-        self.data = self.data.take(slice(gone, len(self.data)))
-        self.samples = self.samples[np.searchsorted(self.samples[:, 0], newer) :]
+        gone = max(int(np.searchsorted(data.edges, before, side="right")) - 1, 0)
+        self.laid = GrowingIntervals.of(data.take(slice(gone, len(data))))
+        self.samples = Growing.of(samples[np.searchsorted(samples[:, 0], newer) :])
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
         self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
         self.lasers = {name: table[table[:, 0] >= before] for name, table in self.lasers.items()}
@@ -165,17 +175,18 @@ class Tape:
     def stood(self, rests: Array) -> None:
         """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""
         for begin, end in rests[::-1]:
-            assert self.data is not None
             data = self.data
+            assert data is not None
             i, j = np.searchsorted(data.edges, [begin - 1e-9, end - 1e-9]).tolist()
             share = data.durations[i:j, None] / (data.edges[j] - data.edges[i])
             gyro, accel = (np.sum(samples[i:j] * share, axis=0) for samples in (data.gyro, data.accel))
-            self.data = Intervals(
+            merged = Intervals(
                 np.delete(data.edges, slice(i + 1, j)),
                 np.concatenate([data.gyro[:i], gyro[None], data.gyro[j:]]),
                 np.concatenate([data.accel[:i], accel[None], data.accel[j:]]),
                 np.concatenate([data.bridged[:i], data.bridged[i:j].all(keepdims=True), data.bridged[j:]]),
             )
+            self.laid = GrowingIntervals.of(merged)
             self.tach = self.tach[(self.tach[:, 0] <= begin) | (self.tach[:, 0] >= end)]
             for name, rows in self.lasers.items():
                 self.lasers[name] = rows[(rows[:, 0] <= begin + _AT_REST_S) | (rows[:, 0] >= end - _AT_REST_S)]
