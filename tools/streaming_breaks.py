@@ -206,7 +206,11 @@ def _tables_of_lines(path: Path, whole: Tables) -> Tables:
         for line in path.read_bytes().splitlines():
             row = json.loads(line)
             rows[row.pop("table")].append(row)
-    return {name: pd.DataFrame(of, columns=whole[name].columns).astype(whole[name].dtypes) for name, of in rows.items()}
+    return {
+        name: pd.DataFrame(of, columns=whole[name].columns).astype(whole[name].dtypes)
+        for name, of in rows.items()
+        if name in whole or of
+    }
 
 
 def _under_each_other(frames: Iterator[pd.DataFrame]) -> pd.DataFrame:

@@ -406,9 +406,12 @@ class MovingWindow:
         if recording.imu.empty:  # within a long gap
             return
         found = find_standstills(recording, config.min_rest_s)
-        last = tach[: np.searchsorted(tach[:, 0], until), 0][-1:]
-        if (last > until - _REST_MARGIN_S).all():  # else it is a tach that says nothing at rest
-            until = min(until, *last)
+        if self.odometer is not None:
+            read = tach[slice(*np.searchsorted(tach[:, 0], [begin, until])), 0]
+            if not self.odometer.silent_at_rest:  # else no rows are as good as rows that do not change
+                begin, until = (float(read[0]), float(read[-1])) if len(read) else (until, begin)
+            elif len(read) and read[-1] > until - _REST_MARGIN_S:
+                until = float(read[-1])
         # What the rows before and after these would show is not known.
         found = np.clip(found, begin + _REST_MARGIN_S, until - _REST_MARGIN_S)
         fast = window.t[np.linalg.norm(window.states.nav.v, axis=1) > _NOT_AT_REST_MPS]

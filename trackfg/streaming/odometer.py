@@ -48,6 +48,11 @@ class Odometer:
             for family in families
         )
 
+    @property
+    def silent_at_rest(self) -> bool:
+        """Whether rows may come at the pulses' own times, and so none at rest."""
+        return self.resolution is not None and (self.resolution.at_pulses or not self.resolution.has_turned)
+
     def _learn(self, rows: Array) -> None:
         if self.resolution is not None and self.resolution.learning:
             self.resolution.learn(rows)

@@ -45,6 +45,11 @@ class TachResolution:
         """Whether rows are the pulses' own times, as far as is known."""
         return self.rounding_sd < _AT_PULSES * self.quantum
 
+    @property
+    def has_turned(self) -> bool:
+        """Whether the wheel has."""
+        return not self.learning or len(self.rows) > 1
+
     def learn(self, rows: Array) -> None:
         """From the next rows; those that are known may be among them."""
         if not self.learning:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from trackfg import smooth
 from trackfg.config import KeyframeConfig, SmoothConfig
+from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluate_geometry import geometry_errors
@@ -92,6 +94,19 @@ def test_a_start_that_no_fix_has_told_yet_is_not_claimed(stream: Callable[..., A
     assert (before["chainage_m_sd"] > 1e3).all()
     error = after["chainage_m"] - at(simulation.truth, "chainage_m", after["t_s"].to_numpy())
     assert (np.abs(error) < 4.0 * after["chainage_m_sd"] + 0.1).all()
+
+
+def test_a_tach_that_is_off_says_of_no_rest(stream: Callable[..., Any]) -> None:
+    plan = scenario("trolley")
+    run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=9.0)), seed=0, duration_s=50.0)
+    tach = run.recording.tach
+    off_s = (25.0, 35.0)  # at walking pace on smooth track, where the inertial sensor is as quiet as at rest
+    off = replace(run.recording, tach=tach[~tach["t_s"].between(*off_s)].reset_index(drop=True))
+    assert run.truth["speed_mps"][run.truth["t_s"].between(*off_s)].min() > 0.5
+    ours = stream(off, lag_s=10.0)
+    assert [event.t_s for event in ours.events if event.kind == "standstill" and event.t_s > 20.0] == []
+    away = ours.smoothed["speed_mps"] - at(run.truth, "speed_mps", ours.smoothed["t_s"])
+    assert (away.abs() < 5.0 * ours.smoothed["speed_mps_sd"])[ours.smoothed["t_s"] > 20.0].all()
 
 
 def test_a_lag_without_two_keyframes_is_refused(run: Any) -> None:
