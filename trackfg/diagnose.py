@@ -13,12 +13,13 @@ import numpy as np
 
 from trackfg.check_limits import CheckLimits
 from trackfg.diagnose_axes import AxesEstimate, estimate_axes
-from trackfg.diagnose_clock import ClockOffset, estimate_clock_offset, tach_quantum_m
+from trackfg.diagnose_clock import ClockOffset, estimate_clock_offset
 from trackfg.diagnose_rest import NoiseDensity, StaticBias, noise_density, static_bias
 from trackfg.diagnose_wheel import WheelScale, scale_from_fixes, scale_from_gnss
 from trackfg.findings import Finding
 from trackfg.recording import Recording
 from trackfg.standstill import find_standstills
+from trackfg.tach_rows import tach_quantum_m
 
 __all__ = [
     "AxesEstimate",

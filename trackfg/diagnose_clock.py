@@ -1,4 +1,4 @@
-"""The offset between the clocks of IMU and tach, and how the tach's steps are quantised.
+"""The offset between the clocks of IMU and tach.
 
 Forward specific force is ``f_x = dv/dt - g sin(pitch)``; the tach gives ``dv/dt``. Both, averaged over the same
 intervals and band-passed alike (what is slow in f_x is the gradient, what is fast is vibration and pulses), are
@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import correlate
 
@@ -120,24 +119,3 @@ def _lag_sd(y: Array, x: Array, lag: float) -> float | None:
     if information == 0.0 or variance <= 0.0:
         return None
     return float(np.sqrt(variance) / abs(information))
-
-
-def tach_quantum_m(tach: pd.DataFrame) -> float:
-    """The distance of one count in a ``tach`` table, m: the largest step of which all steps are multiples.
-
-    0 where the distance is not quantised (or finer than 1 um), as with an integrated speed. Steps are rounded to
-    0.01 um, far above the rounding of the doubles.
-    """
-    steps = np.abs(np.diff(tach["distance_m"].to_numpy()))
-    distinct = np.unique(np.round(steps, 8))
-    distinct = distinct[distinct > 0]
-    if distinct.size == 0:
-        return 0.0
-    differences = np.diff(distinct, prepend=0.0)
-    quantum = float(np.min(differences[differences > 1e-7], initial=np.inf))
-    if not 1e-6 <= quantum < np.inf:
-        return 0.0
-    counts = np.rint(distinct / quantum)
-    quantum = float(np.sum(distinct) / np.sum(counts))
-    off = np.abs(distinct / quantum - np.rint(distinct / quantum))
-    return quantum if off.max() < 0.01 else 0.0

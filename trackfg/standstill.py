@@ -7,8 +7,8 @@ too: the blocks' mean angular rate stays near the candidate's median and the sca
 that of its quietest blocks.
 
 On a smooth straight a moving vehicle is as quiet as one at rest. A candidate that the tach enters or leaves faster
-than anything brakes is therefore a tach that fell silent, and no standstill; and where GNSS alone tells the speed, it
-must have seen the rest.
+than anything brakes is therefore a tach that fell silent, and no standstill; before the first and after the last row of
+a tach nobody knows, unless its rows are its pulses; and where GNSS alone tells the speed, it must have seen the rest.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from trackfg.frames import Array
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
+from trackfg.tach_rows import rows_are_pulses, tach_quantum_m
 
 _BLOCK_S = 0.5
 _MARGIN_S = 1.5  # a gentle start takes this long to show: trimmed from both ends of a candidate
@@ -32,8 +33,11 @@ _FORCE_TOLERANCE = 0.05  # m/s^2: a block's mean specific force against the cand
 _SCATTER_LIMITS = (0.02, 0.3)  # rad/s, m/s^2: nothing on rails that shakes more than this is called at rest
 
 
-def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array:
-    """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2)."""
+def find_standstills(recording: Recording, min_duration_s: float = 3.0, *, silent_at_rest: bool | None = None) -> Array:
+    """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2).
+
+    ``silent_at_rest``: whether the tach has no rows at rest; told from its rows unless it is given.
+    """
     t = recording.imu["t_s"].to_numpy()
     block = np.floor((t - t[0]) / _BLOCK_S).astype(np.int64)
     first = np.flatnonzero(np.diff(block, prepend=-1))
@@ -50,7 +54,7 @@ def find_standstills(recording: Recording, min_duration_s: float = 3.0) -> Array
         candidates[candidates[:, 0] > starts[0], 0] += _MARGIN_S
         candidates[candidates[:, 1] < ends[-1], 1] -= _MARGIN_S
     else:
-        candidates = _tach_at_rest(recording.tach, float(t[0]), float(t[-1]))
+        candidates = _tach_at_rest(recording.tach, float(t[0]), float(t[-1]), silent_at_rest)
     spans = []
     for begin, end in candidates:
         inside = np.flatnonzero((starts >= begin) & (ends <= end))
@@ -110,9 +114,14 @@ def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
     return bool((np.median(np.abs(place - np.median(place, axis=0)) / sd, axis=0) < 3.0).all())
 
 
-def _tach_at_rest(tach: pd.DataFrame, t0: float, t1: float) -> Array:
+def _tach_at_rest(tach: pd.DataFrame, t0: float, t1: float, silent_at_rest: bool | None) -> Array:
     """Spans without tach motion, trimmed where motion ends or begins. Shape (m, 2)."""
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
+    if silent_at_rest is None:
+        silent_at_rest = rows_are_pulses(t, distance, tach_quantum_m(tach))
+    if not silent_at_rest:
+        t0 = t0 if t[0] < t0 + _MARGIN_S else float(t[0])
+        t1 = t1 if t[-1] > t1 - _MARGIN_S else float(t[-1])
     moved = np.flatnonzero(np.diff(distance) != 0.0)
     # From the end of one row interval with motion to the start of the next.
     begins = np.concatenate([[t0], t[moved + 1] + _MARGIN_S])

@@ -14,10 +14,10 @@ import pandas as pd
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from trackfg.diagnose import tach_quantum_m
 from trackfg.frames import Array
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
+from trackfg.tach_rows import rows_are_pulses, tach_quantum_m
 
 _GRID_S = 0.1
 CRAWL_MPS = 0.25
@@ -99,7 +99,7 @@ def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
     """The distance of one count, 0 where there are none, and the sigma of a reading's rounding, m."""
     quantum = tach_quantum_m(pd.DataFrame({"t_s": t, "distance_m": distance}))
     rounding = quantum / float(np.sqrt(12.0))
-    if quantum > 0 and _rows_are_pulses(t, np.abs(np.diff(distance)), quantum):
+    if rows_are_pulses(t, distance, quantum):
         rounding = _EDGE_STAMPED_FRACTION * quantum
     return quantum, max(rounding, _LEAST_ROUNDING_M)
 
@@ -108,12 +108,6 @@ def silences(t: Array, distance: Array, quantum: float, max_gap_s: float) -> Arr
     """Spans without rows over which the wheel rolled, s, shape (g, 2)."""
     silent = (np.diff(t) > max_gap_s) & (np.abs(np.diff(distance)) > 1.5 * quantum)
     return np.stack([t[:-1][silent], t[1:][silent]], axis=1)
-
-
-def _rows_are_pulses(t: Array, step: Array, quantum: float) -> bool:
-    """Rows at the pulses' own times: one pulse each, at irregular intervals."""
-    interval = np.diff(t)
-    return bool(np.mean(np.abs(step - quantum) < 0.5 * quantum) > 0.95 and np.std(interval) > 0.1 * np.mean(interval))
 
 
 def _signed(t: Array, distance: Array, recording: Recording) -> Array:

@@ -76,6 +76,18 @@ def test_silent_tach_on_a_moving_vehicle_is_no_standstill(simulated: Callable[..
         assert np.ptp(run.ride.motion.path(np.linspace(start, end, 200))) < 0.1
 
 
+@pytest.mark.parametrize("known", [(0.0, 60.0), (80.0, 120.0)])
+def test_where_a_tach_has_no_rows_nobody_knows(
+    simulated: Callable[..., Simulation], known: tuple[float, float]
+) -> None:
+    """At walking pace on smooth track, which is as quiet as a rest."""
+    run = simulated("trolley", seed=0, duration_s=120.0)
+    assert run.recording.tach is not None
+    tach = run.recording.tach[run.recording.tach["t_s"].between(*known)].reset_index(drop=True)
+    for start, end in find_standstills(replace(run.recording, tach=tach), MIN_REST_S):
+        assert np.ptp(run.ride.motion.path(np.linspace(start, end, 200))) < 1e-3
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_without_a_tach_gnss_must_have_seen_the_rest(simulated: Callable[..., Simulation], seed: int) -> None:
     """On a smooth straight at constant speed the inertial sensor is as quiet as at rest."""

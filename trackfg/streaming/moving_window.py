@@ -405,10 +405,11 @@ class MovingWindow:
         recording = self.tape.recording(begin, until)
         if recording.imu.empty:  # within a long gap
             return
-        found = find_standstills(recording, config.min_rest_s)
+        silent = self.odometer is not None and self.odometer.silent_at_rest
+        found = find_standstills(recording, config.min_rest_s, silent_at_rest=silent)
         if self.odometer is not None:
             read = tach[slice(*np.searchsorted(tach[:, 0], [begin, until])), 0]
-            if not self.odometer.silent_at_rest:  # else no rows are as good as rows that do not change
+            if not silent:  # else no rows are as good as rows that do not change
                 begin, until = (float(read[0]), float(read[-1])) if len(read) else (until, begin)
             elif len(read) and read[-1] > until - _REST_MARGIN_S:
                 until = float(read[-1])
