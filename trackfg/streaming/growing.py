@@ -5,41 +5,31 @@ What they were before stays as it was: whoever holds it may go on using it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from trackfg.inertial import Intervals
+from trackfg.streaming.snapshot import MADE_AGAIN
 
 _LEAST = 64
 
 
 @dataclass
 class Growing:
-    """The first ``count`` rows of a ``buffer``."""
+    """``rows`` (n, ...), the first of an array with ``room`` for more, once some have been put after them."""
 
-    buffer: np.ndarray
-    count: int
-
-    @classmethod
-    def of(cls, rows: np.ndarray) -> Growing:
-        """Of rows that are there."""
-        return cls(rows, len(rows))
-
-    @property
-    def rows(self) -> np.ndarray:
-        """All of them, shape (count, ...)."""
-        return self.buffer[: self.count]
+    rows: np.ndarray
+    room: np.ndarray | None = field(default=None, metadata=MADE_AGAIN)
 
     def append(self, rows: np.ndarray) -> None:
         """Put rows after them."""
-        count = self.count + len(rows)
-        if count > len(self.buffer):
-            buffer = np.zeros((max(2 * count, _LEAST), *self.buffer.shape[1:]), self.buffer.dtype)
-            buffer[: self.count] = self.rows
-            self.buffer = buffer
-        self.buffer[self.count : count] = rows
-        self.count = count
+        begin, end = len(self.rows), len(self.rows) + len(rows)
+        if self.room is None or end > len(self.room):
+            self.room = np.empty((max(2 * end, _LEAST), *self.rows.shape[1:]), self.rows.dtype)
+            self.room[:begin] = self.rows
+        self.room[begin:end] = rows
+        self.rows = self.room[:end]
 
 
 @dataclass
@@ -54,7 +44,7 @@ class GrowingIntervals:
     @classmethod
     def of(cls, data: Intervals) -> GrowingIntervals:
         """Of intervals that are there."""
-        return cls(*(Growing.of(part) for part in (data.edges, data.gyro, data.accel, data.bridged)))
+        return cls(*(Growing(part) for part in (data.edges, data.gyro, data.accel, data.bridged)))
 
     @property
     def intervals(self) -> Intervals:

@@ -38,7 +38,7 @@ class Tape:
     laid: GrowingIntervals | None = None
     waiting: Array = field(default_factory=lambda: no_rows("imu"))
     """Samples not laid out yet, as rows of the recording's columns."""
-    samples: Growing = field(default_factory=lambda: Growing.of(no_rows("imu")))
+    samples: Growing = field(default_factory=lambda: Growing(no_rows("imu")))
     """Those laid out."""
     tach: Array = field(default_factory=lambda: no_rows("tach"))
     positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
@@ -166,7 +166,7 @@ class Tape:
             return
         gone = max(int(np.searchsorted(data.edges, before, side="right")) - 1, 0)
         self.laid = GrowingIntervals.of(data.take(slice(gone, len(data))))
-        self.samples = Growing.of(samples[np.searchsorted(samples[:, 0], newer) :])
+        self.samples = Growing(samples[np.searchsorted(samples[:, 0], newer) :])
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
         self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
         self.lasers = {name: table[table[:, 0] >= before] for name, table in self.lasers.items()}

@@ -34,7 +34,7 @@ def test_while_it_is_sought_and_when_it_is_found(line_map: FeatureMap, ride: Cal
         told |= {event.kind for event in theirs.events}
         if batch.position % 20_000 == 0:
             state = again.state()
-            assert len(state.data) < 5_000_000
+            assert len(state.data) < 4_000_000
             tree = json.loads(json.dumps(state.tree))
             again = made()
             again.restore(Snapshot(tree, state.data))

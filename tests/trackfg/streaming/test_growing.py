@@ -13,7 +13,7 @@ from trackfg.streaming.growing import Growing, GrowingIntervals
 @given(st.lists(st.integers(0, 90), max_size=8))
 def test_rows_come_one_after_the_other_and_what_was_there_stays(counts: list[int]) -> None:
     pieces = [np.random.default_rng(i).normal(size=(count, 3)) for i, count in enumerate(counts)]
-    growing, seen = Growing.of(np.ones((2, 3))), []
+    growing, seen = Growing(np.ones((2, 3))), []
     given_first = growing.rows
     for i, piece in enumerate(pieces):
         growing.append(piece)
@@ -24,9 +24,9 @@ def test_rows_come_one_after_the_other_and_what_was_there_stays(counts: list[int
 
 
 def test_two_that_begin_alike_grow_apart() -> None:
-    rows = Growing.of(np.arange(3.0))
+    rows = Growing(np.arange(3.0))
     rows.append(np.arange(2.0))
-    one, other = Growing.of(rows.rows), Growing.of(rows.rows)
+    one, other = Growing(rows.rows), Growing(rows.rows)
     one.append(np.array([7.0]))
     other.append(np.array([8.0]))
     assert one.rows[-1] == 7.0

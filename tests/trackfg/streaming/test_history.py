@@ -38,4 +38,5 @@ def test_of_a_long_stop_only_its_ends_are_kept(stream: Callable[..., Any], monke
         np.testing.assert_allclose(one[name], other[name], atol=0.02 * other[f"{name}_sd"].median(), rtol=1e-9)
         ratio = (one[f"{name}_sd"] / other[f"{name}_sd"]).dropna()  # it is made from those of the keyframes about
         assert ratio.between(0.75, 1.33).all()
-        assert ratio.median() == pytest.approx(1.0, abs=0.06)  # of geometry, from 64 samples: each knows it to 9 %
+        # Sigmas of geometry are from 64 samples: each knows them to 9 %.
+        assert ratio.median() == pytest.approx(1.0, abs=0.06 if name == "curvature_1pm" else 0.03)
