@@ -38,7 +38,8 @@ _CONJUGATE = np.array([[1.0], [-1.0], [-1.0], [-1.0]])
 
 @dataclass(frozen=True)
 class DenseMotion:
-    """``t`` (m,) s, ``nav`` of the IMU, distance along the track ``distance`` (m,) m, body rate ``gyro`` (m, 3) rad/s.
+    """``t`` (m,) s, ``nav`` of the IMU, distance along the track ``distance`` (m,) m, body rate ``gyro`` (m, 3) rad/s,
+    a mean of the samples over ``gyro_span`` (m,) s.
 
     ``keyframe`` (m,) and ``fraction`` (m,) say where between which keyframes each row lies.
     """
@@ -47,6 +48,7 @@ class DenseMotion:
     nav: Nav
     distance: Array
     gyro: Array
+    gyro_span: Array
     keyframe: np.ndarray
     fraction: Array
 
@@ -70,7 +72,7 @@ class DenseMotion:
         # The row after an interval's last one belongs to the next keyframe, at fraction 0.
         end = np.where(self.keyframe[i + 1] > keyframe, 1.0, self.fraction[i + 1])
         fraction = self.fraction[i] + f[:, 0] * (end - self.fraction[i])
-        return DenseMotion(t, nav, distance, self.gyro[i], keyframe, fraction)
+        return DenseMotion(t, nav, distance, self.gyro[i], self.gyro_span[i], keyframe, fraction)
 
 
 def dense_step(states: States, step_m: float) -> float:
@@ -85,8 +87,9 @@ def dense_motion(problem: Problem, states: States, step_s: float, times: Array |
     bias = states.bias[:, 3:].mean(axis=0)
     n = len(problem.t) - 1
     parts = [_between(problem, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
-    gyro, distance = parts[-1].gyro[-1:], states.odo[n:, 0]
-    parts.append(DenseMotion(problem.t[n:], states.nav[n:], distance, gyro, np.array([n - 1]), np.ones(1)))
+    t, nav, distance = problem.t[n:], states.nav[n:], states.odo[n:, 0]
+    last = parts[-1].gyro[-1:], parts[-1].gyro_span[-1:]
+    parts.append(DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1)))
     return _joined(parts)
 
 
@@ -99,6 +102,7 @@ def _joined(parts: list[DenseMotion]) -> DenseMotion:
         Nav(all_of(lambda part: part.nav.R), all_of(lambda part: part.nav.p), all_of(lambda part: part.nav.v)),
         all_of(lambda part: part.distance),
         all_of(lambda part: part.gyro),
+        all_of(lambda part: part.gyro_span),
         all_of(lambda part: part.keyframe),
         all_of(lambda part: part.fraction),
     )
@@ -154,6 +158,7 @@ def _between(
         ),
         states.odo[intervals, 0][i] + gone + left_d[i] * w + left_speed[i] * u,
         rate,
+        increments.duration,
         i + intervals.start,
         f,
     )

@@ -29,7 +29,8 @@ def trajectory_columns(
 
     Sigmas are those of the keyframes on either side, their variances interpolated in time, and what the white ``noise``
     of the inertial samples adds in between: to speed and attitude a Brownian bridge, to place and chainage that bridge
-    integrated and pinned in slope too; and what their speeds' errors do to the cubic between. Yaw is in (-pi, pi].
+    integrated and pinned in slope too; and what their speeds' errors do to the cubic between. The speed has also the
+    noise of the row's own body rate, at the lever arm. Yaw is in (-pi, pi].
     """
     R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
@@ -46,7 +47,8 @@ def trajectory_columns(
     span, h = np.diff(problem.t)[k], motion.fraction
     swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
     between[:, :4] += (noise.accel**2 * bridge**3 / 3.0 + swing)[:, None]
-    between[:, 4] += noise.accel**2 * bridge
+    levered = skew(lever_arm) @ R_bt[:, 0]
+    between[:, 4] += noise.accel**2 * bridge + noise.gyro**2 / motion.gyro_span * (levered @ levered)
     between[:, 5:8] += noise.gyro**2 * bridge[:, None]
     sigma = np.sqrt(between)
     table = {"t_s": motion.t}

@@ -63,9 +63,10 @@ def covariance() -> Covariance:
 
 
 def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
+    """Rows whose body rates have no noise."""
     keyframe = np.append(np.arange(N - 1), N - 2)
     fraction = np.append(np.zeros(N - 1), 1.0)
-    return DenseMotion(np.arange(float(N)), states.nav, states.odo[:, 0], gyro, keyframe, fraction)
+    return DenseMotion(np.arange(float(N)), states.nav, states.odo[:, 0], gyro, np.full(N, np.inf), keyframe, fraction)
 
 
 def quantities(states: States, gyro: np.ndarray, covariance: Covariance, direction: int = 1) -> pd.DataFrame:
@@ -113,6 +114,16 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     expected[:, 4] += PROBLEM.noise.accel**2 * 2.0 * 0.25 * 0.75
     expected[:, 5:] += PROBLEM.noise.gyro**2 * 2.0 * 0.25 * 0.75
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
+
+
+def test_speed_at_the_reference_point_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
+    rng, span = np.random.default_rng(11), 0.02
+    certain = Covariance(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
+    drawn = gyro + PROBLEM.noise.gyro / np.sqrt(span) * rng.normal(size=(2000, N, 3))
+    motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
+    tables = [trajectory_table(PROBLEM, motion, states, certain, 1) for motion in motions]
+    scatter = np.std([table["speed_mps"] for table in tables], axis=0)
+    np.testing.assert_allclose(tables[0]["speed_mps_sd"], scatter, rtol=0.06)
 
 
 def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(

@@ -28,6 +28,7 @@ from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError
 from trackfg.frames import Array
 from trackfg.localisation import MapChainage
+from trackfg.motion_factors import RATE_WINDOW_S
 from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.map_locator import MapLocator
 from trackfg.streaming.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
@@ -176,7 +177,8 @@ class FixedLagSmoother:
         problem = setting.problem_of(window.t[-2:], two, data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
-        motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, np.zeros(1, dtype=np.int64), np.ones(1))
+        over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
+        motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, over, interval, end)
         return trajectory_columns(problem, motion, two, covariance, direction)
 
     def _behind(self, *, at_end: bool = False) -> list[Behind]:
