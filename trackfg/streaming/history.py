@@ -1,8 +1,9 @@
 """Keyframes that left the window and are still needed, estimated from all that came since.
 
 A keyframe that leaves has a conditional on the next one and on the shared variables, ``R x_k + S (x_k+1, s) = d``. What
-the window learns about these goes back along the conditionals to the keyframes before: the smoother of Rauch, Tung and
-Striebel, without any of the factors. (Bierman, "Factorization methods for discrete sequential estimation", 1977.)
+the window learns about these goes back along the conditionals to the keyframes before, without any of the factors:
+:meth:`~trackfg.streaming.window.Gone.before`. (Bierman, "Factorization methods for discrete sequential estimation",
+1977.)
 """
 
 from __future__ import annotations
@@ -12,13 +13,12 @@ from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
 
 from trackfg.elimination import Conditionals
 from trackfg.events import TOLD
 from trackfg.factors.family import Family
-from trackfg.factors.past import carried, moved_from, step_from
-from trackfg.factors.states import KEYFRAME_DIM, States, Step
+from trackfg.factors.past import carried
+from trackfg.factors.states import KEYFRAME_DIM, States
 from trackfg.frames import Array
 from trackfg.spans import true_runs
 from trackfg.square_root import SquareRoot
@@ -87,7 +87,7 @@ class History:
             begin = end - 1
             while begin and _goes_on(self.parts[begin - 1], self.parts[begin]):
                 begin -= 1
-            states.append(_estimated(self.parts[begin:end], states[-1]))
+            states.append(_together(self.parts[begin:end]).before(states[-1]))
             end = begin
         oldest, *later = reversed(states)
         R, S, d = (
@@ -127,13 +127,14 @@ def _goes_on(first: Gone, second: Gone) -> bool:
     return np.array_equal(here.nav.p, there.nav.p[:1]) and np.array_equal(here.imu, there.imu)
 
 
-def _estimated(parts: list[Gone], later: States) -> States:
-    """Keyframes that left together, from the states of those after them."""
-    step = step_from(parts[-1].origin.take(slice(1, 2)), later.take(slice(0, 1)))
-    x, found = step.keyframes[0], []
-    for part in reversed(parts):
-        (R,), (S,), (d,) = part.conditionals
-        x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
-        found.append(x)
+def _together(parts: list[Gone]) -> Gone:
+    """Keyframes that left together, without their factors."""
+    conditionals = Conditionals(
+        *(np.concatenate(own) for own in zip(*(part.conditionals for part in parts), strict=True))
+    )
     oldest, *others = (part.origin.take(slice(0, 1)) for part in parts)
-    return moved_from(oldest.joined(*others), Step(np.array(found[::-1]), step.shared))
+    return Gone(
+        np.concatenate([part.t for part in parts]),
+        conditionals,
+        oldest.joined(*others, parts[-1].origin.take(slice(1, 2))),
+    )

@@ -21,7 +21,7 @@ from trackfg.config import SmoothConfig
 from trackfg.covariance import Covariance, posterior_covariance
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family
-from trackfg.factors.states import Kind, offset_in_keyframe
+from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.frames import Array
 from trackfg.graph import begun_at, build_problem, placeless
 from trackfg.inertial_factors import walk_of
@@ -33,7 +33,7 @@ from trackfg.square_root import SquareRoot
 from trackfg.standstill import find_standstills
 from trackfg.streaming.increment import ahead, completed
 from trackfg.streaming.odometer import Odometer
-from trackfg.streaming.place_votes import PlaceVotes, moved_interval, moved_window
+from trackfg.streaming.place_votes import PlaceVotes, moved_interval, moved_states, moved_window
 from trackfg.streaming.setting import Setting
 from trackfg.streaming.snapshot import MADE_AGAIN
 from trackfg.streaming.stream_events import StreamEvent
@@ -57,11 +57,12 @@ _NOT_AT_REST_MPS = 2.0
 """A tach that is stuck, on a smooth straight, looks like a rest, but for the speed that the vehicle had before."""
 _TOO_CLOSE = 0.35
 _LEAST_S = 0.02
-_SETTLED = 1000.0
-"""Length of a step, in posterior sigmas, that needs no second one: a wheel's distance against that of the inertial
-sensor alone makes some hundred, and what is left after the step is less than one.
+_SETTLED = 15.0
+"""Length of a step, in posterior sigmas, that needs no second one: what is left after it is a tenth or less."""
+_SETTLED_FRONT = 1000.0
+"""And of the front: a wheel's distance against that of the inertial sensor alone makes some hundred, and what is left
+is for the pass.
 """
-_SETTLED_AT_START = 15.0
 _STEPS = 4
 _FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
 """The last are GTSAM's."""
@@ -123,9 +124,10 @@ class Lost(NamedTuple):
 class MovingWindow:
     """Keyframes up to ``lag_s`` older than the newest; ``rests`` (r, 2), s, of late.
 
-    ``window`` and the ``root`` of its information are as the last pass left them, ``front`` its newest keyframes with
-    what the others say; ``since`` is what has come after, with keyframes where they were found; ``tip`` the newest
-    keyframe with what all others say, ``coming`` the interval after it.
+    ``window`` and the ``root`` of its information, linearised at ``origin``, are as the last pass left them, ``front``
+    its newest keyframes with what the others say; ``since`` is what has come after, with keyframes where they were
+    found, and ``links`` what their steps said of the older ones, given the tip; ``tip`` is the newest keyframe with
+    what all others say, ``coming`` the interval after it.
     """
 
     tape: Tape
@@ -134,8 +136,10 @@ class MovingWindow:
     setting: Setting | None = None
     window: Window | None = None
     root: SquareRoot | None = None
+    origin: States | None = None
     front: Window | None = None
     since: list[Interval] = field(default_factory=list)
+    links: list[Gone] = field(default_factory=list)
     tip: Window | None = None
     coming: Begun | None = field(default=None, metadata=MADE_AGAIN)
     odometer: Odometer | None = None
@@ -233,8 +237,8 @@ class MovingWindow:
             distance = float(self.window.states.odo[-1, 0]), float(np.hypot(np.sqrt(variance), self.places.doubt_m))
         self.lost = Lost(begin, reason, left, distance)
         self.newly_lost = True
-        self.window = self.root = self.front = self.tip = self.coming = self.early = None
-        self.since, self.oriented, self.rests = [], False, np.zeros((0, 2))
+        self.window = self.root = self.origin = self.front = self.tip = self.coming = self.early = None
+        self.since, self.links, self.oriented, self.rests = [], [], False, np.zeros((0, 2))
 
     def tell(self, family: Family) -> None:
         """Something about the first keyframe that stays."""
@@ -249,9 +253,9 @@ class MovingWindow:
         if told_later and problem.family("absolute fix") is None:
             problem = replace(problem, families=placeless(problem.families))
         self.odometer = None
-        if problem.wheel is not None and tape.description.tach is not None:
-            max_gap_s = self.config.tach.max_gap_s
-            self.odometer = Odometer.of(problem.wheel, tape.tach, tape.description.tach, max_gap_s=max_gap_s)
+        if problem.wheel is not None and recording.tach is not None and tape.description.tach is not None:
+            rows, max_gap_s = recording.tach.to_numpy(), self.config.tach.max_gap_s
+            self.odometer = Odometer.of(problem.wheel, rows, tape.description.tach, max_gap_s=max_gap_s)
             problem = replace(problem, families=self.odometer.rounded(problem.families))
         if self.lost is not None and self.lost.distance is not None:
             problem = begun_at(problem, *self.lost.distance)
@@ -259,7 +263,7 @@ class MovingWindow:
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
-        self.window, self.root, self.front = window, solution.root, window
+        self.window, self.root, self.origin, self.front = window, solution.root, solution.states, window
         self.tip = window.moved({len(window) - 1}).rest(len(window) - 1)
         self.early, self.lost = Pass(window, solution.root, None), None
         self.places.begin(problem.family("absolute fix"), solution.states)
@@ -296,6 +300,7 @@ class MovingWindow:
         if found is None:
             return self._told(self._doubted(new))
         self.since.append(new.found(found.pair.states))
+        self.links.append(found.link)
         self.tip = found.tip
         return self._told(Update.of(found.pair, found.root))
 
@@ -307,7 +312,7 @@ class MovingWindow:
             found = begun.step(new)
         except _FAILURES:
             return None
-        return found if found.root.length < _SETTLED and found.tip.wheel_belief >= _BELIEVED else None
+        return found if found.root.length < _SETTLED_FRONT and found.tip.wheel_belief >= _BELIEVED else None
 
     def _doubted(self, new: Interval) -> Update:
         """The next keyframe by a step of the whole front."""
@@ -318,20 +323,22 @@ class MovingWindow:
         front = front.extended(*self.since)
         front = front.with_families(walk_of(front.t, front.response, setting.description.imu.noise))
         try:
-            step = self._step(front, {len(front) - 1})
+            step = self._step(front, {len(front) - 1}, _SETTLED_FRONT if self.oriented else _SETTLED)
         except _FAILURES as error:
             self.early = self._passed(StreamEvent("by-window", t_s=float(front.t[-1]), detail=str(error)))
             return Update.of(self.early.window, self.early.root)
         first, states = len(front) - len(self.since) - 1, step.window.states
         self.since = [one.found(states.take(slice(k, k + 2))) for k, one in enumerate(self.since, first)]
-        self.tip = step.rest(len(front) - 1)
+        self.tip, self.links = step.rest(len(front) - 1), [Gone.of(front.t, step.root, step.origin, len(front) - 1)]
         return Update.of(step.window, step.root)
 
     def _elsewhere(self, new: Interval, by_m: float) -> Update:
         """The next keyframe, by a step of the whole front: the vehicle is further along the track than was believed."""
         assert self.window is not None
         assert self.front is not None
+        assert self.origin is not None
         self.window, self.front = moved_window(self.window, by_m), moved_window(self.front, by_m)
+        self.origin = moved_states(self.origin, by_m)
         self.since = [moved_interval(interval, by_m) for interval in self.since]
         return self._doubted(moved_interval(new, by_m))
 
@@ -347,6 +354,8 @@ class MovingWindow:
         assert setting is not None
         imu, begin = setting.description.imu, float(window.t[-1])
         window = window.extended(*self.since)
+        if event is None:
+            window = replace(window, states=self._looking_back(window))
         self._find_rests(window, begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
@@ -357,7 +366,7 @@ class MovingWindow:
         newest = len(window) - 1
         gone_at = {leaving, before, newest} - {0}
         try:
-            step = self._step(window, gone_at)
+            step = self._step(window, gone_at, _SETTLED)
             if step.window.doubts_wheel and (other := self._by_batch(window)).cost < step.window.cost:
                 step = other.moved(gone_at)
         except _FAILURES as error:
@@ -366,15 +375,31 @@ class MovingWindow:
         self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
         gone = step.gone(leaving) if leaving else None
         self.window, self.front, self.tip = step.rest(leaving), step.rest(before), step.rest(newest)
-        self.root = step.root.last(len(self.window))
-        self.since, self.coming = [], None
+        self.root, self.origin = step.root.last(len(self.window)), step.origin.take(slice(leaving, None))
+        self.since, self.links, self.coming = [], [], None
         return Pass(step.window, step.root, gone, event)
 
-    def _step(self, window: Window, gone: Collection[int] = ()) -> Stepped:
+    def _looking_back(self, window: Window) -> States:
+        """Of the whole window, as the tip tells them by what each keyframe's step said of the ones before."""
+        assert self.tip is not None
+        assert self.window is not None
+        assert self.root is not None
+        assert self.origin is not None
+        states, k, at_pass = [self.tip.states], len(window) - 1, len(self.window) - 1
+        for link in reversed(self.links):
+            states.append(link.before(_own_bias(states[-1], window.response[k])))
+            k -= len(link.t)
+        if k:
+            older = Gone.of(window.t, self.root, self.origin, k)
+            states.append(older.before(_own_bias(states[-1], window.response[k]) if k == at_pass else states[-1]))
+        oldest, *others = reversed(states)
+        return oldest.joined(*others)
+
+    def _step(self, window: Window, gone: Collection[int], settled: float) -> Stepped:
         """Steps until one is short. Raises ``UnsolvableError`` or ``ValueError`` where that does not happen."""
         for _ in range(_STEPS):
             step = window.moved(gone)
-            if step.root.length < (_SETTLED if self.oriented else _SETTLED_AT_START):
+            if step.root.length < settled:
                 return step
             window = step.window
         raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_STEPS} of them")
@@ -425,3 +450,8 @@ class MovingWindow:
         """Spans in which the tach did not count, (u, 2), s: a device that is off counts nothing."""
         breaks = self.tape.breaks
         return np.concatenate([breaks["tach"], breaks["imu"]])
+
+
+def _own_bias(states: States, response: Array) -> States:
+    """Keyframe by keyframe with the sensor's own bias, as a newest keyframe has it, for that of the interval after."""
+    return replace(states, bias=states.bias - states.imu[0] @ response.T)

@@ -21,17 +21,18 @@ from trackfg.frames import Array
 from trackfg.inertial_factors import walk_of
 from trackfg.square_root import SquareRoot
 from trackfg.streaming.increment import OTHER_ROWS, Ahead
-from trackfg.streaming.window import Interval, Window
+from trackfg.streaming.window import Gone, Interval, Window
 
 
 class Found(NamedTuple):
-    """The two keyframes after the step, the square root of their information, and the newer one alone with all that is
-    known of it.
+    """The two keyframes after the step, the square root of their information, the newer one alone with all that is
+    known of it (``tip``), and what is known of the older one given that (``link``).
     """
 
     pair: Window
     root: SquareRoot
     tip: Window
+    link: Gone
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Begun:
         rolls = (one.following(nothing, found.states).shifted(-1) for one in pair.families if one.in_a_row)
         known = (past(left, pair.states.take(slice(1, 2))), *rolls)
         tip = Window(pair.t[1:], found.states.take(slice(1, 2)), (), pair.response[1:], known)
-        return Found(found, root, tip)
+        return Found(found, root, tip, Gone.of(pair.t, root, pair.states, 1))
 
 
 def _between(predicted: Interval, interval: Interval) -> Step:

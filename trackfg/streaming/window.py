@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
 from trackfg.elimination import Conditionals, eliminate_leaving
 from trackfg.factors.family import Family, LinearFactors
 from trackfg.factors.imu import Preintegration, linearize_imu_factors
-from trackfg.factors.past import PAST, answering, past
-from trackfg.factors.states import States
+from trackfg.factors.past import PAST, answering, moved_from, past, step_from
+from trackfg.factors.states import States, Step
 from trackfg.frames import Array
 from trackfg.inertial_factors import graph_of
 from trackfg.square_root import SquareRoot
@@ -50,6 +51,25 @@ class Gone(NamedTuple):
     conditionals: Conditionals
     origin: States
     families: tuple[Family, ...] = ()
+
+    @classmethod
+    def of(cls, t: Array, root: SquareRoot, origin: States, count: int) -> Gone:
+        """The first so many of keyframes at ``t``, with the square root of their information, linearised at ``origin``;
+        without factors.
+        """
+        conditionals = Conditionals(root.R[:count], root.S[:count], root.d[:count])
+        return cls(t[:count], conditionals, origin.take(slice(0, count + 1)))
+
+    def before(self, later: States) -> States:
+        """They themselves, given the next keyframe: the first of ``later``. (Rauch, Tung and Striebel.)"""
+        n, found = len(self.t), []
+        step = step_from(self.origin.take(slice(n, None)), later.take(slice(0, 1)))
+        x = step.keyframes[0]
+        for k in reversed(range(n)):
+            R, S, d = (part[k] for part in self.conditionals)
+            x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
+            found.append(x)
+        return moved_from(self.origin.take(slice(0, n)), Step(np.array(found[::-1]), step.shared))
 
 
 @dataclass(frozen=True)
@@ -172,7 +192,5 @@ class Stepped(NamedTuple):
 
     def gone(self, gone: int) -> Gone:
         """The first ``gone`` keyframes."""
-        window, root = self.window, self.root
-        conditionals = Conditionals(root.R[:gone], root.S[:gone], root.d[:gone])
-        left = tuple(family.take(family.first_keyframe < gone) for family in window.families)
-        return Gone(window.t[:gone], conditionals, self.origin.take(slice(0, gone + 1)), left)
+        left = tuple(family.take(family.first_keyframe < gone) for family in self.window.families)
+        return Gone.of(self.window.t, self.root, self.origin, gone)._replace(families=left)
