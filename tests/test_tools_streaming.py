@@ -162,10 +162,12 @@ def test_a_slope_is_known_as_well_as_the_scatter_lets_it(tools: SimpleNamespace)
 
 def test_the_stream_is_held_against_batch_and_best_baseline(tools: SimpleNamespace) -> None:
     errors = {"stream": 1.2, "smoother": 1.0, "gyro": 4.0, "complementary": 2.0}
-    measured = pd.DataFrame([{f"mainline/{name}/twist_mm": error for name, error in errors.items()}])
+    away = {f"mainline/roll_rad/away/{moment}": by for moment, by in ((0.25, 0.3), (0.5, -0.4), (0.75, np.nan))}
+    measured = pd.DataFrame([{f"mainline/{name}/twist_mm": error for name, error in errors.items()} | away])
     met = {figure.quantity: (figure.value, figure.met) for figure in tools.accuracy.figures(measured)}
     assert met["mainline: twist, mm: over batch"] == (pytest.approx(1.2), True)
     assert met["mainline: twist, mm: over complementary"] == (pytest.approx(0.6), True)
+    assert met["mainline: roll: away from a batch of what had come, sigmas"][0] == pytest.approx(np.sqrt(0.125))
 
 
 @pytest.mark.slow

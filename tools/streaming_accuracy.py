@@ -8,14 +8,15 @@ is one offset for the whole run throws the dice once a run.
 
 All runs are scored as a whole, and in their second half. A batch judges the first minutes by what the sensor showed
 later, its biases and the wheel's scale; a stream knows of these, then, what its description says, and its sigmas say
-so.
+so. How much of it is due to what has not come yet is told by the batch smoother on the rows up to three moments of the
+run: by how many of its sigmas the stream differs from it in the seconds that leave the lag then.
 """
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
@@ -23,7 +24,7 @@ import pandas as pd
 from positioning_table import Figure, Part, at_most, between
 from stream_tables import tables_of
 
-from trackfg import FixedLagSmoother
+from trackfg import FixedLagSmoother, smooth
 from trackfg.comparison import QUANTITIES, REFERENCE, Task
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import TrackfgError
@@ -31,6 +32,7 @@ from trackfg.estimators import estimators
 from trackfg.evaluate_geometry import geometry_errors
 from trackfg.evaluate_trajectory import distance_errors, from_the_true_start, trajectory_errors
 from trackfg.frames import Array
+from trackfg.recording import Recording
 from trackfg.scores import rms, score_run
 from trackfg.streaming.sources import RecordingSource
 
@@ -40,6 +42,8 @@ SCENARIOS = {"mainline": 2400.0, "trolley": 2400.0, "slippery-line": 2400.0, "sh
 LATE = ", second half"
 
 COMPARED = ("cross_level_mm", "twist_mm", "distance_percent")
+LIKE_BATCH = {"roll_rad": "roll", "pitch_rad": "pitch", "speed_mps": "speed", "chainage_m": "place along the track"}
+MOMENTS, LEAVING_S = (0.25, 0.5, 0.75), 5.0
 COVERED = ("cross_level_mm", "twist_mm", "along_track_m", "speed_kmh", "roll_mrad", "pitch_mrad")
 TO_BATCH, TO_BASELINE, COVERAGE = 1.3, 0.7, (0.90, 0.98)
 KNOWN_M = 100.0
@@ -60,12 +64,17 @@ class _Estimate:
 def measure(seed: int) -> dict[str, float]:
     """Per scenario, estimator and quantity the error, and of the stream the coverage: ``scenario/estimator/quantity``
     and ``scenario/stream/quantity/coverage``; the scenario's name with ``LATE`` where the first half does not count.
+    ``scenario/column/away/moment``: by how many sigmas the stream differs from a batch of what had come.
     """
     out: dict[str, float] = {}
     for name, duration_s in SCENARIOS.items():
         run = simulate(name, seed=seed, duration_s=duration_s)
         half_s = 0.5 * float(run.truth["t_s"].iloc[0] + run.truth["t_s"].iloc[-1])
-        for one in (*_known(run), *_streamed(run)):
+        streamed = tuple(_streamed(run))
+        for moment in MOMENTS:
+            for column, away in _away(run, streamed[0].trajectory, moment * duration_s).items():
+                out[f"{name}/{column}/away/{moment}"] = away
+        for one in (*_known(run), *streamed):
             for label, since_s in ((name, -np.inf), (name + LATE, half_s)):
                 for row in _scores(one, run, since_s).itertuples():
                     key = f"{label}/{one.name}/{row.quantity}"
@@ -91,6 +100,23 @@ def _streamed(run: Simulation) -> Iterator[_Estimate]:
     for name, table, geometry in ((STREAM, "smoothed", tables.get("geometry", none)), (FILTERED, "filtered", none)):
         own = tables[table]
         yield _Estimate(name, own[own["chainage_m_sd"] < KNOWN_M], geometry, tasks)
+
+
+def _away(run: Simulation, smoothed: pd.DataFrame, until_s: float) -> dict[str, float]:
+    """The mean difference from the batch smoother on the rows up to then, in what has just left the lag, by column of
+    the trajectory, in sigmas; NaN where the stream does not tell its place.
+    """
+    batch = smooth(_up_to(run.recording, until_s)).trajectory
+    left = [table[table["t_s"].between(until_s - LAG_S - LEAVING_S, until_s - LAG_S)] for table in (smoothed, batch)]
+    rows, theirs = (table.set_index(table["t_s"].round(6)) for table in left)
+    return {name: float(((rows[name] - theirs[name]) / theirs[f"{name}_sd"]).mean()) for name in LIKE_BATCH}
+
+
+def _up_to(recording: Recording, until_s: float) -> Recording:
+    tables = {name: getattr(recording, name) for name in ("imu", "tach", "fixes", "gnss")}
+    return replace(
+        recording, **{name: table[table["t_s"] <= until_s] for name, table in tables.items() if table is not None}
+    )
 
 
 def _scores(one: _Estimate, run: Simulation, since_s: float) -> pd.DataFrame:
@@ -125,7 +151,19 @@ def _passed_s(one: _Estimate, run: Simulation) -> Array:
 def figures(measured: pd.DataFrame) -> list[Figure]:
     """The lines of the part."""
     labels = [name + when for name in SCENARIOS for when in ("", LATE)]
-    return [line for label in labels for line in (*_compared(measured, label), *_covered(measured, label))]
+    lines = [line for label in labels for line in (*_compared(measured, label), *_covered(measured, label))]
+    return [*lines, *(line for name in SCENARIOS for line in _like_batch(measured, name))]
+
+
+def _like_batch(measured: pd.DataFrame, scenario: str) -> list[Figure]:
+    lines = []
+    for column, label in LIKE_BATCH.items():
+        away = measured.filter(like=f"{scenario}/{column}/away/")
+        if away.notna().any(axis=None):
+            said = f"{scenario}: {label}: away from a batch of what had come, sigmas"
+            by_seed = [rms(row.dropna()) for _, row in away.iterrows()]
+            lines.append(Figure(said, rms(away.melt()["value"].dropna()), by_seed))
+    return lines
 
 
 def _compared(measured: pd.DataFrame, scenario: str) -> list[Figure]:
