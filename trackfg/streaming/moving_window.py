@@ -145,6 +145,8 @@ class MovingWindow:
     odometer: Odometer | None = None
     oriented: bool = False
     """Whether the heading is known. Until it is, nothing leaves: linearised at a wrong one, positions mislead."""
+    damped: bool = False
+    """Whether the batch solver has taken over because the heading is not known, which is told once."""
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
     early: Pass | None = None
     """A pass that could not wait."""
@@ -238,7 +240,8 @@ class MovingWindow:
         self.lost = Lost(begin, reason, left, distance)
         self.newly_lost = True
         self.window = self.root = self.origin = self.front = self.tip = self.coming = self.early = None
-        self.since, self.links, self.oriented, self.rests = [], [], False, np.zeros((0, 2))
+        self.since, self.links, self.rests = [], [], np.zeros((0, 2))
+        self.oriented = self.damped = False
 
     def tell(self, family: Family) -> None:
         """Something about the first keyframe that stays."""
@@ -325,7 +328,7 @@ class MovingWindow:
         try:
             step = self._step(front, {len(front) - 1}, _SETTLED_FRONT if self.oriented else _SETTLED)
         except _FAILURES as error:
-            self.early = self._passed(StreamEvent("by-window", t_s=float(front.t[-1]), detail=str(error)))
+            self.early = self._passed(str(error))
             return Update.of(self.early.window, self.early.root)
         first, states = len(front) - len(self.since) - 1, step.window.states
         self.since = [one.found(states.take(slice(k, k + 2))) for k, one in enumerate(self.since, first)]
@@ -347,37 +350,48 @@ class MovingWindow:
         self.places.learn(update.covariance)
         return update
 
-    def _passed(self, event: StreamEvent | None = None) -> Pass:
-        """``event``: that the front could not take its step."""
+    def _passed(self, failed: str | None = None) -> Pass:
+        """``failed``: why the front could not take its step."""
         window, setting = self.window, self.setting
         assert window is not None
         assert setting is not None
         imu, begin = setting.description.imu, float(window.t[-1])
         window = window.extended(*self.since)
-        if event is None:
+        now = float(window.t[-1])
+        if failed is None:
             window = replace(window, states=self._looking_back(window))
-        self._find_rests(window, begin - _REST_LOOK_S, float(window.t[-1]) + AFTER_S)
+        self._find_rests(window, begin - _REST_LOOK_S, now + AFTER_S)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests, self.config.motion, rigid=imu.rigid))
         leaving = before = 0
         if self.oriented or len(window) > _LONGEST_WITHOUT_HEADING:
-            leaving = int(np.searchsorted(window.t, window.t[-1] - self.lag_s))
+            leaving = int(np.searchsorted(window.t, now - self.lag_s))
             before = max(len(window) - _FRONT, leaving)
         newest = len(window) - 1
         gone_at = {leaving, before, newest} - {0}
-        try:
-            step = self._step(window, gone_at, _SETTLED)
-            if step.window.doubts_wheel and (other := self._by_batch(window)).cost < step.window.cost:
-                step = other.moved(gone_at)
-        except _FAILURES as error:
-            event = StreamEvent("by-batch", t_s=float(window.t[-1]), detail=str(error))
-            step = self._by_batch(window).moved(gone_at)
+        step, event = self._settled(window, gone_at, failed)
         self.oriented = self.oriented or self._heading_sd(step.window, step.root) < _ORIENTED_RAD
         gone = step.gone(leaving) if leaving else None
         self.window, self.front, self.tip = step.rest(leaving), step.rest(before), step.rest(newest)
         self.root, self.origin = step.root.last(len(self.window)), step.origin.take(slice(leaving, None))
         self.since, self.links, self.coming = [], [], None
         return Pass(step.window, step.root, gone, event)
+
+    def _settled(self, window: Window, gone: Collection[int], failed: str | None) -> tuple[Stepped, StreamEvent | None]:
+        """The whole window after its step, or after what had to take over, and what is told of that."""
+        now = float(window.t[-1])
+        if failed is not None and not self.oriented:  # steps without damping: they would not settle here either
+            event = None if self.damped else StreamEvent("by-batch", t_s=now, detail=failed)
+            self.damped = True
+            return self._by_batch(window).moved(gone), event
+        event = None if failed is None else StreamEvent("by-window", t_s=now, detail=failed)
+        try:
+            step = self._step(window, gone, _SETTLED)
+            if step.window.doubts_wheel and (other := self._by_batch(window)).cost < step.window.cost:
+                step = other.moved(gone)
+        except _FAILURES as error:
+            step, event = self._by_batch(window).moved(gone), StreamEvent("by-batch", t_s=now, detail=str(error))
+        return step, event
 
     def _looking_back(self, window: Window) -> States:
         """Of the whole window, as the tip tells them by what each keyframe's step said of the ones before."""
