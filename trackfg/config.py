@@ -43,7 +43,8 @@ class TachConfig(_Section):
     (``rail_offset_sd_m``).
 
     The tach's clock may be off by ``clock_offset_sd_s`` and drift by ``clock_drift_sd`` (s/s) against the IMU's.
-    ``robust_width`` is where, in sigmas, a lone interval is as likely a slip; several in a row are earlier.
+    ``robust_width`` is where, in sigmas, a lone interval is as likely a slip; several in a row are earlier. Over a
+    silence longer than ``max_gap_s`` (s), and than a few of the usual intervals, nothing is read off between its ends.
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
@@ -55,7 +56,7 @@ class TachConfig(_Section):
     clock_offset_sd_s: Positive = 0.1
     clock_drift_sd: Positive = 1e-4
     robust_width: Annotated[float, Field(gt=2.5, allow_inf_nan=False)] = 3.5
-    max_gap_s: Positive = 5.0
+    max_gap_s: Positive = 0.3
 
 
 class MotionConfig(_Section):

@@ -14,6 +14,7 @@ import pandas as pd
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
+from trackfg.canonical import median_interval
 from trackfg.frames import Array
 from trackfg.recording import Recording
 from trackfg.spans import true_runs
@@ -29,6 +30,7 @@ counts as backwards.
 """
 
 _LEAST_ROUNDING_M = 1e-4
+_USUAL_INTERVALS = 3.5
 _EDGE_STAMPED_FRACTION = 0.1
 """Rounding error, in pulses, of a count whose rows are the pulses' own times."""
 
@@ -82,7 +84,7 @@ class Wheel:
 
 
 def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
-    """The recording's tach, signed; None where there is none. A silence above ``max_gap_s`` in motion is a gap."""
+    """The recording's tach, signed; None where there is none. For ``max_gap_s`` see :func:`silences`."""
     if recording.tach is None or recording.description.tach is None:
         return None
     description, table = recording.description.tach, recording.tach
@@ -105,8 +107,12 @@ def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
 
 
 def silences(t: Array, distance: Array, quantum: float, max_gap_s: float) -> Array:
-    """Spans without rows over which the wheel rolled, s, shape (g, 2)."""
-    silent = (np.diff(t) > max_gap_s) & (np.abs(np.diff(distance)) > 1.5 * quantum)
+    """Spans without rows over which the wheel rolled, s, shape (g, 2): longer than ``max_gap_s``, and than a few of
+    the usual intervals. How far it had rolled within one is not read off a straight line: at 1 m/s^2 that would be
+    0.5 m off in the middle of 2 s.
+    """
+    longest = max(max_gap_s, _USUAL_INTERVALS * median_interval(t))
+    silent = (np.diff(t) > longest) & (np.abs(np.diff(distance)) > 1.5 * quantum)
     return np.stack([t[:-1][silent], t[1:][silent]], axis=1)
 
 

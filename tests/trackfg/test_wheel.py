@@ -16,7 +16,7 @@ from trackfg.description import Tach
 from trackfg.recording import Recording
 from trackfg.wheel import read_wheel
 
-MAX_GAP_S = 5.0
+MAX_GAP_S = 0.3
 PULSE_M = 0.03
 
 
@@ -115,9 +115,21 @@ def test_silence_in_motion_is_a_gap_and_silence_at_rest_is_none(simulated: Calla
     assert wheel is not None
     np.testing.assert_allclose(wheel.gaps, [[60.0, 90.0]], atol=0.021)
     assert wheel.covers(np.array([59.9, 61.0, 89.0, 90.1])).tolist() == [True, False, False, True]
-    wheel = read_wheel(drop_tach(run.recording, 60.0, 64.0), MAX_GAP_S)
+    wheel = read_wheel(drop_tach(run.recording, 60.0, 60.25), MAX_GAP_S)
     assert wheel is not None
     assert len(wheel.gaps) == 0
+
+
+def test_rows_that_are_seldom_are_no_gaps(simulated: Callable[..., Simulation]) -> None:
+    recording = simulated("mainline", seed=3, duration_s=120.0).recording
+    assert recording.tach is not None
+    seldom = replace(recording, tach=recording.tach[::50].reset_index(drop=True))
+    wheel = read_wheel(seldom, MAX_GAP_S)
+    assert wheel is not None
+    assert len(wheel.gaps) == 0
+    wheel = read_wheel(drop_tach(seldom, 60.0, 66.0), MAX_GAP_S)
+    assert wheel is not None
+    assert len(wheel.gaps) == 1
 
 
 def test_pulses_only_on_change_are_no_gap_at_rest(simulated: Callable[..., Simulation]) -> None:
