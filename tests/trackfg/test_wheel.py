@@ -115,6 +115,9 @@ def test_silence_in_motion_is_a_gap_and_silence_at_rest_is_none(simulated: Calla
     assert wheel is not None
     np.testing.assert_allclose(wheel.gaps, [[60.0, 90.0]], atol=0.021)
     assert wheel.covers(np.array([59.9, 61.0, 89.0, 90.1])).tolist() == [True, False, False, True]
+    wheel = read_wheel(drop_tach(run.recording, 60.0, 61.0), MAX_GAP_S)
+    assert wheel is not None
+    assert wheel.covers(np.array([59.9, 60.5, 61.1])).tolist() == [True, False, True]
     wheel = read_wheel(drop_tach(run.recording, 60.0, 60.25), MAX_GAP_S)
     assert wheel is not None
     assert len(wheel.gaps) == 0
