@@ -84,14 +84,14 @@ class Wheel:
 
 
 def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
-    """The recording's tach, signed; None where there is none. For ``max_gap_s`` see :func:`silences`."""
+    """The recording's tach, signed; None where there is none. For ``max_gap_s`` see :func:`longest_silence_s`."""
     if recording.tach is None or recording.description.tach is None:
         return None
     description, table = recording.description.tach, recording.tach
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     speed = description.integrates_speed
     quantum, rounding = (0.0, _LEAST_ROUNDING_M) if speed else read_resolution(t, distance)
-    gaps = silences(t, distance, quantum, max_gap_s)
+    gaps = silences(t, distance, quantum, longest_silence_s(t, max_gap_s))
     if not description.signed:
         distance = _signed(t, distance, recording)
     return Wheel(t, distance, rounding, quantum, speed, gaps)
@@ -106,13 +106,16 @@ def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
     return quantum, max(rounding, _LEAST_ROUNDING_M)
 
 
-def silences(t: Array, distance: Array, quantum: float, max_gap_s: float) -> Array:
-    """Spans without rows over which the wheel rolled, s, shape (g, 2): longer than ``max_gap_s``, and than a few of
-    the usual intervals. How far it had rolled within one is not read off a straight line: at 1 m/s^2 that would be
-    0.5 m off in the middle of 2 s.
+def longest_silence_s(t: Array, max_gap_s: float) -> float:
+    """Between rows, at ``t`` (n,), s, that is no gap: ``max_gap_s``, or a few of the usual intervals."""
+    return max(max_gap_s, _USUAL_INTERVALS * median_interval(t))
+
+
+def silences(t: Array, distance: Array, quantum: float, longest_s: float) -> Array:
+    """Spans without rows, longer than ``longest_s``, over which the wheel rolled, s, shape (g, 2). How far it had
+    rolled within one is not read off a straight line: at 1 m/s^2 that would be 0.5 m off in the middle of 2 s.
     """
-    longest = max(max_gap_s, _USUAL_INTERVALS * median_interval(t))
-    silent = (np.diff(t) > longest) & (np.abs(np.diff(distance)) > 1.5 * quantum)
+    silent = (np.diff(t) > longest_s) & (np.abs(np.diff(distance)) > 1.5 * quantum)
     return np.stack([t[:-1][silent], t[1:][silent]], axis=1)
 
 

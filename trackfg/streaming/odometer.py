@@ -10,7 +10,7 @@ from trackfg.description import Tach
 from trackfg.factors.family import Family
 from trackfg.frames import Array
 from trackfg.streaming.tach_resolution import TachResolution
-from trackfg.wheel import CRAWL_MPS, Wheel, silences
+from trackfg.wheel import CRAWL_MPS, Wheel, longest_silence_s, silences
 
 _KEPT_S = 3.0
 
@@ -19,14 +19,15 @@ _KEPT_S = 3.0
 class Odometer:
     """``wheel``: that of the first seconds, with the resolution as it is known. ``rows`` (m, 2): times and signed
     distances of the newest rows that were taken, ``raw`` the last one's distance as recorded. ``sense`` of an unsigned
-    tach's counting. ``resolution``: None where the tach gives speeds.
+    tach's counting. A silence of more than ``longest_silence_s`` is a gap. ``resolution``: None where the tach gives
+    speeds.
     """
 
     wheel: Wheel
     rows: Array
     raw: float
     signed: bool
-    max_gap_s: float
+    longest_silence_s: float
     resolution: TachResolution | None = None
     sense: float = 1.0
 
@@ -36,7 +37,8 @@ class Odometer:
         known = np.column_stack([wheel.t, wheel.distance])
         resolution = None if wheel.integrates_speed else TachResolution.of(tach)
         signed = tach.signed or wheel.integrates_speed
-        odometer = cls(wheel, known, float(rows[len(known) - 1, 1]), signed, max_gap_s, resolution)
+        longest = longest_silence_s(wheel.t, max_gap_s)
+        odometer = cls(wheel, known, float(rows[len(known) - 1, 1]), signed, longest, resolution)
         odometer._learn(rows[: len(known)])
         return odometer
 
@@ -93,5 +95,5 @@ class Odometer:
         if self.resolution is not None and self.resolution.at_pulses and rows[-1, 0] < until:
             rows = np.concatenate([rows, [[until, rows[-1, 1]]]])  # a wheel that says nothing does not roll
         t, distance = rows.T
-        gaps = silences(t, distance, self.wheel.quantum, self.max_gap_s)
+        gaps = silences(t, distance, self.wheel.quantum, self.longest_silence_s)
         return replace(self.wheel, t=t, distance=distance, gaps=gaps, uncounted=uncounted)

@@ -13,6 +13,7 @@ import pytest
 from trackfg import smooth
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
+from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluate_geometry import geometry_errors
@@ -131,6 +132,16 @@ def test_a_tach_that_is_off_says_of_no_rest(stream: Callable[..., Any]) -> None:
     assert [event.t_s for event in ours.events if event.kind == "standstill" and event.t_s > 20.0] == []
     away = ours.smoothed["speed_mps"] - at(run.truth, "speed_mps", ours.smoothed["t_s"])
     assert (away.abs() < 5.0 * ours.smoothed["speed_mps_sd"])[ours.smoothed["t_s"] > 20.0].all()
+
+
+def test_seconds_without_any_rows_are_not_taken_for_even_motion(stream: Callable[..., Any]) -> None:
+    run = simulate("mainline", seed=3, duration_s=60.0)
+    off_s = (34.63, 38.89)  # while it accelerates
+    ours = stream(drop_tach(drop_imu(run.recording, *off_s), *off_s), lag_s=10.0)
+    after = ours.filtered[ours.filtered["t_s"] > off_s[1]]
+    for name in ("speed_mps", "pitch_rad"):
+        away = after[name].to_numpy() - at(run.truth, name, after["t_s"].to_numpy())
+        assert (np.abs(away) < 4.0 * after[f"{name}_sd"]).all(), name
 
 
 def test_a_lag_without_two_keyframes_is_refused(run: Any) -> None:
