@@ -8,7 +8,10 @@ window filter with application to planetary landing", J. Field Robotics 27 (2010
 Far away the chart matters. Until a vehicle has moved its heading may be off by any angle, while roll and pitch, and
 their part in the accelerometer's bias, are known to a milliradian. So attitudes are compared by their angles roll,
 pitch and yaw, which a turn about the vertical leaves apart: ``x = E0^-1 (angles - angles0)`` with E the matrix that
-makes angular rates in body axes rates of the angles. To first order it is the tangent of the graph.
+makes angular rates in body axes rates of the angles. Velocities are compared in the vehicle's own axes, each at its own
+attitude, ``x_v = R'v - R0'v0 - R0'v0 x x_turn``: a turn about the vertical leaves what is known of the speed alone,
+however far it goes, where a tangent would make the vehicle faster by ``v turn^2 / 2``. To first order x is the tangent
+of the graph.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
-from trackfg.frames import Array, body_rates, euler_rates, matrix_from_rpy, rpy_from_matrix
+from trackfg.frames import Array, body_rates, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
 
 PAST = "past"
 """The family's name."""
@@ -42,8 +45,14 @@ def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Arr
     angles = rpy - rpy_origin
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
     turn = np.einsum("mij,mj->mi", rates, angles)
-    shift, faster = (np.einsum("mji,mj->mi", origin.R, part) for part in (value.p - origin.p, value.v - origin.v))
-    return np.concatenate([turn, shift, faster], axis=1)
+    shift = np.einsum("mji,mj->mi", origin.R, value.p - origin.p)
+    before = _own_velocity(origin)
+    return np.concatenate([turn, shift, _own_velocity(value) - before - np.cross(before, turn)], axis=1)
+
+
+def _own_velocity(nav: Nav) -> Array:
+    """In the body's axes, m/s, shape (m, 3)."""
+    return np.einsum("mji,mj->mi", nav.R, nav.v)
 
 
 def step_from(origin: States, states: States) -> Step:
@@ -67,10 +76,12 @@ def carried(origin: States, other: States) -> tuple[Array, Step]:
 
 def moved_from(origin: States, step: Step) -> States:
     """``origin`` moved by a step in this chart."""
-    states, turn = origin.moved(step), step.of(Kind.NAV)[:, :3]
-    rpy = rpy_from_matrix(origin.nav.R)
+    states, x = origin.moved(step), step.of(Kind.NAV)
+    turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), _own_velocity(origin.nav)
     angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)
-    return states.turned(matrix_from_rpy(*angles.T))
+    R = matrix_from_rpy(*angles.T)
+    v = np.einsum("mij,mj->mi", R, before + x[:, 6:] + np.cross(before, turn))
+    return replace(states, nav=Nav(R, states.nav.p, v))
 
 
 def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
@@ -96,7 +107,9 @@ def _by_nav(value: Nav, origin: Nav, rpy: Array, rates: Array) -> Array:
     """The derivative of :func:`_nav_away` by the tangent of ``value``."""
     out = np.zeros((len(value), Kind.NAV.dim, Kind.NAV.dim))
     out[:, :3, :3] = rates @ euler_rates(rpy)
-    out[:, 3:6, 3:6] = out[:, 6:, 6:] = np.swapaxes(origin.R, 1, 2) @ value.R
+    out[:, 3:6, 3:6] = np.swapaxes(origin.R, 1, 2) @ value.R
+    out[:, 6:, :3] = skew(_own_velocity(value)) - skew(_own_velocity(origin)) @ out[:, :3, :3]
+    out[:, 6:, 6:] = np.eye(3)
     return out
 
 

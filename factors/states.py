@@ -130,10 +130,6 @@ class States:
         bias, odo = (np.concatenate([getattr(states, part) for states in every]) for part in ("bias", "odo"))
         return replace(every[-1], nav=nav, bias=bias, odo=odo)
 
-    def turned(self, R: Array) -> States:
-        """With other attitudes (n, 3, 3)."""
-        return replace(self, nav=Nav(R, self.nav.p, self.nav.v))
-
     def of(self, kind: Kind) -> Value:
         """All values of one kind."""
         value: Value = getattr(self, kind.attribute)

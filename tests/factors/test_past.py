@@ -39,13 +39,28 @@ def test_small_steps_are_those_of_the_graph() -> None:
     origin, step = one_keyframe(rng), a_step(rng, 1e-6)
     one, other = moved_from(origin, step).nav, origin.moved(step).nav
     np.testing.assert_allclose(one.R, other.R, atol=1e-11)
+    np.testing.assert_allclose(one.v, other.v, atol=1e-9)
+
+
+def turned(states: States, angle: float) -> States:
+    """With the velocity, about the vertical."""
+    about = matrix_from_rpy(np.zeros(1), np.zeros(1), np.full(1, angle))
+    nav = states.nav
+    return replace(states, nav=Nav(about @ nav.R, nav.p, np.einsum("mij,mj->mi", about, nav.v)))
 
 
 def test_a_turn_about_the_vertical_leaves_roll_and_pitch() -> None:
     origin = one_keyframe(np.random.default_rng(2))
-    turned = matrix_from_rpy(np.zeros(1), np.zeros(1), np.full(1, 2.0)) @ origin.nav.R
-    x = step_from(origin, origin.turned(turned)).of(Kind.NAV)[0, :3]
+    x = step_from(origin, turned(origin, 2.0)).of(Kind.NAV)[0, :3]
     np.testing.assert_allclose(x, 2.0 * origin.nav.R[0, 2], atol=1e-12)
+
+
+def test_a_turn_about_the_vertical_leaves_the_speed_however_far_it_goes() -> None:
+    origin = one_keyframe(np.random.default_rng(2))
+    little, far = (step_from(origin, turned(origin, angle)).of(Kind.NAV)[0] / angle for angle in (1e-6, 2.0))
+    np.testing.assert_allclose(far, little, atol=1e-9)
+    tangent = (turned(origin, 1e-6).nav.v - origin.nav.v) @ origin.nav.R[0] / 1e-6
+    np.testing.assert_allclose(little[6:], tangent[0], atol=1e-5)
 
 
 def test_jacobians() -> None:
