@@ -52,7 +52,7 @@ def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Arr
 
 def _own_velocity(nav: Nav) -> Array:
     """In the body's axes, m/s, shape (m, 3)."""
-    return np.einsum("mji,mj->mi", nav.R, nav.v)
+    return np.asarray(np.einsum("mji,mj->mi", nav.R, nav.v))
 
 
 def step_from(origin: States, states: States) -> Step:
