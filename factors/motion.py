@@ -34,7 +34,7 @@ def _turns(mount: Array) -> tuple[Array, ...]:
 
 
 def _sideways(nav: Nav, mount: Array, swing: Array) -> tuple[Array, tuple[Array, ...]]:
-    body = np.einsum("mji,mj->mi", nav.R, nav.v)
+    body = nav.own_velocity
     at_reference = body - swing
     R_bt, d_R_bt = mount_matrix(mount), mount_derivative(mount)
     residual = np.einsum("mji,mj->mi", R_bt, at_reference)[:, 1:]

@@ -46,13 +46,8 @@ def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Arr
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
     turn = np.einsum("mij,mj->mi", rates, angles)
     shift = np.einsum("mji,mj->mi", origin.R, value.p - origin.p)
-    before = _own_velocity(origin)
-    return np.concatenate([turn, shift, _own_velocity(value) - before - np.cross(before, turn)], axis=1)
-
-
-def _own_velocity(nav: Nav) -> Array:
-    """In the body's axes, m/s, shape (m, 3)."""
-    return np.asarray(np.einsum("mji,mj->mi", nav.R, nav.v))
+    before = origin.own_velocity
+    return np.concatenate([turn, shift, value.own_velocity - before - np.cross(before, turn)], axis=1)
 
 
 def step_from(origin: States, states: States) -> Step:
@@ -77,7 +72,7 @@ def carried(origin: States, other: States) -> tuple[Array, Step]:
 def moved_from(origin: States, step: Step) -> States:
     """``origin`` moved by a step in this chart."""
     states, x = origin.moved(step), step.of(Kind.NAV)
-    turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), _own_velocity(origin.nav)
+    turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
     angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)
     R = matrix_from_rpy(*angles.T)
     v = np.einsum("mij,mj->mi", R, before + x[:, 6:] + np.cross(before, turn))
@@ -108,7 +103,7 @@ def _by_nav(value: Nav, origin: Nav, rpy: Array, rates: Array) -> Array:
     out = np.zeros((len(value), Kind.NAV.dim, Kind.NAV.dim))
     out[:, :3, :3] = rates @ euler_rates(rpy)
     out[:, 3:6, 3:6] = np.swapaxes(origin.R, 1, 2) @ value.R
-    out[:, 6:, :3] = skew(_own_velocity(value)) - skew(_own_velocity(origin)) @ out[:, :3, :3]
+    out[:, 6:, :3] = skew(value.own_velocity) - skew(origin.own_velocity) @ out[:, :3, :3]
     out[:, 6:, 6:] = np.eye(3)
     return out
 

@@ -88,6 +88,11 @@ class Nav:
     def __len__(self) -> int:
         return len(self.R)
 
+    @property
+    def own_velocity(self) -> Array:
+        """In the body's axes, m/s, shape (m, 3)."""
+        return np.asarray(np.einsum("mji,mj->mi", self.R, self.v))
+
 
 Value = Nav | Array
 """The values of one kind of variable: ``Nav``, or an array (m, dim)."""

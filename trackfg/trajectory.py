@@ -37,7 +37,7 @@ def trajectory_columns(
     rpy = rpy_from_matrix(nav.R @ R_bt)
     lever_arm, noise = problem.lever_arm, problem.noise
     p = nav.p - nav.R @ lever_arm
-    at_reference = np.einsum("mji,mj->mi", nav.R, nav.v) - motion.gyro @ skew(lever_arm)
+    at_reference = nav.own_velocity - motion.gyro @ skew(lever_arm)
     columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
 
     variance = keyframe_variances(states, covariance, lever_arm, problem.mount_roll_sd)
@@ -102,8 +102,7 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     J[:, 1:4, turn] = nav.R @ skew(lever_arm)
     J[:, 1:4, shift] = nav.R
     forward = R_bt[:, 0]
-    body = np.einsum("nji,nj->ni", nav.R, nav.v)
-    J[:, 4, turn] = np.einsum("i,nij->nj", forward, skew(body))
+    J[:, 4, turn] = np.einsum("i,nij->nj", forward, skew(nav.own_velocity))
     J[:, 4, faster] = forward
 
     euler = euler_rates(rpy)
