@@ -6,6 +6,10 @@ its estimates: the latency where it made a keyframe complete. Memory is read onc
 faster than real time it is, is measured on the first ``STORED_HOURS`` once more, in the batches in which a stored
 recording is read.
 
+A machine whose own speed moves by a quarter over a quarter of an hour would be taken for growth. So a fixed computation
+of the same sort (:func:`control`) is timed every ``CONTROL_S`` beside the updates, and growth is that of their ratio to
+it, times its mean.
+
 The slopes are those of straight lines through a median a minute with their sigmas, the first tenth of the run left out:
 buffers fill. What they make of the whole run is within noise if it is below ``NOISE`` of the mean or twice its sigma.
 """
@@ -18,7 +22,6 @@ import itertools
 import os
 import tempfile
 import time
-from array import array
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -49,8 +52,10 @@ P50_MS, P99_MS, TIMES_REAL_TIME = 5.0, 20.0, 30.0
 STORED_HOURS = 1.0
 NOISE = 0.05
 WARM_UP = 0.1
+CONTROL_S = 2.0
 _DESCRIPTION = "description.json"
 _MINUTE_S = 60.0
+_KEPT = {"puts": ["t_s", "ms", "keyframes"], "controls": ["t_s", "ms"], "memory": ["t_s", "mb"]}
 
 
 @dataclass(frozen=True)
@@ -110,27 +115,48 @@ def write_rows(folder: Path, seed: int, duration_s: float) -> None:
             np.concatenate([[float(rows.shape[1])], rows.ravel()]).tofile(folder / f"{name}.rows")
 
 
+_CONTROL = np.random.default_rng(0).normal(size=(60, 50))  # about what a step of two keyframes eliminates
+
+
+def control() -> float:
+    """The time, ms, of a computation that is always the same: small matrices and Python, as an update is."""
+    start = time.perf_counter()
+    for _ in range(10):
+        upper = np.linalg.qr(_CONTROL, mode="r")
+        sums = {row: float(np.dot(upper[row], upper[row])) for row in range(len(upper))}
+        sorted(sums, key=sums.__getitem__)
+    return 1e3 * (time.perf_counter() - start)
+
+
 @one_thread()  # as a stream does that runs by itself
-def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Per batch ``t_s``, ``ms`` and how many ``keyframes`` it gave; per minute ``t_s`` and ``mb``."""
+def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, ...]:
+    """``puts``, ``controls`` and ``memory``: times and numbers of keyframes of the batches; memory once a minute."""
     source, sink = RowFiles(rows), ParquetParts(out)
     intake, smoother = Intake.of(source), FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S)
-    puts, memory = array("d"), []  # which must not grow themselves by what would look like a leak
-    due = 0.0
-    for batch in source:
-        start = time.perf_counter()
-        ready, events = intake.push(batch)
-        estimates = smoother.put(ready)
-        taken = time.perf_counter() - start
-        write_estimates(sink, estimates, (*events, *estimates.events))
-        t = float(batch.tables["imu"][-1, 0]) if "imu" in batch.tables else np.nan
-        puts.extend((t, 1e3 * taken, len(estimates.filtered)))
-        if t >= due:
-            gc.collect()
-            memory.append((t, _resident_mb()))
-            due += _MINUTE_S
-    each = np.frombuffer(puts).reshape(-1, 3)
-    return pd.DataFrame(each, columns=["t_s", "ms", "keyframes"]), pd.DataFrame(memory, columns=["t_s", "mb"])
+    kept = {name: out.with_suffix(f".{name}") for name in _KEPT}
+    due = next_control = 0.0
+    with contextlib.ExitStack() as stack:
+        # In files: half a million numbers in memory would look like the stream's.
+        files = {name: stack.enter_context(path.open("wb")) for name, path in kept.items()}
+        for batch in source:
+            start = time.perf_counter()
+            ready, events = intake.push(batch)
+            estimates = smoother.put(ready)
+            taken = time.perf_counter() - start
+            write_estimates(sink, estimates, (*events, *estimates.events))
+            t = float(batch.tables["imu"][-1, 0]) if "imu" in batch.tables else np.nan
+            files["puts"].write(np.array([t, 1e3 * taken, len(estimates.filtered)]).tobytes())
+            if t >= next_control:
+                files["controls"].write(np.array([t, control()]).tobytes())
+                next_control += CONTROL_S
+            if t >= due:
+                gc.collect()
+                files["memory"].write(np.array([t, _resident_mb()]).tobytes())
+                due += _MINUTE_S
+    return tuple(
+        pd.DataFrame(np.fromfile(kept[name]).reshape(-1, len(columns)), columns=columns)
+        for name, columns in _KEPT.items()
+    )
 
 
 def times_real_time(rows: Path, out: Path, hours: float) -> float:
@@ -145,18 +171,26 @@ def _resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def per_minute(puts: pd.DataFrame, memory: pd.DataFrame) -> pd.DataFrame:
-    """A row a minute: the medians and the longest of the updates with a keyframe and of the others, ms, and memory."""
-    minute = (puts["t_s"] // _MINUTE_S).astype("Int64")
-    updates = puts[puts["keyframes"] > 0].groupby(minute)["ms"]
+def per_minute(puts: pd.DataFrame, controls: pd.DataFrame, memory: pd.DataFrame) -> pd.DataFrame:
+    """A row a minute: the median update with a keyframe, the mean of all batches and the median control, ms; memory."""
+    minute = _minute(puts)
     return pd.DataFrame(
         {
-            "update_ms": updates.median(),
-            "longest_ms": puts.groupby(minute)["ms"].max(),
+            "update_ms": puts[puts["keyframes"] > 0].groupby(minute)["ms"].median(),
             "all_ms": puts.groupby(minute)["ms"].sum() * BATCH_S / _MINUTE_S,
-            "mb": memory.groupby((memory["t_s"] // _MINUTE_S).astype("Int64"))["mb"].first(),
+            "control_ms": controls.groupby(_minute(controls))["ms"].median(),
+            "mb": memory.groupby(_minute(memory))["mb"].first(),
         }
     )
+
+
+def _minute(rows: pd.DataFrame) -> pd.Series:
+    return (rows["t_s"] // _MINUTE_S).astype("Int64")
+
+
+def beside_control(minutes: pd.DataFrame, column: str) -> pd.Series:
+    """Times as they would be if the control had always taken what it took in the mean."""
+    return minutes[column] / minutes["control_ms"] * minutes["control_ms"].mean()
 
 
 def slope(minutes: pd.Series) -> tuple[float, float, float]:
@@ -177,11 +211,11 @@ def measure(seed: int, hours: float) -> dict[str, float]:
         with ProcessPoolExecutor(1, mp_context=fresh) as pool:
             pool.submit(write_rows, rows, seed, 3600.0 * hours).result()
         with ProcessPoolExecutor(1, mp_context=fresh) as pool:
-            puts, memory = pool.submit(stream, rows, out).result()
+            puts, controls, memory = pool.submit(stream, rows, out).result()
         stored = min(hours, STORED_HOURS)
         with ProcessPoolExecutor(1, mp_context=fresh) as pool:
             speed = pool.submit(times_real_time, rows, Path(name) / "stored", stored).result()
-    minutes = per_minute(puts, memory)
+    minutes = per_minute(puts, controls, memory)
     # The first keyframe of a stream is the batch of its first seconds.
     latency = puts.loc[puts["keyframes"] > 0, "ms"].iloc[1:]
     measured = {
@@ -195,8 +229,13 @@ def measure(seed: int, hours: float) -> dict[str, float]:
         "stored": stored,
         "MB": float(minutes["mb"].iloc[-1]),
     }
-    for what, column in (("update", "update_ms"), ("all", "all_ms"), ("memory", "mb")):
-        measured |= dict(zip((f"{what} slope", f"{what} sigma", f"{what} mean"), slope(minutes[column]), strict=True))
+    for what, values in (
+        ("update", beside_control(minutes, "update_ms")),
+        ("all", beside_control(minutes, "all_ms")),
+        ("control", minutes["control_ms"]),
+        ("memory", minutes["mb"]),
+    ):
+        measured |= dict(zip((f"{what} slope", f"{what} sigma", f"{what} mean"), slope(values), strict=True))
     return measured
 
 
@@ -210,8 +249,12 @@ def figures(measured: pd.DataFrame) -> list[Figure]:
         Figure("longest batch of any sort, ms", of["longest ms"]),
         Figure("the batch that ends the first seconds, ms", of["first ms"]),
         at_least(f"times real time, {of['stored']:g} h from a store", of["times real time"], TIMES_REAL_TIME),
-        *_slopes(of, "update", "update, median of a minute", "ms"),
-        *_slopes(of, "all", "mean of all batches of a minute", "ms"),
+        Figure(
+            "the machine: growth of a fixed computation, of its mean",
+            of["control slope"] * of["hours"] / of["control mean"],
+        ),
+        *_slopes(of, "update", "update beside it, median of a minute", "ms"),
+        *_slopes(of, "all", "mean of all batches of a minute beside it", "ms"),
         *_slopes(of, "memory", "memory", "MB"),
         Figure("hours streamed", of["hours"]),
     ]
