@@ -150,20 +150,31 @@ def test_a_slope_is_known_as_well_as_the_scatter_lets_it(tools: SimpleNamespace)
     assert mean == pytest.approx(10.0, abs=0.05)
     slope, sigma, _ = tools.cost.slope(minutes + minutes.index / 60.0)
     assert slope == pytest.approx(1.0, abs=3.0 * sigma)
-    measured = {f"{what} {part}": value for what in ("update", "all", "memory") for part, value in
+    measured = {f"{what} {part}": value for what in ("update", "all", "control", "memory") for part, value in
                 (("slope", 1.0), ("sigma", 0.01), ("mean", 10.0))}  # fmt: skip
     times = {"p50 ms": 3.0, "p99 ms": 30.0, "max ms": 40.0, "longest ms": 40.0, "first ms": 80.0}
     row = pd.DataFrame([{**measured, **times, "hours": 6.0, "times real time": 40.0, "stored": 1.0}])
     met = {figure.quantity: figure.met for figure in tools.cost.figures(row)}
     assert met["latency of a keyframe, median, ms"] is True
     assert met["latency of a keyframe, 99 %, ms"] is False
-    assert [grown for name, grown in met.items() if "growth" in name] == [False] * 3
+    assert [grown for name, grown in met.items() if "growth over" in name] == [False] * 3
+
+
+def test_a_machine_that_slows_down_is_no_growth(tools: SimpleNamespace) -> None:
+    t = np.arange(0.0, 7200.0, 0.1)
+    slowing, growing = 1.0 + t / 7200.0, 1.0 + 0.1 * t / 7200.0
+    puts = pd.DataFrame({"t_s": t, "ms": 2.0 * slowing * growing, "keyframes": np.arange(len(t)) % 5 == 0})
+    controls = pd.DataFrame({"t_s": t, "ms": slowing})[::20]
+    memory = pd.DataFrame({"t_s": t, "mb": 300.0})[::600]
+    minutes = tools.cost.per_minute(puts, controls, memory)
+    per_hour, _, mean = tools.cost.slope(tools.cost.beside_control(minutes, "update_ms"))
+    assert 2.0 * per_hour / mean == pytest.approx(0.1 / 1.05, rel=0.05)
 
 
 def test_the_stream_is_held_against_batch_and_best_baseline(tools: SimpleNamespace) -> None:
     errors = {"stream": 1.2, "smoother": 1.0, "gyro": 4.0, "complementary": 2.0}
     away = {f"mainline/roll_rad/away/{moment}": by for moment, by in ((0.25, 0.3), (0.5, -0.4), (0.75, np.nan))}
-    measured = pd.DataFrame([{f"mainline/{name}/twist_mm": error for name, error in errors.items()} | away])
+    measured = pd.DataFrame([{f"mainline/{name}/twist, mm": error for name, error in errors.items()} | away])
     met = {figure.quantity: (figure.value, figure.met) for figure in tools.accuracy.figures(measured)}
     assert met["mainline: twist, mm: over batch"] == (pytest.approx(1.2), True)
     assert met["mainline: twist, mm: over complementary"] == (pytest.approx(0.6), True)

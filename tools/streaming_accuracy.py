@@ -1,10 +1,14 @@
 """What a stream's estimates are worth once the lag is over: against the batch smoother, and the published systems.
 
-Errors of cross-level (its offset removed), twist and the distance of each kilometre, scored by the same code for all. A
-ratio is that of the errors' root mean squares over all seeds; the best baseline is the one with the smallest error in
-that quantity. The place along the track counts from where a stream says that it knows it: up to the first fix it does
-not. Coverage is the share of errors within the interval of 95 %, the mean over seeds; a quantity whose error
-is one offset for the whole run throws the dice once a run.
+Errors of cross-level, twist and the distance of each kilometre, scored by the same code for all. A ratio is that of the
+errors' root mean squares over all seeds; the best baseline is the one with the smallest error in that quantity. What is
+unknown of a sensor's roll is an offset of the cross-level, which the published systems leave as it is. Without its
+offset their cross-level is judged by its shape alone, and that of a stream, which finds out about it in its first
+minutes, by this change as well.
+
+The place along the track counts from where a stream says that it knows it: up to the first fix it does not. Coverage is
+the share of errors within the interval of 95 %, the mean over seeds; a quantity whose error is one offset for the whole
+run throws the dice once a run.
 
 All runs are scored as a whole, and in their second half. A batch judges the first minutes by what the sensor showed
 later, its biases and the wheel's scale; a stream knows of these, then, what its description says, and its sigmas say
@@ -41,7 +45,13 @@ SCENARIOS = {"mainline": 2400.0, "trolley": 2400.0, "slippery-line": 2400.0, "sh
 """And how long a run of each is, s."""
 LATE = ", second half"
 
-COMPARED = ("cross_level_mm", "twist_mm", "distance_percent")
+COMPARED = {
+    "cross-level, mm": ("cross_level_mm", "rms"),
+    "cross-level, offset removed, mm": ("cross_level_mm", "sd"),
+    "twist, mm": ("twist_mm", "rms"),
+    "distance of each km, %": ("distance_percent", "rms"),
+}
+"""The quantities and their statistics."""
 LIKE_BATCH = {"roll_rad": "roll", "pitch_rad": "pitch", "speed_mps": "speed", "chainage_m": "place along the track"}
 MOMENTS, LEAVING_S = (0.25, 0.5, 0.75), 5.0
 COVERED = ("cross_level_mm", "twist_mm", "along_track_m", "speed_kmh", "roll_mrad", "pitch_mrad")
@@ -62,8 +72,9 @@ class _Estimate:
 
 
 def measure(seed: int) -> dict[str, float]:
-    """Per scenario, estimator and quantity the error, and of the stream the coverage: ``scenario/estimator/quantity``
-    and ``scenario/stream/quantity/coverage``; the scenario's name with ``LATE`` where the first half does not count.
+    """Per scenario, estimator and what is compared the error, and of the stream the coverage of quantities:
+    ``scenario/estimator/compared`` and ``scenario/stream/quantity/coverage``; the scenario's name with ``LATE`` where
+    the first half does not count.
     ``scenario/column/away/moment``: by how many sigmas the stream differs from a batch of what had come.
     """
     out: dict[str, float] = {}
@@ -76,12 +87,13 @@ def measure(seed: int) -> dict[str, float]:
                 out[f"{name}/{column}/away/{moment}"] = away
         for one in (*_known(run), *streamed):
             for label, since_s in ((name, -np.inf), (name + LATE, half_s)):
-                for row in _scores(one, run, since_s).itertuples():
-                    key = f"{label}/{one.name}/{row.quantity}"
-                    if row.quantity in COMPARED:
-                        out[key] = float(getattr(row, QUANTITIES[row.quantity].statistic))
-                    if row.quantity in COVERED and one.name in (STREAM, FILTERED):
-                        out[f"{key}/coverage"] = float(row.coverage)
+                scores = _scores(one, run, since_s).set_index("quantity")
+                for what, (quantity, statistic) in COMPARED.items():
+                    if quantity in scores.index:
+                        out[f"{label}/{one.name}/{what}"] = float(scores.loc[quantity, statistic])
+                if one.name in (STREAM, FILTERED):
+                    for quantity in scores.index.intersection(COVERED):
+                        out[f"{label}/{one.name}/{quantity}/coverage"] = float(scores.loc[quantity, "coverage"])
     return out
 
 
@@ -168,18 +180,17 @@ def _like_batch(measured: pd.DataFrame, scenario: str) -> list[Figure]:
 
 def _compared(measured: pd.DataFrame, scenario: str) -> list[Figure]:
     lines = []
-    for quantity in COMPARED:
+    for what in COMPARED:
         own = {
             str(column).split("/")[1]: measured[column]
             for column in measured
-            if str(column).startswith(f"{scenario}/") and str(column).endswith(f"/{quantity}")
+            if str(column).startswith(f"{scenario}/") and str(column).endswith(f"/{what}")
         }
         if STREAM not in own:
             continue
         error = {name: rms(values.dropna()) for name, values in own.items()}
         baselines = {name: value for name, value in error.items() if name not in (STREAM, REFERENCE)}
-        meaning = QUANTITIES[quantity]
-        label = f"{scenario}: {meaning.label}, {meaning.unit}"
+        label = f"{scenario}: {what}"
         lines.append(Figure(label, error[STREAM], own[STREAM]))
         ratio = error[STREAM] / error[REFERENCE]
         lines.append(at_most(f"{label}: over batch", ratio, TO_BATCH, own[STREAM] / own[REFERENCE]))
