@@ -12,7 +12,9 @@ nonsense, :mod:`trackfg.streaming.imu_clock` decides. Rows of other tables are p
 * further ahead, or while the IMU's clock is in doubt: they are held, and placed when the IMU has come near; or refused
   (``clock-jump``) when it has moved on by ``settle_s`` and they still do not fit;
 * behind: late, or ``clock-jump`` if by more than ``ahead_s``. But where the IMU's clock was set, and a row comes nearer
-  to it with the same shift, the table's clock was set too, and is shifted alike from that row on.
+  to it with the same shift, the table's clock was set too, and is shifted alike from that row on. Where it was set by
+  so little that rows fit either way, that is the first row that goes back, or, of a table that has fewer rows than it
+  would take to go back, the first of a later time than the IMU's was.
 
 Nothing is lost silently: rows in = rows out + rows waiting or held + rows in the report.
 """
@@ -24,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from trackfg.canonical import median_interval
 from trackfg.frames import Array
 from trackfg.series_checks import LARGEST
 from trackfg.streaming.imu_clock import ClockLimits, ImuClock
@@ -44,6 +47,8 @@ class Arrival:
         self._waiting = {name: WaitingRows() for name in tables}
         self._held: dict[str, tuple[Array, float]] = {}
         self._shift_s = dict.fromkeys(self._waiting, 0.0)
+        self._newest_s = dict.fromkeys(self._waiting, -np.inf)
+        self._step_s = dict.fromkeys(self._waiting, np.inf)
         self.watermark_s = -np.inf
         """Everything up to here has been released."""
 
@@ -55,11 +60,18 @@ class Arrival:
         for name in self._waiting:
             if name in new or name in self._held:
                 self._place(name, new.get(name), report)
+        if self._fits_either_way:  # rows that are held for it would become too late
+            return {}
         return self._released(max(self.watermark_s, self._clock.newest_s - self._limits.hold_s), report)
+
+    @property
+    def _fits_either_way(self) -> bool:
+        """Whether the clocks may have been set back by so little that no row is too late on either."""
+        return self._clock.in_doubt_since(self.watermark_s)
 
     def finish(self, report: LossReport) -> dict[str, Array]:
         """The stream is over: all that is left."""
-        self._wait("imu", self._clock.finished(report), report)
+        self._wait("imu", self._clock.finished(self.watermark_s, report), report)
         for name in list(self._held):
             self._place(name, None, report, last=True)
         return self._released(np.inf, report)
@@ -68,7 +80,8 @@ class Arrival:
         """Let rows wait, refuse them or hold them, together with those that are held."""
         held, since = self._held.pop(name, (None, self._clock.newest_s))
         rows = np.concatenate([part for part in (held, rows) if part is not None])
-        rows = self._fitting(name, rows, report)
+        if last or not self._fits_either_way:
+            rows = self._fitting(name, rows, report)
         if rows.shape[0] == 0:
             return
         if not last and self._clock.in_doubt:
@@ -87,18 +100,27 @@ class Arrival:
     def _fitting(self, name: str, rows: Array, report: LossReport) -> Array:
         """Rows that fit go to the waiting ones; the rest comes back."""
         own, other = self._shift_s[name], self._clock.shift_s
-        off = rows[:, 0] - self._clock.newest_s
-        turned = ~self._is_due(rows[:, 0] + own) & self._is_due(rows[:, 0] + other)
-        turned &= np.abs(off + other) < np.abs(off + own)
+        turned = self._is_turned(name, rows[:, 0], own, other)
         if not turned.any():
             return self._fits(name, rows, own, report)
         first = int(np.argmax(turned))  # and all that came after it
         rest = self._fits(name, rows[:first], own, report)
-        self._shift_s[name] = other
+        self._shift_s[name], self._newest_s[name] = other, -np.inf
         t = float(rows[first, 0]) + other
         detail = f"as the IMU's; from here times are the sensor's plus {other:.6f} s"
         report.note(StreamEvent("clock-restart", name, t, t, 0, detail))
         return np.concatenate([rest, self._fits(name, rows[first:], other, report)])
+
+    def _is_turned(self, name: str, t: Array, own: float, other: float) -> np.ndarray:
+        """Which rows, of sensor's times ``t``, may be the first of a clock that was set as the IMU's was."""
+        if own == other:
+            return np.zeros(t.size, dtype=bool)
+        off, fits, would_fit = t - self._clock.newest_s, self._is_due(t + own), self._is_due(t + other)
+        turned: np.ndarray = would_fit & ~fits & (np.abs(off + other) < np.abs(off + own))
+        if 0.0 < other - own <= self._limits.back_s:
+            before = np.maximum.accumulate(np.concatenate([[self._newest_s[name]], t]))[:-1]
+            turned |= would_fit & fits & ((t < before) | ((t > self._clock.set_s) & (self._step_s[name] > other - own)))
+        return turned
 
     def _is_due(self, t: Array) -> np.ndarray:
         due: np.ndarray = (t > self.watermark_s) & (t <= self._clock.newest_s + self._limits.settle_s)
@@ -108,6 +130,10 @@ class Arrival:
         t = rows[:, 0] + shift_s
         fits = self._is_due(t)
         self._wait(name, np.column_stack([t[fits], rows[fits, 1:]]), report)
+        stamps = np.concatenate([[self._newest_s[name]], rows[fits, 0]])
+        self._newest_s[name] = float(stamps.max())
+        if len(stamps) > 1 and np.isfinite(stamps[0]):
+            self._step_s[name] = median_interval(stamps)
         return np.asarray(rows[~fits])
 
     def _hold(self, name: str, rows: Array, since: float, report: LossReport) -> None:
@@ -137,6 +163,8 @@ class Arrival:
             "waiting": {name: waiting.to_list() for name, waiting in self._waiting.items()},
             "held": {name: [rows.tolist(), _number(since)] for name, (rows, since) in self._held.items()},
             "shift_s": self._shift_s,
+            "newest_s": {name: _number(t) for name, t in self._newest_s.items()},
+            "step_s": {name: _number(step) for name, step in self._step_s.items()},
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -149,6 +177,8 @@ class Arrival:
             name: (np.array(rows, dtype=np.float64), _time(since)) for name, (rows, since) in state["held"].items()
         }
         self._shift_s = dict(state["shift_s"])
+        self._newest_s = {name: _time(t) for name, t in state["newest_s"].items()}
+        self._step_s = {name: np.inf if step is None else step for name, step in state["step_s"].items()}
 
 
 def _finite(name: str, rows: Array, report: LossReport) -> Array:

@@ -10,8 +10,10 @@ A row that is at most ``hold_s`` ahead of the newest one moves the clock on. One
 
 A clock set back by a little comes to where it was before ``settle_s`` is over. Rows that are behind may also be rows
 sent again, or sent late to fill a hole. They are a clock that was set back if times come again that there have been
-rows of, with other values, and if they go on for ``back_s``, or until they are not too late any more. (One that is set
-back by less than ``hold_s`` looks like rows in disorder, and its rows are sorted in.)
+rows of, with other values, and if they go on for ``back_s``, or until they are not too late any more. One that is set
+back by less than ``hold_s`` is never too late, as rows in disorder are not: a row that comes behind the newest one and
+beside another puts the clock in doubt as well, and it is settled if the next ones go on so, up to the newest one and
+beyond. (Fewer than ``_FEWEST_AGAIN`` rows are sorted in.)
 
 A clock that went forward left a ``gap``, and is believed, up to ``longest_gap_s``. One that went further was set, and
 one that was set back (``clock-restart``) cannot be believed either: times on the stream must grow, so from there on
@@ -40,6 +42,8 @@ _RIVAL_ROWS = 10
 _FEWEST_AGAIN = 5
 _NEIGHBOURS = 3.5
 """Rows so many sampling intervals apart, or less, follow each other."""
+_BESIDE = 0.75
+"""A row so few sampling intervals from another does not fill a hole."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +78,17 @@ class ImuClock:
         """On the stream's clock; minus infinity before the first rows have proved themselves."""
         self.shift_s = 0.0
         """What is added to the sensor's time."""
+        self.set_s = np.inf
+        """The sensor's time, as it was before, when the shift changed last."""
 
     @property
     def in_doubt(self) -> bool:
         """Whether the clock may be about to change, or has not begun."""
         return bool(self._doubtful) or bool(np.isneginf(self.newest_s))
+
+    def in_doubt_since(self, passed_s: float) -> bool:
+        """Whether it may have been set back, but to no earlier than ``passed_s``."""
+        return bool(self._doubtful) and bool(passed_s < self._doubtful[0][0, 0] + self.shift_s <= self.newest_s)
 
     def placed(self, rows: Array, passed_s: float, report: LossReport) -> Array:
         """The rows that belong to the clock, on the stream's time. All up to ``passed_s`` was released before."""
@@ -97,11 +107,14 @@ class ImuClock:
                 kept.append(self._reviewed(passed_s, report))
         return np.concatenate(kept)
 
-    def finished(self, report: LossReport) -> Array:
+    def finished(self, passed_s: float, report: LossReport) -> Array:
         """Nothing more will come: rows in doubt that more than one stamp speaks for, if they lie within reach."""
         self._refuse_rival(report)
         if not self._doubtful:
             return np.empty((0, 1))
+        if self.in_doubt_since(passed_s):
+            rows, self._doubtful = np.concatenate(self._doubtful), []
+            return self._accepted(rows)
         t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
         beginning = np.isneginf(self.newest_s)
         if beginning or (t.size > 1 and self.newest_s < t.min() <= self.newest_s + self._limits.ahead_s):
@@ -110,11 +123,17 @@ class ImuClock:
         return np.empty((0, 1))
 
     def _leading(self, rows: Array, passed_s: float) -> int:
-        """How many rows from the first on move the clock on, or fill in behind it."""
+        """How many rows from the first on move the clock on, or fill a hole behind it."""
+        sound, behind = self._within_reach(rows, passed_s)
+        if behind[0]:
+            behind[0] = self._is_beside(rows[:1])
+        return _leading(sound & ~behind)  # those behind are looked at when all before them have been heard
+
+    def _within_reach(self, rows: Array, passed_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Which rows are neither too late nor too far ahead, and which are behind the newest one before them."""
         t = rows[:, 0] + self.shift_s
         before = np.maximum.accumulate(np.concatenate([[self.newest_s], t]))[:-1]
-        sound = (t > passed_s) & (t <= before + self._limits.hold_s)
-        return t.size if sound.all() else int(np.argmin(sound))
+        return (t > passed_s) & (t <= before + self._limits.hold_s), t < before
 
     def _accepted(self, rows: Array) -> Array:
         out = np.array(rows)
@@ -164,9 +183,12 @@ class ImuClock:
         return bool(ahead <= 0.0 and gone_on >= self._limits.back_s and self._is_heard_again())
 
     def _comes_up_again(self, row: Array, passed_s: float) -> bool:
-        """Whether this row, which is not too late, follows those set aside, which are, and none came between."""
+        """Whether this row, which is not too late, follows those set aside, which are, and none came between; or it is
+        the newest, and they are behind.
+        """
         first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
-        if self.newest_s > self._doubted_at_s or not first + self.shift_s <= passed_s < row[0] + self.shift_s:
+        reached = passed_s if first + self.shift_s <= passed_s else self.newest_s
+        if self.newest_s > self._doubted_at_s or not first + self.shift_s <= reached < row[0] + self.shift_s:
             return False
         return bool(0.0 < row[0] - last <= self._neighbour_s and self._is_heard_again())
 
@@ -178,6 +200,11 @@ class ImuClock:
             return False
         near, same = self._beside(rows[rows[:, 0] + self.shift_s <= self.newest_s])
         return bool(np.mean(near <= self._neighbour_s) > 0.5 > np.mean(same))
+
+    def _is_beside(self, row: Array) -> bool:
+        """Whether there has been another row where this one is."""
+        (near,), (same,) = self._beside(row)
+        return bool(near <= _BESIDE * self._interval_s and not same)
 
     def _beside(self, rows: Array) -> tuple[Array, np.ndarray]:
         """How far in time each row is from the nearest one heard, s, and whether that is the same row."""
@@ -192,7 +219,11 @@ class ImuClock:
 
     @property
     def _neighbour_s(self) -> float:
-        return _NEIGHBOURS * median_interval(self._heard[:, 0]) if len(self._heard) > 1 else 0.0
+        return _NEIGHBOURS * self._interval_s
+
+    @property
+    def _interval_s(self) -> float:
+        return median_interval(self._heard[:, 0]) if len(self._heard) > 1 else 0.0
 
     def _settled(self, report: LossReport) -> Array:
         rows = np.concatenate(self._doubtful)
@@ -205,6 +236,7 @@ class ImuClock:
                 report.note(StreamEvent("gap", "imu", before, first, 0, detail))
             return self._accepted(rows)
         interval = median_interval(np.unique(rows[:, 0]))
+        self.set_s = before - self.shift_s
         self.shift_s += before + interval - first
         went = f"{'forward' if first > before else 'back'} by {abs(first - before):.3f} s"
         detail = f"the clock went {went}; from here times are the sensor's plus {self.shift_s:.6f} s"
@@ -215,7 +247,7 @@ class ImuClock:
         """The old clock has moved on: rows set aside that it has caught up with; all others go when it has gone on."""
         rows = np.concatenate(self._doubtful)
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        count = self._leading(rows, passed_s)
+        count = _leading(self._within_reach(rows, passed_s)[0])
         kept = self._accepted(rows[:count]) if count else rows[:0]
         self._doubtful = list(rows[count:, None, :])
         if not self._doubtful:
@@ -246,6 +278,7 @@ class ImuClock:
             "heard": self._heard.tolist(),
             "newest_s": _number(self.newest_s),
             "shift_s": self.shift_s,
+            "set_s": _number(self.set_s),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -256,6 +289,12 @@ class ImuClock:
         self._heard = np.array(state["heard"], dtype=np.float64).reshape(-1, 2)
         self.newest_s = -np.inf if state["newest_s"] is None else state["newest_s"]
         self.shift_s = state["shift_s"]
+        self.set_s = np.inf if state["set_s"] is None else state["set_s"]
+
+
+def _leading(sound: np.ndarray) -> int:
+    """How many from the first on."""
+    return sound.size if sound.all() else int(np.argmin(sound))
 
 
 def _marks(rows: Array) -> Array:

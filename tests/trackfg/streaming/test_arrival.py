@@ -235,6 +235,50 @@ def test_a_clock_set_for_good_goes_on_shifted(back_s: float) -> None:
     assert {(event.kind, event.table, event.rows) for event in events} == {("clock-restart", name, 0) for name in RATES}
 
 
+@pytest.mark.parametrize("size", [1, 13, 170])
+@pytest.mark.parametrize("back_s", [0.052, 0.073, 0.103, 0.154, 0.197, 0.203, 0.304])
+def test_a_clock_set_back_by_less_than_rows_may_be_late_is_no_disorder(back_s: float, size: int) -> None:
+    """As above; but of a table that has no row in the time that comes again, one may be off by so much."""
+    tables = rows_of(30.0)
+    tables["fixes"] = table(np.arange(0.1, 30.0, 2.0))
+    pushed = batches(in_order(tables), size)
+    for batch in pushed:
+        for rows in batch.values():
+            rows[rows[:, 0] >= 10, 0] -= back_s
+    out, events = through(Arrival(RATES), pushed)
+    for name, rows in tables.items():
+        np.testing.assert_array_equal(out[name][:, 1], rows[:, 1])
+        off = np.abs(out[name][:, 0] - rows[:, 0])
+        assert off.max() <= back_s + 1e-6
+        assert np.count_nonzero(off > 1e-6) <= (0 if RATES[name] > 2.0 / back_s else 1)
+    assert {(event.kind, event.table, event.rows) for event in events} == {("clock-restart", name, 0) for name in RATES}
+
+
+def test_tables_with_clocks_of_their_own_stay_as_they_are() -> None:
+    tables = rows_of(30.0)
+    pushed = batches(in_order({name: rows for name, rows in tables.items() if name != "fixes"}), 13)
+    for batch in pushed:
+        if "imu" in batch:
+            batch["imu"][batch["imu"][:, 0] >= 10, 0] -= 0.154
+    out, events = through(Arrival(RATES), pushed)
+    for name in ("imu", "tach", "laser/a"):
+        np.testing.assert_allclose(out[name], tables[name], atol=1e-6)
+    assert [(event.kind, event.table) for event in events] == [("clock-restart", "imu")]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rows_in_disorder_with_uneven_stamps_are_no_clock_set_back(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tables = rows_of(20.0)
+    for name, rows in tables.items():
+        rows[:, 0] += rng.uniform(0.0, 0.4, len(rows)) / RATES[name]
+    delays = {name: rng.choice([0.0, 0.1], len(rows), p=[0.8, 0.2]) for name, rows in tables.items()}
+    out, events = through(Arrival(RATES), batches(in_order(tables, delays), 13))
+    assert not events
+    for name, rows in tables.items():
+        np.testing.assert_array_equal(out[name], rows)
+
+
 @pytest.mark.parametrize("jump_s", [-3600.0, 3600.0])
 def test_wrong_stamps_among_the_first_of_a_new_clock_cost_themselves_only(jump_s: float) -> None:
     tables = rows_of(30.0)
