@@ -22,7 +22,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
-from trackfg.frames import Array, body_rates, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
+from trackfg.frames import Array, body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
 
 PAST = "past"
 """The family's name."""
@@ -47,7 +47,7 @@ def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Arr
     turn = np.einsum("mij,mj->mi", rates, angles)
     shift = np.einsum("mji,mj->mi", origin.R, value.p - origin.p)
     before = origin.own_velocity
-    return np.concatenate([turn, shift, value.own_velocity - before - np.cross(before, turn)], axis=1)
+    return np.concatenate([turn, shift, value.own_velocity - before - cross(before, turn)], axis=1)
 
 
 def step_from(origin: States, states: States) -> Step:
@@ -75,7 +75,7 @@ def moved_from(origin: States, step: Step) -> States:
     turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
     angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)
     R = matrix_from_rpy(*angles.T)
-    v = np.einsum("mij,mj->mi", R, before + x[:, 6:] + np.cross(before, turn))
+    v = np.einsum("mij,mj->mi", R, before + x[:, 6:] + cross(before, turn))
     return replace(states, nav=Nav(R, states.nav.p, v))
 
 

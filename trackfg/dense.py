@@ -16,6 +16,7 @@ import numpy as np
 from trackfg.factors.states import Nav, States
 from trackfg.frames import (
     Array,
+    cross,
     matrix_from_quaternion,
     quaternion,
     quaternion_exp,
@@ -135,7 +136,7 @@ def _between(
     R = matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(left[:, i] * f)))
 
     gravity = np.array([0.0, 0.0, -problem.world.gravity])
-    fall, falls = (gravity - np.cross(problem.world.earth_rate + turning, side.v) for side in (here, there))
+    fall, falls = (gravity - cross(problem.world.earth_rate + turning, side.v) for side in (here, there))
     middle = f[:, None] + 0.5 * dt / span[i, None]
     pushed = np.einsum("mij,mj->mi", R, increments.velocity - bias[i, :3] * dt)
     gained = pushed + (fall[i] + (falls - fall)[i] * middle) * dt
