@@ -116,12 +116,13 @@ def _streamed(run: Simulation) -> Iterator[_Estimate]:
 
 def _away(run: Simulation, smoothed: pd.DataFrame, until_s: float) -> dict[str, float]:
     """The mean difference from the batch smoother on the rows up to then, in what has just left the lag, by column of
-    the trajectory, in sigmas; NaN where the stream does not tell its place.
+    the trajectory, in its mean sigmas; NaN where the stream does not tell its place.
     """
     batch = smooth(_up_to(run.recording, until_s)).trajectory
     left = [table[table["t_s"].between(until_s - LAG_S - LEAVING_S, until_s - LAG_S)] for table in (smoothed, batch)]
     rows, theirs = (table.set_index(table["t_s"].round(6)) for table in left)
-    return {name: float(((rows[name] - theirs[name]) / theirs[f"{name}_sd"]).mean()) for name in LIKE_BATCH}
+    # Of the mean sigma: at rest a single row of speed may have one of almost nothing.
+    return {name: float((rows[name] - theirs[name]).mean() / theirs[f"{name}_sd"].mean()) for name in LIKE_BATCH}
 
 
 def _up_to(recording: Recording, until_s: float) -> Recording:
