@@ -227,7 +227,6 @@ def measure(seed: int, hours: float) -> dict[str, float]:
         "first ms": float(puts.loc[puts["keyframes"] > 0, "ms"].iloc[0]),
         "times real time": speed,
         "stored": stored,
-        "MB": float(minutes["mb"].iloc[-1]),
     }
     for what, values in (
         ("update", beside_control(minutes, "update_ms")),

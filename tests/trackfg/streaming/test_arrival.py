@@ -48,6 +48,15 @@ def in_order(tables: Tables, delays: dict[str, Array] | None = None) -> list[tup
     return [(name, row) for _, name, row in sorted(keyed, key=lambda entry: entry[:2])]
 
 
+def set_back(pushed: list[Tables], by_s: float, only: str = "") -> list[Tables]:
+    """The clocks of all tables, or of one, at 10 s."""
+    for batch in pushed:
+        for name, rows in batch.items():
+            if only in ("", name):
+                rows[rows[:, 0] >= 10, 0] -= by_s
+    return pushed
+
+
 def through(arrival: Arrival, pushed: list[Tables]) -> tuple[Tables, list[StreamEvent]]:
     """Everything that comes out, by table."""
     report, events = LossReport(), []
@@ -224,10 +233,7 @@ def test_a_clock_that_went_forward_for_good_is_a_gap(gap_s: float) -> None:
 def test_a_clock_set_for_good_goes_on_shifted(back_s: float) -> None:
     """All tables have one clock: no row is lost, times go on growing, all by the same shift."""
     tables = rows_of(30.0)
-    pushed = batches(in_order(tables), 13)
-    for batch in pushed:
-        for rows in batch.values():
-            rows[rows[:, 0] >= 10, 0] -= back_s
+    pushed = set_back(batches(in_order(tables), 13), back_s)
     out, events = through(Arrival(RATES), pushed)
     for name, rows in tables.items():
         np.testing.assert_array_equal(out[name][:, 1], rows[:, 1])
@@ -241,10 +247,7 @@ def test_a_clock_set_back_by_less_than_rows_may_be_late_is_no_disorder(back_s: f
     """As above; but of a table that has no row in the time that comes again, one may be off by so much."""
     tables = rows_of(30.0)
     tables["fixes"] = table(np.arange(0.1, 30.0, 2.0))
-    pushed = batches(in_order(tables), size)
-    for batch in pushed:
-        for rows in batch.values():
-            rows[rows[:, 0] >= 10, 0] -= back_s
+    pushed = set_back(batches(in_order(tables), size), back_s)
     out, events = through(Arrival(RATES), pushed)
     for name, rows in tables.items():
         np.testing.assert_array_equal(out[name][:, 1], rows[:, 1])
@@ -257,10 +260,7 @@ def test_a_clock_set_back_by_less_than_rows_may_be_late_is_no_disorder(back_s: f
 def test_tables_with_clocks_of_their_own_stay_as_they_are() -> None:
     tables = rows_of(30.0)
     pushed = batches(in_order({name: rows for name, rows in tables.items() if name != "fixes"}), 13)
-    for batch in pushed:
-        if "imu" in batch:
-            batch["imu"][batch["imu"][:, 0] >= 10, 0] -= 0.154
-    out, events = through(Arrival(RATES), pushed)
+    out, events = through(Arrival(RATES), set_back(pushed, 0.154, only="imu"))
     for name in ("imu", "tach", "laser/a"):
         np.testing.assert_allclose(out[name], tables[name], atol=1e-6)
     assert [(event.kind, event.table) for event in events] == [("clock-restart", "imu")]
