@@ -118,8 +118,10 @@ class Arrival:
         off, fits, would_fit = t - self._clock.newest_s, self._is_due(t + own), self._is_due(t + other)
         turned: np.ndarray = would_fit & ~fits & (np.abs(off + other) < np.abs(off + own))
         if 0.0 < other - own <= self._limits.back_s:
+            set_s, step_s = self._clock.set_s, self._step_s[name]
             before = np.maximum.accumulate(np.concatenate([[self._newest_s[name]], t]))[:-1]
-            turned |= would_fit & fits & ((t < before) | ((t > self._clock.set_s) & (self._step_s[name] > other - own)))
+            goes_back, too_few = (t < before) & (t <= set_s + step_s), (t > set_s) & (step_s > other - own)
+            turned |= would_fit & fits & (goes_back | too_few)
         return turned
 
     def _is_due(self, t: Array) -> np.ndarray:
