@@ -113,8 +113,12 @@ class ImuClock:
         if not self._doubtful:
             return np.empty((0, 1))
         if self.in_doubt_since(passed_s):
-            rows, self._doubtful = np.concatenate(self._doubtful), []
-            return self._accepted(rows)
+            rows = np.concatenate(self._doubtful)
+            sound, _ = self._within_reach(rows, passed_s)
+            self._doubtful = list(rows[~sound, None, :])
+            if self._doubtful:
+                self._refuse(report)
+            return self._accepted(rows[sound])
         t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
         beginning = np.isneginf(self.newest_s)
         if beginning or (t.size > 1 and self.newest_s < t.min() <= self.newest_s + self._limits.ahead_s):
