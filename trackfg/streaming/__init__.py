@@ -17,6 +17,7 @@ module                   content
 ``fixed_lag``            :class:`FixedLagSmoother`: rows in, estimates out
 ``sinks``                where estimates go: JSON lines, a callback; ``parquet_parts``
 ``run``                  all of it in a row
-``checkpoint``           the file from which a killed stream goes on; ``snapshot``: objects to the last bit
+``checkpoint``           the file from which a killed stream goes on; ``snapshot``: objects to the last bit;
+                         ``json_numbers``
 =======================  =============================================================================================
 """

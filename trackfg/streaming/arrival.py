@@ -30,6 +30,7 @@ from trackfg.canonical import median_interval
 from trackfg.frames import Array
 from trackfg.series_checks import LARGEST
 from trackfg.streaming.imu_clock import ClockLimits, ImuClock
+from trackfg.streaming.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.rows import RowTables
 from trackfg.streaming.stream_events import LossReport, StreamEvent
 from trackfg.streaming.waiting_rows import WaitingRows
@@ -161,26 +162,27 @@ class Arrival:
         """All of it, as JSON values."""
         return {
             "clock": self._clock.state(),
-            "watermark_s": _number(self.watermark_s),
+            "watermark_s": finite_or_none(self.watermark_s),
             "waiting": {name: waiting.to_list() for name, waiting in self._waiting.items()},
-            "held": {name: [rows.tolist(), _number(since)] for name, (rows, since) in self._held.items()},
+            "held": {name: [rows.tolist(), finite_or_none(since)] for name, (rows, since) in self._held.items()},
             "shift_s": self._shift_s,
-            "newest_s": {name: _number(t) for name, t in self._newest_s.items()},
-            "step_s": {name: _number(step) for name, step in self._step_s.items()},
+            "newest_s": {name: finite_or_none(t) for name, t in self._newest_s.items()},
+            "step_s": {name: finite_or_none(step) for name, step in self._step_s.items()},
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a :meth:`state`."""
         self._clock.restore(state["clock"])
-        self.watermark_s = _time(state["watermark_s"])
+        self.watermark_s = finite_or(-np.inf, state["watermark_s"])
         for name, rows in state["waiting"].items():
             self._waiting[name] = WaitingRows(np.array(rows, dtype=np.float64) if rows else None)
         self._held = {
-            name: (np.array(rows, dtype=np.float64), _time(since)) for name, (rows, since) in state["held"].items()
+            name: (np.array(rows, dtype=np.float64), finite_or(-np.inf, since))
+            for name, (rows, since) in state["held"].items()
         }
         self._shift_s = dict(state["shift_s"])
-        self._newest_s = {name: _time(t) for name, t in state["newest_s"].items()}
-        self._step_s = {name: np.inf if step is None else step for name, step in state["step_s"].items()}
+        self._newest_s = {name: finite_or(-np.inf, t) for name, t in state["newest_s"].items()}
+        self._step_s = {name: finite_or(np.inf, step) for name, step in state["step_s"].items()}
 
 
 def _finite(name: str, rows: Array, report: LossReport) -> Array:
@@ -189,11 +191,3 @@ def _finite(name: str, rows: Array, report: LossReport) -> Array:
         return rows
     report.lose("not-finite", name, rows[~sound, 0])
     return rows[sound]
-
-
-def _number(t: float) -> float | None:
-    return float(t) if np.isfinite(t) else None
-
-
-def _time(number: float | None) -> float:
-    return -np.inf if number is None else number

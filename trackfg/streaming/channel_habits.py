@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from trackfg.frames import Array
+from trackfg.streaming.json_numbers import finite_or, finite_or_none
 
 BLOCK_ROWS = 200
 _BELOW_DECLARED = 4.0
@@ -82,8 +83,8 @@ class ChannelHabits:
         """All of it, as JSON values."""
         return {
             "rows": self._rows[: self._filled].tolist(),
-            "finest": [q if np.isfinite(q) else None for q in self._finest.tolist()],
-            "noise": [s if np.isfinite(s) else None for s in self._noise.tolist()],
+            "finest": [finite_or_none(q) for q in self._finest],
+            "noise": [finite_or_none(s) for s in self._noise],
             "repeated": self._repeated.tolist(),
             "interval_s": self.interval_s,
             "chance": self.chance,
@@ -96,7 +97,7 @@ class ChannelHabits:
         self._filled = len(state["rows"])
         self._rows[: self._filled] = np.array(state["rows"], dtype=np.float64).reshape(-1, 7)
         self._finest, self._noise = (
-            np.array([np.inf if x is None else x for x in state[name]]) for name in ("finest", "noise")
+            np.array([finite_or(np.inf, x) for x in state[name]]) for name in ("finest", "noise")
         )
         self._repeated = np.array(state["repeated"])
         self.interval_s, self.chance = state["interval_s"], list(state["chance"])

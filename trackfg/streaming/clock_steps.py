@@ -32,6 +32,7 @@ import numpy as np
 from trackfg.canonical import median_interval
 from trackfg.description import RecordingDescription
 from trackfg.frames import Array
+from trackfg.streaming.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.rows import Rows, canonical_columns, joined_tables
 from trackfg.streaming.stream_events import StreamEvent
 
@@ -280,7 +281,7 @@ class ClockSteps:
             "waiting": {name: table.tolist() for name, table in self._waiting.items()},
             "recent": {name: np.concatenate(parts).tolist() if parts else [] for name, parts in self._recent.items()},
             "last_s": self._last_s,
-            "looked_s": self._looked_s if np.isfinite(self._looked_s) else None,
+            "looked_s": finite_or_none(self._looked_s),
             "open": [asdict(event) for event in self._open],
             "resets": [asdict(event) for event in self._resets],
             "steps": self._steps,
@@ -293,7 +294,7 @@ class ClockSteps:
         self._waiting = {name: _table(name, rows) for name, rows in state["waiting"].items()}
         self._recent = {name: [_table(name, rows)] if rows else [] for name, rows in state["recent"].items()}
         self._last_s = dict(state["last_s"])
-        self._looked_s = -np.inf if state["looked_s"] is None else state["looked_s"]
+        self._looked_s = finite_or(-np.inf, state["looked_s"])
         self._open = [StreamEvent(**event) for event in state["open"]]
         self._resets = [StreamEvent(**event) for event in state["resets"]]
         self._steps = [(since, total) for since, total in state["steps"]]

@@ -34,6 +34,7 @@ import numpy as np
 
 from trackfg.canonical import median_interval
 from trackfg.frames import Array
+from trackfg.streaming.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.stream_events import LossReport, StreamEvent
 
 _AT_ONCE = 256
@@ -131,7 +132,7 @@ class ImuClock:
         sound, behind = self._within_reach(rows, passed_s)
         if behind[0]:
             behind[0] = self._is_beside(rows[:1])
-        return _leading(sound & ~behind)  # those behind are looked at when all before them have been heard
+        return _how_many_lead(sound & ~behind)  # those behind are looked at when all before them have been heard
 
     def _within_reach(self, rows: Array, passed_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Which rows are neither too late nor too far ahead, and which are behind the newest one before them."""
@@ -251,7 +252,7 @@ class ImuClock:
         """The old clock has moved on: rows set aside that it has caught up with; all others go when it has gone on."""
         rows = np.concatenate(self._doubtful)
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        count = _leading(self._within_reach(rows, passed_s)[0])
+        count = _how_many_lead(self._within_reach(rows, passed_s)[0])
         kept = self._accepted(rows[:count]) if count else rows[:0]
         self._doubtful = list(rows[count:, None, :])
         if not self._doubtful:
@@ -278,25 +279,25 @@ class ImuClock:
         return {
             "doubtful": [row[0].tolist() for row in self._doubtful],
             "rival": [row[0].tolist() for row in self._rival],
-            "doubted_at_s": _number(self._doubted_at_s),
+            "doubted_at_s": finite_or_none(self._doubted_at_s),
             "heard": self._heard.tolist(),
-            "newest_s": _number(self.newest_s),
+            "newest_s": finite_or_none(self.newest_s),
             "shift_s": self.shift_s,
-            "set_s": _number(self.set_s),
+            "set_s": finite_or_none(self.set_s),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a :meth:`state`."""
         self._doubtful = [np.array([row], dtype=np.float64) for row in state["doubtful"]]
         self._rival = [np.array([row], dtype=np.float64) for row in state["rival"]]
-        self._doubted_at_s = -np.inf if state["doubted_at_s"] is None else state["doubted_at_s"]
+        self._doubted_at_s = finite_or(-np.inf, state["doubted_at_s"])
         self._heard = np.array(state["heard"], dtype=np.float64).reshape(-1, 2)
-        self.newest_s = -np.inf if state["newest_s"] is None else state["newest_s"]
+        self.newest_s = finite_or(-np.inf, state["newest_s"])
         self.shift_s = state["shift_s"]
-        self.set_s = np.inf if state["set_s"] is None else state["set_s"]
+        self.set_s = finite_or(np.inf, state["set_s"])
 
 
-def _leading(sound: np.ndarray) -> int:
+def _how_many_lead(sound: np.ndarray) -> int:
     """How many from the first on."""
     return sound.size if sound.all() else int(np.argmin(sound))
 
@@ -304,7 +305,3 @@ def _leading(sound: np.ndarray) -> int:
 def _marks(rows: Array) -> Array:
     """What tells rows from others: their times and the sums of all else."""
     return np.column_stack([rows[:, 0], rows[:, 1:].sum(axis=1)])
-
-
-def _number(t: float) -> float | None:
-    return float(t) if np.isfinite(t) else None

@@ -19,6 +19,7 @@ from trackfg.frames import Array
 from trackfg.graph import Problem
 from trackfg.slip_events import wheel_excess
 from trackfg.spans import joined_spans
+from trackfg.streaming.json_numbers import finite_or_none
 from trackfg.streaming.stream_events import StreamEvent
 from trackfg.trajectory import trajectory_table
 
@@ -123,5 +124,5 @@ def _turned_s(problem: Problem, states: States) -> float:
 
 def _stream_event(event: Event) -> StreamEvent:
     kind, start, end, *numbers, detail = event
-    known = (float(value) if np.isfinite(value) else None for value in numbers)
+    known = (finite_or_none(value) for value in numbers)
     return StreamEvent(kind, EVENT_TABLES.get(kind, ""), start, end, 0, detail, *known)
