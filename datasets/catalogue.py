@@ -1,6 +1,6 @@
 """The built-in scenarios, by name.
 
-The sensor grades are those of :mod:`trackfg.datasets.imu_grades`. See docs/datasets.md.
+The sensor grades are those of :mod:`trackfg.datasets.sensors.imu_grades`. See docs/datasets.md.
 """
 
 from __future__ import annotations
@@ -8,19 +8,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from trackfg import units
-from trackfg.datasets.adhesion import AdhesionModel
-from trackfg.datasets.clocks import ClockModel, DropModel
-from trackfg.datasets.defects import Defect
-from trackfg.datasets.driving import Parked, Service, Shunting, SpeedRestrictions, Wandering
-from trackfg.datasets.imu_grades import ADIS16480, ADIS16495_1
-from trackfg.datasets.irregularities import IrregularityModel
-from trackfg.datasets.lasers import two_units
-from trackfg.datasets.line_design import LineDesign
-from trackfg.datasets.motion import Limits
-from trackfg.datasets.odometer import TachModel
-from trackfg.datasets.positioning import BaliseModel, GnssModel
+from trackfg.datasets.line.defects import Defect
+from trackfg.datasets.line.irregularities import IrregularityModel
+from trackfg.datasets.line.line_design import LineDesign
 from trackfg.datasets.scenario import Recorder, Scenario
-from trackfg.datasets.vehicle import CarBody, Rigid
+from trackfg.datasets.sensors.clocks import ClockModel, DropModel
+from trackfg.datasets.sensors.imu_grades import ADIS16480, ADIS16495_1
+from trackfg.datasets.sensors.lasers import two_units
+from trackfg.datasets.sensors.odometer import TachModel
+from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
+from trackfg.datasets.vehicle.adhesion import AdhesionModel
+from trackfg.datasets.vehicle.driving import Parked, Service, Shunting, SpeedRestrictions, Wandering
+from trackfg.datasets.vehicle.motion import Limits
+from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
 from trackfg.errors import BadInputError
 
 KMH = units.KMH

@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from trackfg.datasets.adhesion import AdhesionModel
-from trackfg.datasets.clocks import ClockModel, DropModel
-from trackfg.datasets.defects import Defect
-from trackfg.datasets.driving import Driver
-from trackfg.datasets.imu_errors import ImuModel
-from trackfg.datasets.irregularities import IrregularityModel
-from trackfg.datasets.lasers import LaserModel
-from trackfg.datasets.line_design import LineDesign
-from trackfg.datasets.line_file import GivenLine
-from trackfg.datasets.odometer import TachModel
-from trackfg.datasets.positioning import BaliseModel, GnssModel
-from trackfg.datasets.vehicle import Rigid, Vehicle
+from trackfg.datasets.line.defects import Defect
+from trackfg.datasets.line.irregularities import IrregularityModel
+from trackfg.datasets.line.line_design import LineDesign
+from trackfg.datasets.line.line_file import GivenLine
+from trackfg.datasets.sensors.clocks import ClockModel, DropModel
+from trackfg.datasets.sensors.imu_errors import ImuModel
+from trackfg.datasets.sensors.lasers import LaserModel
+from trackfg.datasets.sensors.odometer import TachModel
+from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
+from trackfg.datasets.vehicle.adhesion import AdhesionModel
+from trackfg.datasets.vehicle.driving import Driver
+from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
 
 TableName = Literal["imu", "tach", "fixes", "gnss", "lasers"]
 
@@ -37,7 +37,7 @@ class Scenario:
     ``line`` is drawn within the ranges of a design, ``length_m`` long or as long as the duration needs, or is given.
     Without irregularities the track lies as designed; without adhesion the wheel rolls; without a latitude the Earth
     stands still. ``recorders`` are those of the tables whose stamps are wrong or whose rows get lost. With
-    ``flange_knocks`` the wheels strike the outer rail of curves below R 400 (:mod:`trackfg.datasets.flange`).
+    ``flange_knocks`` the wheels strike the outer rail of curves below R 400 (:mod:`trackfg.datasets.vehicle.flange`).
     Chainage is the origin's plus ``direction`` times the arc length; with ``both_ways`` the odd runs go back.
     ``runs_per_vehicle`` runs one after the other are of one vehicle, which keeps its wheel and its IMU in its mounting.
     """

@@ -9,26 +9,26 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
-from trackfg.datasets import odometer, tables
-from trackfg.datasets.body_motion import BodyMotion
 from trackfg.datasets.catalogue import scenario, scenarios
-from trackfg.datasets.flange import Flanging
-from trackfg.datasets.imu_errors import ImuErrors
-from trackfg.datasets.irregularities import Irregularities, draw_irregularities
-from trackfg.datasets.line_design import random_line
-from trackfg.datasets.line_file import GivenLine
-from trackfg.datasets.measuring import Kept, Sensor, Streams, measure
-from trackfg.datasets.motion import Motion
-from trackfg.datasets.positioning import BaliseModel
-from trackfg.datasets.ride import Ride
+from trackfg.datasets.line.irregularities import Irregularities, draw_irregularities
+from trackfg.datasets.line.line_design import random_line
+from trackfg.datasets.line.line_file import GivenLine
+from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.scenario import Scenario
-from trackfg.datasets.track import Track
-from trackfg.datasets.truth_geometry import truth_geometry
-from trackfg.description import Vector3
+from trackfg.datasets.sensors import odometer, tables
+from trackfg.datasets.sensors.imu_errors import ImuErrors
+from trackfg.datasets.sensors.measuring import Kept, Sensor, Streams, measure
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.datasets.vehicle.body_motion import BodyMotion
+from trackfg.datasets.vehicle.flange import Flanging
+from trackfg.datasets.vehicle.motion import Motion
+from trackfg.datasets.vehicle.ride import Ride
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
-from trackfg.recording import Recording
-from trackfg.recording_io import write_recording
+from trackfg.io.reader import write_recording
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import Vector3
+from trackfg.recording.model import Recording
 
 __all__ = ["Scenario", "Simulation", "scenario", "scenarios", "simulate"]
 
@@ -43,8 +43,9 @@ class Simulation:
     ``truth`` has one row per ``1/truth_rate_hz`` from t = 0, the start of the IMU's first sample: ``t_s, chainage_m,
     east_m, north_m, up_m, speed_mps`` (along the x axis, negative backwards), ``roll_rad, pitch_rad, yaw_rad`` (not
     wrapped), ``wheel_scale`` (true over nominal distance), ``gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
-    ``truth_geometry`` is the track's geometry where the run went (:mod:`trackfg.datasets.truth_geometry`). Constants of
-    the run are fields; ``ride`` gives everything about the vehicle at any time, ``track`` about the track at any place.
+    ``truth_geometry`` is the track's geometry where the run went (:mod:`trackfg.datasets.line.truth_geometry`).
+    Constants of the run are fields; ``ride`` gives everything about the vehicle at any time, ``track`` about the track
+    at any place.
     """
 
     recording: Recording
@@ -56,7 +57,9 @@ class Simulation:
     tach_time_offset_s: float
     mount_rpy_rad: Vector3
     slips: pd.DataFrame | None = None
-    """The truth of slips and slides (:func:`trackfg.datasets.odometer.slip_table`), where adhesion was simulated."""
+    """The truth of slips and slides (:func:`trackfg.datasets.sensors.odometer.slip_table`), where adhesion was
+    simulated.
+    """
 
     def write(self, folder: Path | str, table_format: Literal["parquet", "csv"] = "parquet") -> None:
         """Write recording and truth as a recording folder."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.frames import Array, skew
+from trackfg.numerics.frames import Array, skew
 
 
 def _position(

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.frames import Array, skew
+from trackfg.numerics.frames import Array, skew
 
 
 def _tilt(nav: Nav, bias: Array, specific_force: Array, gravity: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.states import Kind
-from trackfg.frames import Array
+from trackfg.numerics.frames import Array
 
 _INTEGRATION_DENSITY = 1e-5
 """m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.frames import Array, so3_log, so3_right_jacobian_inverse
+from trackfg.numerics.frames import Array, so3_log, so3_right_jacobian_inverse
 
 
 def _vector(value: Array, mean: Array) -> tuple[Array, tuple[Array, ...]]:

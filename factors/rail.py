@@ -7,7 +7,7 @@ point of the rail, up to how far apart along it they were taken:
     N ( p_i + R_i b_i - p(h) - R(h) b ) = 0,
 
 N (d, 3) the directions across the rail. Between keyframes the motion is what inertial samples say it is, tied to both
-ends as in :mod:`trackfg.dense`:
+ends as in :mod:`trackfg.output.dense_motion`:
 
     R(h) = R_j A Exp(h e),  e = Log(A_T' R_j' R_j+1),   A the gyro's rotation until then, A_T over the whole interval;
     p(h) = the cubic of both ends' positions and velocities, plus the detail c that the accelerometer saw between them.
@@ -22,8 +22,8 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.frames import Array, skew, so3_exp, so3_log, so3_right_jacobian_inverse
-from trackfg.hermite import hermite_weights
+from trackfg.numerics.frames import Array, skew, so3_exp, so3_log, so3_right_jacobian_inverse
+from trackfg.numerics.hermite import hermite_weights
 
 
 def _trailing(

@@ -31,7 +31,7 @@ from functools import cache, lru_cache
 import gtsam
 import numpy as np
 
-from trackfg.frames import Array, so3_exp, so3_log
+from trackfg.numerics.frames import Array, so3_exp, so3_log
 
 
 class Kind(Enum):

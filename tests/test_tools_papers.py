@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.datasets.imu_grades import ADIS16480
+from trackfg.datasets.sensors.imu_grades import ADIS16480
 from trackfg.units import STANDARD_GRAVITY
 
 TOOLS = Path(__file__).parents[1] / "tools"

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.datasets.defects import Defect
+from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import simulate
 
 TOOLS = Path(__file__).parents[1] / "tools"

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.results import TRAJECTORY_COLUMNS
-from trackfg.streaming.parquet_parts import ParquetParts
+from trackfg.results.result import TRAJECTORY_COLUMNS
 from trackfg.streaming.run import StreamCounts
+from trackfg.streaming.sinks.parquet_parts import ParquetParts
 
 TOOLS = Path(__file__).parents[1] / "tools"
 

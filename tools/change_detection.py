@@ -21,12 +21,12 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from trackfg.datasets.defects import Defect
+from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import scenario, simulate
-from trackfg.mapping.changes import Changes, changes
-from trackfg.mapping.placing import laid_over
-from trackfg.results import Result
-from trackfg.smoother import smooth
+from trackfg.mapping.changes.changes import Changes, changes
+from trackfg.mapping.recognition.conventions import laid_over
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 
 SHUTTLE = scenario("shuttle")
 KINDS, RAILS, SIGNS = ("dip", "kink", "twist"), ("both", "left", "right"), (1.0, -1.0)

@@ -20,8 +20,8 @@ import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
-from trackfg.smoother import smooth_states
-from trackfg.trajectory import QUANTITIES
+from trackfg.output.trajectory import QUANTITIES
+from trackfg.smoothing.smoother import smooth_states
 
 NOISE_FREE = ("mainline", "mainline-gnss", "trolley", "shunting")
 COVERED = ("mainline", "mainline-gnss", "trolley")

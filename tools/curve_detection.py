@@ -21,14 +21,14 @@ from rich.console import Console
 from rich.table import Table
 
 from trackfg.curves import QUANTITIES, Curve, find_curves
-from trackfg.datasets.alignment import Element, piecewise
 from trackfg.datasets.catalogue import GOOD_TRACK, MAIN_LINE, WORN_TRACK
-from trackfg.datasets.irregularities import IrregularityModel, draw_irregularities
-from trackfg.datasets.line import Line, piecewise_linear
-from trackfg.datasets.line_design import random_line
-from trackfg.datasets.track import Track
-from trackfg.datasets.truth_geometry import truth_geometry
-from trackfg.frames import Array
+from trackfg.datasets.line.alignment import Element, piecewise
+from trackfg.datasets.line.irregularities import IrregularityModel, draw_irregularities
+from trackfg.datasets.line.line import Line, piecewise_linear
+from trackfg.datasets.line.line_design import random_line
+from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.truth_geometry import truth_geometry
+from trackfg.numerics.frames import Array
 
 TRACKS = {"good": GOOD_TRACK, "worn": WORN_TRACK}
 LAWS = ("clothoid", "half-sine")

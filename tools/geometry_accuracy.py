@@ -28,13 +28,13 @@ import pandas as pd
 from side_by_side import Call, side_by_side
 
 from trackfg.config import GeometryConfig, SmoothConfig
+from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.datasets.truth_geometry import truth_geometry
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.repeatability import section_repeatability
-from trackfg.results import RAIL_COLUMNS
-from trackfg.scores import quantities, score_bands, score_run, score_runs
-from trackfg.smoother import smooth_states
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.evaluation.repeatability import section_repeatability
+from trackfg.evaluation.scores import quantities, score_bands, score_run, score_runs
+from trackfg.results.result import RAIL_COLUMNS
+from trackfg.smoothing.smoother import smooth_states
 
 DURATIONS_S = {
     "mainline": 1800.0,

@@ -31,17 +31,17 @@ from trackfg.baselines import adaptive_ekf, complementary
 from trackfg.baselines.result import BaselineResult
 from trackfg.config import SmoothConfig
 from trackfg.datasets.catalogue import scenario
-from trackfg.datasets.flange import Flanging
-from trackfg.datasets.imu_grades import ADIS16495_1
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.datasets.vehicle import Rigid
-from trackfg.description import ImuNoise
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.frames import Array
+from trackfg.datasets.sensors.imu_grades import ADIS16495_1
+from trackfg.datasets.vehicle.flange import Flanging
+from trackfg.datasets.vehicle.vehicle import Rigid
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.evaluation.scores import rms
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
-from trackfg.scores import rms
-from trackfg.smoother import SmoothedStates, smooth_states
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import ImuNoise
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.units import STANDARD_GRAVITY
 
 TROLLEY_S = 1260.0

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 from papers_table import Figure, Paper, mean_of, ratio_met
 
-from trackfg.baselines import tyre_friction
 from trackfg.datasets.j_turn import FRICTION, STRETCHES_S, JTurn, j_turn
-from trackfg.friction_graph import FrictionModel, smooth_friction
+from trackfg.friction import imm_ekf
+from trackfg.friction.smoother import FrictionModel, smooth_friction
 
 MODES = (3, 7, 10)
 SETTLED_S = 2.0
@@ -31,7 +31,7 @@ def measure(seed: int) -> dict[str, float]:
     on each stretch by itself.
     """
     drive = j_turn(seed)
-    tables = {f"{modes} modes": tyre_friction.run(drive.measured, modes=modes).table for modes in MODES}
+    tables = {f"{modes} modes": imm_ekf.run(drive.measured, modes=modes).table for modes in MODES}
     tables["graph"] = smooth_friction(drive.measured)
     told = {f"told {mu:g}": _constant_friction(drive, *span) for mu, span in zip(FRICTION, STRETCHES_S, strict=True)}
     told["told off"] = max(abs(found - mu) for found, mu in zip(told.values(), FRICTION, strict=True))

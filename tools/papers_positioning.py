@@ -27,9 +27,9 @@ from trackfg.baselines import composite_positioning
 from trackfg.baselines.curve_points import curve_table
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.frames import Array
-from trackfg.results import Result
-from trackfg.smoother import smooth
+from trackfg.numerics.frames import Array
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 from trackfg.units import KMH
 
 SCENARIOS = {"slippery-line": "line", "slippery-line-leaves": "leaves"}

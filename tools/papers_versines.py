@@ -19,8 +19,8 @@ from trackfg.baselines import mid_chord
 from trackfg.baselines.result import BaselineResult
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.smoother import SmoothedStates, smooth_states
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.units import KMH
 
 SCENARIO = "measuring-car"

@@ -14,11 +14,11 @@ from positioning_runs import SHUTTLE, SURVEY_RUNS, map_of_all, with_defects
 from positioning_table import Figure, Part, at_least, below, ratio
 
 from trackfg.config import SmoothConfig
-from trackfg.datasets.defects import Defect
+from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import simulate
 from trackfg.mapping import find_changes
-from trackfg.mapping.changes import Changes
-from trackfg.smoother import smooth
+from trackfg.mapping.changes.changes import Changes
+from trackfg.smoothing.smoother import smooth
 
 LATER_RUNS = (SURVEY_RUNS, SURVEY_RUNS + 1)
 SIZE_M = 3e-3

@@ -19,9 +19,9 @@ from positioning_table import Figure, Part, at_least, at_most, ratio
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.frames import Array
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.smoother import smooth
+from trackfg.numerics.frames import Array
+from trackfg.smoothing.smoother import smooth
 
 LATER_RUNS = (SURVEY_RUNS, SURVEY_RUNS + 1)
 STARTS = 3

@@ -19,10 +19,10 @@ import pandas as pd
 from positioning_runs import SURVEY_RUNS, Survey, map_of_all, survey
 from positioning_table import Figure, Part, at_most, between, pooled_rms, ratio
 
-from trackfg.frames import Array
+from trackfg.evaluation.scores import rms
 from trackfg.mapping import build_map
 from trackfg.maps.feature_map import CURVE_POINTS, FeatureMap
-from trackfg.scores import rms
+from trackfg.numerics.frames import Array
 
 RUNS = {"one run": 1, "ten runs": SURVEY_RUNS}
 ERROR_M = {"one run": 1.0, "ten runs": 0.4}

@@ -11,15 +11,15 @@ from curve_detection import designed_curves
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.catalogue import scenario
-from trackfg.datasets.defects import Defect
+from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.frames import Array
 from trackfg.mapping import build_map
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.recording import Recording
-from trackfg.results import Result
-from trackfg.smoother import smooth
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 
 SHUTTLE = scenario("shuttle")
 BALISE_FROM_END_M = 100.0

@@ -5,8 +5,8 @@ true one, is measured twice: with every balise used, and with none between the f
 that nothing but wheel and inertial sensor tell the distance, as in the paper. Over a slip itself, from where the wheel
 begins to slip until it rolls again, there is no balise either way.
 
-Events are scored by :mod:`trackfg.score_events`: recall of slips and slides with a creep of 3 % or more that last 1 s
-or longer; precision of everything that is reported.
+Events are scored by :mod:`trackfg.evaluation.slip_scores`: recall of slips and slides with a creep of 3 % or more that
+last 1 s or longer; precision of everything that is reported.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from positioning_table import Figure, Part, at_least, at_most, pooled_rms, ratio
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.results import Result
-from trackfg.score_events import score_slips
-from trackfg.scores import rms
-from trackfg.smoother import smooth
+from trackfg.evaluation.scores import rms
+from trackfg.evaluation.slip_scores import score_slips
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 
 SCENARIOS = {"line": "slippery-line", "leaves": "slippery-line-leaves"}
 CREEP, LASTING_S = 0.03, 1.0

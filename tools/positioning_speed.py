@@ -23,8 +23,8 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
 from trackfg.mapping import build_map, with_runs
 from trackfg.maps import read_map, write_map
-from trackfg.results import Result
-from trackfg.smoother import smooth
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 
 LENGTH_M, DURATION_S = 70_000.0, 6300.0
 """The slowest of dozens of drawn runs arrives after 6050 s."""

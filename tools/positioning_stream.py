@@ -18,12 +18,12 @@ from stream_tables import tables_of
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.frames import Array
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.recording import Recording
-from trackfg.smoother import smooth
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
+from trackfg.smoothing.smoother import smooth
 from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.sources import RecordingSource
+from trackfg.streaming.sources.source import RecordingSource
 
 LAG_S = 20.0
 KNOWN_M = 100.0

@@ -17,13 +17,13 @@ import numpy as np
 import pandas as pd
 
 from trackfg.config import NoiseConfig, PositionConfig, SmoothConfig
-from trackfg.datasets import comma2k19, kingston, kitti
-from trackfg.datasets.real_run import RealRun
-from trackfg.evaluate import Span, horizontal_errors, score_outages, withhold
-from trackfg.recording import Recording
-from trackfg.results import Result
-from trackfg.scores import rms
-from trackfg.smoother import smooth
+from trackfg.datasets.real import comma2k19, kingston, kitti
+from trackfg.datasets.real.real_run import RealRun
+from trackfg.evaluation.outages import Span, horizontal_errors, score_outages, withhold
+from trackfg.evaluation.scores import rms
+from trackfg.recording.model import Recording
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 
 ADAPT = SmoothConfig(noise=NoiseConfig(adapt=True))
 OUTAGES: tuple[Span, ...] = tuple((start, start + 30.0) for start in (60.0, 150.0, 240.0, 330.0, 400.0))

@@ -18,7 +18,8 @@ from gtsam.symbol_shorthand import B, V, X
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from trackfg.datasets import RealRun, comma2k19, kingston, kitti
+from trackfg.datasets import RealRun
+from trackfg.datasets.real import comma2k19, kingston, kitti
 from trackfg.units import KMH
 
 Array = NDArray[np.float64]

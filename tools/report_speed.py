@@ -21,7 +21,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from trackfg.config import GeometryConfig
 from trackfg.report import write_report
-from trackfg.results import (
+from trackfg.results.result import (
     EVENT_COLUMNS,
     GEOMETRY_COLUMNS,
     RAIL_COLUMNS,

@@ -33,7 +33,7 @@ from speed_process import ProcessUse, measure_smooth
 
 from trackfg.config import KeyframeConfig
 from trackfg.peers.python_ins import VELOCITY_HZ
-from trackfg.results import versions
+from trackfg.results.result import versions
 
 LONGER = 4
 """How many times longer the second run is."""
@@ -190,8 +190,8 @@ left to Python loops is per keyframe or per 20 ms of motion, never per pair of k
 
 The graph of a run on `mainline` (at a latitude, so that the Earth turns) without robust losses: both minimise the same
 sum of squares from the same initial values. GTSAM's LevenbergMarquardtOptimizer with SEQUENTIAL_QR and the chain's
-ordering, our factors as `gtsam.CustomFactor`, against `trackfg.solver.solve`. Each stops by its own rule; the costs
-tell whether they reached the same minimum.
+ordering, our factors as `gtsam.CustomFactor`, against `trackfg.solver.gauss_newton.solve`. Each stops by its own rule;
+the costs tell whether they reached the same minimum.
 
 {markdown(optimisers_table(m))}
 

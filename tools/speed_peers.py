@@ -18,12 +18,12 @@ from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED
-from trackfg.frames import Array
-from trackfg.graph import Problem, build_problem
+from trackfg.graph.build import Problem, build_problem
+from trackfg.numerics.frames import Array
 from trackfg.peers.installed import is_installed
 from trackfg.peers.python_ins import Start, feedback_filter
-from trackfg.smoother import smooth_states
-from trackfg.solver import solve
+from trackfg.smoothing.smoother import smooth_states
+from trackfg.solver.gauss_newton import solve
 
 LATITUDE_DEG = 35.2
 """python-ins always models the Earth's rotation, so the Earth of the simulation has to turn."""

@@ -6,8 +6,8 @@ import pandas as pd
 
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.run import StreamCounts, run_stream
-from trackfg.streaming.sinks import Callback
-from trackfg.streaming.sources import Source
+from trackfg.streaming.sinks.sink import Callback
+from trackfg.streaming.sources.source import Source
 
 
 def tables_of(source: Source, smoother: FixedLagSmoother) -> tuple[dict[str, pd.DataFrame], StreamCounts]:

@@ -29,16 +29,16 @@ from positioning_table import Figure, Part, at_most, between
 from stream_tables import tables_of
 
 from trackfg import FixedLagSmoother, smooth
-from trackfg.comparison import QUANTITIES, REFERENCE, Task
+from trackfg.comparison.estimators import estimators
+from trackfg.comparison.table import QUANTITIES, REFERENCE, Task
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import TrackfgError
-from trackfg.estimators import estimators
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.evaluate_trajectory import distance_errors, from_the_true_start, trajectory_errors
-from trackfg.frames import Array
-from trackfg.recording import Recording
-from trackfg.scores import rms, score_run
-from trackfg.streaming.sources import RecordingSource
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.evaluation.scores import rms, score_run
+from trackfg.evaluation.trajectory_errors import distance_errors, from_the_true_start, trajectory_errors
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
+from trackfg.streaming.sources.source import RecordingSource
 
 LAG_S = 20.0
 SCENARIOS = {"mainline": 2400.0, "trolley": 2400.0, "slippery-line": 2400.0, "shuttle": 2000.0}

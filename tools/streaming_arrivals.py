@@ -14,12 +14,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackfg.description import RecordingDescription
-from trackfg.frames import Array
-from trackfg.recording import Recording
-from trackfg.streaming.json_lines_source import JsonLinesSource
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import RecordingDescription
+from trackfg.recording.model import Recording
 from trackfg.streaming.rows import raw_columns, recording_rows
-from trackfg.streaming.sources import BATCH_S, Batch, Source
+from trackfg.streaming.sources.json_lines import JsonLinesSource
+from trackfg.streaming.sources.source import BATCH_S, Batch, Source
 from trackfg.units import STANDARD_GRAVITY
 
 Form = Literal["canonical", "raw", "json"]

@@ -27,11 +27,11 @@ from streaming_grounds import CONFIG, DURATION_S, LAG_S
 
 from trackfg import FixedLagSmoother
 from trackfg.errors import OutputError
-from trackfg.streaming.checkpoint import Checkpoint, Checkpoints
-from trackfg.streaming.parquet_parts import NOTHING_WRITTEN, ParquetParts, read_parts
+from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.run import Stream, run_stream
-from trackfg.streaming.sinks import TABLES, Callback, JsonLines, Sink
-from trackfg.streaming.sources import Batch, Source
+from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts, read_parts
+from trackfg.streaming.sinks.sink import TABLES, Callback, JsonLines, Sink
+from trackfg.streaming.sources.source import Batch, Source
 
 Tables = dict[str, pd.DataFrame]
 Break = Callable[[Ground, np.random.Generator, Tables], tuple[str, dict[str, str]]]

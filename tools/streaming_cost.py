@@ -37,14 +37,14 @@ from streaming_grounds import CONFIG
 
 from trackfg import FixedLagSmoother
 from trackfg.datasets.scenarios import simulate
-from trackfg.description import RecordingDescription
-from trackfg.frames import Array
-from trackfg.one_thread import one_thread
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.parquet_parts import ParquetParts
+from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import RecordingDescription
+from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import recording_rows
 from trackfg.streaming.run import run_stream, write_estimates
-from trackfg.streaming.sources import BATCH_S, STORED_BATCH_S, Batch
+from trackfg.streaming.sinks.parquet_parts import ParquetParts
+from trackfg.streaming.sources.source import BATCH_S, STORED_BATCH_S, Batch
 
 SCENARIO = "mainline"
 LAG_S = 10.0

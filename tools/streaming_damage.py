@@ -12,12 +12,12 @@ from unittest.mock import patch
 import numpy as np
 from streaming_arrivals import Arriving, Stream, stream_of
 
-from trackfg.datasets.adhesion import Shape, SlipEvent
-from trackfg.datasets.faults import slip_wheel
 from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.sensors.faults import slip_wheel
+from trackfg.datasets.vehicle.adhesion import Shape, SlipEvent
 from trackfg.errors import UnsolvableError
-from trackfg.frames import Array
-from trackfg.streaming.window import Window
+from trackfg.numerics.frames import Array
+from trackfg.streaming.window.window import Window
 
 EARLIEST_S, LATEST_S, LONGEST_S = 18.0, 34.0, 8.0
 """When a fault begins, and how long it lasts at most; clocks may take longer to be believed again."""

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from streaming_faults import CHECKS, JUDGED, Outcome
 
-from trackfg.scores import COVERED
+from trackfg.evaluation.scores import COVERED
 
 
 def by_kind(outcomes: Sequence[Outcome]) -> pd.DataFrame:

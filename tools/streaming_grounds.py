@@ -9,10 +9,10 @@ from streaming_arrivals import Form, stream_of
 from streaming_damage import Ground
 
 from trackfg.config import KeyframeConfig, SmoothConfig
-from trackfg.datasets.driving import Service, Shunting, Wandering
-from trackfg.datasets.positioning import BaliseModel
 from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.datasets.vehicle.driving import Service, Shunting, Wandering
 
 DURATION_S = 62.0
 REST_S = 9.0

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 
 from trackfg._version import __version__
 from trackfg.errors import BadInputError, TrackfgError, UnsolvableError
-from trackfg.late_names import late_names
+from trackfg.lazy_imports import lazy_imports
 
 if TYPE_CHECKING:
-    from trackfg.check import check_recording
     from trackfg.config import SmoothConfig
-    from trackfg.plot import plot_trajectory
-    from trackfg.recording import Recording
-    from trackfg.recording_io import read_recording, write_recording
-    from trackfg.results import Result
-    from trackfg.smoother import smooth
+    from trackfg.io.check import check_recording
+    from trackfg.io.reader import read_recording, write_recording
+    from trackfg.plots.strip_chart import plot_geometry
+    from trackfg.plots.trajectory_chart import plot_trajectory
+    from trackfg.recording.model import Recording
+    from trackfg.results.result import Result
+    from trackfg.smoothing.smoother import smooth
     from trackfg.streaming.fixed_lag import FixedLagSmoother
-    from trackfg.strip_chart import plot_geometry
 
 __all__ = [
     "BadInputError",
@@ -42,19 +42,19 @@ __all__ = [
     "write_recording",
 ]
 
-__getattr__ = late_names(
+__getattr__ = lazy_imports(
     __name__,
     {
         "FixedLagSmoother": "streaming.fixed_lag",
-        "Recording": "recording",
-        "Result": "results",
+        "Recording": "recording.model",
+        "Result": "results.result",
         "SmoothConfig": "config",
-        "check_recording": "check",
-        "plot_geometry": "strip_chart",
-        "plot_trajectory": "plot",
-        "read_recording": "recording_io",
-        "smooth": "smoother",
-        "write_recording": "recording_io",
+        "check_recording": "io.check",
+        "plot_geometry": "plots.strip_chart",
+        "plot_trajectory": "plots.trajectory_chart",
+        "read_recording": "io.reader",
+        "smooth": "smoothing.smoother",
+        "write_recording": "io.reader",
     },
 )
 

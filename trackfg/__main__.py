@@ -1,5 +1,5 @@
 """``python -m trackfg``: the command line."""
 
-from trackfg.cli import main
+from trackfg.cli.main import main
 
 main()

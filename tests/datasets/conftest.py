@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackfg.datasets.driving import Wandering
-from trackfg.datasets.line import Line, piecewise_linear
-from trackfg.datasets.motion import Limits
-from trackfg.datasets.ride import Ride
-from trackfg.frames import Array
+from trackfg.datasets.line.line import Line, piecewise_linear
+from trackfg.datasets.vehicle.driving import Wandering
+from trackfg.datasets.vehicle.motion import Limits
+from trackfg.datasets.vehicle.ride import Ride
+from trackfg.numerics.frames import Array
 
 BASE_M = 1.067
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from trackfg import datasets
-from trackfg.datasets.adhesion import draw_slip
 from trackfg.datasets.catalogue import scenario
-from trackfg.datasets.clocks import ClockModel, DropModel
-from trackfg.datasets.line_design import random_line
-from trackfg.datasets.line_file import GivenLine
-from trackfg.datasets.ride import Ride
+from trackfg.datasets.line.line_design import random_line
+from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.scenario import Recorder
+from trackfg.datasets.sensors.clocks import ClockModel, DropModel
+from trackfg.datasets.vehicle.adhesion import draw_slip
+from trackfg.datasets.vehicle.ride import Ride
 from trackfg.errors import BadInputError
-from trackfg.frames import so3_exp, so3_log
-from trackfg.recording_io import read_recording, read_truth
+from trackfg.io.reader import read_recording, read_truth
+from trackfg.numerics.frames import so3_exp, so3_log
 
 NAMES = list(datasets.scenarios())
 TRUTH_COLUMNS = [

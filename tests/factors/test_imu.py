@@ -8,8 +8,8 @@ import pytest
 
 from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
 from trackfg.factors.states import Kind
-from trackfg.frames import earth_rate_enu, matrix_from_rpy, so3_exp, so3_log
-from trackfg.inertial import Increments, Intervals, compress
+from trackfg.numerics.frames import earth_rate_enu, matrix_from_rpy, so3_exp, so3_log
+from trackfg.sensors.imu_intervals import Increments, Intervals, compress
 
 G = 9.80665
 NOISE = ImuNoise(gyro=1e-4, accel=2e-3)

@@ -17,14 +17,14 @@ import pytest
 import tomli_w
 
 from trackfg.config import GeometryConfig, SmoothConfig
-from trackfg.datasets.imu_errors import ImuResponse
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
-from trackfg.datasets.vehicle import Rigid
+from trackfg.datasets.sensors.imu_errors import ImuResponse
+from trackfg.datasets.vehicle.vehicle import Rigid
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
-from trackfg.findings import Finding
-from trackfg.frames import Array
-from trackfg.graph import Problem
-from trackfg.results import (
+from trackfg.graph.build import Problem
+from trackfg.numerics.frames import Array
+from trackfg.recording.findings import Finding
+from trackfg.results.result import (
     EVENT_COLUMNS,
     GEOMETRY_COLUMNS,
     TRAJECTORY_COLUMNS,
@@ -34,7 +34,7 @@ from trackfg.results import (
     Summary,
     VectorEstimate,
 )
-from trackfg.smoother import SmoothedStates, smooth_states
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 
 @pytest.fixture(scope="session")

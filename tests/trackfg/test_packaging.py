@@ -19,8 +19,8 @@ ROOT = Path(__file__).parents[2]
 PARTS = ("pyproject.toml", "README.md", "LICENSE", "trackfg", "factors", "datasets")
 
 IMPORTS = """
-import importlib.util, json, trackfg, trackfg.factors, trackfg.datasets, trackfg.factors.family, trackfg.datasets.kitti
-from importlib.metadata import version
+import importlib.util, json, trackfg, trackfg.factors, trackfg.datasets, trackfg.factors.family,
+trackfg.datasets.real.kitti from importlib.metadata import version
 from importlib.resources import files
 
 def home(name):
@@ -101,7 +101,7 @@ def test_source_distribution(distributions: tuple[Path, Path]) -> None:
     sdist, _ = distributions
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    assert {*PARTS, "trackfg/py.typed", "factors/family.py", "datasets/kitti.py"} <= names
+    assert {*PARTS, "trackfg/py.typed", "factors/family.py", "datasets/real/kitti.py"} <= names
 
 
 @pytest.mark.slow

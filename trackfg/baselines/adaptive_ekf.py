@@ -56,9 +56,9 @@ from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pitch, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.cross_level import cross_level
-from trackfg.recording import Recording
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY
 
 GAL = 0.01

@@ -19,16 +19,16 @@ import pandas as pd
 
 from trackfg.baselines.result import BaselineResult, filled, no_events
 from trackfg.errors import BadInputError
-from trackfg.frames import Array, normal_gravity
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
-from trackfg.inertial import Intervals, intervals
-from trackfg.passes import Pass, passes
-from trackfg.recording import Recording
-from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.standstill import find_standstills
+from trackfg.numerics.frames import Array, normal_gravity
+from trackfg.numerics.passes import Pass, passes
+from trackfg.recording.model import Recording
+from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.sensors.imu_intervals import Intervals, intervals
+from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import read_wheel
 from trackfg.units import STANDARD_GRAVITY
-from trackfg.wheel import read_wheel
 
 STEP_M = 0.25
 TWIST_BASE_M = 5.0

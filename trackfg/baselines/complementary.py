@@ -35,9 +35,9 @@ from scipy.signal import butter, detrend, lfilter, sosfiltfilt
 from trackfg.baselines.attitude import Attitude, motion_of, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.cross_level import cross_level
-from trackfg.recording import Recording
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
 
 Method = Literal["complementary", "accelerometer", "gyro"]
 

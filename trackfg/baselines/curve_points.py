@@ -25,8 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.frames import Array
-from trackfg.spans import true_runs
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
 from trackfg.units import KMH
 
 

@@ -39,15 +39,15 @@ from trackfg.baselines.mid_chord_motion import UnitMotion, unit_motion
 from trackfg.baselines.mixed_waveform import blended, mixed_waveform
 from trackfg.baselines.result import BaselineResult, filled, no_events
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.design_versine import design_versine
 from trackfg.geometry.grid import steps, weighted_neighbours
 from trackfg.geometry.moving_average import ALIGNMENT_WINDOWS_M, LEVEL_WINDOWS_M
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.versines import versine
-from trackfg.rails import SIDES, RailView, rail_views
-from trackfg.recording import Recording
-from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
+from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.sensors.displacement import SIDES, RailView, rail_views
 from trackfg.units import KMH
 
 Method = Literal["inertial", "difference", "conventional", "developed"]

@@ -34,12 +34,12 @@ from scipy.signal import lfilter
 
 from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
-from trackfg.frames import Array, normal_gravity
-from trackfg.inertial import intervals
-from trackfg.recording import Recording
-from trackfg.standstill import find_standstills
+from trackfg.numerics.frames import Array, normal_gravity
+from trackfg.recording.model import Recording
+from trackfg.sensors.imu_intervals import intervals
+from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import read_wheel
 from trackfg.units import STANDARD_GRAVITY
-from trackfg.wheel import read_wheel
 
 _PASSES = 12
 """Roll and pitch act on one another by ``w_z T``, at most some 0.6: each pass leaves that part of the last error."""

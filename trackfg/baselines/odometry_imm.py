@@ -1,6 +1,6 @@
 """Distance and speed from tachometer and accelerometer by an IMM filter: adhesion, slip, slide, standstill.
 
-The railway's counterpart of the road friction's IMM-EKF (:mod:`trackfg.baselines.tyre_friction`): the modes are what
+The railway's counterpart of the road friction's IMM-EKF (:mod:`trackfg.friction.imm_ekf`): the modes are what
 the measured wheel does. State, stepped by ``dt``:
 
     s distance, m                       b bias of the accelerometer, m/s^2: gravity on gradients is in it
@@ -38,15 +38,15 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.imm import Modes, ModeSteps, interacting_multiple_models, measured
 from trackfg.baselines.result import BaselineResult, filled
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
-from trackfg.inertial import intervals, means_around
-from trackfg.recording import Recording
-from trackfg.results import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.spans import true_runs
-from trackfg.wheel import Wheel, read_wheel
+from trackfg.friction.imm import Modes, ModeSteps, interacting_multiple_models, measured
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
+from trackfg.recording.model import Recording
+from trackfg.results.result import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.sensors.imu_intervals import intervals, means_around
+from trackfg.sensors.tach import Wheel, read_wheel
 
 MODES = ("adhesion", "slip", "slide", "standstill")
 _S, _V, _A, _B, _C, _W = range(6)

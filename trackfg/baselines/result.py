@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg.atomic_folder import replaced_folder
-from trackfg.own_folder import FolderKind
-from trackfg.results import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS, versions
+from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.owned_folder import FolderKind
+from trackfg.results.result import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS, versions
 
 _TRAJECTORY, _GEOMETRY, _EVENTS, _HEAD = FILES = (
     "trajectory.parquet",
@@ -26,8 +26,8 @@ BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FI
 
 @dataclass(frozen=True)
 class BaselineResult:
-    """``trajectory``, ``geometry`` and ``events`` have the columns of :mod:`trackfg.results`, NaN where the system says
-    nothing; sigmas only where it has any. ``parameters`` are those it ran with.
+    """``trajectory``, ``geometry`` and ``events`` have the columns of :mod:`trackfg.results.result`, NaN where the
+    system says nothing; sigmas only where it has any. ``parameters`` are those it ran with.
 
     Raises ``ValueError`` for other columns.
     """

@@ -26,12 +26,12 @@ import numpy as np
 
 from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
-from trackfg.inertial import intervals, means_around
-from trackfg.recording import Recording
-from trackfg.standstill import find_standstills
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import Recording
+from trackfg.sensors.imu_intervals import intervals, means_around
+from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import read_wheel
 from trackfg.units import KMH
-from trackfg.wheel import read_wheel
 
 _MAX_TACH_GAP_S = 1.0
 _CYCLES_ON_END = 3

@@ -35,8 +35,8 @@ from scipy import fft
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
-from trackfg.frames import Array
-from trackfg.spans import true_runs
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
 
 _ORDER = 4
 _LEAST_GRID = 1024

@@ -20,8 +20,8 @@ from trackfg.curves.cells import Cells
 from trackfg.curves.chain_edits import level_length, selected
 from trackfg.curves.model import CurveChain
 from trackfg.curves.transition_laws import TransitionLaw
-from trackfg.frames import Array
-from trackfg.spans import true_runs
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
 
 APART_M = 60.0
 _AVERAGED = 5

@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.convolution import convolve_inside
 from trackfg.geometry.grid import wave_number
-from trackfg.spans import true_runs
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
 
 _TAIL = 2e-5
 """The kernel is cut where the rest of it would add less than this to the response at the longest wavelength."""

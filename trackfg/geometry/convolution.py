@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trackfg.frames import Array
+from trackfg.numerics.frames import Array
 
 
 def convolve_inside(y: Array, kernel: Array) -> Array:

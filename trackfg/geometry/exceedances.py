@@ -10,11 +10,11 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense
 from trackfg.geometry.judged_quantities import Quantity, quantities, step_of
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.statistics import peaks, section_statistics
+from trackfg.numerics.frames import Array
 
 COLUMNS = (
     "standard",

@@ -26,7 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 from trackfg.errors import BadInputError
-from trackfg.findings import did_you_mean
+from trackfg.recording.findings import did_you_mean
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackfg.frames import Array
 from trackfg.geometry.grid import steps, wave_number, window_sums
+from trackfg.numerics.frames import Array
 
 LEVEL_WINDOWS_M = (24.0,)
 ALIGNMENT_WINDOWS_M = (24.0, 18.0)

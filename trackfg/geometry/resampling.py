@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.grid import wave_number
+from trackfg.numerics.frames import Array
 
 _CELLS = 8
 """Cells per step."""

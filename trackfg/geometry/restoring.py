@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.bands import D1, band_response
 from trackfg.geometry.grid import steps, wave_number
 from trackfg.geometry.versines import versine_response
+from trackfg.numerics.frames import Array
 
 
 @dataclass(frozen=True)

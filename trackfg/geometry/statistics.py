@@ -11,9 +11,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
 from trackfg.geometry.grid import steps, window_sums
-from trackfg.spans import true_runs
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
 
 
 def section_statistics(

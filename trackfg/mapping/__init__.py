@@ -25,26 +25,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from trackfg.late_names import late_names
+from trackfg.lazy_imports import lazy_imports
 
 if TYPE_CHECKING:
-    from trackfg.mapping.build import build_map, with_runs
-    from trackfg.mapping.finding import find_changes
-    from trackfg.mapping.map_difference import Difference, difference
-    from trackfg.mapping.recognition import Recognition, recognise
+    from trackfg.mapping.changes.difference import Difference, difference
+    from trackfg.mapping.changes.find import find_changes
+    from trackfg.mapping.joining.build import build_map, with_runs
+    from trackfg.mapping.recognition.recognition import Recognition, recognise
 
 __all__ = ["Difference", "Recognition", "build_map", "difference", "find_changes", "recognise", "with_runs"]
 
 # Late, because the smoother needs recognition and no database.
-__getattr__ = late_names(
+__getattr__ = lazy_imports(
     __name__,
     {
-        "Recognition": "recognition",
-        "build_map": "build",
-        "Difference": "map_difference",
-        "difference": "map_difference",
-        "find_changes": "finding",
-        "recognise": "recognition",
-        "with_runs": "build",
+        "Recognition": "recognition.recognition",
+        "build_map": "joining.build",
+        "Difference": "changes.difference",
+        "difference": "changes.difference",
+        "find_changes": "changes.find",
+        "recognise": "recognition.recognition",
+        "with_runs": "joining.build",
     },
 )

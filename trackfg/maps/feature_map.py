@@ -35,7 +35,7 @@ import numpy as np
 import pandas as pd
 from pydantic import JsonValue
 
-from trackfg.frames import Array
+from trackfg.numerics.frames import Array
 
 CURVE_POINTS = ("BTC", "BCC", "ECC", "ETC")
 FIX = "fix"
@@ -88,7 +88,7 @@ _SIGMA_AGREES = 1e-6
 
 @dataclass(frozen=True)
 class MapConventions:
-    """What the columns mean; as in :class:`trackfg.results.GeometryConventions`. Lengths in m."""
+    """What the columns mean; as in :class:`trackfg.results.result.GeometryConventions`. Lengths in m."""
 
     gauge_m: float
     cross_level_base_m: float
@@ -103,7 +103,7 @@ class RunInformation:
     """What a run said about the map's variables x: ``R x = d + e``, ``e ~ N(0, I)``; R (m, n), d (m,).
 
     ``variables`` names the n columns, each in the unit that its name ends in: ``mark/ID/chainage_m``,
-    ``mark/ID/cross_level_mm``, ``run/ID/offset_m``, ``sensor/ID/roll_mrad`` (:mod:`trackfg.mapping.marks`).
+    ``mark/ID/cross_level_mm``, ``run/ID/offset_m``, ``sensor/ID/roll_mrad`` (:mod:`trackfg.mapping.joining.anchors`).
     """
 
     variables: tuple[str, ...]

@@ -11,7 +11,7 @@ import struct
 
 import numpy as np
 
-from trackfg.frames import Array
+from trackfg.numerics.frames import Array
 
 _LITTLE_ENDIAN = 1
 _POINT_Z = 1001

@@ -17,10 +17,10 @@ import numpy as np
 import pandas as pd
 import sqlalchemy as sa
 
-from trackfg.frames import Array
 from trackfg.maps.feature_map import LANDMARK_COLUMNS, FeatureMap
-from trackfg.maps.geodetic import enu_to_geodetic
 from trackfg.maps.schema import KEY, data_column
+from trackfg.numerics.frames import Array
+from trackfg.numerics.geodesy import enu_to_geodetic
 
 LAYERS = ("landmarks", "reference_line")
 WGS_84 = 4326

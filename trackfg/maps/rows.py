@@ -18,9 +18,9 @@ import pyarrow as pa
 import pyarrow.csv
 import sqlalchemy as sa
 
-from trackfg.frames import Array
 from trackfg.maps.feature_map import INTEGER_COLUMNS, TEXT_COLUMNS
 from trackfg.maps.schema import ROWS_PER_VERSION, Schema
+from trackfg.numerics.frames import Array
 
 Column: TypeAlias = "np.ndarray | pd.Series"
 

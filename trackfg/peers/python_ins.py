@@ -9,9 +9,9 @@ It is fed with
   axis, and none across it, seen from the sensor;
 - GNSS positions, if there are any, with the median of their sigmas: python-ins takes one for all. The wheel's scale is
   no state of it, so the forward speed then has the sigma of that scale too;
-- where it starts: heading by GNSS (:func:`trackfg.initial.initial_path`), as declared, or yaw 0 where nothing tells it.
-  From a standstill at the start come the tilt and, less the Earth's rate in that attitude, the gyro's bias; where there
-  is none, tilt is the initial path's.
+- where it starts: heading by GNSS (:func:`trackfg.sensors.dead_reckoning.initial_path`), as declared, or yaw 0 where
+  nothing tells it. From a standstill at the start come the tilt and, less the Earth's rate in that attitude, the gyro's
+  bias; where there is none, tilt is the initial path's.
 
 Signs are converted here: FLU and ENU to FRD and NED, so y, z, pitch and the heading change theirs.
 
@@ -36,14 +36,14 @@ import pandas as pd
 
 from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pitch, tables
 from trackfg.baselines.result import BaselineResult
-from trackfg.frames import Array, earth_rate_enu, geodetic_to_enu, matrix_from_rpy
 from trackfg.geometry.cross_level import cross_level
-from trackfg.inertial import interpolate_columns, intervals, means_around
-from trackfg.initial import initial_path
+from trackfg.numerics.frames import Array, earth_rate_enu, geodetic_to_enu, matrix_from_rpy
 from trackfg.peers.installed import require
-from trackfg.recording import Recording
-from trackfg.standstill import find_standstills
-from trackfg.wheel import read_wheel
+from trackfg.recording.model import Recording
+from trackfg.sensors.dead_reckoning import initial_path
+from trackfg.sensors.imu_intervals import interpolate_columns, intervals, means_around
+from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import read_wheel
 
 if TYPE_CHECKING:
     from pyins.measurements import Measurement
@@ -215,7 +215,9 @@ def _measurements(recording: Recording, motion: Motion, start: Start, wheel_scal
 
 
 def geodetic_of(enu: Array, origin: Array) -> Array:
-    """The inverse of :func:`trackfg.frames.geodetic_to_enu`: latitude and longitude in deg, height in m. (n, 3)."""
+    """The inverse of :func:`trackfg.numerics.frames.geodetic_to_enu`: latitude and longitude in deg, height in m. (n,
+    3).
+    """
     from pyins.transform import perturb_lla
 
     geodetic = np.tile(origin, (len(enu), 1))

@@ -19,10 +19,10 @@ from scipy.spatial.transform import Rotation
 from trackfg.baselines.attitude import Attitude, motion_of, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
-from trackfg.frames import rpy_from_matrix
 from trackfg.geometry.cross_level import cross_level
+from trackfg.numerics.frames import rpy_from_matrix
 from trackfg.peers.installed import require
-from trackfg.recording import Recording
+from trackfg.recording.model import Recording
 
 NAME = "vqf"
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.frames import Array
-from trackfg.plot_sheet import BAND
-from trackfg.plot_thinning import extremes
+from trackfg.numerics.frames import Array
+from trackfg.plots.decimation import extremes
+from trackfg.plots.sheet import BAND
 from trackfg.report.columns import Column, Difference, packed
 
 TRUTH_COLOUR = "#f0b429"

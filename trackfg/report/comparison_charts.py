@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.comparison import BAND_KMH, QUANTITIES, REFERENCE, TRUTH, Comparison
-from trackfg.comparison import Row as Score
-from trackfg.frames import Array
-from trackfg.plot_scale import extent, with_margin
-from trackfg.plot_sheet import BAND, BLUE
+from trackfg.comparison.table import BAND_KMH, QUANTITIES, REFERENCE, TRUTH, Comparison
+from trackfg.comparison.table import Row as Score
+from trackfg.numerics.frames import Array
+from trackfg.plots.scales import extent, with_margin
+from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import PALETTE, TRUTH_COLOUR, Figure, Line, Panel, Strips, plain, whole_range
 from trackfg.report.columns import Column, packed, packed_sigma
 from trackfg.report.geometry_charts import chainage_axis

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from trackfg.comparison import REFERENCE, Comparison
+from trackfg.comparison.table import REFERENCE, Comparison
 from trackfg.report.comparison_charts import by_speed, case_curves, colours, run_times
 from trackfg.report.comparison_tables import (
     beaten_table,
@@ -152,8 +152,8 @@ def _made(comparison: Comparison, command: str) -> Section:
         Text("from what trackfg compare wrote with these versions:"),
         Facts(tuple(comparison.about.versions.items())),
         Text(
-            f"Everything is held against {REFERENCE!r}, scored by the same code (trackfg.scores) on the same runs; "
-            "trackfg compare with the cases and seeds above makes it again."
+            f"Everything is held against {REFERENCE!r}, scored by the same code (trackfg.evaluation.scores) on the "
+            "same runs; trackfg compare with the cases and seeds above makes it again."
         ),
     )
     return Section("made", "How it was made", blocks)

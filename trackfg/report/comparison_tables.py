@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from trackfg.comparison import BAND_KMH, QUANTITIES, REFERENCE, About, Task
-from trackfg.comparison import Row as Score
+from trackfg.comparison.table import BAND_KMH, QUANTITIES, REFERENCE, About, Task
+from trackfg.comparison.table import Row as Score
 from trackfg.report.numbers import NONE, digits, duration, interval, percent
 from trackfg.report.page import Row, Table
 

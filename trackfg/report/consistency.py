@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from trackfg.frames import Array
-from trackfg.plot_sheet import BLUE, GREY, RED
+from trackfg.evaluation.scores import quantities, score_run
+from trackfg.numerics.frames import Array
+from trackfg.plots.sheet import BLUE, GREY, RED
 from trackfg.report.charts import Figure, plain
 from trackfg.report.numbers import digits, percent
 from trackfg.report.page import Row, Table
-from trackfg.scores import quantities, score_run
 
 _WITHIN = (1.0, 1.96, 3.0)
 _EDGE, _BINS = 5.0, 50

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.frames import Array
-from trackfg.geometry_channels import (
+from trackfg.numerics.frames import Array
+from trackfg.plots.curve_labels import curves
+from trackfg.plots.geometry_channels import (
     COMMON,
     CURVATURE,
     Channel,
@@ -15,12 +16,11 @@ from trackfg.geometry_channels import (
     channel_extent,
     channel_values,
 )
-from trackfg.plot_curves import curves
-from trackfg.plot_scale import symmetric, with_margin
-from trackfg.plot_sheet import BAND, BLUE
+from trackfg.plots.scales import symmetric, with_margin
+from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import TRUTH_COLOUR, Line, Panel, Strips, whole_range
 from trackfg.report.columns import Column, Difference, packed, packed_sigma, packed_value
-from trackfg.results import GeometryConventions, Result
+from trackfg.results.result import GeometryConventions, Result
 
 LONG_M = 2000.0
 """Above this length chainage is in km."""

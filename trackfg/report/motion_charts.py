@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trackfg.frames import Array
-from trackfg.plot_scale import extent, with_margin
-from trackfg.plot_sheet import AMBER, BLUE, GREY, ORANGE, RED
-from trackfg.plot_thinning import extremes
+from trackfg.numerics.frames import Array
+from trackfg.plots.decimation import extremes
+from trackfg.plots.scales import extent, with_margin
+from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
 from trackfg.report.charts import TRUTH_COLOUR, Figure, Line, Panel, Span, Strips, plain, whole_range
 from trackfg.report.columns import Column, packed, packed_sigma, packed_value
 from trackfg.report.geometry_charts import error_range
-from trackfg.results import Result
+from trackfg.results.result import Result
 from trackfg.units import KMH
 
 _DEGREE = 180.0 / np.pi
@@ -37,7 +37,7 @@ _ERRORS = {
     "east_m": ("east", "m"),
     "north_m": ("north", "m"),
 }
-"""Columns of :func:`trackfg.evaluate_trajectory.trajectory_errors`: label and unit."""
+"""Columns of :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`: label and unit."""
 
 
 def motion_strips(result: Result) -> Strips:

@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
-from trackfg.flat import leaves
+from trackfg.evaluation.scores import PLACE
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
+from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import channels, geometry_strips
 from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
 from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
 from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, Row, Section, Table, Text, Tile, Tiles
 from trackfg.report.truth import Against
-from trackfg.results import Estimate, Result, VectorEstimate
-from trackfg.scores import PLACE
+from trackfg.results.result import Estimate, Result, VectorEstimate
 
 _DEG_PER_HOUR = math.degrees(1.0) * 3600.0
 _MANY_EVENTS = 25

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from trackfg.comparison import COMPARISON_FOLDER, Comparison
+from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
-from trackfg.own_folder import FolderKind
+from trackfg.files.owned_folder import FolderKind
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
 from trackfg.report.truth import against
-from trackfg.results import RESULT_FOLDER, Result
+from trackfg.results.result import RESULT_FOLDER, Result
 
 _SUFFIX = ".html"
 

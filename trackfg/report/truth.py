@@ -8,12 +8,12 @@ from functools import cached_property
 
 import pandas as pd
 
-from trackfg.description_reader import read_description
 from trackfg.errors import BadInputError
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.evaluate_trajectory import trajectory_errors
-from trackfg.recording_io import read_truth, read_truth_geometry
-from trackfg.results import Result
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.evaluation.trajectory_errors import trajectory_errors
+from trackfg.io.description_reader import read_description
+from trackfg.io.reader import read_truth, read_truth_geometry
+from trackfg.results.result import Result
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,9 @@ class Against:
 
     @cached_property
     def geometry_errors(self) -> pd.DataFrame:
-        """As of :func:`trackfg.evaluate_geometry.geometry_errors`; no columns but the place without a true geometry."""
+        """As of :func:`trackfg.evaluation.geometry_errors.geometry_errors`; no columns but the place without a true
+        geometry.
+        """
         truth = self.geometry
         if truth is None or self.result.geometry.empty:
             return pd.DataFrame({"chainage_m": [], "speed_mps": []})
@@ -36,7 +38,7 @@ class Against:
 
     @cached_property
     def trajectory_errors(self) -> pd.DataFrame:
-        """As of :func:`trackfg.evaluate_trajectory.trajectory_errors`."""
+        """As of :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`."""
         return trajectory_errors(self.result.trajectory, self.trajectory)
 
 

@@ -23,22 +23,22 @@ import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
-from trackfg.dense import DenseMotion
-from trackfg.description import RecordingDescription
 from trackfg.errors import BadInputError
-from trackfg.frames import Array
-from trackfg.localisation import MapChainage
-from trackfg.motion_factors import RATE_WINDOW_S
-from trackfg.results import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.streaming.map_locator import MapLocator
-from trackfg.streaming.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
+from trackfg.graph.motion import RATE_WINDOW_S
+from trackfg.numerics.frames import Array
+from trackfg.output.dense_motion import DenseMotion
+from trackfg.output.trajectory import trajectory_columns
+from trackfg.recording.description import RecordingDescription
+from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.smoothing.localisation import MapChainage
+from trackfg.streaming.checkpoint.snapshot import Snapshot, attributes_of, taken
+from trackfg.streaming.events import StreamEvent
+from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.rows import Rows
-from trackfg.streaming.setting import Setting
-from trackfg.streaming.smoothed import SmoothedTables, Tables
-from trackfg.streaming.snapshot import Snapshot, attributes_of, taken
-from trackfg.streaming.stream_events import StreamEvent
-from trackfg.streaming.tape import Tape
-from trackfg.trajectory import trajectory_columns
+from trackfg.streaming.tables.smoothed_tables import SmoothedTables, Tables
+from trackfg.streaming.window.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
+from trackfg.streaming.window.sample_buffer import Tape
+from trackfg.streaming.window.stream_context import Setting
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap

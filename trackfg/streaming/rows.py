@@ -4,7 +4,7 @@ A table is an array of shape (n, columns) whose first column is the time; what t
 
 ==================  =================================================================================================
 raw                 the recording's description: columns, units and axes as the sensor sends them (:func:`raw_columns`)
-canonical           :mod:`trackfg.recording`: SI, FLU, one clock (:data:`CANONICAL_COLUMNS`)
+canonical           :mod:`trackfg.recording.model`: SI, FLU, one clock (:data:`CANONICAL_COLUMNS`)
 ==================  =================================================================================================
 
 Tables are called ``imu``, ``tach``, ``fixes``, ``gnss`` and, for each laser, ``laser/NAME``.
@@ -19,17 +19,17 @@ from types import MappingProxyType
 import numpy as np
 import pandas as pd
 
-from trackfg.canonical import data_columns
-from trackfg.description import RecordingDescription, Table
-from trackfg.frames import Array
-from trackfg.recording import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.numerics.frames import Array
+from trackfg.recording.canonical import data_columns
+from trackfg.recording.description import RecordingDescription, Table
+from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 
 LASER = "laser/"
 
 CANONICAL_COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"imu": IMU_COLUMNS, "tach": TACH_COLUMNS, "fixes": FIX_COLUMNS, "gnss": GNSS_COLUMNS}
 )
-"""Of the four tables; a laser's are :data:`trackfg.recording.LASER_COLUMNS`."""
+"""Of the four tables; a laser's are :data:`trackfg.recording.model.LASER_COLUMNS`."""
 
 RowTables = Mapping[str, Array]
 """Rows by table, raw or canonical; tables without rows may be left out."""
@@ -78,7 +78,7 @@ class Rows:
 
     Rows up to ``until_s`` (s) are complete: what comes later on the stream is later than this. ``gnss_origin`` is that
     of the recording: latitude (deg), longitude (deg), height (m), or None. ``breaks``: by table, spans (b, 2),
-    s, as :func:`~trackfg.streaming.stream_events.breaks_of` gives them; told before the first rows after them.
+    s, as :func:`~trackfg.streaming.events.breaks_of` gives them; told before the first rows after them.
     """
 
     imu: Array = field(default_factory=lambda: no_rows("imu"))

@@ -19,14 +19,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from trackfg.errors import BadInputError
-from trackfg.one_thread import one_thread
-from trackfg.streaming.checkpoint import Checkpoint, Checkpoints
+from trackfg.numerics.blas_threads import one_thread
+from trackfg.streaming.back_pressure import Pace
+from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
+from trackfg.streaming.events import StreamEvent, event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.pace import Pace
-from trackfg.streaming.sinks import Sink
-from trackfg.streaming.sources import Source
-from trackfg.streaming.stream_events import StreamEvent, event_table
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sinks.sink import Sink
+from trackfg.streaming.sources.source import Source
 
 
 @dataclass

@@ -9,11 +9,11 @@ from trackfg.baselines.adaptive_ekf import K_PRINTED, K, kalman_filter, process_
 from trackfg.baselines.attitude import roll_and_pitch
 from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.description import Imu, RecordingDescription, Tach, Track
 from trackfg.errors import BadInputError
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.frames import Array, matrix_from_rpy, rpy_from_matrix, so3_exp
-from trackfg.recording import Recording
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.numerics.frames import Array, matrix_from_rpy, rpy_from_matrix, so3_exp
+from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
+from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY as G
 
 RATE_HZ = 500.0

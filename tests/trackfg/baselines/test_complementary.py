@@ -10,13 +10,13 @@ from trackfg.baselines import complementary
 from trackfg.baselines.complementary import accelerometer_roll, complementary_roll, smoothing
 from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.catalogue import scenario
-from trackfg.datasets.imu_grades import ADIS16495_1
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.description import Imu, RecordingDescription, Tach, Track
+from trackfg.datasets.sensors.imu_grades import ADIS16495_1
 from trackfg.errors import BadInputError
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.frames import Array
-from trackfg.recording import Recording
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
+from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY as G
 
 RATE_HZ = 200.0

@@ -13,12 +13,12 @@ from trackfg.baselines import mid_chord
 from trackfg.baselines.mid_chord import VERSINE_COLUMNS, Method
 from trackfg.baselines.mixed_waveform import blended, mixed_waveform
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.description import Imu, Laser, RecordingDescription, Tach, Track
 from trackfg.errors import BadInputError
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.frames import Array
+from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.geometry.moving_average import moving_average
-from trackfg.recording import IMU_COLUMNS, Recording
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import Imu, Laser, RecordingDescription, Tach, Track
+from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.units import KMH, STANDARD_GRAVITY
 
 METHODS: tuple[Method, ...] = ("inertial", "difference", "conventional", "developed")

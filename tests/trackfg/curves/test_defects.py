@@ -10,12 +10,12 @@ import pytest
 
 from trackfg.curves import POINTS, Curve, find_curves
 from trackfg.datasets.catalogue import GOOD_TRACK, MAIN_LINE
-from trackfg.datasets.defects import Defect
-from trackfg.datasets.irregularities import draw_irregularities
-from trackfg.datasets.line import Line
-from trackfg.datasets.line_design import random_line
-from trackfg.datasets.track import Track
-from trackfg.datasets.truth_geometry import truth_geometry
+from trackfg.datasets.line.defects import Defect
+from trackfg.datasets.line.irregularities import draw_irregularities
+from trackfg.datasets.line.line import Line
+from trackfg.datasets.line.line_design import random_line
+from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.truth_geometry import truth_geometry
 
 BTC, BCC, ECC, ETC = 3441.2, 3483.2, 3625.0, 3667.0
 PLACES = {"straight": BTC - 120.0, "near": BTC - 25.0, "transition": 0.5 * (BTC + BCC), "circle": 0.5 * (BCC + ECC)}

@@ -11,13 +11,13 @@ import pytest
 import trackfg
 from trackfg.curves import CURVE_COLUMNS, POINTS, QUANTITIES, Curve, curve_table, find_curves
 from trackfg.datasets.catalogue import GOOD_TRACK, MAIN_LINE, WORN_TRACK
-from trackfg.datasets.irregularities import Irregularities, IrregularityModel, draw_irregularities
-from trackfg.datasets.line import Line
-from trackfg.datasets.line_description import LineDescription, line_from
-from trackfg.datasets.line_design import random_line
+from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
+from trackfg.datasets.line.line import Line
+from trackfg.datasets.line.line_description import LineDescription, line_from
+from trackfg.datasets.line.line_design import random_line
+from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.scenarios import simulate
-from trackfg.datasets.track import Track
-from trackfg.datasets.truth_geometry import truth_geometry
 from trackfg.errors import BadInputError
 
 SD_1PM = 1e-8

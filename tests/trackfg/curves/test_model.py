@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg.curves.model import CurveChain, step_turns, tilts, turns
-from trackfg.datasets.alignment import Element, piecewise
+from trackfg.datasets.line.alignment import Element, piecewise
 
 EDGES = 100.0 + 10.0 * np.arange(60)
 CHAIN = CurveChain(

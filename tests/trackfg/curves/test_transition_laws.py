@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg.curves.transition_laws import LAWS, SPREAD, TransitionLaw, rise
-from trackfg.datasets.alignment import Element, Law, piecewise
+from trackfg.datasets.line.alignment import Element, Law, piecewise
 
 INSIDE = np.linspace(0.01, 0.99, 99)
 

@@ -13,13 +13,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import fftconvolve
 
-from trackfg.datasets.positioning import BaliseModel, GnssModel
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
-from trackfg.frames import Array
+from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
 from trackfg.mapping import build_map
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.results import Result
-from trackfg.smoother import smooth
+from trackfg.numerics.frames import Array
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
 
 LENGTH_M = 3000.0
 

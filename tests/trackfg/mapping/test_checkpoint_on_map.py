@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from trackfg.maps.feature_map import FeatureMap
+from trackfg.streaming.checkpoint.snapshot import Snapshot
 from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.snapshot import Snapshot
-from trackfg.streaming.sources import RecordingSource
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
 
 
 @pytest.mark.slow

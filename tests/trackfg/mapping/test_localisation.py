@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg import localisation
 from trackfg.errors import BadInputError
-from trackfg.mapping.placing import recognised_near
-from trackfg.mapping.recognition import Recognition
+from trackfg.mapping.recognition.conventions import recognised_near
+from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.smoother import smooth
+from trackfg.smoothing import localisation
+from trackfg.smoothing.smoother import smooth
 
 Ride = Callable[..., Any]
 

@@ -12,10 +12,10 @@ import pytest
 
 from trackfg.errors import BadInputError
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.recording import Recording
+from trackfg.recording.model import Recording
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.sources import RecordingSource
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
 
 Ride = Callable[..., Any]
 LAG_S = 20.0

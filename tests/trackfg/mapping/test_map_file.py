@@ -13,11 +13,11 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from trackfg import map_file
+from trackfg.cli import map_file
+from trackfg.cli.map_file import build_map_file
 from trackfg.errors import BadInputError
-from trackfg.map_file import build_map_file
+from trackfg.io.reader import write_recording
 from trackfg.maps import read_map, read_versions, write_map
-from trackfg.recording_io import write_recording
 
 Ride = Callable[..., Any]
 

@@ -14,8 +14,8 @@ import pandas as pd
 import pytest
 from rich.console import Console, RenderableType
 
-from trackfg import cli, map_tables
-from trackfg.mapping.changes import Changes
+from trackfg.cli import main, map_tables
+from trackfg.mapping.changes.changes import Changes
 from trackfg.maps import FeatureMap, write_map
 
 MakeMap = Callable[..., FeatureMap]
@@ -27,7 +27,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["trackfg", "map", *map(str, arguments)])
         with pytest.raises(SystemExit) as exit_:
-            cli.main()
+            main.main()
         captured = capsys.readouterr()
         return int(exit_.value.code or 0), captured.out, captured.err
 

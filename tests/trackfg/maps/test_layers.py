@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trackfg.frames import geodetic_to_enu
 from trackfg.maps import FeatureMap
 from trackfg.maps.layers import layers
+from trackfg.numerics.frames import geodetic_to_enu
 
 MakeMap = Callable[..., FeatureMap]
 

@@ -10,9 +10,9 @@ from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
-from trackfg.frames import Array, geodetic_to_enu
+from trackfg.numerics.frames import Array, geodetic_to_enu
 from trackfg.peers import python_ins
-from trackfg.recording import Recording
+from trackfg.recording.model import Recording
 
 ErrorOf = Callable[[BaselineResult, Simulation, str], Array]
 

@@ -9,8 +9,8 @@ import pytest
 from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
-from trackfg.evaluate_geometry import geometry_errors
-from trackfg.frames import Array
+from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.numerics.frames import Array
 from trackfg.peers import vqf_offline
 
 ErrorOf = Callable[[BaselineResult, Simulation, str], Array]

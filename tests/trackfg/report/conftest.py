@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.comparison import SCORE_COLUMNS, About, Case, Comparison, LeftOut, rows_of
-from trackfg.results import Result
+from trackfg.comparison.table import SCORE_COLUMNS, About, Case, Comparison, LeftOut, rows_of
+from trackfg.results.result import Result
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

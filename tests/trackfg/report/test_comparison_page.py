@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.comparison import Comparison
+from trackfg.comparison.table import Comparison
 from trackfg.report.charts import Figure, Strips
 from trackfg.report.comparison_charts import by_speed, case_curves, colours, run_times
 from trackfg.report.comparison_page import comparison_page

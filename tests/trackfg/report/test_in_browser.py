@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from trackfg.report import write_report
-from trackfg.results import Result
+from trackfg.results.result import Result
 
 EVIL = "</script><script>window.evil = 1</script><img src=x onerror='window.evil = 2'><b>bold</b>"
 Make = Callable[..., Result]

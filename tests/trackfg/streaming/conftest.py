@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
-from trackfg.recording import Recording
+from trackfg.recording.model import Recording
+from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.sources import RecordingSource
-from trackfg.streaming.stream_events import StreamEvent
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
 
 TWICE_A_SECOND = SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
 

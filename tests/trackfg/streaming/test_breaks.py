@@ -10,12 +10,12 @@ import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.spans import parted
+from trackfg.numerics.spans import parted
+from trackfg.streaming.events import StreamEvent, breaks_of
 from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.intake import Intake
+from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import RowTables
-from trackfg.streaming.sources import Batch, RecordingSource
-from trackfg.streaming.stream_events import StreamEvent, breaks_of
+from trackfg.streaming.sources.source import Batch, RecordingSource
 
 WHEN_S, OFF_S = 70.0, 12.0
 TWICE_A_SECOND = SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))

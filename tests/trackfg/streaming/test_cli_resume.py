@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackfg import cli
+from trackfg.cli import main
 from trackfg.datasets.scenarios import simulate
-from trackfg.streaming.parquet_parts import read_parts
+from trackfg.streaming.sinks.parquet_parts import read_parts
 
 NOTHING = Path("/dev/null")
 TRACKFG = [sys.executable, "-m", "trackfg", "stream"]
@@ -30,7 +30,7 @@ DESCRIPTION = {
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stream") / "run"
-    simulate("trolley", seed=0, duration_s=40.0).write(folder)
+    simulate("trolley", seed=0, duration_s=120.0).write(folder)
     return folder
 
 
@@ -51,7 +51,7 @@ def refused(arguments: list[object]) -> str:
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(io.StringIO()) as text:
         patch.setattr(sys, "argv", ["trackfg", "stream", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
-            cli.main()
+            main.main()
     assert ended.value.code == 2
     return text.getvalue()
 

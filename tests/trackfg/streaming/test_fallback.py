@@ -12,12 +12,12 @@ import pytest
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import UnsolvableError
-from trackfg.streaming import moving_window
+from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.sources import RecordingSource
-from trackfg.streaming.stream_events import StreamEvent
-from trackfg.streaming.window import Window
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
+from trackfg.streaming.window import moving_window
+from trackfg.streaming.window.window import Window
 
 RUN = simulate("mainline", seed=3, duration_s=90.0)
 AT_S = 45.0

@@ -12,13 +12,13 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.scenarios import simulate
-from trackfg.results import TRAJECTORY_COLUMNS
-from trackfg.streaming.intake import Intake
-from trackfg.streaming.json_lines_source import JsonLinesSource
-from trackfg.streaming.parquet_parts import ROWS_PER_PART, ParquetParts
-from trackfg.streaming.settled_events import EVENT_TABLES
-from trackfg.streaming.sinks import TABLES, json_lines
-from trackfg.streaming.stream_events import LOSS_KINDS, StreamEvent, event_table
+from trackfg.results.result import TRAJECTORY_COLUMNS
+from trackfg.streaming.events import LOSS_KINDS, StreamEvent, event_table
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sinks.parquet_parts import ROWS_PER_PART, ParquetParts
+from trackfg.streaming.sinks.sink import TABLES, json_lines
+from trackfg.streaming.sources.json_lines import JsonLinesSource
+from trackfg.streaming.tables.settled_events import EVENT_TABLES
 
 PAGE = (Path(__file__).parents[3] / "docs" / "streaming-formats.md").read_text(encoding="utf-8")
 SOURCES = Path(__file__).parents[3] / "trackfg" / "streaming"
@@ -75,7 +75,7 @@ def test_the_python_shown_runs(
 
 
 def test_every_kind_of_event_is_listed() -> None:
-    code = "".join(path.read_text(encoding="utf-8") for path in SOURCES.glob("*.py"))
+    code = "".join(path.read_text(encoding="utf-8") for path in SOURCES.rglob("*.py"))
     noted = set(re.findall(r'StreamEvent\("([a-z-]+)"', code))
     assert listed("kind | rows left out") == set(LOSS_KINDS) | {"bad-line", "bad-message", "other-topic"}
     assert listed("kind | what happened, without loss") == noted - {"other-topic"}

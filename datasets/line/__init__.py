@@ -1,0 +1,1 @@
+"""The line of a simulated world: alignment, profile, irregularities; line files and LandXML."""

@@ -1,0 +1,152 @@
+"""The alignment of one track from LandXML 1.2: plan, cant and profile.
+
+* Plan: ``CoordGeom`` (:mod:`trackfg.datasets.line.landxml_plan`). Stations are lengths along the plan from
+  ``staStart``; station equations are not applied.
+* Cant: ``Cant`` (:mod:`trackfg.datasets.line.landxml_cant`).
+* Profile: the first ``ProfAlign``: gradients between its points; ``CircCurve`` by its radius, ``ParaCurve`` by its
+  length. Heights are taken for the centre line's, whatever the point that cant turns about.
+
+What the file contradicts itself in, and what was not used, is told in ``remarks``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from trackfg.datasets.line.alignment import piecewise
+from trackfg.datasets.line.landxml_cant import read_cant
+from trackfg.datasets.line.landxml_file import Node, Units, open_landxml, read_units
+from trackfg.datasets.line.landxml_plan import read_coord_geom
+from trackfg.datasets.line.line import Line
+from trackfg.datasets.line.plan_alignment import PlanAlignment
+from trackfg.datasets.line.vertical_profile import ProfilePiece, Vertex, profile
+from trackfg.errors import BadInputError
+from trackfg.numerics.frames import Array
+
+_SAME_PLACE_M = 0.01
+_LENGTH_OFF_M = 1e-3
+_DEFAULT_BASE_M = 1.5
+
+
+@dataclass(frozen=True)
+class LandXmlLine:
+    """``line`` begins at its own origin, which is ``start_m`` (east, north, up) in the file's coordinates.
+
+    ``plan`` has the same over the length in plan; the station of a place ``p`` of it is ``station_start_m + p``.
+    ``gauge_m`` is that of the file's ``Cant``.
+    """
+
+    name: str
+    line: Line
+    plan: PlanAlignment
+    station_start_m: float
+    start_m: Array
+    gauge_m: float | None
+    remarks: tuple[str, ...]
+
+
+def read_landxml(
+    path: Path | str, *, name: str | None = None, speed_limit_mps: float, cross_level_base_m: float | None = None
+) -> LandXmlLine:
+    """The alignment ``name``, or the only one, of a LandXML 1.2 file.
+
+    The file says nothing reliable about speed limits; ``speed_limit_mps`` holds for the whole line. Cant refers to
+    ``cross_level_base_m``, or else to the gauge that the file's ``Cant`` names (1.5 m where it has none). Raises
+    :class:`BadInputError` with file, line, element and what was expected.
+    """
+    root = open_landxml(path)
+    units = read_units(root)
+    node = _chosen(root, name)
+    geometry_node = node.child("CoordGeom")
+    if geometry_node is None:
+        raise node.error("has no CoordGeom: expected the elements of the plan")
+    geometry = read_coord_geom(geometry_node.named(f"{node.what}, CoordGeom"), units.length_m)
+    length = float(np.sum([element.length_m for element in geometry.elements]))
+    remarks = list(geometry.remarks)
+    station = (node.optional_number("staStart") or 0.0) * units.length_m
+    header = node.optional_number("length")
+    if header is not None and abs(header * units.length_m - length) > _LENGTH_OFF_M:
+        given = header * units.length_m
+        remarks.insert(0, f"the header's length is {given:.3f} m, that of its elements {length:.3f} m: these are used")
+    equations = len(list(node.children("StaEquation")))
+    if equations:
+        remarks.append(
+            f"{equations} station equation(s) (StaEquation) not applied: stations are lengths along the plan"
+        )
+
+    cant = read_cant(node, units, geometry.elements, station)
+    remarks += cant.remarks
+    pieces = _read_profile(node, units, station, length, remarks)
+    plan = PlanAlignment(piecewise(geometry.elements), piecewise(cant.elements), pieces, length)
+    base = cross_level_base_m or cant.gauge_m or _DEFAULT_BASE_M
+    highest = max(max(abs(element.start), abs(element.end)) for element in cant.elements)
+    if highest >= 0.5 * base:
+        raise node.error(f"a cant of {1e3 * highest:g} mm over {base:g} m: expected it in millimetres or inches")
+    line = plan.line(
+        cross_level_base_m=base,
+        start_yaw_rad=geometry.start_yaw_rad,
+        limit_from_m=np.zeros(1),
+        limit_mps=np.array([speed_limit_mps]),
+        stations_m=np.zeros(0),
+    )
+    start = np.array([geometry.start_m[1], geometry.start_m[0], pieces[0].height_m])
+    return LandXmlLine(node.text("name") or "", line, plan, station, start, cant.gauge_m, tuple(remarks))
+
+
+def _chosen(root: Node, name: str | None) -> Node:
+    found = [node for group in root.children("Alignments") for node in group.children("Alignment")]
+    names = [node.text("name") or "" for node in found]
+    chosen = [node for node, its in zip(found, names, strict=True) if name is None or its == name]
+    if len(chosen) != 1:
+        what = "has no Alignment" if not found else f"has {len(found)} alignments: " + ", ".join(map(repr, names))
+        wish = "exactly one, or a choice by name" if name is None else f"exactly one named {name!r}"
+        raise BadInputError(f"{root.file}: {what}: expected {wish}")
+    return chosen[0].named(f"Alignment {chosen[0].text('name')!r}")
+
+
+def _read_profile(
+    node: Node, units: Units, station: float, length: float, remarks: list[str]
+) -> tuple[ProfilePiece, ...]:
+    profiles = [align for holder in node.children("Profile") for align in holder.children("ProfAlign")]
+    if not profiles:
+        remarks.append("there is no profile (ProfAlign): the line is level, at height 0")
+        return (ProfilePiece(0.0, length, 0.0, 0.0, 0.0),)
+    chosen = profiles[0].named(f"{node.what}, ProfAlign {profiles[0].text('name')!r}")
+    if len(profiles) > 1:
+        remarks.append(f"there are {len(profiles)} profiles: the first, {chosen.text('name')!r}, is used")
+    vertices = [
+        _vertex(child.named(f"point {number} ({child.tag})"), chosen, units, station)
+        for number, child in enumerate(chosen.children(), start=1)
+        if child.tag != "Feature"
+    ]
+    try:
+        pieces = profile(vertices, length)
+    except ValueError as error:
+        raise chosen.error(str(error)) from error
+    short = vertices[0].plan_m > _SAME_PLACE_M or vertices[-1].plan_m < length - _SAME_PLACE_M
+    if short:
+        remarks.append("the profile does not span the plan: its first and last gradients go on to the ends")
+    corners = [b.plan_m for a, b in itertools.pairwise(pieces) if abs(a.end - b.start) > 1e-6]
+    if corners:
+        where = f"first at station {corners[0] + station:.3f} m"
+        remarks.append(f"the gradient jumps at {len(corners)} point(s) without a vertical curve, {where}")
+    return pieces
+
+
+def _vertex(node: Node, parent: Node, units: Units, station: float) -> Vertex:
+    at = node.named(f"{parent.what}, {node.what}")
+    if node.tag not in ("PVI", "CircCurve", "ParaCurve"):
+        raise at.error("cannot be read: expected PVI, CircCurve or ParaCurve")
+    plan, height = (units.length_m * value for value in at.numbers(2))
+    radius = length = None
+    if node.tag == "CircCurve":
+        radius = abs(at.number("radius")) * units.length_m
+        if radius == 0.0:
+            raise at.error("radius is 0: expected another number")
+    elif node.tag == "ParaCurve":
+        length = at.number("length", above=0.0) * units.length_m
+    return Vertex(plan - station, height, node.what, radius, length)

@@ -1,0 +1,111 @@
+"""``Cant`` of LandXML: the cant over the plan, and the gauge.
+
+``appliedCant`` (millimetres, or inches in Imperial files) raises the outer rail of the ``curvature`` that the station
+names; with ``adverse`` the inner one. Between stations cant follows the ``transitionType`` of the first; without one,
+the law of the spiral that spans the same stretch; else it is linear. Beyond the stations it stays as it is at the
+nearest. ``equilibriumCant``, deficiencies, rates and speeds are not used.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.datasets.line.alignment import Element, Law, ramp_law
+from trackfg.datasets.line.landxml_file import Node, Units
+from trackfg.datasets.line.landxml_plan import SPIRALS
+from trackfg.numerics.frames import Array
+
+_SAME_PLACE_M = 0.01
+_SAME_CANT_M = 1e-6
+_WIDEST_GAUGE_M = 10.0
+
+
+@dataclass(frozen=True)
+class Cant:
+    """``elements`` (m over plan, left rail higher positive) span the plan; ``gauge_m`` is None without ``Cant``."""
+
+    elements: tuple[Element, ...]
+    gauge_m: float | None
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Station:
+    node: Node
+    plan_m: float
+    cant_m: float
+
+
+def read_cant(alignment: Node, units: Units, plan: tuple[Element, ...], station_start_m: float) -> Cant:
+    """The cant of an ``Alignment`` whose plan has these elements. Raises :class:`trackfg.errors.BadInputError`."""
+    edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in plan])])
+    length = float(edges[-1])
+    node = alignment.child("Cant")
+    if node is None:
+        return Cant((Element("constant", length, 0.0, 0.0),), None, ())
+    gauge = node.number("gauge", above=0.0)
+    # In the linear unit by the schema, but many a file has it in the unit of cant.
+    gauge *= units.cant_m if gauge * units.length_m > _WIDEST_GAUGE_M else units.length_m
+    stations = _stations(node, alignment.what, units, station_start_m, length)
+    if not stations:
+        return Cant((Element("constant", length, 0.0, 0.0),), gauge, ())
+
+    elements: list[Element] = []
+    first, last = stations[0], stations[-1]
+    if first.plan_m > 0.0:
+        elements.append(Element("constant", first.plan_m, first.cant_m, first.cant_m))
+    for before, after in itertools.pairwise(stations):
+        law = "constant" if before.cant_m == after.cant_m else _ramp(before.node, edges, plan, before, after)
+        elements.append(Element(law, after.plan_m - before.plan_m, before.cant_m, after.cant_m))
+    if last.plan_m < length:
+        elements.append(Element("constant", length - last.plan_m, last.cant_m, last.cant_m))
+
+    remarks = []
+    if (first.plan_m > _SAME_PLACE_M and first.cant_m) or (last.plan_m < length - _SAME_PLACE_M and last.cant_m):
+        remarks.append("cant is not zero at the first or last CantStation: it is kept to the end of the alignment")
+    if node.text("rotationPoint") not in (None, "center"):
+        point = node.text("rotationPoint")
+        remarks.append(f"cant turns about {point}: heights of the profile are taken for the centre line's all the same")
+    return Cant(tuple(elements), gauge, tuple(remarks))
+
+
+def _stations(node: Node, alignment: str, units: Units, station_start_m: float, length: float) -> list[_Station]:
+    """Stations at increasing places; of two at one place, which must agree, the first."""
+    stations: list[_Station] = []
+    for number, child in enumerate(node.children("CantStation"), start=1):
+        at = child.named(f"{alignment}, CantStation {number}")
+        place = at.number("station") * units.length_m - station_start_m
+        if not -_SAME_PLACE_M <= place <= length + _SAME_PLACE_M:
+            raise at.error(f"its station is {place:.3f} m from the start of the plan: expected 0 to {length:.3f} m")
+        place = min(max(place, 0.0), length)
+        cant = _signed_cant(at, units)
+        ahead = place - stations[-1].plan_m if stations else np.inf
+        if ahead < -_SAME_PLACE_M:
+            raise at.error("its station is before that of the one before it: expected increasing stations")
+        if ahead >= _SAME_PLACE_M:
+            stations.append(_Station(at, place, cant))
+        elif abs(cant - stations[-1].cant_m) > _SAME_CANT_M:
+            jump = 1e3 * (cant - stations[-1].cant_m)
+            raise at.error(f"the height of the left rail over the right one jumps by {jump:+.1f} mm: expected a ramp")
+    return stations
+
+
+def _signed_cant(node: Node, units: Units) -> float:
+    applied = node.number("appliedCant") * units.cant_m
+    if applied == 0.0:
+        return 0.0
+    outer_is_left = node.choice("curvature", ("cw", "ccw")) == "cw"
+    adverse = node.text("adverse") in ("true", "1")
+    return applied if outer_is_left != adverse else -applied
+
+
+def _ramp(node: Node, edges: Array, plan: tuple[Element, ...], before: _Station, after: _Station) -> Law:
+    if node.text("transitionType") is not None:
+        kind = node.choice("transitionType", ("linear", *SPIRALS))
+        return "linear" if kind == "linear" else ramp_law(SPIRALS[kind])
+    i = int(np.argmin(np.abs(edges[:-1] - before.plan_m)))
+    off = abs(edges[i] - before.plan_m), abs(edges[i + 1] - after.plan_m)
+    return ramp_law(plan[i].law) if max(off) < _SAME_PLACE_M and plan[i].law != "constant" else "linear"

@@ -1,0 +1,141 @@
+"""The track as it lies: the designed line with its irregularities.
+
+With the designed point ``p(s)``, heading ``psi``, curvature ``kappa`` and gradient angle ``gamma``, the centre line is
+
+    c = p + level e_up + alignment e_left,   e_left = (-sin psi, cos psi, 0),
+
+and its derivative by ``s``, in axes turned to the designed heading (forward, left, up),
+
+    t = (cos gamma - alignment kappa, alignment', sin gamma + level').
+
+The x axis of the track's attitude lies along ``t``:
+
+    roll = asin((cant + cross_level) / base),  pitch = -atan2(t_up, sqrt(t_forward^2 + t_left^2)),
+    yaw = psi + delta,  delta = atan2(t_left, t_forward).
+
+Both rails are on the axle, the y axis of ``Rz(yaw) Ry(pitch) Rx(roll)`` through the centre line: their tops at half the
+cross-level base, their running edges at half the gauge as it is there.
+
+``s`` stays the arc length along the *designed* line; the path is longer by the factor ``|t|``, some 1e-6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from trackfg.datasets.line.irregularities import Irregularities
+from trackfg.datasets.line.line import Line
+from trackfg.numerics.frames import Array
+
+Side = Literal["left", "right"]
+_SIGN: dict[Side, float] = {"left": 1.0, "right": -1.0}
+
+
+@dataclass(frozen=True)
+class Track:
+    """``line`` with its ``irregularities``; ``gauge_m`` is the nominal gauge. Functions take any array of ``s``."""
+
+    line: Line
+    irregularities: Irregularities
+    gauge_m: float
+
+    def centre(self, s: Array) -> Array:
+        """East, north and up of the centre line, m. Shape (...) to (..., 3)."""
+        level, alignment, _, _ = _columns(self.irregularities.at(s))
+        yaw = self.line.yaw(s)
+        off = np.stack([-alignment * np.sin(yaw), alignment * np.cos(yaw), level], axis=-1)
+        return np.asarray(self.line.position(s) + off)
+
+    def rpy(self, s: Array) -> Array:
+        """Roll, pitch and yaw of the track, rad. Shape (...) to (..., 3)."""
+        forward, left, up = self.tangent(s)
+        pitch = -np.arctan2(up, np.hypot(forward, left))
+        yaw = self.line.yaw(s) + np.arctan2(left, forward)
+        return np.stack([np.arcsin(self._roll_sine(s)), pitch, yaw], axis=-1)
+
+    def rpy_slopes(self, s: Array) -> Array:
+        """Derivatives of :meth:`rpy` by ``s``, rad/m; at a kink of the line, those to its right. (...) to (..., 3)."""
+        forward, left, up = self.tangent(s)
+        d_forward, d_left, d_up = self._tangent_slopes(s)
+        flat = np.hypot(forward, left)
+        d_flat = (forward * d_forward + left * d_left) / flat
+        d_delta = (d_left * forward - left * d_forward) / flat**2
+        d_pitch = -(d_up * flat - up * d_flat) / (flat**2 + up**2)
+        d_roll = self._roll_sine(s, 1) / np.sqrt(1.0 - self._roll_sine(s) ** 2)
+        return np.stack([d_roll, d_pitch, self.line.curvature(s) + d_delta], axis=-1)
+
+    def cross_level(self, s: Array) -> Array:
+        """Height of the left rail over the right one on the cross-level base, m. Shape (...) to (...)."""
+        return np.asarray(self.line.cross_level_base_m * self._roll_sine(s))
+
+    def rail(self, s: Array, side: Side, line: Literal["top", "edge"] = "top") -> Array:
+        """East, north and up of a rail's top or running edge, m. Shape (...) to (..., 3)."""
+        width = self.line.cross_level_base_m if line == "top" else self._gauge(s)[..., None]
+        return self.centre(s) + 0.5 * _SIGN[side] * width * _axle(*_columns(self.rpy(s)))
+
+    def heading_deviations(self, s: Array) -> Array:
+        """How far the paths of the centre line, the left and the right running edge turn from the designed heading.
+
+        Positive to the left, rad; small, so that they can be integrated over any distance. Shape (...) to (..., 3).
+        """
+        tangent = np.stack(self.tangent(s), axis=-1)
+        delta = np.arctan2(tangent[..., 1], tangent[..., 0])
+        roll, pitch, _ = _columns(self.rpy(s))
+        axle = _axle(roll, pitch, delta)
+        axle_slope = _axle_slope(roll, pitch, delta, self.rpy_slopes(s))
+        gauge, gauge_slope = self._gauge(s)[..., None], self.irregularities.at(s, 1)[..., 3, None]
+        half = 0.5 * (gauge_slope * axle + gauge * axle_slope)
+        paths = np.stack([tangent, tangent + half, tangent - half], axis=-2)
+        return np.asarray(np.arctan2(paths[..., 1], paths[..., 0]))
+
+    def tangent(self, s: Array) -> tuple[Array, Array, Array]:
+        """``t``, the derivative of the centre line: forward, left, up of the designed heading. Shapes (...)."""
+        gamma = self.line.grade(s)
+        d_level, d_alignment, _, _ = _columns(self.irregularities.at(s, 1))
+        forward = np.cos(gamma) - self.irregularities.at(s)[..., 1] * self.line.curvature(s)
+        return forward, d_alignment, np.sin(gamma) + d_level
+
+    def reversed(self) -> Track:
+        """The same track to who comes from its other end; its ENU has its origin there."""
+        return Track(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
+
+    def _tangent_slopes(self, s: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of the components of :meth:`tangent`. Shapes (...)."""
+        gamma, d_gamma = self.line.grade(s), self.line.grade(s, 1)
+        alignment, d_alignment = self.irregularities.at(s)[..., 1], self.irregularities.at(s, 1)[..., 1]
+        dd_level, dd_alignment, _, _ = _columns(self.irregularities.at(s, 2))
+        bend = d_alignment * self.line.curvature(s) + alignment * self.line.curvature(s, 1)
+        return -np.sin(gamma) * d_gamma - bend, dd_alignment, np.cos(gamma) * d_gamma + dd_level
+
+    def _roll_sine(self, s: Array, nu: int = 0) -> Array:
+        cross_level = self.line.cant(s, nu) + self.irregularities.at(s, nu)[..., 2]
+        return np.asarray(cross_level / self.line.cross_level_base_m)
+
+    def _gauge(self, s: Array) -> Array:
+        return np.asarray(self.gauge_m + self.irregularities.at(s)[..., 3])
+
+
+def _columns(table: Array) -> Array:
+    return np.moveaxis(table, -1, 0)
+
+
+def _axle(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """The y axis of Rz(yaw) Ry(pitch) Rx(roll). Shapes (...) to (..., 3)."""
+    return _turned(np.sin(pitch) * np.sin(roll), np.cos(roll), np.cos(pitch) * np.sin(roll), yaw)
+
+
+def _axle_slope(roll: Array, pitch: Array, yaw: Array, rpy_slopes: Array) -> Array:
+    """Derivative of :func:`_axle` in fixed axes that ``yaw`` is measured from. Shapes (...), (..., 3) to (..., 3)."""
+    d_roll, d_pitch, d_yaw = _columns(rpy_slopes)
+    x, y = np.sin(pitch) * np.sin(roll), np.cos(roll)
+    d_x = np.sin(pitch) * np.cos(roll) * d_roll + np.cos(pitch) * np.sin(roll) * d_pitch
+    d_y = -np.sin(roll) * d_roll
+    d_z = np.cos(pitch) * np.cos(roll) * d_roll - np.sin(pitch) * np.sin(roll) * d_pitch
+    return _turned(d_x - y * d_yaw, d_y + x * d_yaw, d_z, yaw)
+
+
+def _turned(x: Array, y: Array, z: Array, yaw: Array) -> Array:
+    return np.stack([x * np.cos(yaw) - y * np.sin(yaw), x * np.sin(yaw) + y * np.cos(yaw), z], axis=-1)

@@ -1,0 +1,1 @@
+"""Simulated sensors and clocks, their errors and their faults."""

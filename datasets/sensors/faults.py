@@ -1,0 +1,57 @@
+"""Damage done to a recording, for tests of what must cope with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.sensors import odometer
+from trackfg.datasets.vehicle.adhesion import AdhesionModel, SlipEvent, draw_slip
+from trackfg.recording.model import Recording
+
+
+def drop_imu(recording: Recording, start_s: float, end_s: float) -> Recording:
+    """The recording without the IMU samples of ``start_s <= t_s < end_s``."""
+    return replace(recording, imu=_without(recording.imu, start_s, end_s))
+
+
+def drop_tach(recording: Recording, start_s: float, end_s: float) -> Recording:
+    """The recording without the tachometer samples of ``start_s <= t_s < end_s``; the count goes on meanwhile."""
+    if recording.tach is None:
+        return recording
+    return replace(recording, tach=_without(recording.tach, start_s, end_s))
+
+
+def slip_wheel(run: Simulation, events: Sequence[SlipEvent]) -> Simulation:
+    """The run with its wheel slipping and sliding besides, as ``events`` say: they are in its count and in ``slips``.
+
+    What the wheel did before stays. Raises ``ValueError`` for events that overlap, and for a tach that does not count.
+    """
+    recording, tach = run.recording, run.recording.description.tach
+    if recording.tach is None or tach is None or tach.kind != "pulses":
+        raise ValueError("a tach that counts pulses is needed")
+    model = odometer.TachModel(
+        pulses_per_rev=float(tach.pulses_per_rev or 0.0),
+        wheel_diameter_m=float(tach.wheel_diameter_m or 0.0),
+        signed=tach.signed,
+    )
+    placed = AdhesionModel(top_creep=0.0, events=tuple(events))
+    slip = draw_slip(run.ride, placed, run.ride.motion.duration_s, np.random.default_rng(0))
+    t = recording.tach["t_s"].to_numpy()
+    rolled, before = (odometer.rolled_distance(run.ride, model, t, one) for one in (slip, None))
+    count = np.round(recording.tach["distance_m"].to_numpy() / model.quantum_m)
+    # Half a pulse: where between two pulses the wheel was is not known, and on the average it was in the middle.
+    count = np.floor(count + 0.5 + (rolled - before) / run.wheel_scale / model.quantum_m)
+    count = count if model.signed else np.maximum.accumulate(count)
+    table = recording.tach.assign(distance_m=count * model.quantum_m)
+    slips = odometer.slip_table(run.ride, model, slip)
+    return replace(run, recording=replace(recording, tach=table), slips=slips)
+
+
+def _without(table: pd.DataFrame, start_s: float, end_s: float) -> pd.DataFrame:
+    kept = (table["t_s"] < start_s) | (table["t_s"] >= end_s)
+    return table[kept].reset_index(drop=True)

@@ -1,0 +1,166 @@
+"""What a scenario's sensors and recorders make of a ride."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.datasets.line.track import Track
+from trackfg.datasets.scenario import Scenario, TableName
+from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning, tables
+from trackfg.datasets.sensors.clocks import dropped, stamped
+from trackfg.datasets.sensors.imu_errors import ImuErrors
+from trackfg.datasets.vehicle.adhesion import draw_slip
+from trackfg.datasets.vehicle.ride import Ride
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import RecordingDescription, Tach
+from trackfg.recording.description import Track as TrackDescription
+from trackfg.recording.model import Recording
+
+Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders"]
+Kept = Literal["imu", "tach"]
+
+LONGITUDE_DEG = 139.0
+"""Where a scenario with a latitude has its origin, on the ellipsoid (gravity is that of height 0)."""
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Streams of random numbers: those of a run's sensors, and those of what a vehicle keeps from run to run.
+
+    ``kept`` is empty where every run is of another vehicle: what would be kept is then drawn from the run's streams.
+    """
+
+    run: Mapping[Sensor, np.random.Generator]
+    kept: Mapping[Kept, np.random.Generator] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A recording and what was drawn for it; ``errors`` and ``slips`` are None where there are none."""
+
+    recording: Recording
+    errors: ImuErrors | None
+    wheel_scale: float
+    slips: pd.DataFrame | None
+
+
+def measure(
+    plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, sensor_id: str | None, streams: Streams | None
+) -> Measurement:
+    """The recording of a ride over ``track``, perfect without ``streams``, from t = 0 to the last of ``edges``.
+
+    ``edges`` (n + 1,) are those of the IMU's intervals. ``name`` is the recording's, ``sensor_id`` the IMU's in its
+    mounting.
+    """
+    duration_s = float(edges[-1])
+    gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
+    errors = (
+        None
+        if streams is None
+        else imu_errors.draw_errors(plan.imu, edges, streams.run["imu"], streams.kept.get("imu"))
+    )
+    if errors is not None:
+        gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
+    wheel = _wheel(plan, ride, duration_s, streams)
+    fixes, gnss = _positions(plan, ride, duration_s, streams)
+    laser_rng = None if streams is None else streams.run["lasers"]
+    on_earth = gnss is not None and plan.latitude_deg is not None
+    origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
+    recording = Recording(
+        description=RecordingDescription(
+            id=name if streams else f"{name}-noise-free",
+            track=_track_description(plan, track, ride),
+            imu=tables.imu_description(
+                plan.imu.declared_noise,
+                plan.imu.lever_arm_m,
+                rigid=plan.vehicle.rigid,
+                mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,
+                sensor_id=sensor_id,
+            ),
+            tach=wheel.description,
+            fixes=None if fixes is None else tables.fixes_description(),
+            gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
+            laser=tuple(lasers.laser_description(model) for model in plan.lasers),
+        ),
+        imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),
+        tach=wheel.table,
+        fixes=fixes,
+        gnss=gnss,
+        lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
+        gnss_origin=origin,
+    )
+    if streams is not None:
+        recording = _recorded(plan, recording, streams.run["recorders"])
+    return Measurement(recording, errors, wheel.scale, wheel.slips)
+
+
+@dataclass(frozen=True)
+class _Wheel:
+    table: pd.DataFrame
+    description: Tach
+    scale: float = 1.0
+    slips: pd.DataFrame | None = None
+
+
+def _wheel(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> _Wheel:
+    if streams is None:
+        return _Wheel(odometer.ideal_table(ride, plan.tach, duration_s), odometer.ideal_description(plan.tach))
+    scale_rng, slip_rng, pulse_rng = streams.run["tach"].spawn(3)
+    scale = odometer.draw_scale(plan.tach, streams.kept.get("tach", scale_rng))
+    slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
+    return _Wheel(
+        odometer.pulse_table(ride, plan.tach, scale, duration_s, pulse_rng, slip),
+        odometer.pulse_description(plan.tach),
+        scale,
+        None if slip is None else odometer.slip_table(ride, plan.tach, slip),
+    )
+
+
+def _positions(
+    plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None
+) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
+    """The tables of balises and of GNSS; a run that passes no balise has no table of them."""
+    balise_rng, gnss_rng = (None, None) if streams is None else (streams.run["balises"], streams.run["gnss"])
+    fixes = None if plan.balises is None else positioning.balise_table(ride, plan.balises, duration_s, balise_rng)
+    gnss = None if plan.gnss is None else positioning.gnss_table(ride, plan.gnss, duration_s, gnss_rng)
+    return None if fixes is None or fixes.empty else fixes, gnss
+
+
+def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) -> Recording:
+    """The recording as its recorders stamp and keep the rows."""
+    seeds: dict[TableName, int] = dict(
+        zip(("imu", "tach", "fixes", "gnss", "lasers"), rng.integers(2**63, size=5).tolist(), strict=True)
+    )
+
+    def kept(name: TableName, table: pd.DataFrame) -> pd.DataFrame:
+        recorder = plan.recorders.get(name)
+        if recorder is None:
+            return table
+        # From the same seed each time: lasers that share their times go on sharing them.
+        clock_rng, drop_rng = np.random.default_rng(seeds[name]).spawn(2)
+        return dropped(stamped(table, recorder.clock, clock_rng), recorder.drops, drop_rng)
+
+    return replace(
+        recording,
+        imu=kept("imu", recording.imu),
+        tach=None if recording.tach is None else kept("tach", recording.tach),
+        fixes=None if recording.fixes is None else kept("fixes", recording.fixes),
+        gnss=None if recording.gnss is None else kept("gnss", recording.gnss),
+        lasers={name: kept("lasers", table) for name, table in recording.lasers.items()},
+    )
+
+
+def _track_description(plan: Scenario, track: Track, ride: Ride) -> TrackDescription:
+    yaw = float(ride.rpy(np.zeros(1))[0, 2])
+    return TrackDescription(
+        gauge_m=track.gauge_m,
+        cross_level_base_m=track.line.cross_level_base_m,
+        direction=ride.direction,
+        latitude_deg=plan.latitude_deg,
+        heading_deg=None if plan.latitude_deg is None else (90.0 - np.degrees(yaw)) % 360.0,
+    )

@@ -1,0 +1,124 @@
+"""The canonical tables of a recording and their descriptions.
+
+Whatever a source is like, what this package hands out is in the form in which a recording is written: SI, axes FLU,
+IMU stamps at the centre of the sample's interval, columns named as in :mod:`trackfg.recording.model`.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import Fixes, Gnss, Imu, ImuNoise, Laser, Vector3
+from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS
+
+TRAJECTORY_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
+
+
+def clock(duration_s: float, rate_hz: float) -> Array:
+    """Times from 0, ``rate_hz`` a second, not beyond ``duration_s``. Shape (n,)."""
+    return np.arange(int(duration_s * rate_hz * (1.0 + 1e-12)) + 1) / rate_hz
+
+
+def imu_table(t_s: Array, gyro: Array, accel: Array) -> pd.DataFrame:
+    """The ``imu`` table from interval centres (n,), angular rates and specific forces (n, 3), FLU, SI."""
+    return _table(IMU_COLUMNS, t_s, *gyro.T, *accel.T)
+
+
+def tach_table(t_s: Array, distance_m: Array) -> pd.DataFrame:
+    """The ``tach`` table from times (n,) and cumulative nominal distances (n,)."""
+    return _table(TACH_COLUMNS, t_s, distance_m)
+
+
+def integrated_speed(t_s: Array, speed_mps: Array) -> Array:
+    """The distance (n,) that a speed tach stands for, by the trapezoid rule, 0 at the first sample."""
+    steps = np.diff(t_s) * 0.5 * (speed_mps[1:] + speed_mps[:-1])
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def fix_table(t_s: Array, chainage_m: Array, sd_m: Array) -> pd.DataFrame:
+    """The ``fixes`` table, all (n,)."""
+    return _table(FIX_COLUMNS, t_s, chainage_m, sd_m)
+
+
+def gnss_table(t_s: Array, enu_m: Array, sd_m: Array) -> pd.DataFrame:
+    """The ``gnss`` table from times (n,), east-north-up positions (n, 3) and their sigmas, (3,) or (n, 3)."""
+    return _table(GNSS_COLUMNS, t_s, *enu_m.T, *np.broadcast_to(sd_m, enu_m.shape).T)
+
+
+def laser_table(t_s: Array, displacement_m: Array) -> pd.DataFrame:
+    """The table of one laser from times (n,) and displacements (n,)."""
+    return _table(LASER_COLUMNS, t_s, displacement_m)
+
+
+def trajectory_table(t_s: Array, enu_m: Array, speed_mps: Array, rpy_rad: Array) -> pd.DataFrame:
+    """A reference trajectory, columns :data:`TRAJECTORY_COLUMNS`; yaw is unwrapped along the rows."""
+    roll, pitch, yaw = rpy_rad.T
+    return _table(TRAJECTORY_COLUMNS, t_s, *enu_m.T, speed_mps, roll, pitch, np.unwrap(yaw))
+
+
+def imu_description(
+    noise: ImuNoise,
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
+    *,
+    rigid: bool,
+    mount_roll_sd_rad: float = 0.0,
+    sensor_id: str | None = None,
+) -> Imu:
+    """What ``recording.toml`` says of a canonical ``imu`` table; ``sensor_id`` names the sensor in its mounting."""
+    _, wx, wy, wz, fx, fy, fz = IMU_COLUMNS
+    return Imu(
+        file="imu.parquet",
+        id=sensor_id,
+        time="t_s",
+        gyro=(wx, wy, wz),
+        accel=(fx, fy, fz),
+        noise=noise,
+        lever_arm_m=lever_arm_m,
+        rigid=rigid,
+        mount_roll_sd_deg=float(np.degrees(mount_roll_sd_rad)),
+    )
+
+
+def gnss_description(origin: Array | None = None, lever_arm_m: Vector3 = (0.0, 0.0, 0.0)) -> Gnss:
+    """What ``recording.toml`` says of a canonical ``gnss`` table, ENU about ``origin`` if that is known."""
+    time, east, north, up, east_sd, north_sd, up_sd = GNSS_COLUMNS
+    return Gnss(
+        file="gnss.parquet",
+        time=time,
+        position=(east, north, up),
+        sd=(east_sd, north_sd, up_sd),
+        frame="local",
+        origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
+        lever_arm_m=lever_arm_m,
+    )
+
+
+def fixes_description() -> Fixes:
+    """What ``recording.toml`` says of a canonical ``fixes`` table."""
+    time, chainage, sd = FIX_COLUMNS
+    return Fixes(file="fixes.parquet", time=time, chainage=chainage, sd=sd)
+
+
+def laser_description(
+    name: str, position_m: Vector3, axis: Literal["y", "z"], rail: Literal["left", "right"], sd_m: float
+) -> Laser:
+    """What ``recording.toml`` says of a canonical laser table."""
+    time, displacement = LASER_COLUMNS
+    return Laser(
+        name=name,
+        file="lasers.parquet",
+        time=time,
+        column=displacement,
+        position_m=position_m,
+        axis=axis,
+        rail=rail,
+        sd_m=sd_m,
+    )
+
+
+def _table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:
+    return pd.DataFrame(dict(zip(names, columns, strict=True)))

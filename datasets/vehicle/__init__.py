@@ -1,0 +1,1 @@
+"""How a simulated vehicle is driven, slips, and moves on its suspension."""

@@ -1,0 +1,149 @@
+"""The past: what keyframes that are gone said of the next one and of the shared variables.
+
+Once they are eliminated (:func:`trackfg.solver.elimination.eliminate_leaving`), all their factors together are rows
+``A x = b`` on the tangent x = (keyframe, shared variables) at the states where they were linearised. The factor keeps
+these rows, and measures x from there however far the states have moved since. (Sibley, Matthies and Sukhatme, "Sliding
+window filter with application to planetary landing", J. Field Robotics 27 (2010).)
+
+Far away the chart matters. Until a vehicle has moved its heading may be off by any angle, while roll and pitch, and
+their part in the accelerometer's bias, are known to a milliradian. So attitudes are compared by their angles roll,
+pitch and yaw, which a turn about the vertical leaves apart: ``x = E0^-1 (angles - angles0)`` with E the matrix that
+makes angular rates in body axes rates of the angles. Velocities are compared in the vehicle's own axes, each at its own
+attitude, ``x_v = R'v - R0'v0 - R0'v0 x x_turn``: a turn about the vertical leaves what is known of the speed alone,
+however far it goes, where a tangent would make the vehicle faster by ``v turn^2 / 2``. To first order x is the tangent
+of the graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trackfg.factors.family import Family, Slot
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
+from trackfg.numerics.frames import Array, body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
+
+PAST = "past"
+"""The family's name."""
+
+_KINDS = (*ELIMINATION_ORDER, *SHARED)
+_OTHERS = tuple(kind for kind in _KINDS if kind is not Kind.NAV)
+_IN_KEYFRAME = len(ELIMINATION_ORDER)
+
+
+def away(value: Value, origin: Value) -> Array:
+    """The tangents (m, dim) from ``origin`` to ``value``, in this module's chart."""
+    if not (isinstance(value, Nav) and isinstance(origin, Nav)):
+        return np.asarray(value, dtype=np.float64) - np.asarray(origin, dtype=np.float64)
+    rpy = rpy_from_matrix(origin.R)
+    return _nav_away(value, origin, rpy_from_matrix(value.R), rpy, body_rates(rpy))
+
+
+def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Array) -> Array:
+    """``rpy`` (m, 3) of both, and the :func:`~trackfg.numerics.frames.body_rates` at the origin."""
+    angles = rpy - rpy_origin
+    angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
+    turn = np.einsum("mij,mj->mi", rates, angles)
+    shift = np.einsum("mji,mj->mi", origin.R, value.p - origin.p)
+    before = origin.own_velocity
+    return np.concatenate([turn, shift, value.own_velocity - before - cross(before, turn)], axis=1)
+
+
+def step_from(origin: States, states: States) -> Step:
+    """The step from ``origin`` to other states of as many keyframes, in this chart."""
+    parts = [away(states.of(kind), origin.of(kind)) for kind in _KINDS]
+    return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), np.concatenate(parts[_IN_KEYFRAME:], axis=1)[0])
+
+
+def carried(origin: States, other: States) -> tuple[Array, Step]:
+    """How a tangent from ``origin`` (one keyframe) depends on that from an ``other`` one near it: ``J y + c``.
+
+    J (49, 49) and c.
+    """
+    J = np.eye(sum(kind.dim for kind in _KINDS))
+    at = offset_in_keyframe(Kind.NAV)
+    J[at : at + Kind.NAV.dim, at : at + Kind.NAV.dim] = _by_nav(
+        other.nav, origin.nav, rpy_from_matrix(other.nav.R), body_rates(rpy_from_matrix(origin.nav.R))
+    )[0]
+    return J, step_from(origin, other)
+
+
+def moved_from(origin: States, step: Step) -> States:
+    """``origin`` moved by a step in this chart."""
+    states, x = origin.moved(step), step.of(Kind.NAV)
+    turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
+    angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)
+    R = matrix_from_rpy(*angles.T)
+    v = np.einsum("mij,mj->mi", R, before + x[:, 6:] + cross(before, turn))
+    return replace(states, nav=Nav(R, states.nav.p, v))
+
+
+def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
+    values, (R, p, v, *others, A, b) = parts[: len(_KINDS)], (np.asarray(part) for part in parts[len(_KINDS) :])
+    origins: dict[Kind, Array] = dict(zip(_OTHERS, others, strict=True))
+    tangents, jacobians = [], []
+    for kind, value in zip(_KINDS, values, strict=True):
+        at = offset_in_keyframe(kind)
+        block = A[:, :, at : at + kind.dim]
+        if isinstance(value, Nav):
+            origin, (rpy, rpy_origin) = Nav(R, p, v), (rpy_from_matrix(one) for one in (value.R, R))
+            rates = body_rates(rpy_origin)
+            tangents.append(_nav_away(value, origin, rpy, rpy_origin, rates))
+            block = block @ _by_nav(value, origin, rpy, rates)
+        else:
+            tangents.append(np.asarray(value) - origins[kind])
+        jacobians.append(block)
+    x = np.concatenate(tangents, axis=1)
+    return (A @ x[:, :, None])[:, :, 0] - b, tuple(jacobians)
+
+
+def _by_nav(value: Nav, origin: Nav, rpy: Array, rates: Array) -> Array:
+    """The derivative of :func:`_nav_away` by the tangent of ``value``."""
+    out = np.zeros((len(value), Kind.NAV.dim, Kind.NAV.dim))
+    out[:, :3, :3] = rates @ euler_rates(rpy)
+    out[:, 3:6, 3:6] = np.swapaxes(origin.R, 1, 2) @ value.R
+    out[:, 6:, :3] = skew(value.own_velocity) - skew(origin.own_velocity) @ out[:, :3, :3]
+    out[:, 6:, 6:] = np.eye(3)
+    return out
+
+
+def past(rows: Array, origin: States) -> Family:
+    """Rows [A b] (r, 50) of the first keyframe and the shared variables, linearised at ``origin`` (one keyframe).
+
+    Residual: ``A x - b``, in sigmas, with x from ``origin``.
+    """
+    zero = np.zeros(1, dtype=np.int64)
+    nav = origin.nav
+    others = [np.asarray(origin.of(kind)) for kind in _OTHERS]
+    data = (nav.R, nav.p, nav.v, *others, rows[None, :, :-1], rows[None, :, -1])
+    return Family(PAST, _past, tuple(Slot(kind, zero) for kind in _KINDS), data, np.ones((1, len(rows))))
+
+
+def answering(family: Family, response: Array) -> Family:
+    """The past of a keyframe from which an interval begins now: its bias b is no longer the sensor's own one but that
+    of the interval, ``own + response c`` with the calibration c, and ``response`` (6, 21).
+    """
+    R, p, v, *others, A, b = family.data
+    origins = dict(zip(_OTHERS, others, strict=True))
+    at_bias, at_imu = (offset_in_keyframe(kind) for kind in (Kind.BIAS, Kind.IMU))
+    A = A.copy()
+    A[:, :, at_imu : at_imu + Kind.IMU.dim] -= A[:, :, at_bias : at_bias + Kind.BIAS.dim] @ response
+    origins[Kind.BIAS] = origins[Kind.BIAS] + origins[Kind.IMU] @ response.T
+    return family.with_data((R, p, v, *origins.values(), A, b))
+
+
+def past_elsewhere(family: Family, by_m: float, sd_m: float) -> Family:
+    """The :func:`past` of a vehicle that was ``by_m`` further along the track, to ``sd_m``; all else as it was.
+
+    What it said of the distance D was wrong by e ~ N(by, sd^2): the rows ``A (x - u e) = b`` with u the direction of D
+    and ``e / sd = 0``, counted from D + by, and e eliminated.
+    """
+    *parts, A, b = family.data
+    at, odo = offset_in_keyframe(Kind.ODO), 3 + _OTHERS.index(Kind.ODO)
+    parts[odo] = parts[odo] + np.array([by_m, 0.0, 0.0, 0.0])
+    rows = np.column_stack([-A[0, :, at], A[0], b[0]])
+    error = np.zeros((1, rows.shape[1]))
+    error[0, 0] = 1.0 / sd_m
+    left = np.asarray(np.linalg.qr(np.concatenate([error, rows]), mode="r"))[1:, 1:]
+    return replace(family, data=(*parts, left[None, :, :-1], left[None, :, -1]), sigma=np.ones((1, len(left))))

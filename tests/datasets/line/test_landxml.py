@@ -1,0 +1,588 @@
+"""LandXML files written here are read back to their analytic coordinates; bad ones give one clear error each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
+
+from trackfg.datasets.line.landxml import read_landxml
+from trackfg.errors import BadInputError
+
+SHAPES = {
+    "clothoid": lambda u: u,
+    "cosine": lambda u: (1 - np.cos(np.pi * u)) / 2,
+    "sineHalfWave": lambda u: (1 - np.cos(np.pi * u)) / 2,
+    "sinusoid": lambda u: u - np.sin(2 * np.pi * u) / (2 * np.pi),
+    "bloss": lambda u: 3 * u**2 - 2 * u**3,
+    "biquadratic": lambda u: np.where(u < 0.5, 2 * u**2, 1 - 2 * (1 - u) ** 2),
+}
+CUBICS = ("cubicParabola", "japaneseCubic")
+
+
+@dataclass(frozen=True)
+class Part:
+    """An element as the tests write it: its kind, its length and its curvatures, left positive."""
+
+    kind: str
+    length: float
+    start: float = 0.0
+    end: float = 0.0
+
+
+def cubic_by_arc(part, s):
+    """Curvature and heading (from the start) of a cubic parabola, its arc length by quadrature over a fine grid."""
+    side = np.sign(part.end - part.start)
+    low, high = side * part.start, side * part.end
+
+    def over_tangent(rate):
+        x = np.linspace(low / rate, high / rate, 4001)
+        return x, CubicSpline(x, np.hypot(1, 0.5 * rate * x * x)).antiderivative()(x)
+
+    rate = (high - low) / part.length
+    for _ in range(20):
+        rate *= over_tangent(rate)[1][-1] / part.length
+    x, arc = over_tangent(rate)
+    at = CubicSpline(arc, x)(s)
+    heading = side * (np.arctan(0.5 * rate * at**2) - np.arctan(0.5 * rate * x[0] ** 2))
+    return side * rate * at / np.hypot(1, 0.5 * rate * at**2) ** 3, heading
+
+
+class Truth:
+    """Curvature, heading and place over the plan, by quadrature that knows nothing of the package."""
+
+    def __init__(self, parts, start=0j, yaw=0.0):
+        nodes, weights = np.polynomial.legendre.leggauss(6)
+        self.places, self.headings, self.length = [start], [yaw], 0.0
+        plan, curvature, heading, place = [], [], [], []
+        for part in parts:
+            n = int(np.ceil(part.length / 2.0)) * 2
+            edges = np.linspace(0, part.length, n + 1)
+            half = 0.5 * np.diff(edges)[:, None]
+            at = edges[:-1, None] + half * (1 + nodes)
+            if part.kind in CUBICS:
+                _, turn = cubic_by_arc(part, at)
+                at_edges, turn_edges = cubic_by_arc(part, edges)
+            else:
+                shape = SHAPES.get(part.kind, lambda u: 0.0 * u)
+                at_edges = part.start + (part.end - part.start) * shape(edges / part.length)
+                # The heading at a node: another quadrature, from the panel's edge to it.
+                inner = edges[:-1, None, None] + 0.5 * (at - edges[:-1, None])[..., None] * (1 + nodes)
+                values = part.start + (part.end - part.start) * shape(inner / part.length)
+                within = np.sum(0.5 * (at - edges[:-1, None])[..., None] * weights * values, axis=-1)
+                whole = part.start + (part.end - part.start) * shape(at / part.length)
+                turn_edges = np.concatenate([[0.0], np.cumsum(np.sum(half * weights * whole, axis=1))])
+                turn = turn_edges[:-1, None] + within
+            steps = np.sum(half * weights * np.exp(1j * (self.headings[-1] + turn)), axis=1)
+            plan.append(self.length + edges)
+            curvature.append(at_edges)
+            heading.append(self.headings[-1] + turn_edges)
+            place.append(self.places[-1] + np.concatenate([[0.0], np.cumsum(steps)]))
+            self.length += part.length
+            self.headings.append(heading[-1][-1])
+            self.places.append(place[-1][-1])
+        self.plan, self.curvature, self.heading, self.place = map(np.concatenate, (plan, curvature, heading, place))
+
+
+def point(tag, place):
+    return f"<{tag}>{place.imag!r} {place.real!r}</{tag}>"
+
+
+def written(part, start, end, heading, scale=1.0):
+    """One element; lengths and coordinates in units of ``scale`` metres."""
+    start, end = complex(start / scale), complex(end / scale)
+    ends = point("Start", start) + point("End", end)
+    length = f'length="{part.length / scale!r}"'
+    if part.kind == "Line":
+        return f"<Line {length}>{ends}</Line>"
+    side = part.start or part.end
+    rot = "ccw" if side > 0 else "cw"
+    if part.kind == "Curve":
+        centre = complex(start + 1j * np.exp(1j * heading) / part.start / scale)
+        radius = f'radius="{abs(1 / part.start) / scale!r}"'
+        return f'<Curve rot="{rot}" crvType="arc" {radius} {length}>{ends}{point("Center", centre)}</Curve>'
+    radii = ["INF" if k == 0 else repr(abs(1 / k) / scale) for k in (part.start, part.end)]
+    tangent = point("PI", complex(start + np.exp(1j * heading) * 0.6 * part.length / scale))
+    return (
+        f'<Spiral spiType="{part.kind}" rot="{rot}" {length} radiusStart="{radii[0]}" radiusEnd="{radii[1]}">'
+        f"{ends}{tangent}</Spiral>"
+    )
+
+
+METRIC = '<Metric linearUnit="meter" areaUnit="squareMeter" volumeUnit="cubicMeter" temperatureUnit="celsius" pressureUnit="HPA"/>'  # noqa: E501
+
+
+def document(alignment, units=METRIC):
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2" version="1.2" date="2026-01-01" time="00:00:00">'
+        f"<Units>{units}</Units><Alignments>{alignment}</Alignments></LandXML>"
+    )
+
+
+def alignment_of(parts, truth, *, station=1000.0, rest="", length=None, scale=1.0):
+    elements = "".join(
+        written(part, *ends, heading, scale)
+        for part, *ends, heading in zip(parts, truth.places[:-1], truth.places[1:], truth.headings[:-1], strict=True)
+    )
+    total = truth.length if length is None else length
+    return (
+        f'<Alignment name="down" length="{total / scale!r}" staStart="{station / scale!r}">'
+        f"<CoordGeom>{elements}</CoordGeom>{rest}</Alignment>"
+    )
+
+
+def curve(kind, radius, length, circle=60.0, straight=40.0):
+    """Straight, transition, circle, transition."""
+    return [
+        Part("Line", straight),
+        Part(kind, length, 0.0, 1 / radius),
+        Part("Curve", circle, 1 / radius, 1 / radius),
+        Part(kind, length, 1 / radius, 0.0),
+    ]
+
+
+EVERY_TYPE = [
+    part
+    for kind in ("clothoid", "cosine", "sinusoid", "bloss", "biquadratic", "cubicParabola", "japaneseCubic")
+    for side in (1, -1)
+    for part in curve(kind, side * 310.0, 70.0)
+] + [
+    Part("Line", 25.0),
+    Part("clothoid", 40.0, 0.0, -1 / 500),
+    Part("cubicParabola", 30.0, -1 / 500, -1 / 250),
+    Part("Curve", 50.0, -1 / 250, -1 / 250),
+    Part("bloss", 45.0, -1 / 250, -1 / 900),
+    Part("cosine", 45.0, -1 / 900, 0.0),
+    Part("Line", 25.0),
+]
+START, YAW = 432_100.25 + 5_123_456.5j, 0.7
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a document written to a file."""
+
+    def function(text, **options):
+        path = tmp_path / "line.xml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_landxml(path, **{"speed_limit_mps": 25.0, **options})
+
+    return function
+
+
+def assert_follows(result, truth):
+    """To 1e-7 m and 1e-10 1/m, at every edge of the truth's quadrature."""
+    s = result.plan.space_at(truth.plan)
+    gamma = result.line.grade(s)
+    places = result.line.position(s)[:, :2] + result.start_m[:2]
+    np.testing.assert_allclose(places @ [1, 1j], truth.place, rtol=0, atol=1e-7)
+    # Not at joints, where the curvature may jump.
+    inside = np.diff(truth.plan, prepend=-1.0, append=1e9)
+    smooth = (inside[1:] > 0) & (inside[:-1] > 0)
+    curvature = result.line.curvature(s) / np.cos(gamma)
+    np.testing.assert_allclose(curvature[smooth], truth.curvature[smooth], atol=1e-10)
+    np.testing.assert_allclose(result.line.yaw(s), truth.heading, atol=1e-9)
+
+
+def test_every_element_type_and_both_senses_are_read_back_to_their_coordinates(read):
+    truth = Truth(EVERY_TYPE, START, YAW)
+    result = read(document(alignment_of(EVERY_TYPE, truth)))
+    assert result.name == "down"
+    assert result.station_start_m == 1000.0
+    assert result.line.length_m == pytest.approx(truth.length, abs=1e-9)
+    assert_follows(result, truth)
+    assert [remark for remark in result.remarks if "profile" not in remark] == []
+
+
+PROFILE = (
+    "<Profile><ProfAlign name='design'><PVI>1000 50</PVI><CircCurve length='120' radius='-4000'>1400 62</CircCurve>"
+    "<ParaCurve length='200'>2000 50</ParaCurve><PVI>{end!r} 60</PVI></ProfAlign></Profile>"
+)
+
+
+def heights(plan, length):
+    """Heights and gradients of PROFILE: straight, circle of 4000 m (a crest), parabola of 200 m (a sag)."""
+    slopes = [12 / 400, -12 / 600, 10 / (length - 1000)]
+    z = np.where(plan < 400, 50 + slopes[0] * plan, 62 + slopes[1] * (plan - 400))
+    z = np.where(plan > 1000, 50 + slopes[2] * (plan - 1000), z)
+    gamma = np.arctan(slopes[:2])
+    tangent = 4000 * np.tan((gamma[0] - gamma[1]) / 2)
+    begin, end = 400 - tangent * np.cos(gamma[0]), 400 + tangent * np.cos(gamma[1])
+    centre = begin + 4000 * np.sin(gamma[0]), 62 - tangent * np.sin(gamma[0]) - 4000 * np.cos(gamma[0])
+    on_circle = (plan > begin) & (plan < end)
+    z[on_circle] = centre[1] + np.sqrt(4000**2 - (plan[on_circle] - centre[0]) ** 2)
+    q = plan - 900
+    on_parabola = (q > 0) & (q < 200)
+    z[on_parabola] = (52 + slopes[1] * q + (slopes[2] - slopes[1]) * q**2 / 400)[on_parabola]
+    return z
+
+
+def test_heights_and_lengths_in_space_follow_the_profile(read):
+    truth = Truth(EVERY_TYPE, START, YAW)
+    rest = PROFILE.format(end=1000 + truth.length)
+    result = read(document(alignment_of(EVERY_TYPE, truth, rest=rest)))
+    assert_follows(result, truth)
+    exact = heights(truth.plan, truth.length)
+    s = result.plan.space_at(truth.plan)
+    np.testing.assert_allclose(result.line.position(s)[:, 2] + result.start_m[2], exact, atol=1e-8)
+    np.testing.assert_allclose(result.plan.height(truth.plan), exact, atol=1e-9)
+    np.testing.assert_allclose(result.plan.plan_at(s), truth.plan, atol=1e-9)
+    fine = np.linspace(0, truth.length, 400_001)
+    slope = np.gradient(heights(fine, truth.length), fine)
+    in_space = cumulative_trapezoid(np.hypot(1, slope), fine, initial=0)
+    np.testing.assert_allclose(result.plan.space_at(fine[::1000]), in_space[::1000], atol=1e-5)
+    assert result.line.length_m > truth.length
+    # On a circle the angle is linear in arc length; its slope is minus one over the radius, a crest.
+    assert result.line.grade(result.plan.space_at(np.array([390.0, 410.0])), 1) == pytest.approx([-1 / 4000] * 2)
+    np.testing.assert_allclose(result.plan.gradient(np.array([100.0, 1500.0])), [0.03, 10 / (truth.length - 1000)])
+
+
+CANT = (
+    '<Cant name="cant" gauge="{gauge}" rotationPoint="center" equilibriumConstant="11.8">'
+    '<CantStation station="1000" appliedCant="0" curvature="ccw"/>'
+    '<CantStation station="1040" appliedCant="0" equilibriumCant="77" curvature="{sense}" {kind}/>'
+    '<CantStation station="1110" appliedCant="100" curvature="{sense}"/>'
+    '<CantStation station="1170" appliedCant="100" curvature="{sense}"/>'
+    '<CantStation station="1240" appliedCant="0" curvature="{sense}"/></Cant>'
+)
+
+
+@pytest.mark.parametrize(("sense", "sign"), [("ccw", -1), ("cw", 1)])
+@pytest.mark.parametrize(
+    ("spiral", "kind", "shape"),
+    [
+        ("bloss", "", "bloss"),
+        ("cosine", "", "cosine"),
+        ("cubicParabola", "", "clothoid"),
+        ("bloss", 'transitionType="sinusoid"', "sinusoid"),
+    ],
+)
+def test_cant_raises_the_outer_rail_by_the_law_of_the_spiral_or_its_own(read, sense, sign, spiral, kind, shape):
+    parts = [*curve(spiral, -sign * 400.0, 70.0), Part("Line", 30.0)]
+    truth = Truth(parts)
+    cant = CANT.format(gauge=1.435, sense=sense, kind=kind)
+    result = read(document(alignment_of(parts, truth, rest=cant)))
+    assert result.gauge_m == 1.435
+    assert result.line.cross_level_base_m == 1.435
+    plan = np.linspace(40, 110, 71)
+    exact = sign * 0.1 * SHAPES[shape]((plan - 40) / 70)
+    np.testing.assert_allclose(result.line.cant(plan), exact, atol=1e-12)
+    np.testing.assert_allclose(result.line.cant(np.array([20.0, 140.0, 260.0])), [0, sign * 0.1, 0], atol=1e-12)
+    assert result.plan.curvature(140.0) * result.plan.cant(140.0) < 0
+
+
+def test_adverse_cant_gauge_in_millimetres_and_a_given_base(read):
+    parts = [*curve("bloss", 400.0, 70.0), Part("Line", 30.0)]
+    cant = CANT.format(gauge=1067, sense="ccw", kind="").replace('curvature="ccw"', 'curvature="ccw" adverse="true"')
+    result = read(document(alignment_of(parts, Truth(parts), rest=cant)), cross_level_base_m=1.067)
+    assert result.gauge_m == pytest.approx(1.067)
+    assert result.line.cant(140.0) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("foot", 0.3048), ("USSurveyFoot", 1200 / 3937)])
+def test_feet_become_metres_and_inches_of_cant_too(read, unit, scale):
+    parts = curve("clothoid", 300.0, 70.0)
+    truth = Truth(parts, 1000 + 2000j, 0.3)
+    at = f'station="{1110 / scale!r}" appliedCant="4" curvature="ccw"'
+    cant = f'<Cant gauge="{1.435 / scale!r}"><CantStation {at}/></Cant>'
+    profile = (
+        f"<Profile><ProfAlign><PVI>{1000 / scale!r} 100</PVI><PVI>{1100 / scale!r} 101</PVI></ProfAlign></Profile>"
+    )
+    text = alignment_of(parts, truth, scale=scale, rest=cant + profile)
+    result = read(document(text, units=f'<Imperial linearUnit="{unit}"/>'))
+    assert_follows(result, truth)
+    assert result.line.cant(120.0) == pytest.approx(-4 * 0.0254)
+    assert result.line.cross_level_base_m == pytest.approx(1.435)
+    assert result.start_m[2] == pytest.approx(100 * scale)
+    assert result.plan.gradient(np.array(50.0)) == pytest.approx(scale / 100)
+    assert result.station_start_m == pytest.approx(1000.0)
+
+
+def test_lengths_and_radius_may_come_from_coordinates(read):
+    parts = [Part("Line", 50.0), Part("Curve", 120.0, -1 / 200, -1 / 200), Part("Curve", 1000.0, 1 / 250, 1 / 250)]
+    truth = Truth(parts, START, YAW)
+    text = alignment_of(parts, truth)
+    coordgeom = text.index("<CoordGeom>")
+    head, tail = text[:coordgeom], text[coordgeom:]
+    for attribute in ("length", "radius"):
+        while (at := tail.find(f' {attribute}="')) >= 0:
+            tail = tail[:at] + tail[tail.index('"', at + len(attribute) + 3) + 1 :]
+    assert_follows(read(document(head + tail)), truth)
+
+
+def test_the_first_element_may_be_a_curve_or_a_spiral(read):
+    for parts in (EVERY_TYPE[1:4], EVERY_TYPE[2:4]):
+        truth = Truth(parts, START, YAW)
+        assert_follows(read(document(alignment_of(parts, truth))), truth)
+
+
+RADII = st.floats(150.0, 3000.0)
+LENGTHS = st.floats(5.0, 200.0)
+KINDS = st.sampled_from([*SHAPES, *CUBICS])
+
+
+@st.composite
+def sequences(draw):
+    """Curves to either side, simple or compound, with or without straights between them."""
+    parts = [Part("Line", draw(LENGTHS))]
+    for _ in range(draw(st.integers(1, 4))):
+        side = draw(st.sampled_from([-1, 1]))
+        curvature = 0.0
+        for _ in range(draw(st.integers(1, 3))):
+            target = side / draw(RADII)
+            if target != curvature:
+                kind, length = draw(KINDS), draw(st.floats(5.0, 90.0))
+                # A cubic parabola cannot join nearly equal curvatures: it would be too steep where it has them.
+                steep = max(abs(target), abs(curvature)) ** 2 * length / (2 * abs(target - curvature)) > 0.3
+                parts.append(Part("bloss" if steep and kind in CUBICS else kind, length, curvature, target))
+            parts.append(Part("Curve", draw(LENGTHS), target, target))
+            curvature = target
+        parts.append(Part(draw(KINDS), draw(st.floats(5.0, 90.0)), curvature, 0.0))
+        if draw(st.booleans()):
+            parts.append(Part("Line", draw(LENGTHS)))
+    return parts
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(parts=sequences(), yaw=st.floats(-3.0, 3.0))
+def test_any_sequence_of_elements_is_read_back(read, parts, yaw):
+    truth = Truth(parts, START, yaw)
+    result = read(document(alignment_of(parts, truth)))
+    assert_follows(result, truth)
+    assert not any("coordinates" in remark or "further" in remark for remark in result.remarks)
+
+
+SIMPLE = [*curve("clothoid", 300.0, 60.0), Part("Line", 50.0)]
+SIMPLE_TRUTH = Truth(SIMPLE, START, YAW)
+GOOD = document(alignment_of(SIMPLE, SIMPLE_TRUTH))
+
+
+def remarks_without_profile(result):
+    return [remark for remark in result.remarks if "there is no profile" not in remark]
+
+
+def test_a_wrong_header_length_is_told_and_the_elements_win(read):
+    result = read(document(alignment_of(SIMPLE, SIMPLE_TRUTH, length=300.0)))
+    assert remarks_without_profile(result) == [
+        "the header's length is 300.000 m, that of its elements 270.000 m: these are used"
+    ]
+    assert result.line.length_m == pytest.approx(270.0)
+
+
+def test_coordinates_that_disagree_are_told(read):
+    moved = Truth(SIMPLE, START, YAW)
+    moved.places[2] += 0.05
+    remarks = " | ".join(remarks_without_profile(read(document(alignment_of(SIMPLE, moved)))))
+    assert "element 2 (Spiral): its Start and End are +0." in remarks
+    assert (
+        "from element 2 (Spiral) on, the file's coordinates are off the elements laid end to end, by up to 0.05"
+        in remarks
+    )
+
+    gap = GOOD.replace(
+        point("Start", complex(SIMPLE_TRUTH.places[4])), point("Start", complex(SIMPLE_TRUTH.places[4]) - 0.5)
+    )
+    assert any("element 5 (Line): starts 0.500 m from the end" in remark for remark in read(gap).remarks)
+
+    centre = complex(SIMPLE_TRUTH.places[2] + 1j * np.exp(1j * SIMPLE_TRUTH.headings[2]) * 300.0)
+    away = centre + 2 * complex(1j * np.exp(1j * SIMPLE_TRUTH.headings[2]))
+    wrong = GOOD.replace(point("Center", centre), point("Center", away))
+    assert any("its Start is +2.000 m further from its Center" in remark for remark in read(wrong).remarks)
+
+
+def test_a_shift_below_a_centimetre_is_not_told(read):
+    moved = Truth(SIMPLE, START, YAW)
+    moved.places[2] += 0.004
+    assert remarks_without_profile(read(document(alignment_of(SIMPLE, moved)))) == []
+
+
+def test_what_is_not_used_is_told(read):
+    near = [
+        part if part.kind != "clothoid" else Part("sineHalfWave", *list(vars(part).values())[1:]) for part in SIMPLE
+    ]
+    rest = (
+        '<StaEquation staInternal="1100" staBack="1100" staAhead="1200"/>'
+        "<Profile><ProfAlign name='a'><PVI>1000 0</PVI><PVI>1100 1</PVI><PVI>1200 0</PVI></ProfAlign>"
+        "<ProfAlign name='b'/></Profile>"
+        '<Cant gauge="1.5" rotationPoint="insideRail"><CantStation station="1100" appliedCant="20" curvature="cw"/>'
+        "</Cant>"
+    )
+    remarks = read(document(alignment_of(near, Truth(near, START, YAW), rest=rest))).remarks
+    for words in (
+        "element 2 (Spiral): sineHalfWave is read as the half-sine curve",
+        "1 station equation(s) (StaEquation) not applied",
+        "there are 2 profiles: the first, 'a', is used",
+        "the profile does not span the plan",
+        "the gradient jumps at 1 point(s) without a vertical curve, first at station 1100.000 m",
+        "cant is not zero at the first or last CantStation",
+        "cant turns about insideRail",
+    ):
+        assert sum(words in remark for remark in remarks) == 1, (words, remarks)
+
+
+def test_one_of_several_alignments_is_chosen_by_name(read):
+    two = alignment_of(SIMPLE, SIMPLE_TRUTH) + alignment_of(SIMPLE[:1], Truth(SIMPLE[:1])).replace('"down"', '"up"')
+    assert read(document(two), name="up").line.length_m == pytest.approx(40.0)
+    with pytest.raises(
+        BadInputError, match="has 2 alignments: 'down', 'up': expected exactly one, or a choice by name"
+    ):
+        read(document(two))
+    with pytest.raises(BadInputError, match="expected exactly one named 'side'"):
+        read(document(two), name="side")
+
+
+LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10 if i else "ha" * 50}">' for i in range(10))
+SPIRAL = "element 2 \\(Spiral\\)"
+ONE_PROFILE = "<Profile><ProfAlign name='p'>{}</ProfAlign></Profile></Alignment>"
+ONE_CANT = '<Cant gauge="1.5">{}</Cant></Alignment>'
+
+
+def swap(old, new):
+    assert old in GOOD
+    return GOOD.replace(old, new)
+
+
+BAD = {
+    "empty": ("", "not well-formed XML"),
+    "truncated": (GOOD[: len(GOOD) // 2], "not well-formed XML"),
+    "not XML": ("chainage,curvature\n0,0\n", "not well-formed XML"),
+    "binary": (b"\x00\xff\xfe\x01" * 50, "not well-formed XML"),
+    "another document": ("<html/>", "its root is html of namespace None: expected LandXML"),
+    "wrong namespace": (swap("LandXML-1.2", "LandXML-1.0"), "expected LandXML of namespace"),
+    "no namespace": (swap('xmlns="http://www.landxml.org/schema/LandXML-1.2"', ""), "expected LandXML of namespace"),
+    "wrong version": (swap('version="1.2"', 'version="2.0"'), "version is '2.0': expected '1.2'"),
+    "entities": (
+        f"<!DOCTYPE LandXML [{LAUGHS}]>" + GOOD.split("\n")[1].replace("<Alignments>", "&l9;<Alignments>"),
+        "document type|not well-formed",
+    ),
+    "entities in an attribute": (
+        f"<!DOCTYPE LandXML [{LAUGHS}]>" + GOOD.split("\n")[1].replace('name="down"', 'name="&l9;"'),
+        "document type|not well-formed",
+    ),
+    "a file as entity": (
+        '<!DOCTYPE LandXML [<!ENTITY x SYSTEM "file:///etc/hostname">]>' + GOOD.split("\n")[1].replace("down", "d&x;"),
+        "document type|not well-formed",
+    ),
+    "no units": (swap(f"<Units>{METRIC}</Units>", ""), "LandXML: the units are missing"),
+    "unknown unit": (swap('"meter"', '"furlong"'), "linearUnit is 'furlong': expected one of meter"),
+    "no alignment": (document(""), "has no Alignment"),
+    "no elements": (document('<Alignment name="a"><CoordGeom/></Alignment>'), "has no elements"),
+    "no plan": (document('<Alignment name="a"/>'), "has no CoordGeom"),
+    "spiral without length": (
+        swap('rot="ccw" length="60.0" radiusS', 'rot="ccw" radiusS'),
+        f"{SPIRAL}: length is missing",
+    ),
+    "spiral without sense": (swap('spiType="clothoid" rot="ccw"', 'spiType="clothoid"'), f"{SPIRAL}: rot is missing"),
+    "spiral without radius": (swap('radiusStart="INF"', ""), f"{SPIRAL}: radiusStart is missing"),
+    "unknown spiral": (swap('"clothoid"', '"radioid"'), f"{SPIRAL}: spiType is 'radioid': expected one of clothoid"),
+    "radius zero": (
+        swap('radiusEnd="300.0"', 'radiusEnd="0"'),
+        f"{SPIRAL}: radiusEnd is '0': expected a number above 0",
+    ),
+    "radius NaN": (swap('radiusEnd="300.0"', 'radiusEnd="NaN"'), f"{SPIRAL}: radiusEnd is 'NaN'"),
+    "length NaN": (
+        swap('length="40.0"', 'length="nan"'),
+        r"element 1 \(Line\): length is 'nan': expected a number above",
+    ),
+    "length zero": (swap('length="40.0"', 'length="0"'), r"element 1 \(Line\): length is '0'"),
+    "length negative": (swap('length="40.0"', 'length="-40"'), r"element 1 \(Line\): length is '-40'"),
+    "length infinite": (swap('length="40.0"', 'length="1e999"'), r"element 1 \(Line\): length is '1e999'"),
+    "a line round the world": (swap('length="40.0"', 'length="4e7"'), "its elements are 40000.2 km long: expected"),
+    "radius below ten metres": (swap('radiusEnd="300.0"', 'radiusEnd="0.3"'), f"{SPIRAL}: its radius is below 10 m"),
+    "length in words": (swap('length="40.0"', 'length="long"'), r"element 1 \(Line\): length is 'long'"),
+    "unknown element": (
+        swap("<Line ", "<Chain ").replace("</Line>", "</Chain>"),
+        r"element 1 \(Chain\): cannot be read",
+    ),
+    "a coordinate": (swap(point("Start", START), "<Start>12 east</Start>"), "Start: its text is '12 east'"),
+    "no coordinates": (swap(point("Start", START), ""), r"element 1 \(Line\) has no direction"),
+    "steep cubic parabola": (
+        swap('"clothoid"', '"cubicParabola"').replace('radiusEnd="300.0"', 'radiusEnd="30.0"'),
+        f"{SPIRAL}: a cubic parabola 60 m long .* steeper than 24.1 degrees",
+    ),
+    "one vertex": (
+        swap("</Alignment>", ONE_PROFILE.format("<PVI>1000 0</PVI>")),
+        "ProfAlign 'p': 1 vertices: expected",
+    ),
+    "steep": (
+        swap("</Alignment>", ONE_PROFILE.format("<PVI>1000 0</PVI><PVI>1010 50</PVI>")),
+        r"the gradient from point 1 \(PVI\) to point 2 \(PVI\) is 5000 permille: expected at most 500",
+    ),
+    "vertices out of order": (
+        swap("</Alignment>", ONE_PROFILE.format("<PVI>1100 0</PVI><PVI>1000 0</PVI>")),
+        r"point 2 \(PVI\) is not beyond point 1",
+    ),
+    "vertical curves overlap": (
+        swap(
+            "</Alignment>",
+            ONE_PROFILE.format(
+                "<PVI>1000 0</PVI><ParaCurve length='100'>1080 1</ParaCurve><CircCurve length='9' radius='5000'>1150 0"
+                "</CircCurve><PVI>1270 0</PVI>"
+            ),
+        ),
+        r"point 3 \(CircCurve\) begins .* before the curve before it ends",
+    ),
+    "unsymmetrical curve": (
+        swap("</Alignment>", ONE_PROFILE.format("<UnsymParaCurve lengthIn='1' lengthOut='2'>1 2</UnsymParaCurve>")),
+        r"point 1 \(UnsymParaCurve\): cannot be read",
+    ),
+    "height in words": (
+        swap("</Alignment>", ONE_PROFILE.format("<PVI>1000 high</PVI>")),
+        "point 1 .* expected 2 numbers",
+    ),
+    "cant without gauge": (swap("</Alignment>", "<Cant/></Alignment>"), "Cant: gauge is missing"),
+    "cant without sense": (
+        swap("</Alignment>", ONE_CANT.format('<CantStation station="1100" appliedCant="9"/>')),
+        "CantStation 1: curvature is missing: expected one of cw, ccw",
+    ),
+    "cant jumps": (
+        swap(
+            "</Alignment>",
+            ONE_CANT.format(
+                '<CantStation station="1100" appliedCant="0"/>'
+                '<CantStation station="1100" appliedCant="90" curvature="cw"/>'
+            ),
+        ),
+        r"CantStation 2: the height of the left rail over the right one jumps by \+90.0 mm: expected a ramp",
+    ),
+    "cant out of order": (
+        swap(
+            "</Alignment>",
+            ONE_CANT.format(
+                '<CantStation station="1100" appliedCant="0"/><CantStation station="1090" appliedCant="0"/>'
+            ),
+        ),
+        "CantStation 2: its station is before",
+    ),
+    "cant outside": (
+        swap("</Alignment>", ONE_CANT.format('<CantStation station="100" appliedCant="0"/>')),
+        "CantStation 1: its station is -900.000 m from the start of the plan: expected 0 to 270.000 m",
+    ),
+    "cant in micrometres": (
+        swap("</Alignment>", ONE_CANT.format('<CantStation station="1100" appliedCant="90000" curvature="cw"/>')),
+        "a cant of 90000 mm over 1.5 m",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", BAD)
+def test_a_bad_file_gives_one_clear_error(read, fault):
+    text, message = BAD[fault]
+    with pytest.raises(BadInputError, match=message) as caught:
+        read(text)
+    assert "line.xml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_and_a_huge_file_are_refused(tmp_path):
+    with pytest.raises(BadInputError, match=r"none\.xml: cannot be read: No such file"):
+        read_landxml(tmp_path / "none.xml", speed_limit_mps=25.0)
+    huge = tmp_path / "huge.xml"
+    with huge.open("wb") as file:
+        file.truncate(300 * 2**20)
+    with pytest.raises(BadInputError, match="it has 300 MiB: expected at most 256 MiB"):
+        read_landxml(huge, speed_limit_mps=25.0)

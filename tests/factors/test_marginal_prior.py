@@ -1,0 +1,88 @@
+"""The factor that stands for keyframes that are gone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trackfg.factors.family import check_jacobians
+from trackfg.factors.marginal_prior import moved_from, past, past_elsewhere, step_from
+from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step, offset_in_keyframe
+from trackfg.numerics.frames import matrix_from_rpy
+
+
+def one_keyframe(rng: np.random.Generator) -> States:
+    R = matrix_from_rpy(*(0.3 * rng.standard_normal((3, 1))))
+    nav = Nav(R, *rng.standard_normal((2, 1, 3)))
+    shared = (rng.standard_normal((1, kind.dim)) for kind in SHARED)
+    return States(nav, rng.standard_normal((1, Kind.BIAS.dim)), rng.standard_normal((1, Kind.ODO.dim)), *shared)
+
+
+def a_step(rng: np.random.Generator, size: float) -> Step:
+    tangent = size * rng.standard_normal(KEYFRAME_DIM + SHARED_DIM)
+    return Step(tangent[None, :KEYFRAME_DIM], tangent[KEYFRAME_DIM:])
+
+
+def test_it_measures_from_where_it_was_linearised() -> None:
+    rng = np.random.default_rng(0)
+    origin, step, rows = one_keyframe(rng), a_step(rng, 0.3), rng.standard_normal((49, 50))
+    states = moved_from(origin, step)
+    x = np.concatenate([step.keyframes[0], step.shared])
+    np.testing.assert_allclose(past(rows, origin).residual(states)[0], rows[:, :-1] @ x - rows[:, -1], atol=1e-9)
+    back = step_from(origin, states)
+    np.testing.assert_allclose(np.concatenate([back.keyframes[0], back.shared]), x, atol=1e-12)
+
+
+def test_small_steps_are_those_of_the_graph() -> None:
+    rng = np.random.default_rng(1)
+    origin, step = one_keyframe(rng), a_step(rng, 1e-6)
+    one, other = moved_from(origin, step).nav, origin.moved(step).nav
+    np.testing.assert_allclose(one.R, other.R, atol=1e-11)
+    np.testing.assert_allclose(one.v, other.v, atol=1e-9)
+
+
+def turned(states: States, angle: float) -> States:
+    """With the velocity, about the vertical."""
+    about = matrix_from_rpy(np.zeros(1), np.zeros(1), np.full(1, angle))
+    nav = states.nav
+    return replace(states, nav=Nav(about @ nav.R, nav.p, np.einsum("mij,mj->mi", about, nav.v)))
+
+
+def test_a_turn_about_the_vertical_leaves_roll_and_pitch() -> None:
+    origin = one_keyframe(np.random.default_rng(2))
+    x = step_from(origin, turned(origin, 2.0)).of(Kind.NAV)[0, :3]
+    np.testing.assert_allclose(x, 2.0 * origin.nav.R[0, 2], atol=1e-12)
+
+
+def test_a_turn_about_the_vertical_leaves_the_speed_however_far_it_goes() -> None:
+    origin = one_keyframe(np.random.default_rng(2))
+    little, far = (step_from(origin, turned(origin, angle)).of(Kind.NAV)[0] / angle for angle in (1e-6, 2.0))
+    np.testing.assert_allclose(far, little, atol=1e-9)
+    tangent = (turned(origin, 1e-6).nav.v - origin.nav.v) @ origin.nav.R[0] / 1e-6
+    np.testing.assert_allclose(little[6:], tangent[0], atol=1e-5)
+
+
+def test_jacobians() -> None:
+    rng = np.random.default_rng(3)
+    origin = one_keyframe(rng)
+    family = past(rng.standard_normal((49, 50)), origin)
+    check_jacobians(family, moved_from(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)
+
+
+def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
+    rng = np.random.default_rng(3)
+    origin, rows, by, sd = one_keyframe(rng), rng.standard_normal((49, 50)), 40.0, 25.0
+    family = past_elsewhere(past(rows, origin), by, sd)
+    A, b = family.data[-2][0], family.data[-1][0]
+    at = offset_in_keyframe(Kind.ODO)
+    before, after = np.linalg.inv(rows[:, :-1].T @ rows[:, :-1]), np.linalg.inv(A.T @ A)
+    before[at, at] += sd**2
+    np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-6 * np.abs(before).max())
+    expected, found = np.linalg.solve(rows[:, :-1], rows[:, -1]), after @ A.T @ b
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+    step = a_step(rng, 0.1)
+    states = moved_from(origin, step)
+    x = np.concatenate([step.keyframes[0], step.shared])
+    there = replace(states, odo=states.odo + np.array([by, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(family.residual(there)[0], A @ x - b, atol=1e-9)

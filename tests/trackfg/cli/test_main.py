@@ -1,0 +1,509 @@
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import trackfg
+from trackfg.cli import main
+from trackfg.datasets.scenarios import simulate
+from trackfg.datasets.sensors.faults import drop_imu
+from trackfg.results.result import Result
+
+COMMANDS = (
+    "demo",
+    "scenarios",
+    "simulate",
+    "check",
+    "smooth",
+    "stream",
+    "estimators",
+    "baseline",
+    "compare",
+    "plot",
+    "report",
+)
+MODULE = [sys.executable, "-m", "trackfg"]
+
+
+@dataclass(frozen=True)
+class Done:
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+    """Run the command line in this process, as from a pipe."""
+
+    def run(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["trackfg", *map(str, arguments)])
+        with pytest.raises(SystemExit) as exit_:
+            main.main()
+        captured = capsys.readouterr()
+        return Done(int(exit_.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+Run = Callable[..., Done]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings") / "run"
+    simulate("mainline", seed=1, duration_s=60.0).write(folder)
+    return folder
+
+
+def test_version(run: Run) -> None:
+    assert run("--version") == Done(0, f"trackfg {trackfg.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example(run: Run, command: str) -> None:
+    done = run(command, "--help")
+    assert done.status == 0
+    assert f"Example: trackfg {command}" in done.out
+
+
+def test_help_lists_the_commands_that_work(run: Run) -> None:
+    help_ = run("--help").out
+    assert all(command in help_ for command in COMMANDS)
+    assert {command.callback.__name__ for command in main.app.registered_commands if command.callback} == set(COMMANDS)
+
+
+def test_nothing_heavy_is_imported_for_help() -> None:
+    program = (
+        "import sys; sys.argv = ['trackfg', '--help']; from trackfg.cli.main import main\n"
+        "try: main()\n"
+        "finally: print(sorted({'numpy', 'pandas', 'gtsam', 'scipy', 'pydantic', 'matplotlib'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("bogus",), ("smooth",), ("smooth", "rec"), ("simulate", "mainline", "-o", "x", "--seed", "one"), ("check",)],
+)
+def test_wrong_usage(run: Run, arguments: tuple[str, ...]) -> None:
+    done = run(*arguments)
+    assert done.status == 2
+    assert "Usage: trackfg" in done.err
+
+
+def test_scenarios(run: Run) -> None:
+    done = run("scenarios")
+    assert done.status == 0
+    assert "mainline" in done.out
+
+
+def test_simulate_is_reproducible(run: Run, tmp_path: Path) -> None:
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        done = run("simulate", "mainline", "-o", tmp_path / "deep" / name, "--seed", seed, "--duration", 20)
+        assert done.status == 0, done.err
+    a, b, c = ((tmp_path / "deep" / name / "imu.parquet").read_bytes() for name in "abc")
+    assert a == b != c
+
+
+def test_simulate_another_run_on_the_same_track(run: Run, tmp_path: Path) -> None:
+    for number in (0, 1):
+        done = run("simulate", "mainline", "-o", tmp_path / f"{number}", "--run", number, "--duration", 60)
+        assert done.status == 0, done.err
+    imu = [(tmp_path / f"{number}" / "imu.parquet").read_bytes() for number in (0, 1)]
+    assert imu[0] != imu[1]
+    track = [pd.read_parquet(tmp_path / f"{number}" / "truth_geometry.parquet") for number in (0, 1)]
+    both = track[0].merge(track[1], on="chainage_m", suffixes=("", "_again"))
+    assert len(both) > 100
+    assert both["gauge_mm"].equals(both["gauge_mm_again"].rename("gauge_mm"))
+
+
+@pytest.fixture
+def line_file(tmp_path: Path) -> Path:
+    path = tmp_path / "branch.toml"
+    path.write_text(
+        'format = "trackfg-line/1"\nid = "branch"\ngauge_m = 1.435\nstart_chainage_m = 5000\n'
+        "speed_limit = [{chainage_m = 5000, kmh = 60}]\n"
+        'element = [{type = "straight", length_m = 400}, {type = "curve", radius_m = 800, length_m = 300}]\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+def test_simulate_on_a_line_from_a_file(run: Run, tmp_path: Path, line_file: Path) -> None:
+    done = run("simulate", "mainline", "-o", tmp_path / "out", "--line", line_file, "--duration", 60)
+    assert done.status == 0
+    assert done.err == (
+        f"trackfg: note: {line_file}: the curvature jumps by +0.00125 1/m between elements 1 and 2 "
+        "(chainage 5400.000 m)\n"
+    )
+    assert trackfg.read_recording(tmp_path / "out").description.track.gauge_m == 1.435
+    assert pd.read_parquet(tmp_path / "out" / "truth.parquet")["chainage_m"][0] == 5050.0
+
+
+@pytest.mark.parametrize(
+    ("scenario", "name", "expected"),
+    [
+        ("no-stop", "branch.toml", "the line is 700 m long: expected"),
+        ("mainline", "nowhere.toml", "nowhere.toml: cannot be read"),
+        ("mainline", "nowhere.xml", "nowhere.xml"),
+        ("mainline", "branch.csv", "expected a line description (.toml) or LandXML (.xml)"),
+    ],
+)
+def test_simulate_on_a_line_that_does_not_do(
+    run: Run, tmp_path: Path, line_file: Path, scenario: str, name: str, expected: str
+) -> None:
+    done = run("simulate", scenario, "-o", tmp_path / "out", "--line", line_file.parent / name)
+    assert done.status == 2
+    assert expected in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_simulate_never_overwrites(run: Run, recording: Path) -> None:
+    before = (recording / "recording.toml").read_bytes()
+    done = run("simulate", "mainline", "-o", recording, "--duration", 20)
+    assert done.status == 2
+    assert "never overwritten" in done.err
+    assert (recording / "recording.toml").read_bytes() == before
+
+
+def test_simulate_something_unknown(run: Run, tmp_path: Path) -> None:
+    done = run("simulate", "monorail", "-o", tmp_path / "out")
+    assert done.status == 2
+    assert "mainline" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_check_a_sound_recording(run: Run, recording: Path) -> None:
+    done = run("check", recording)
+    assert done.status == 0, done.out
+    assert "Estimated from the data" in done.out
+
+
+def test_check_as_json(run: Run, recording: Path) -> None:
+    report = json.loads(run("check", recording, "--json").out)
+    assert report.keys() == {"findings", "estimates"}
+    assert not [finding for finding in report["findings"] if finding["level"] == "error"]
+
+
+def test_check_a_broken_recording(run: Run, broken: Path) -> None:
+    done = run("check", broken)
+    assert done.status == 2
+    assert "error" in done.out
+    assert "imu.csv" in done.out
+    assert done.err == ""
+    assert json.loads(run("check", broken, "--json").out)["findings"][0]["level"] == "error"
+
+
+@pytest.fixture
+def broken(tmp_path: Path) -> Path:
+    folder = tmp_path / "broken"
+    simulate("mainline", seed=1, duration_s=20.0).write(folder, table_format="csv")
+    table = pd.read_csv(folder / "imu.csv")
+    table.iloc[100, 3] = float("nan")
+    table.to_csv(folder / "imu.csv", index=False)
+    return folder
+
+
+def test_smooth(run: Run, recording: Path, tmp_path: Path) -> None:
+    done = run("smooth", recording, "-o", tmp_path / "deep" / "out")
+    assert done.status == 0, done.err
+    assert done.err == ""  # no progress bar in a pipe
+    assert "wheel scale" in done.out
+    result = Result.read(tmp_path / "deep" / "out")
+    assert result.trajectory["t_s"].iloc[-1] == pytest.approx(60.0, abs=0.2)
+
+
+def test_smooth_passes_on_what_reading_noticed(run: Run, tmp_path: Path) -> None:
+    run_with_gap = simulate("mainline", seed=1, duration_s=40.0)
+    replace(run_with_gap, recording=drop_imu(run_with_gap.recording, 20.0, 22.0)).write(tmp_path / "gap")
+    done = run("smooth", tmp_path / "gap", "-o", tmp_path / "out")
+    assert done.status == 0, done.err
+    assert "1 warning" in done.out
+    (found,) = Result.read(tmp_path / "out").summary.findings
+    assert (found.level, found.code, found.file) == ("warning", "gap", "imu.parquet")
+    assert found.time_s == pytest.approx(22.0, abs=0.02)
+
+
+def test_smooth_with_settings_and_json(run: Run, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[output]\nrate_hz = 5.0\n")
+    done = run("smooth", recording, "-o", tmp_path / "out", "--config", tmp_path / "c.toml", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["configuration"]["output"]["rate_hz"] == 5.0
+    assert json.loads(done.out) == json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert Result.read(tmp_path / "out").trajectory["t_s"].diff().median() == pytest.approx(0.2)
+
+
+def test_smooth_bad_input(run: Run, broken: Path, tmp_path: Path) -> None:
+    done = run("smooth", broken, "-o", tmp_path / "out")
+    assert done.status == 2
+    assert done.err.startswith("trackfg: ")
+    assert "imu.csv" in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_smooth_no_recording(run: Run, tmp_path: Path) -> None:
+    done = run("smooth", tmp_path / "nowhere", "-o", tmp_path / "out")
+    assert done.status == 2
+    assert "nowhere" in done.err
+
+
+def test_smooth_bad_settings(run: Run, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[output]\nrate_khz = 5.0\n")
+    done = run("smooth", recording, "-o", tmp_path / "out", "--config", tmp_path / "c.toml")
+    assert done.status == 2
+    assert "rate_khz" in done.err
+
+
+def test_smooth_leaves_other_folders_alone(run: Run, recording: Path) -> None:
+    """Found out before the work, not after it."""
+    done = run("smooth", recording, "-o", recording)
+    assert done.status == 2
+    assert "not a trackfg result" in done.err
+
+
+def test_smooth_unsolvable(run: Run, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def cannot(*_: object, **__: object) -> Result:
+        raise trackfg.UnsolvableError("nothing says where the vehicle is")
+
+    monkeypatch.setattr("trackfg.smoothing.smoother.smooth", cannot)
+    done = run("smooth", recording, "-o", tmp_path / "out")
+    assert done == Done(1, "", "trackfg: nothing says where the vehicle is\n")
+
+
+def test_a_folder_that_cannot_be_written(run: Run, recording: Path) -> None:
+    done = run("smooth", recording, "-o", "/proc/trackfg/out")
+    assert done.status == 1
+    assert done.err.startswith("trackfg: ")
+
+
+def test_a_result_that_did_not_converge_says_so(
+    run: Run, recording: Path, tmp_path: Path, make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver = {"converged": False, "reason": "30 iterations", "iterations": 30, "cost": 1.0, "degrees_of_freedom": 1}
+    monkeypatch.setattr("trackfg.smoothing.smoother.smooth", lambda *_, **__: make_result(solver=solver))
+    done = run("smooth", recording, "-o", tmp_path / "out")
+    assert (done.status, done.err) == (0, "trackfg: warning: not converged: 30 iterations\n")
+
+
+def test_estimators(run: Run) -> None:
+    done = run("estimators")
+    assert done.status == 0
+    assert "adaptive-ekf" in done.out
+    assert "JP7628028B2" in done.out
+
+
+def test_baseline(run: Run, recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = run("baseline", "complementary", recording, "-o", out, "--as-printed")
+    assert (done.status, done.err) == (0, "")
+    assert pd.read_parquet(out / "geometry.parquet")["cross_level_mm"].notna().any()
+    about = json.loads((out / "baseline.json").read_text())
+    assert about["parameters"]["as_printed"] is True
+    assert run("baseline", "gyro", recording, "-o", out).status == 0  # its own folder may be replaced
+
+
+def test_baseline_bad_input(run: Run, recording: Path, tmp_path: Path) -> None:
+    unknown = run("baseline", "kalman", recording, "-o", tmp_path / "out")
+    assert unknown.status == 2
+    assert "no estimator 'kalman'; expected one of smoother, complementary" in unknown.err
+    without = run("baseline", "mid-chord", recording, "-o", tmp_path / "out")
+    assert without.status == 2
+    assert "lasers" in without.err
+    foreign = run("baseline", "gyro", recording, "-o", recording)
+    assert foreign.status == 2
+    assert "is not a trackfg baseline's result" in foreign.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare(run: Run, recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = run("compare", recording, "--scenario", "j-turn", "--seeds", 2, "--jobs", 1, "-o", out)
+    assert (done.status, done.err) == (0, "")
+    assert "twist, mm" in done.out
+    assert "j-turn, friction: 2 runs" in done.out
+    assert "Left out" in done.out
+    about = json.loads((out / "comparison.json").read_text())
+    assert {row["case"] for row in about["rows"]} == {"mainline-seed1-run0", "j-turn"}
+    assert len(pd.read_parquet(out / "comparison.parquet")) > 20
+    again = run("compare", "--scenario", "j-turn", "--seeds", 1, "--json", "-o", out)
+    assert json.loads(again.out)["cases"][0]["seeds"] == [0]
+
+
+def test_compare_bad_input(run: Run, recording: Path, tmp_path: Path) -> None:
+    unknown = run("compare", "--scenario", "mainlin", "-o", tmp_path / "out")
+    assert unknown.status == 2
+    assert "mainlin" in unknown.err
+    foreign = run("compare", recording, "-o", recording)
+    assert foreign.status == 2
+    assert "is not a trackfg comparison" in foreign.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_report(run: Run, recording: Path, tmp_path: Path) -> None:
+    assert run("smooth", recording, "-o", tmp_path / "out").status == 0
+    done = run("report", tmp_path / "out", "--recording", recording)
+    assert (done.status, done.err) == (0, "")
+    assert done.out == f"report: {tmp_path / 'out.html'}\n"
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert "Errors of the geometry" in page
+    assert f"--recording {recording}" in page
+    other = run("report", tmp_path / "out", "-o", tmp_path / "deep" / "a.html")
+    assert other.status == 0
+    assert "Errors of the geometry" not in (tmp_path / "deep" / "a.html").read_text(encoding="utf-8")
+
+
+def test_report_of_a_comparison(run: Run, tmp_path: Path) -> None:
+    assert run("compare", "--scenario", "j-turn", "--seeds", 1, "--jobs", 1, "-o", tmp_path / "cmp").status == 0
+    done = run("report", tmp_path / "cmp")
+    assert (done.status, done.err) == (0, "")
+    assert "Where a published system beats the smoother" in (tmp_path / "cmp.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("what", ["recording", "nothing"])
+def test_report_of_something_else(run: Run, recording: Path, tmp_path: Path, what: str) -> None:
+    done = run("report", recording if what == "recording" else tmp_path / "nothing", "-o", tmp_path / "a.html")
+    assert done.status == 2
+    assert "expected a folder that trackfg wrote: a result (summary.json) or a comparison" in done.err
+    assert len(done.err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_on_a_terminal(recording: Path, tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    command = [*MODULE, "smooth", recording, "-o", tmp_path / "out"]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=theirs, env={**os.environ, "TERM": "xterm"}
+    ) as done:
+        os.close(theirs)
+        shown = b""
+        while True:
+            try:
+                shown += os.read(ours, 4096)
+            except OSError:  # the terminal is closed when the process ends
+                break
+    os.close(ours)
+    assert done.returncode == 0
+    assert b"%" in shown
+
+
+def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path) -> None:
+    """Interrupted as soon as it has begun to write: the hidden workspace is gone and the status is 130."""
+    program = (
+        "import sys, os, signal, trackfg.results.result as r\n"
+        "sys.argv = ['trackfg', 'smooth', sys.argv[1], '-o', sys.argv[2]]\n"
+        "r.Summary.model_dump_json = lambda *_, **__: os.kill(os.getpid(), signal.SIGINT)\n"
+        "from trackfg.cli.main import main; main()"
+    )
+    command = [sys.executable, "-c", program, recording, tmp_path / "out"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_many_moments(tmp_path: Path) -> None:
+    for delay_s in (0.5, 1.0, 1.5, 2.0, 2.5):
+        command = [*MODULE, "simulate", "mainline", "-o", tmp_path / "rec"]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            time.sleep(delay_s)
+            process.send_signal(signal.SIGINT)
+            process.communicate()
+        assert process.returncode in (130, -signal.SIGINT)
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def result(make_result: Callable[..., Result], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_result(rows=300).write(tmp_path_factory.mktemp("results") / "run.v2")
+
+
+def test_plot_beside_the_result(run: Run, result: Path) -> None:
+    done = run("plot", result)
+    assert (done.status, done.err) == (0, "")
+    assert (result.parent / "run.v2.png").read_bytes().startswith(b"\x89PNG")
+    assert done.out == f"chart: {result.parent / 'run.v2.png'}\n"
+    Result.read(result)
+
+
+@pytest.mark.parametrize("suffix", ["svg", "html"])
+def test_plot_a_range_twice_the_same(run: Run, result: Path, tmp_path: Path, suffix: str) -> None:
+    a, b = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
+    for path in (a, b):
+        done = run(
+            "plot", result, "--from", 100, "--to", 200.5, "--limits", "cfr-213", "--level", "class 4", "-o", path
+        )
+        assert done.status == 0, done.err
+        assert "not drawn: warp" in done.err
+    assert a.read_bytes() == b.read_bytes()
+    text = a.read_text(encoding="utf-8")
+    if suffix == "html":
+        assert "100 to 200.5 m" in text
+        assert "class 4 31.75" in text
+        assert '"displaylogo": false' in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("-o", "chart.pdf"), "expected a file that ends in .png, .svg or .html"),
+        (("--from", 300, "--to", 200), "no geometry between 300 and 200 m: the result covers chainage 0.00 to"),
+        (("--from", 1e6), "no geometry from 1e+06 m on"),
+        (("--limits", "nowhere.toml"), "nowhere.toml: cannot be read"),
+        (("--limits", "cfr-213", "--level", "class 10"), "no limits of level 'class 10'"),
+        (("--level", "class 4"), "expected --limits too"),
+    ],
+)
+def test_plot_bad_input(
+    run: Run,
+    result: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[object, ...],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run("plot", result, *(() if "-o" in arguments else ("-o", "chart.png")), *arguments)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.startswith("trackfg: ")
+    assert expected in done.err
+    assert done.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_plot_never_into_the_result(run: Run, result: Path) -> None:
+    before = {path.name for path in result.iterdir()}
+    done = run("plot", result, "-o", result / "chart.png")
+    assert done.status == 2
+    assert "holds nothing but its own files" in done.err
+    assert {path.name for path in result.iterdir()} == before
+
+
+def test_plot_a_result_without_geometry(run: Run, make_result: Callable[..., Result], tmp_path: Path) -> None:
+    whole = make_result(rows=50)
+    replace(whole, geometry=whole.geometry.iloc[:0]).write(tmp_path / "out")
+    done = run("plot", tmp_path / "out", "--limits", "cfr-213")
+    assert done.status == 2
+    assert "no geometry to draw" in done.err
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_plot_no_result(run: Run, tmp_path: Path) -> None:
+    done = run("plot", tmp_path / "nowhere")
+    assert done.status == 2
+    assert "nowhere" in done.err

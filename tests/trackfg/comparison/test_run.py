@@ -1,0 +1,127 @@
+"""Every estimator on the same runs, scored by one code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.comparison.estimators import SMOOTHER, estimator, estimators, friction_estimators
+from trackfg.comparison.run import Case, cases_of, compare
+from trackfg.comparison.table import SCORE_COLUMNS, TRUTH, Comparison
+from trackfg.datasets.scenarios import simulate
+from trackfg.errors import BadInputError
+
+
+@pytest.fixture(scope="module")
+def two_seeds() -> Comparison:
+    return compare(cases_of(scenarios=["trolley"], seeds=2, duration_s=90.0))
+
+
+def test_every_estimator_is_scored_by_what_it_is_for(two_seeds: Comparison) -> None:
+    assert tuple(two_seeds.scores) == SCORE_COLUMNS
+    scored = two_seeds.scores.groupby("estimator")["quantity"].unique()
+    assert {"cross_level_mm", "roll_mrad", "twist_mm"} <= set(scored["complementary"])
+    assert "distance_percent" not in scored["complementary"]
+    assert "along_track_m" in scored["composite"]
+    assert {"twist_mm", "versine_level_mm", "along_track_m", "pitch_mrad"} <= set(scored[SMOOTHER])
+    out = {one.estimator: one.reason for one in two_seeds.about.left_out}
+    assert "lasers" in out["mid-chord"]
+    assert set(out) | set(scored.index) == set(estimators())
+
+
+def test_what_the_smoother_is_for(two_seeds: Comparison) -> None:
+    rows = {(row.quantity, row.estimator): row for row in two_seeds.about.rows if row.from_kmh is None}
+    for quantity, other in (("cross_level_mm", "complementary"), ("twist_mm", "complementary"), ("twist_mm", "gyro")):
+        ratio = rows[quantity, other].to_smoother
+        assert ratio is not None
+        assert ratio > 1.0
+    assert rows["twist_mm", SMOOTHER].runs == 2
+
+
+def test_curves_are_those_of_the_first_run(two_seeds: Comparison) -> None:
+    geometry = two_seeds.geometry
+    assert {TRUTH, SMOOTHER, "complementary"} <= set(geometry["estimator"])
+    smoothed = geometry[geometry["estimator"] == SMOOTHER]
+    row = two_seeds.scores.query("estimator == 'smoother' and quantity == 'twist_mm' and seed == 0").iloc[0]
+    assert np.sqrt((smoothed["twist_mm_error"] ** 2).mean()) == pytest.approx(row["rms"])
+    assert set(two_seeds.positions["estimator"]) >= {SMOOTHER, "composite"}
+
+
+def test_processes_change_nothing_but_the_time(two_seeds: Comparison) -> None:
+    calls: list[float] = []
+    cases = cases_of(scenarios=["trolley"], seeds=2, duration_s=90.0)
+    parallel = compare(cases, peers=False, jobs=2, progress=lambda what, done: calls.append(done))
+    alone = two_seeds.scores[two_seeds.scores["estimator"].isin(parallel.scores["estimator"])]
+    pd.testing.assert_frame_equal(
+        parallel.scores.drop(columns="seconds"), alone.drop(columns="seconds").reset_index(drop=True), rtol=1e-9
+    )
+    assert calls == [0.5, 1.0]
+
+
+def test_recordings_without_truth_are_held_against_the_first(tmp_path: Path) -> None:
+    folders = []
+    for run in range(3):
+        folder = tmp_path / f"run{run}"
+        simulated = simulate("shuttle", seed=0, run=2 * run, duration_s=100.0)
+        simulated.write(folder)
+        text = (folder / "recording.toml").read_text()
+        (folder / "recording.toml").write_text(text[: text.index("[truth]")])
+        folders.append(folder)
+    result = compare(cases_of(folders), peers=False)
+    assert result.about.cases[0].basis == "repeatability"
+
+    def scores_of(name: str) -> pd.DataFrame:
+        return result.scores[result.scores["estimator"] == name].set_index(["case", "quantity"])
+
+    scores = scores_of(SMOOTHER)
+    first, *others = (case.name for case in result.about.cases)
+    assert first not in scores.index
+    for name in others:
+        twist = scores.loc[(name, "twist_mm")]
+        assert twist["sd"] < 0.5 * scores_of("complementary").loc[(name, "twist_mm"), "sd"]
+        assert np.isnan(twist["rms"])
+
+
+def test_a_recording_with_its_truth(tmp_path: Path) -> None:
+    simulate("trolley", seed=3, duration_s=60.0).write(tmp_path / "run")
+    (case,) = cases_of([tmp_path / "run"])
+    assert case == Case("trolley-seed3-run0", folder=tmp_path / "run")
+    result = compare([case], peers=False)
+    assert result.about.cases[0].basis == "truth"
+    assert {row.case for row in result.about.rows} == {"trolley-seed3-run0"}
+
+
+def test_one_recording_without_truth_has_nothing_to_be_compared_with(tmp_path: Path) -> None:
+    simulate("trolley", seed=0, duration_s=60.0).write(tmp_path / "run")
+    toml = tmp_path / "run" / "recording.toml"
+    text = toml.read_text()
+    toml.write_text(text[: text.index("[truth]")])
+    with pytest.raises(BadInputError, match=r"expected recordings with \[truth\], or two of one track"):
+        compare(cases_of([tmp_path / "run"]))
+
+
+def test_unknown_names_and_ids_given_twice(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="mainlin"):
+        cases_of(scenarios=["mainlin"])
+    simulate("trolley", seed=0, duration_s=30.0).write(tmp_path / "run")
+    with pytest.raises(BadInputError, match="two recordings have the id 'trolley-seed0-run0'"):
+        cases_of([tmp_path / "run", tmp_path / "run"])
+    with pytest.raises(BadInputError, match="no estimator 'gyr'; expected one of smoother, complementary"):
+        estimator("gyr")
+    with pytest.raises(BadInputError, match="mid-chord: its paper prints nothing that differs"):
+        estimator("mid-chord", as_printed=True)
+
+
+def test_the_standard_cases_are_all_there_is_to_estimate() -> None:
+    assert {case.name for case in cases_of(seeds=1)} >= {"trolley", "measuring-car", "slippery-line", "j-turn"}
+
+
+def test_friction() -> None:
+    result = compare(cases_of(scenarios=["j-turn"], seeds=2))
+    rows = {(row.quantity, row.estimator): row for row in result.about.rows}
+    assert {name for _, name in rows} == set(friction_estimators())
+    assert rows["friction", SMOOTHER].error < rows["friction", "imm-10"].error
+    assert rows["slip_angle_mrad", SMOOTHER].coverage is not None

@@ -1,0 +1,144 @@
+"""A process killed at any moment leaves the old result or none, whole, and the next run succeeds."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trackfg.datasets.scenarios import simulate
+from trackfg.results.result import Result
+
+Make = Callable[..., Result]
+
+KILLED_AT_EVERY_STEP = """
+    # A child writes and kills itself just before its n-th call that could change the disk or a lock, n = 1, 2, ...
+    # until it lives to the end: so every state that a kill can leave behind is met once.
+    import errno, os, signal, sys
+    from pathlib import Path
+    from trackfg.files import atomic_folder
+    from trackfg.results.result import Result
+
+    old, new, can_exchange, there_before = sys.argv[1], sys.argv[2], sys.argv[3] == "True", sys.argv[4] == "True"
+    if not can_exchange:
+        def refuse(a, b):
+            raise OSError(errno.EINVAL, "Invalid argument")
+        atomic_folder._exchange = refuse
+    changing = {"open", "mkdir", "rename", "unlink", "rmdir", "flock", "fsync"}
+    old, new = Result.read(old), Result.read(new)
+    out = Path("out")
+
+    def die_at(n):
+        count = 0
+        def on_call(frame, event, function):
+            nonlocal count
+            if event == "c_call" and function.__name__ in changing:
+                count += 1
+                if count == n:
+                    os.kill(os.getpid(), signal.SIGKILL)
+        sys.setprofile(on_call)
+
+    def mark():
+        try:
+            return Result.read(out).summary.recording_id
+        except Exception as error:
+            if not out.exists() and "expected a folder" in str(error):
+                return "none"
+            raise
+
+    n, found = 0, set()
+    while True:
+        n += 1
+        if there_before:
+            old.write(out)
+        child = os.fork()
+        if child == 0:
+            die_at(n)
+            new.write(out)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+        found.add(mark())
+        new.write(out)
+        assert mark() == "new"
+        assert [name for name in os.listdir() if name.startswith(".out")] == []
+        if not there_before:
+            for name in os.listdir(out):
+                (out / name).unlink()
+            out.rmdir()
+        if status == 0:
+            break
+        assert os.WTERMSIG(status) == signal.SIGKILL
+    print(n, *sorted(found))
+"""
+
+
+@pytest.mark.parametrize("can_exchange", [True, False])
+@pytest.mark.parametrize("there_before", [True, False])
+def test_killed_within_a_write(make_result: Make, tmp_path: Path, can_exchange: bool, there_before: bool) -> None:
+    make_result(rows=5, recording_id="old").write(tmp_path / "a")
+    make_result(rows=6, recording_id="new").write(tmp_path / "b")
+    program = [
+        sys.executable,
+        "-c",
+        textwrap.dedent(KILLED_AT_EVERY_STEP),
+        "a",
+        "b",
+        str(can_exchange),
+        str(there_before),
+    ]
+    done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    moments, *found = done.stdout.split()
+    assert found == ["new", "old" if there_before else "none"]
+    assert int(moments) > 15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("there_before", [True, False])
+def test_smooth_killed_at_many_moments(make_result: Make, tmp_path: Path, there_before: bool) -> None:
+    """The whole command, killed at moments spread over its life, and densely from when it begins to write."""
+    simulate("mainline", seed=1, duration_s=30.0).write(tmp_path / "rec")
+    command = [sys.executable, "-m", "trackfg", "smooth", "rec", "-o", "out"]
+    out = tmp_path / "out"
+
+    def start() -> subprocess.Popen[bytes]:
+        return subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+
+    def set_up() -> None:
+        shutil.rmtree(out, ignore_errors=True)
+        if there_before:
+            make_result(recording_id="old").write(out)
+
+    def kill(process: subprocess.Popen[bytes]) -> str:
+        process.kill()
+        process.wait()
+        return Result.read(out).summary.recording_id if out.exists() else "none"
+
+    begun = time.monotonic()
+    assert start().wait() == 0
+    whole_s = time.monotonic() - begun
+    expected = {"old" if there_before else "none", Result.read(out).summary.recording_id}
+
+    for moment_s in np.linspace(0.0, whole_s, 8):
+        set_up()
+        process = start()
+        time.sleep(moment_s)
+        assert kill(process) in expected
+    for moment_s in np.linspace(0.0, 0.03, 8):
+        set_up()
+        process = start()
+        while process.poll() is None and not list(tmp_path.glob(".out.trackfg-*")):
+            time.sleep(0.0005)
+        time.sleep(moment_s)
+        assert kill(process) in expected
+
+    assert start().wait() == 0
+    assert Result.read(out).summary.recording_id in expected - {"old", "none"}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "rec"]

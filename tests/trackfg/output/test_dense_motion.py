@@ -1,0 +1,125 @@
+"""The motion between keyframes: through every state, and the truth in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.sensors.faults import drop_imu
+from trackfg.numerics.frames import so3_log
+from trackfg.output.dense_motion import DenseMotion, dense_motion
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+
+STEP_S = 0.02
+
+
+@pytest.fixture(scope="module")
+def noisy(smoothed: Callable[..., SmoothedStates]) -> SmoothedStates:
+    return smoothed("mainline", seed=1, duration_s=120.0)
+
+
+@pytest.fixture(scope="module")
+def noisy_motion(noisy: SmoothedStates) -> DenseMotion:
+    return dense_motion(noisy.problem, noisy.solution.states, STEP_S)
+
+
+def test_passes_through_every_keyframe(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
+    states, t = noisy.solution.states, noisy.problem.t
+    rows = np.searchsorted(noisy_motion.t, t - 1e-9)
+    np.testing.assert_allclose(noisy_motion.t[rows], t, atol=1e-12)
+    np.testing.assert_allclose(noisy_motion.nav.p[rows], states.nav.p, atol=1e-9)
+    np.testing.assert_allclose(noisy_motion.nav.v[rows], states.nav.v, atol=1e-9)
+    np.testing.assert_allclose(noisy_motion.nav.R[rows], states.nav.R, atol=1e-12)
+    np.testing.assert_allclose(noisy_motion.distance[rows], states.odo[:, 0], atol=1e-9)
+    np.testing.assert_allclose(noisy_motion.fraction[rows[:-1]], 0.0, atol=1e-12)
+    assert (noisy_motion.keyframe[rows[:-1]] == np.arange(len(t) - 1)).all()
+
+
+def test_arrives_at_every_keyframe_without_a_jump(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
+    """Just before a keyframe the motion is where the keyframe is."""
+    states, t = noisy.solution.states, noisy.problem.t
+    before = noisy_motion.at(t[1:] - 1e-6)
+    np.testing.assert_allclose(before.nav.p, states.nav.p[1:], atol=1e-4)
+    np.testing.assert_allclose(before.nav.v, states.nav.v[1:], atol=1e-4)
+    np.testing.assert_allclose(before.nav.R, states.nav.R[1:], atol=1e-6)
+    np.testing.assert_allclose(before.distance, states.odo[1:, 0], atol=1e-4)
+
+
+def test_rows_are_no_further_apart_than_asked(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
+    assert (np.diff(noisy_motion.t) > 0).all()
+    assert np.diff(noisy_motion.t).max() < 1.01 * STEP_S
+    assert noisy_motion.t[0] == noisy.problem.t[0]
+    assert noisy_motion.t[-1] == noisy.problem.t[-1]
+
+
+@pytest.mark.parametrize("name", ["mainline", "mainline-gnss", "shunting"])
+def test_noise_free_run_is_the_truth_between_keyframes(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], name: str
+) -> None:
+    """Relative to the keyframes on either side, whose own errors are the smoother's and not the interpolation's."""
+    options = {"seed": 1, "duration_s": 120.0, "noise": False}
+    run, result = simulated(name, **options), smoothed(name, **options)
+    problem, states = result.problem, result.solution.states
+    at = np.arange(0.05, 119.9, 0.0537)
+    motion = dense_motion(problem, states, STEP_S, at).at(at)
+    k, f = motion.keyframe, motion.fraction[:, None]
+
+    def position_error(t: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return p - run.ride.position(t)
+
+    own = position_error(problem.t, states.nav.p)
+    between = position_error(at, motion.nav.p) - own[k] * (1 - f) - own[k + 1] * f
+    assert np.abs(between).max() < 1e-3
+    turn = so3_log(np.swapaxes(run.ride.rotation(at), 1, 2) @ motion.nav.R)
+    assert np.abs(turn).max() < 1e-5
+    forward = np.einsum("mi,mi->m", motion.nav.v, run.ride.rotation(at)[:, :, 0])
+    np.testing.assert_allclose(forward, run.ride.motion.speed(at), atol=2e-3)
+    true = run.ride.motion.distance(at)
+    lag = states.odo[:, 0] - run.ride.motion.distance(problem.t)
+    assert np.abs(motion.distance - true - lag[k] * (1 - f[:, 0]) - lag[k + 1] * f[:, 0]).max() < 1e-3
+
+
+def test_at_is_exact_on_rows_and_at_both_ends(noisy_motion: DenseMotion) -> None:
+    rows = np.array([0, 1, 777, len(noisy_motion.t) - 2, len(noisy_motion.t) - 1])
+    at = noisy_motion.at(noisy_motion.t[rows])
+    np.testing.assert_array_equal(at.t, noisy_motion.t[rows])
+    np.testing.assert_allclose(at.nav.p, noisy_motion.nav.p[rows], atol=1e-9)
+    np.testing.assert_allclose(at.nav.v, noisy_motion.nav.v[rows], atol=1e-12)
+    np.testing.assert_allclose(at.nav.R, noisy_motion.nav.R[rows], atol=1e-12)
+    np.testing.assert_allclose(at.distance, noisy_motion.distance[rows], atol=1e-9)
+    np.testing.assert_allclose(
+        at.keyframe + at.fraction, noisy_motion.keyframe[rows] + noisy_motion.fraction[rows], atol=1e-9
+    )
+
+
+def test_fraction_and_keyframe_say_where_a_time_lies(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
+    t = noisy.problem.t
+    at = np.linspace(t[0], t[-1], 2345)
+    motion = noisy_motion.at(at)
+    where = t[motion.keyframe] + motion.fraction * np.diff(t)[motion.keyframe]
+    np.testing.assert_allclose(where, at, atol=1e-9)
+    assert motion.fraction.min() >= 0.0
+    assert motion.fraction.max() <= 1.0
+
+
+def test_asked_times_make_the_motion_there_exact(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
+    """Steps as the smoother takes them, with rows around the times asked for, say the same as fine ones."""
+    at = np.arange(1.0, 119.0, 0.73)
+    coarse = dense_motion(noisy.problem, noisy.solution.states, STEP_S, at).at(at)
+    fine = dense_motion(noisy.problem, noisy.solution.states, 0.005).at(at)
+    np.testing.assert_allclose(coarse.nav.p, fine.nav.p, atol=2e-4)
+    np.testing.assert_allclose(coarse.nav.R, fine.nav.R, atol=2e-6)
+    np.testing.assert_allclose(coarse.distance, fine.distance, atol=5e-4)
+
+
+def test_hole_in_the_record_is_crossed_smoothly(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("mainline", seed=1, duration_s=120.0)
+    result = smooth_states(drop_imu(run.recording, 80.0, 85.0), SmoothConfig())
+    motion = dense_motion(result.problem, result.solution.states, STEP_S)
+    inside = (motion.t > 79.5) & (motion.t < 85.5)
+    error = np.diff((motion.nav.p - run.ride.position(motion.t))[inside], axis=0)
+    assert np.linalg.norm(error, axis=1).max() < 0.02

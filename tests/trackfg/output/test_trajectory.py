@@ -1,0 +1,196 @@
+"""The trajectory table: its quantities, and its sigmas against numerical propagation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.factors.bias import response_terms
+from trackfg.factors.imu import ImuNoise
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.states import (
+    ELIMINATION_ORDER,
+    KEYFRAME_DIM,
+    SHARED,
+    SHARED_DIM,
+    Kind,
+    Nav,
+    States,
+    offset_in_keyframe,
+    retract,
+)
+from trackfg.numerics.frames import matrix_from_rpy, rpy_from_matrix
+from trackfg.output.dense_motion import DenseMotion
+from trackfg.output.trajectory import QUANTITIES, calibration_table, keyframe_variances, trajectory_table
+from trackfg.solver.covariance import Covariance
+
+N = 7
+LEVER = np.array([1.5, -0.4, 0.8])
+PROBLEM: Any = SimpleNamespace(
+    t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1), mount_roll_sd=0.0
+)
+DIM = KEYFRAME_DIM + SHARED_DIM
+
+
+@pytest.fixture(scope="module")
+def gyro() -> np.ndarray:
+    return np.random.default_rng(7).normal(size=(N, 3)) * 0.1
+
+
+@pytest.fixture(scope="module")
+def states(gyro: np.ndarray) -> States:
+    """A vehicle on rails: what moves at the reference point moves along the direction of travel."""
+    rng = np.random.default_rng(3)
+    mount = np.array([[0.03, -0.05]])
+    R = matrix_from_rpy(0.1 * rng.normal(size=N), 0.05 * rng.normal(size=N), rng.uniform(-3, 3, N))
+    forward = mount_matrix(mount)[0][:, 0]
+    body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
+    nav = Nav(R, 50 * rng.normal(size=(N, 3)), np.einsum("mij,mj->mi", R, body))
+    odo = np.column_stack([np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N)])
+    return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)), np.zeros((1, 21)))
+
+
+@pytest.fixture(scope="module")
+def covariance() -> Covariance:
+    rng = np.random.default_rng(5)
+    root = 0.01 * rng.normal(size=(N, DIM, DIM + 4))
+    return Covariance(root @ np.swapaxes(root, 1, 2), np.zeros((N - 1, DIM, DIM)))
+
+
+def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
+    """Rows whose body rates have no noise."""
+    keyframe = np.append(np.arange(N - 1), N - 2)
+    fraction = np.append(np.zeros(N - 1), 1.0)
+    return DenseMotion(np.arange(float(N)), states.nav, states.odo[:, 0], gyro, np.full(N, np.inf), keyframe, fraction)
+
+
+def quantities(states: States, gyro: np.ndarray, covariance: Covariance, direction: int = 1) -> pd.DataFrame:
+    return trajectory_table(PROBLEM, at_keyframes(states, gyro), states, covariance, direction)
+
+
+def moved(states: States, column: int, step: float) -> States:
+    """Every keyframe moved along one direction of the stacked tangent (shared variables last)."""
+    delta = np.zeros(DIM)
+    delta[column] = step
+    parts, start = {}, 0
+    for kind in (*ELIMINATION_ORDER, *SHARED):
+        rows = 1 if kind.shared else N
+        parts[kind] = retract(states.of(kind), np.tile(delta[start : start + kind.dim], (rows, 1)))
+        start += kind.dim
+    return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, *SHARED)))  # type: ignore[arg-type]
+
+
+def test_sigmas_equal_numerical_propagation(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    step = 1e-6
+    J = np.zeros((N, len(QUANTITIES), DIM))
+    for column in range(DIM):
+        ahead, behind = (
+            quantities(moved(states, column, sign * step), gyro, covariance)[list(QUANTITIES)].to_numpy()
+            for sign in (1, -1)
+        )
+        J[:, :, column] = (ahead - behind) / (2 * step)
+    numeric = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J)
+    np.testing.assert_allclose(keyframe_variances(states, covariance, LEVER), numeric, rtol=1e-6)
+    table = quantities(states, gyro, covariance)
+    np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy(), np.sqrt(numeric), rtol=1e-6)
+
+
+def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    variance = keyframe_variances(states, covariance, LEVER)
+    keyframes = at_keyframes(states, gyro)
+    shifted = replace(keyframes, fraction=np.append(np.full(N - 1, 0.25), 1.0))
+    table = trajectory_table(PROBLEM, shifted, states, covariance, 1)
+    expected = 0.75 * variance[:-1] + 0.25 * variance[1:]
+    # What the white noise of the samples adds at a quarter of 2 s: a Brownian bridge; to places its pinned integral,
+    # and what the speeds at both ends do to the cubic between them.
+    bridge, swing = 2.0 * 0.25 * 0.75, (2.0 * 0.25 * 0.75) ** 2
+    speeds = swing * (0.75**2 * variance[:-1, 4] + 0.25**2 * variance[1:, 4])
+    expected[:, :4] += (PROBLEM.noise.accel**2 * bridge**3 / 3.0 + speeds)[:, None]
+    expected[:, 4] += PROBLEM.noise.accel**2 * 2.0 * 0.25 * 0.75
+    expected[:, 5:] += PROBLEM.noise.gyro**2 * 2.0 * 0.25 * 0.75
+    np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
+
+
+def test_speed_at_the_reference_point_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
+    rng, span = np.random.default_rng(11), 0.02
+    certain = Covariance(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
+    drawn = gyro + PROBLEM.noise.gyro / np.sqrt(span) * rng.normal(size=(2000, N, 3))
+    motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
+    tables = [trajectory_table(PROBLEM, motion, states, certain, 1) for motion in motions]
+    scatter = np.std([table["speed_mps"] for table in tables], axis=0)
+    np.testing.assert_allclose(tables[0]["speed_mps_sd"], scatter, rtol=0.06)
+
+
+def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    surveyed = quantities(states, gyro, covariance)
+    problem: Any = SimpleNamespace(**{**vars(PROBLEM), "mount_roll_sd": 2e-3})
+    unknown = trajectory_table(problem, at_keyframes(states, gyro), states, covariance, 1)
+    np.testing.assert_allclose(unknown["roll_rad_sd"], np.hypot(surveyed["roll_rad_sd"], 2e-3))
+    pd.testing.assert_frame_equal(unknown.drop(columns="roll_rad_sd"), surveyed.drop(columns="roll_rad_sd"))
+
+
+def test_position_and_speed_are_those_of_the_reference_point(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    table = quantities(states, gyro, covariance)
+    reference = states.nav.p - states.nav.R @ LEVER
+    np.testing.assert_allclose(table[["east_m", "north_m", "up_m"]].to_numpy(), reference)
+    body = np.einsum("mji,mj->mi", states.nav.R, states.nav.v) - np.cross(gyro, LEVER)
+    np.testing.assert_allclose(table["speed_mps"], np.linalg.norm(body, axis=1))
+
+
+def test_backing_up_is_negative_speed(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    backwards = replace(states, nav=replace(states.nav, v=-states.nav.v))
+    assert (quantities(backwards, -gyro, covariance)["speed_mps"] < 0).all()
+
+
+def test_attitude_is_that_of_the_vehicle_not_of_the_sensor(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    """A sensor mounted 30 mrad nose-down and 50 mrad to the right sees the vehicle turned the other way."""
+    rpy = quantities(states, gyro, covariance)[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()
+    R_bt = mount_matrix(states.mount)[0]
+    np.testing.assert_allclose(rpy, rpy_from_matrix(states.nav.R @ R_bt), atol=1e-12)
+    level = replace(states, nav=replace(states.nav, R=np.tile(np.eye(3), (N, 1, 1))))
+    turned = quantities(level, gyro, covariance)
+    np.testing.assert_allclose(turned["pitch_rad"], 0.03)
+    np.testing.assert_allclose(turned["yaw_rad"], -0.05)
+    assert (np.abs(rpy[:, 2]) <= np.pi).all()
+
+
+def test_falling_chainage(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
+    up, down = (quantities(states, gyro, covariance, direction) for direction in (1, -1))
+    np.testing.assert_array_equal(down["chainage_m"], -up["chainage_m"])
+    assert (np.diff(down["chainage_m"]) < 0).all()
+    pd.testing.assert_frame_equal(up.drop(columns="chainage_m"), down.drop(columns="chainage_m"))
+
+
+def test_calibration_interpolates_values_and_variances(
+    states: States, gyro: np.ndarray, covariance: Covariance
+) -> None:
+    half = replace(at_keyframes(states, gyro), fraction=np.append(np.full(N - 1, 0.5), 1.0))
+    response = response_terms(*np.random.default_rng(8).normal(size=(2, N, 3)))
+    response[-1] = 0.0
+    found = replace(states, imu=1e-3 * np.random.default_rng(9).normal(size=(1, Kind.IMU.dim)))
+    table = calibration_table(SimpleNamespace(response=response), half, found, covariance)  # type: ignore[arg-type]
+    np.testing.assert_allclose(table["wheel_scale"], 1.01)
+    # The sensor's own bias is what the calibration does not explain of the interval's.
+    own = states.bias - np.einsum("nij,j->ni", response, found.imu[0])
+    middle = 0.5 * (own[1:] + own[:-1])
+    columns = [f"accel_bias_{a}_mps2" for a in "xyz"] + [f"gyro_bias_{a}_radps" for a in "xyz"]
+    np.testing.assert_allclose(table[columns].to_numpy()[:-1], middle)
+    np.testing.assert_allclose(table[columns].to_numpy()[-1], states.bias[-1])
+    J = np.zeros((N, 6, DIM))
+    bias, imu = offset_in_keyframe(Kind.BIAS), offset_in_keyframe(Kind.IMU)
+    J[:, :, bias : bias + 6], J[:, :, imu : imu + Kind.IMU.dim] = np.eye(6), -response
+    variance = np.diagonal(J @ covariance.marginal @ np.swapaxes(J, 1, 2), axis1=1, axis2=2)
+    sd = table[[f"{c}_sd" for c in columns]].to_numpy()
+    np.testing.assert_allclose(sd[:-1] ** 2, 0.5 * (variance[1:] + variance[:-1]))
+    np.testing.assert_allclose(table["wheel_scale_sd"].iloc[-1] ** 2, covariance.of(Kind.ODO)[-1, 1, 1])

@@ -1,0 +1,157 @@
+"""Any slip: short and long, weak and violent, at the start, in curves, on gradients, while braking, many in a row.
+
+Slips are put into the count of one simulated run (R 300-500, gradients up to 1.6 %, four starts and stops, a balise
+each km), so that their starts, ends and creeps are known. Distances over a slip, its reported start and end, and the
+chainage's sigma are held against the truth.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets import slip_wheel
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.evaluation.slip_scores import score_slips
+from trackfg.recording.model import Recording
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
+
+PLACES = {"start": 33.0, "full speed": 64.0, "curve": 81.0, "braking": 106.0, "curve on a gradient": 200.0}
+"""Seconds; the train stands until 30 s, from 131 to 159 s and from 260 to 281 s."""
+CREEPS = (0.05, 0.15, 0.6, -0.05, -0.15, -0.6, -1.0)
+
+
+@pytest.fixture(scope="module")
+def rolling_run() -> Callable[..., Simulation]:
+    """The wheel creeps at random, but never slips."""
+    plan = replace(scenario("slippery-line"), adhesion=None)
+
+    def run(balises: bool = True) -> Simulation:
+        return simulate(replace(plan, balises=plan.balises if balises else None), seed=0, duration_s=420.0)
+
+    return functools.cache(run)
+
+
+def smoothed(run: Simulation) -> Result:
+    result = smooth(run.recording, SmoothConfig())
+    assert result.summary.solver.converged, result.summary.solver.reason
+    return result
+
+
+def distance_errors(result: Result, run: Simulation) -> np.ndarray:
+    """Over each slip, m."""
+    assert run.slips is not None
+    ends = run.slips[["start_s", "end_s"]].to_numpy(dtype=float)
+    found, true = (
+        np.diff(np.interp(ends, table["t_s"], table["chainage_m"]), axis=1)[:, 0]
+        for table in (result.trajectory, run.truth)
+    )
+    return np.asarray(found - true)
+
+
+def worst_z(result: Result, run: Simulation) -> float:
+    """Of the chainage, once the train goes."""
+    table = result.trajectory[result.trajectory["t_s"] > 40.0]
+    error = table["chainage_m"] - np.interp(table["t_s"], run.truth["t_s"], run.truth["chainage_m"])
+    return float((error / table["chainage_m_sd"]).abs().max())
+
+
+def assert_survived(run: Simulation, *, metres: float, seconds: float) -> None:
+    result = smoothed(run)
+    assert run.slips is not None
+    assert np.abs(distance_errors(result, run)).max() < metres
+    assert worst_z(result, run) < 4.0
+    score = score_slips(result.events, run.slips, run.truth)
+    assert score.recall == 1.0
+    assert score.precision == 1.0
+    assert score.found[["start_error_s", "end_error_s"]].abs().to_numpy().max() < seconds
+    distances = score.distances
+    assert (np.abs(distances["removed_m"] - distances["true_m"]) < 4.0 * distances["removed_m_sd"] + 0.05).all()
+
+
+@pytest.mark.parametrize(
+    ("place", "duration", "creep"),
+    [("start", 10.0, 0.6), ("full speed", 5.0, -1.0), ("full speed", 30.0, -0.6), ("curve", 1.0, 0.05)],
+)
+def test_one_slip(rolling_run: Callable[..., Simulation], place: str, duration: float, creep: float) -> None:
+    event = SlipEvent(PLACES[place], duration, creep, ramp_s=0.3)
+    assert_survived(slip_wheel(rolling_run(), [event]), metres=0.5, seconds=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("creep", CREEPS)
+@pytest.mark.parametrize("duration", [1.0, 3.0, 10.0, 30.0])
+@pytest.mark.parametrize("place", list(PLACES))
+def test_every_slip(rolling_run: Callable[..., Simulation], place: str, duration: float, creep: float) -> None:
+    # A second of 5 % at a walk would be within one pulse.
+    start = PLACES[place] + (8.0 if place == "start" and duration == 1.0 else 0.0)
+    # From rest to full speed the accelerometer alone tells the way.
+    metres = 1.2 if duration == 30.0 else 0.4
+    event = SlipEvent(start, min(duration, 24.0) if place == "braking" else duration, creep)
+    assert_survived(slip_wheel(rolling_run(), [event]), metres=metres, seconds=1.2)
+
+
+SEQUENCES = {
+    "slide protection": [SlipEvent(104.0, 20.0, -0.3, "sawtooth")],
+    "weak slide protection": [SlipEvent(104.0, 20.0, -0.06, "sawtooth")],
+    "both ways in a row": [
+        SlipEvent(60.0 + 6.0 * i, 4.0, c) for i, c in enumerate((0.1, 0.2, 0.05, -0.1, -0.3, 0.3, -1.0))
+    ],
+    "one way in a row": [SlipEvent(60.0 + 6.0 * i, 4.0, -0.08) for i in range(7)],
+    "in every start and stop": [
+        SlipEvent(start, 8.0, creep)
+        for start, creep in ((36.0, 0.1), (110.0, -0.15), (164.0, 0.05), (234.0, -0.1), (290.0, 0.3), (360.0, -0.05))
+    ],
+    "locked to the stop": [SlipEvent(106.0, 26.0, -1.0, ramp_s=0.2)],
+    "in the first seconds of motion": [SlipEvent(30.5, 6.0, 0.4)],
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name == "both ways in a row" else pytest.param(name, marks=pytest.mark.slow) for name in SEQUENCES],
+)
+def test_slips_in_a_row(rolling_run: Callable[..., Simulation], name: str) -> None:
+    run = slip_wheel(rolling_run(), SEQUENCES[name])
+    result = smoothed(run)
+    assert np.abs(distance_errors(result, run)).max() < 0.3
+    assert worst_z(result, run) < 4.0
+    assert run.slips is not None
+    score = score_slips(result.events, run.slips, run.truth)
+    assert (score.recall, score.precision) == (1.0, 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(SEQUENCES))
+def test_without_a_balise(rolling_run: Callable[..., Simulation], name: str) -> None:
+    """The wheel's scale is then the accelerometer's, to some tenths of a per cent, and that is all that is lost."""
+    whole = smoothed(rolling_run(balises=False))
+    run = slip_wheel(rolling_run(balises=False), SEQUENCES[name])
+    result = smoothed(run)
+    scale = [r.summary.wheel_scale.value for r in (whole, result) if r.summary.wheel_scale is not None]
+    assert scale[1] / scale[0] == pytest.approx(1.0, abs=1e-3)
+    ends = [np.interp([40.0, 400.0], r.trajectory["t_s"], r.trajectory["chainage_m"]) for r in (whole, result)]
+    assert np.ptp(ends[1]) / np.ptp(ends[0]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_wheel_that_spins_at_rest(rolling_run: Callable[..., Simulation]) -> None:
+    run = rolling_run()
+    assert run.recording.tach is not None
+    tach = run.recording.tach.copy()
+    quantum = np.diff(tach["distance_m"]).max()
+    spun = 4.0 * np.clip((tach["t_s"] - 15.0) / 4.0, 0.0, 1.0)
+    tach["distance_m"] += np.floor(spun / quantum) * quantum
+    recording: Recording = replace(run.recording, tach=tach)
+    result = smooth(recording, SmoothConfig())
+    first = result.events[result.events["kind"] == "slip"].iloc[0]
+    assert first["start_s"] == pytest.approx(15.0, abs=0.5)
+    assert first["end_s"] == pytest.approx(19.0, abs=0.5)
+    assert first["distance_removed_m"] == pytest.approx(4.0, abs=0.1)
+    assert worst_z(result, run) < 4.0

@@ -1,0 +1,317 @@
+"""The whole smoother on sound, damaged and odd runs: each solved with honest sigmas or refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.sensors.faults import drop_imu, drop_tach
+from trackfg.errors import UnsolvableError
+from trackfg.factors.states import Kind
+from trackfg.recording.description import ImuNoise
+from trackfg.recording.model import Recording
+from trackfg.results.result import TRAJECTORY_COLUMNS, Result
+from trackfg.sensors.dead_reckoning import initial_path
+from trackfg.sensors.imu_intervals import intervals
+from trackfg.sensors.tach import read_wheel
+from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
+
+ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
+PLACE = ("east_m", "north_m", "up_m")
+ALL = ("chainage_m", *PLACE, "speed_mps", *ATTITUDE)
+TOTAL_S = 200.0
+
+
+def solved(recording: Recording) -> SmoothedStates:
+    smoothed = smooth_states(recording, SmoothConfig())
+    assert smoothed.solution.converged, smoothed.solution.reason
+    return smoothed
+
+
+def errors(run: Simulation, trajectory: pd.DataFrame) -> pd.DataFrame:
+    """Error of each quantity on the trajectory's clock. Chainage from the start where no fix says where that is."""
+    t = trajectory["t_s"].to_numpy()
+    chainage = run.ride.chainage(run.ride.motion.distance(t))
+    if run.recording.fixes is None:
+        chainage = chainage - run.ride.chainage(run.ride.motion.distance(0.0))
+    truth = np.column_stack([chainage, run.ride.position(t), run.ride.motion.speed(t), run.ride.rpy(t)])
+    out = trajectory[list(ALL)] - truth
+    out["yaw_rad"] = (out["yaw_rad"] + np.pi) % (2 * np.pi) - np.pi
+    out.insert(0, "t_s", t)
+    return out
+
+
+def assert_honest(run: Simulation, smoothed: SmoothedStates, columns: tuple[str, ...] = ALL) -> None:
+    """Errors within 4 sigma, save that one epoch in a hundred may reach 5.
+
+    Where the vehicle is at rest for the attitude and the speed only: a place between keyframes at rest has a test of
+    its own.
+    """
+    error, trajectory = errors(run, smoothed.trajectory), smoothed.trajectory
+    moving = ~at_rest(smoothed)
+    for column in columns:
+        ratio = np.abs(error[column] / trajectory[f"{column}_sd"])
+        ratio = ratio[moving] if column in ("chainage_m", *PLACE) and moving.any() else ratio
+        if moving.any() or column not in ("chainage_m", *PLACE):
+            assert np.quantile(ratio, 0.99) < 4.0, column
+            assert ratio.max() < 5.0, column
+
+
+def at_rest(smoothed: SmoothedStates) -> np.ndarray:
+    """Which rows of the trajectory lie in a standstill, or in the keyframe interval next to one."""
+    t, keyframes = smoothed.trajectory["t_s"].to_numpy(), smoothed.problem.t
+    resting = np.zeros(t.size, dtype=bool)
+    for start, end in smoothed.problem.rests:
+        first, last = np.searchsorted(keyframes, [start - 1e-6, end + 1e-6])
+        resting |= (t >= keyframes[max(first - 1, 0)]) & (t <= keyframes[min(last, keyframes.size - 1)])
+    return resting
+
+
+@pytest.mark.parametrize(
+    "name", ["mainline", "mainline-gnss", "trolley", "shunting", "shunting-unsigned", "parked", "no-stop"]
+)
+@pytest.mark.parametrize("seed", [0, 3])
+def test_every_kind_of_run_is_solved_honestly(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], name: str, seed: int
+) -> None:
+    """Among them: no stop at all, nothing but a stop, reversing with a signed and with an unsigned tach."""
+    result = smoothed(name, seed=seed, duration_s=TOTAL_S)
+    assert result.solution.converged
+    assert_honest(simulated(name, seed=seed, duration_s=TOTAL_S), result)
+
+
+@pytest.mark.parametrize(("name", "mm_per_km"), [("mainline", 15.0), ("shunting", 5.0), ("mainline-gnss", 1.0)])
+def test_noise_free_run_is_recovered(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], name: str, mm_per_km: float
+) -> None:
+    """Without GNSS only the accelerometer and a fix or two tell the wheel's scale, which has to be found: as well as
+    the accelerometer's own scale is known, which is not exactly."""
+    options = {"seed": 1, "duration_s": TOTAL_S, "noise": False}
+    run, result = simulated(name, **options), smoothed(name, **options)
+    error = errors(run, result.trajectory)
+    assert np.abs(error[list(ATTITUDE)].to_numpy()).max() < 1e-5
+    length_km = run.ride.motion.path(TOTAL_S) / 1000.0
+    assert np.ptp(error["chainage_m"]) < 1e-3 * mm_per_km * max(length_km, 1.0)
+
+
+@pytest.mark.parametrize("name", ["mainline", "trolley", "parked"])
+def test_places_at_rest_are_honest(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], name: str
+) -> None:
+    options = {"seed": 3, "duration_s": TOTAL_S}
+    result = smoothed(name, **options)
+    ratio = errors(simulated(name, **options), result.trajectory) / result.trajectory[
+        [f"{c}_sd" for c in ALL]
+    ].set_axis(list(ALL), axis=1)
+    assert ratio.loc[at_rest(result), ["chainage_m", *PLACE]].abs().max().max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("mainline", {"seed": 3, "duration_s": 150.0}),
+        ("trolley", {"seed": 0, "duration_s": 120.0}),
+        ("shunting", {"seed": 0, "duration_s": 240.0}),
+        ("axle-box", {"seed": 1, "duration_s": 100.0}),
+        ("measuring-car", {"seed": 0, "duration_s": 100.0}),
+    ],
+)
+def test_full_world_is_solved_honestly(
+    simulated_in_full: Callable[..., Simulation],
+    smoothed_in_full: Callable[..., SmoothedStates],
+    name: str,
+    options: dict[str, Any],
+) -> None:
+    """Rough track, an IMU whose axes are not quite square, a car body on springs."""
+    result = smoothed_in_full(name, **options)
+    assert result.solution.converged
+    assert_honest(simulated_in_full(name, **options), result)
+
+
+def test_scale_factors_and_misalignments_are_found(simulated: Callable[..., Simulation]) -> None:
+    """A gyro that turns 0.3 % too far and feels its yaw in roll by 1 mrad: both show in curves."""
+    run = simulated("mainline-gnss", seed=2, duration_s=300.0)
+    imu, gyro = run.recording.imu.copy(), ["wx_radps", "wy_radps", "wz_radps"]
+    W = np.zeros((3, 3))
+    W[2, 2], W[0, 2] = 3e-3, 1e-3
+    imu[gyro] = imu[gyro].to_numpy() @ (np.eye(3) + W).T
+    noise = ImuNoise(
+        **run.recording.description.imu.noise.model_dump()
+        | {"gyro_scale_sd": 2e-3, "accel_scale_sd": 2e-3, "misalignment_sd_rad": 6e-4, "g_sensitivity_sd": 2e-5}
+    )
+    described = run.recording.description
+    described = described.model_copy(update={"imu": described.imu.model_copy(update={"noise": noise})})
+    result = solved(replace(run.recording, imu=imu, description=described))
+    found = result.solution.states.imu[0, 6:15].reshape(3, 3)
+    sd = np.sqrt(np.diagonal(result.covariance.of(Kind.IMU)[0]))[6:15].reshape(3, 3)
+    assert sd[0, 2] < 0.7 * noise.misalignment_sd_rad
+    assert sd[2, 2] < 0.9 * noise.gyro_scale_sd
+    for row, column in ((2, 2), (0, 2)):
+        assert abs(found[row, column] - W[row, column]) < 3.5 * sd[row, column]
+    assert_honest(run, result)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_hole_of_5_s_in_the_imu(simulated: Callable[..., Simulation], seed: int) -> None:
+    run = simulated("mainline", seed=seed, duration_s=TOTAL_S)
+    whole, holed = solved(run.recording), solved(drop_imu(run.recording, 100.0, 105.0))
+    assert_honest(run, holed)
+    inside = holed.trajectory["t_s"].between(101.0, 104.0)
+    for column in ("roll_rad", "pitch_rad", "yaw_rad"):
+        sd = [s.trajectory.loc[inside, f"{column}_sd"].mean() for s in (whole, holed)]
+        assert sd[1] > 2.0 * sd[0]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_minute_without_the_tach(simulated: Callable[..., Simulation], seed: int) -> None:
+    run = simulated("mainline", seed=seed, duration_s=TOTAL_S)
+    whole, silent = solved(run.recording), solved(drop_tach(run.recording, 80.0, 140.0))
+    assert_honest(run, silent)
+    inside = silent.trajectory["t_s"].between(90.0, 130.0)
+    sd = [s.trajectory.loc[inside, "speed_mps_sd"].mean() for s in (whole, silent)]
+    assert sd[1] > sd[0]
+    after = silent.trajectory["t_s"] > 141.0
+    ratio = (errors(run, silent.trajectory)["chainage_m"] / silent.trajectory["chainage_m_sd"])[after]
+    assert np.abs(ratio).max() < 4.0
+
+
+def test_no_tach_but_gnss(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("mainline-gnss", seed=0, duration_s=TOTAL_S)
+    result = smooth(replace(run.recording, tach=None))
+    assert result.summary.solver.converged
+    assert result.summary.wheel_scale is None
+    assert result.summary.clock_offset_s is None
+    assert_honest(run, solved(replace(run.recording, tach=None)))
+
+
+def test_neither_tach_nor_gnss_leaves_the_attitude(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("mainline", seed=0, duration_s=TOTAL_S)
+    alone = solved(replace(run.recording, tach=None, fixes=None))
+    assert_honest(run, alone, ("roll_rad", "pitch_rad"))
+    assert alone.trajectory["roll_rad_sd"].max() < 0.05
+    # What is not known is said to be unknown.
+    assert alone.trajectory["speed_mps_sd"].iloc[1000:].min() > 10.0
+
+
+def test_parked_without_a_tach(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("parked", seed=0, duration_s=60.0)
+    assert_honest(run, solved(replace(run.recording, tach=None)), ("roll_rad", "pitch_rad"))
+
+
+def test_falling_chainage_is_the_same_run(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("mainline", seed=0, duration_s=100.0)
+    track = run.recording.description.track.model_copy(update={"direction": -1})
+    description = run.recording.description.model_copy(update={"track": track})
+    up, down = (solved(r).trajectory for r in (run.recording, replace(run.recording, description=description)))
+    np.testing.assert_allclose(down["chainage_m"], -up["chainage_m"], atol=1e-9)
+    pd.testing.assert_frame_equal(up.drop(columns="chainage_m"), down.drop(columns="chainage_m"))
+
+
+@pytest.mark.parametrize("duration_s", [0.005, 0.3])
+def test_recording_too_short_is_refused(simulated: Callable[..., Simulation], duration_s: float) -> None:
+    recording = simulated("mainline", seed=0, duration_s=TOTAL_S).recording
+    imu = recording.imu[recording.imu["t_s"] < duration_s]
+    with pytest.raises(
+        UnsolvableError, match=r"IMU record has \d+ samples .*at least 10 samples and 0\.5 s are needed"
+    ):
+        smooth(replace(recording, imu=imu))
+
+
+def test_one_second_is_enough(simulated: Callable[..., Simulation]) -> None:
+    recording = simulated("mainline", seed=0, duration_s=TOTAL_S).recording
+    result = smooth(replace(recording, imu=recording.imu[recording.imu["t_s"] < 1.0]))
+    assert np.isfinite(result.trajectory.to_numpy()).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_beats_dead_reckoning(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], seed: int
+) -> None:
+    """Against the cheap pass that it starts from: attitude in rms, and speed."""
+    run, result = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
+    recording = run.recording
+    path = initial_path(
+        recording, intervals(recording), read_wheel(recording, 5.0), result.problem.rests, np.zeros(3), 0.0
+    )
+    t = result.trajectory["t_s"].to_numpy()
+    rough = np.stack([np.interp(t, path.t, path.rpy[:, c]) for c in range(2)], axis=1) - run.ride.rpy(t)[:, :2]
+    fine = errors(run, result.trajectory)[["roll_rad", "pitch_rad"]].to_numpy()
+    assert np.sqrt(np.mean(fine**2)) < 0.8 * np.sqrt(np.mean(rough**2))
+    place = np.stack([np.interp(t, path.t, path.p[:, c]) for c in range(3)], axis=1) - run.ride.position(t)
+    smooth_place = errors(run, result.trajectory)[list(PLACE)].to_numpy()
+    assert np.sqrt(np.mean(smooth_place[:, 2] ** 2)) < np.sqrt(np.mean(place[:, 2] ** 2))
+
+
+def test_result_survives_the_folder(simulated: Callable[..., Simulation], tmp_path: Path) -> None:
+    result = smooth(simulated("shunting", seed=0, duration_s=240.0).recording)
+    back = Result.read(result.write(tmp_path / "out"))
+    pd.testing.assert_frame_equal(back.trajectory, result.trajectory)
+    pd.testing.assert_frame_equal(back.events, result.events, check_dtype=False)
+    assert back.summary == result.summary
+    assert tuple(result.trajectory.columns) == TRAJECTORY_COLUMNS
+
+
+def test_output_clock_is_uniform_and_as_fast_as_asked(simulated: Callable[..., Simulation]) -> None:
+    recording = simulated("mainline", seed=0, duration_s=60.0).recording
+    config = SmoothConfig()
+    fast = config.model_copy(update={"output": config.output.model_copy(update={"rate_hz": 50.0})})
+    slow_table, fast_table = (smooth(recording, c).trajectory for c in (config, fast))
+    np.testing.assert_allclose(slow_table["t_s"], np.arange(len(slow_table)) / 10.0, atol=1e-12)
+    np.testing.assert_allclose(fast_table["t_s"], np.arange(len(fast_table)) / 50.0, atol=1e-12)
+    np.testing.assert_allclose(
+        fast_table[list(ALL)].to_numpy()[::5][: len(slow_table)], slow_table[list(ALL)], atol=1e-3
+    )
+
+
+def test_summary_says_what_was_estimated(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("trolley", seed=0, duration_s=TOTAL_S)
+    summary = smooth(run.recording).summary
+    assert summary.recording_id == "trolley-seed0-run0"
+    assert summary.wheel_scale is not None
+    assert abs(summary.wheel_scale.value - run.wheel_scale) < 4.0 * summary.wheel_scale.sd
+    for name, estimate in (
+        ("gyro_bias_{}_radps", summary.gyro_bias_radps),
+        ("accel_bias_{}_mps2", summary.accel_bias_mps2),
+    ):
+        true = run.truth[[name.format(axis) for axis in "xyz"]].iloc[-1].to_numpy()
+        assert (np.abs(np.array(estimate.value) - true) < 4.0 * np.array(estimate.sd)).all()
+    assert summary.distance_m == pytest.approx(run.ride.motion.path(TOTAL_S), rel=0.02)
+    assert summary.duration_s == pytest.approx(TOTAL_S)
+
+
+def test_progress_names_every_stage(simulated: Callable[..., Simulation]) -> None:
+    seen: list[tuple[str, float]] = []
+    smooth(simulated("parked", seed=0, duration_s=60.0).recording, progress=lambda *step: seen.append(step))
+    assert list(dict.fromkeys(name for name, _ in seen)) == ["graph", "solve", "covariance", "output", "geometry"]
+    assert all(0.0 <= done <= 1.0 for _, done in seen)
+
+
+def test_same_recording_gives_the_same_result(simulated: Callable[..., Simulation]) -> None:
+    recording = simulated("trolley", seed=0, duration_s=90.0).recording
+    one, other = (smooth(recording) for _ in range(2))
+    pd.testing.assert_frame_equal(one.trajectory, other.trajectory, check_exact=True)
+
+
+@pytest.mark.slow
+def test_coverage_over_seeds(simulated_in_full: Callable[..., Simulation]) -> None:
+    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 300 s in the full world.
+
+    In the world as designed roll would be covered too often: its sigma holds misalignments that are not there.
+    """
+    inside: dict[str, list[float]] = {column: [] for column in ("roll_rad", "speed_mps", "chainage_m")}
+    for seed in range(20):
+        run = simulated_in_full("trolley", seed=seed, duration_s=300.0)
+        trajectory = solved(run.recording).trajectory
+        error = errors(run, trajectory)
+        for column, shares in inside.items():
+            shares.append(float(np.mean(np.abs(error[column]) < 1.96 * trajectory[f"{column}_sd"])))
+    for column, shares in inside.items():
+        assert 0.88 < np.mean(shares) < 0.995, (column, np.mean(shares))

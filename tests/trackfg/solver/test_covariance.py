@@ -1,0 +1,261 @@
+"""The backward recursion against the dense inverse of the whole information matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_triangular
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.errors import UnsolvableError
+from trackfg.factors.family import LinearFactors, Slot, last_keyframe
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.marginal_prior import past
+from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
+from trackfg.graph.build import Problem, build_problem
+from trackfg.recording.model import Recording
+from trackfg.sensors.displacement import rail_views, tied_by_rails
+from trackfg.solver.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
+from trackfg.solver.elimination import compressed, eliminate, eliminate_leaving, eliminate_pair, stacked_pair
+from trackfg.solver.square_root import SquareRoot
+
+
+class Solved(NamedTuple):
+    keyframes: int
+    A: np.ndarray
+    """The whole system ``A d = b`` as GTSAM has it."""
+    b: np.ndarray
+    dense: np.ndarray
+    """The whole covariance, keyframe by keyframe, shared variables last."""
+    information: np.ndarray
+    """Its inverse's square root, upper triangular."""
+    root: SquareRoot
+    ours: Covariance
+
+
+Linearized = Callable[[Problem, States], tuple[np.ndarray, np.ndarray]]
+
+
+def problem_of(recording: Recording) -> Problem:
+    """With the factors of its lasers, if it has any."""
+    problem, config = build_problem(recording, SmoothConfig()), SmoothConfig()
+    views = rail_views(recording)
+    return tied_by_rails(problem, problem.initial, views, config.laser) if views else problem
+
+
+def solved_of(recording: Recording, linearized: Linearized) -> Solved:
+    problem = problem_of(recording)
+    n, states = len(problem.t), problem.initial
+    A, b = linearized(problem, states)
+    R = np.linalg.qr(A, mode="r")
+    inverse = solve_triangular(R, np.eye(len(R)))
+    inertial = linearize_imu_factors(problem.native, states.to_gtsam())
+    root = eliminate([inertial, *(family.linearize(states) for family in problem.families)], n)
+    return Solved(n, A, b, inverse @ inverse.T, R, root, posterior_covariance(root))
+
+
+def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simulation]) -> None:
+    """Once some are eliminated and stand as one factor, the rest is known as before."""
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    n, gone, states = len(problem.t), 7, problem.initial
+    inertial = linearize_imu_factors(problem.native, states.to_gtsam())
+    factors = [inertial, *(family.linearize(states) for family in problem.families)]
+    late = [from_keyframe(one, gone) for one in factors]
+    whole, left = eliminate_leaving(factors, n, {gone})
+    rest = eliminate(
+        [past(left[gone], states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late],
+        n - gone,
+    )
+    np.testing.assert_allclose(rest.solution().keyframes, whole.solution().keyframes[gone:], rtol=1e-5, atol=1e-9)
+    marginal = posterior_covariance(rest).marginal
+    np.testing.assert_allclose(marginal, posterior_covariance(whole).marginal[gone:], rtol=1e-4, atol=1e-14)
+
+
+def test_a_pair_is_eliminated_as_a_chain_of_two(simulated: Callable[..., Simulation]) -> None:
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    states = problem.initial
+    inertial = linearize_imu_factors(problem.native, states.to_gtsam())
+    every = [inertial, *(family.linearize(states) for family in problem.families)]
+    factors = [one.take(last_keyframe(one.slots, len(one.rows)) <= 1) for one in every]
+    chain = eliminate(factors, 2)
+    rows = stacked_pair(factors)
+    pair, left = eliminate_pair(np.concatenate([compressed(rows[:40]), rows[40:]]))
+    for name in ("R", "S", "d", "R_shared", "d_shared"):
+        theirs = getattr(chain, name)
+        np.testing.assert_allclose(getattr(pair, name), theirs, rtol=1e-6, atol=1e-9 * max(1.0, np.abs(theirs).max()))
+    rest = np.zeros((len(left), left.shape[1]))
+    rest[:19, :19], rest[:19, 19:-1], rest[:19, -1] = chain.R[1], chain.S[1, :, 19:], chain.d[1]
+    rest[19:, 19:-1], rest[19:, -1] = chain.R_shared, chain.d_shared
+    ours, theirs = left.T @ left, rest.T @ rest
+    scale = np.maximum(np.sqrt(np.diag(theirs)), 1.0)
+    np.testing.assert_allclose(ours / np.outer(scale, scale), theirs / np.outer(scale, scale), atol=1e-9)
+    with pytest.raises(UnsolvableError, match="do not determine"):
+        eliminate_pair(rows[:30])
+
+
+def from_keyframe(factors: LinearFactors, keyframe: int) -> LinearFactors:
+    """Those that touch none before, by numbers of their own."""
+    own = [slot.index for slot in factors.slots if not slot.kind.shared]
+    late = np.min(own, axis=0) >= keyframe if own else np.zeros(len(factors.b), dtype=bool)
+    slots = tuple(Slot(s.kind, s.index[late] - (0 if s.kind.shared else keyframe)) for s in factors.slots)
+    return LinearFactors(slots, factors.rows[late])
+
+
+@pytest.fixture(scope="module")
+def far_reaching(simulated_in_full: Callable[..., Simulation], linearized: Linearized) -> Solved:
+    """A car that gathers speed: its two units of lasers tie keyframes that are up to several apart."""
+    return solved_of(simulated_in_full("measuring-car", seed=2, duration_s=42.0).recording, linearized)
+
+
+@pytest.fixture(scope="module", params=["trolley", "mainline-gnss", "measuring-car"])
+def solved(request: pytest.FixtureRequest, simulated: Callable[..., Simulation], linearized: Linearized) -> Solved:
+    if request.param == "measuring-car":
+        far: Solved = request.getfixturevalue("far_reaching")
+        return far
+    duration_s = 65.0 if request.param == "trolley" else 45.0
+    return solved_of(simulated(request.param, seed=2, duration_s=duration_s).recording, linearized)
+
+
+def block(solved: Solved, i: int, j: int) -> np.ndarray:
+    """The dense covariance of (x_i, s) with (x_j, s)."""
+
+    def rows(k: int) -> np.ndarray:
+        shared = solved.keyframes * KEYFRAME_DIM + np.arange(SHARED_DIM)
+        return np.concatenate([k * KEYFRAME_DIM + np.arange(KEYFRAME_DIM), shared])
+
+    return solved.dense[np.ix_(rows(i), rows(j))]
+
+
+def assert_same(ours: np.ndarray, dense: np.ndarray, scale_i: np.ndarray, scale_j: np.ndarray) -> None:
+    """Equal as correlations: the variables' own sigmas span ten powers of ten."""
+    scale = np.sqrt(np.outer(np.diag(scale_i), np.diag(scale_j)))
+    np.testing.assert_allclose(ours / scale, dense / scale, atol=2e-5)
+
+
+def test_elimination_solves_the_least_squares_problem(solved: Solved) -> None:
+    """What is left of the system after the step is square to every column; what is not is the step's length."""
+    step = solved.root.solution()
+    stacked = np.concatenate([step.keyframes.ravel(), step.shared])
+    left = solved.b - solved.A @ stacked
+    assert np.abs(solved.A.T @ left / np.linalg.norm(solved.A, axis=0)).max() < 1e-7 * np.linalg.norm(solved.b)
+    assert solved.root.length == pytest.approx(np.linalg.norm(solved.A @ stacked), rel=1e-9)
+
+
+def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
+    """Row by row, of the first keyframes; a row's sign is free, and ours has a positive diagonal."""
+    n, dim = solved.keyframes, KEYFRAME_DIM
+    R = solved.information * np.copysign(1.0, np.diag(solved.information))[:, None]
+    for k in range(8):
+        rows = slice(k * dim, (k + 1) * dim)
+        np.testing.assert_allclose(solved.root.R[k], R[rows, rows], rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
+        ours = solved.root.S[k, :, : dim + SHARED_DIM]
+        theirs = np.hstack([R[rows, (k + 1) * dim : (k + 2) * dim], R[rows, n * dim :]])
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
+    assert (np.diagonal(solved.root.R, axis1=1, axis2=2) > 0).all()
+    assert (np.diagonal(solved.root.R_shared) > 0).all()
+
+
+def test_only_navigation_states_reach_past_the_next_keyframe() -> None:
+    first = np.array([0])
+    factors = LinearFactors((Slot(Kind.BIAS, first), Slot(Kind.BIAS, first + 2)), np.ones((1, 1, 13)))
+    with pytest.raises(ValueError, match="BIAS is touched from 2 keyframes before"):
+        eliminate([factors], 4)
+
+
+def test_marginals_equal_the_dense_inverse(solved: Solved) -> None:
+    for k in range(solved.keyframes):
+        dense = block(solved, k, k)
+        assert_same(solved.ours.marginal[k], dense, dense, dense)
+
+
+def test_cross_covariances_of_any_two_keyframes(solved: Solved) -> None:
+    """Along a chain; where factors tie keyframes further apart those of neighbours."""
+    last = solved.keyframes - 1
+    pairs = [(0, 1), (0, last), (3, 3), (5, 17), (last - 1, last), (last // 2, last)]
+    if solved.root.ahead.any():
+        pairs = [(k, k + 1) for k in range(last)]
+    for i, j in pairs:
+        assert_same(solved.ours.between(i, j), block(solved, i, j), block(solved, i, i), block(solved, j, j))
+
+
+def test_lasers_tie_keyframes_that_are_no_neighbours(far_reaching: Solved) -> None:
+    """As far ahead as the car takes to run the 5 m between its units; fewer as it gathers speed; none at the end."""
+    ahead = far_reaching.root.ahead
+    assert 3 <= ahead.max() <= SmoothConfig().laser.max_keyframes
+    assert ahead.argmax() < ahead.size // 2
+    assert ahead[-1] == 0
+    # A window is carried until its last keyframe is reached.
+    assert (np.diff(ahead) >= -1).all()
+
+
+def test_samples_have_the_posterior_covariance(solved: Solved) -> None:
+    """All keyframes and the shared variables together: R times a sample is white, whatever the condition of R."""
+    count, n = 600, solved.keyframes
+    samples = posterior_samples(solved.root, count, np.random.default_rng(0))
+    assert samples.shape == (n, KEYFRAME_DIM + SHARED_DIM, count)
+    shared = samples[:, KEYFRAME_DIM:]
+    np.testing.assert_array_equal(shared, np.broadcast_to(shared[0], shared.shape))
+    stacked = np.concatenate([samples[:, :KEYFRAME_DIM].reshape(-1, count), shared[0]])
+    white = solved.information @ stacked
+    variance = white.var(axis=1)
+    assert variance.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2.0 / white.size) + 1e-3)
+    assert np.abs(variance - 1.0).max() < 6 * np.sqrt(2.0 / count)
+    correlation = np.corrcoef(white) - np.eye(len(white))
+    assert np.abs(correlation).max() < 6.5 / np.sqrt(count)
+    marginal = samples.std(axis=2) / np.sqrt(np.diagonal(solved.ours.marginal, axis1=1, axis2=2))
+    assert np.abs(marginal - 1.0).max() < 6 / np.sqrt(2 * count)
+
+
+def test_samples_repeat_with_their_generator(far_reaching: Solved) -> None:
+    one, again = (posterior_samples(far_reaching.root, 5, np.random.default_rng(7)) for _ in range(2))
+    np.testing.assert_array_equal(one, again)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_marginals_of_one_kind(solved: Solved, kind: Kind) -> None:
+    ours = solved.ours.of(kind)
+    if kind.shared:
+        start = solved.keyframes * KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)])
+        starts = np.array([start])
+    else:
+        starts = KEYFRAME_DIM * np.arange(solved.keyframes) + offset_in_keyframe(kind)
+    assert ours.shape == (len(starts), kind.dim, kind.dim)
+    for one, start in zip(ours, starts, strict=True):
+        dense = solved.dense[start : start + kind.dim, start : start + kind.dim]
+        assert_same(one, dense, dense, dense)
+
+
+def test_marginals_are_covariances(solved: Solved) -> None:
+    marginal = solved.ours.marginal
+    np.testing.assert_array_equal(marginal, np.swapaxes(marginal, 1, 2))
+    sd = np.sqrt(np.diagonal(marginal, axis1=1, axis2=2))
+    assert (sd > 0).all()
+    correlation = marginal / sd[:, :, None] / sd[:, None, :]
+    assert np.linalg.eigvalsh(correlation).min() > -1e-9
+
+
+def test_shared_variables_are_the_same_in_every_marginal(solved: Solved) -> None:
+    shared = solved.ours.marginal[:, KEYFRAME_DIM:, KEYFRAME_DIM:]
+    sd = np.sqrt(np.diagonal(shared[0]))
+    np.testing.assert_allclose(
+        shared / np.outer(sd, sd), np.broadcast_to(shared[0] / np.outer(sd, sd), shared.shape), atol=1e-9
+    )
+
+
+def test_functions_far_apart_covary_as_in_the_dense_inverse(solved: Solved) -> None:
+    rng = np.random.default_rng(5)
+    keyframe = np.sort(rng.integers(0, solved.keyframes - 1, 40))
+    first, second = rng.standard_normal((2, 40, KEYFRAME_DIM)) / np.sqrt(np.diag(solved.dense)[:KEYFRAME_DIM])
+    shared = rng.standard_normal((40, SHARED_DIM))
+    rows = np.zeros((40, len(solved.dense)))
+    for row, k, one, two, three in zip(rows, keyframe, first, second, shared, strict=True):
+        row[k * KEYFRAME_DIM : (k + 2) * KEYFRAME_DIM] = np.concatenate([one, two])
+        row[-SHARED_DIM:] = three
+    expected = rows @ solved.dense @ rows.T
+    ours = joint_covariance(solved.root, Functions(keyframe, first, second, shared))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((ours - expected) / scale).max() < 1e-6

@@ -1,0 +1,78 @@
+"""Places that are recognised after their keyframes have left the window."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import simulate
+from trackfg.factors.family import Loss
+from trackfg.factors.landmark import landmark
+from trackfg.factors.states import Kind
+from trackfg.graph.build import build_problem, placeless
+from trackfg.solver.covariance import posterior_covariance
+from trackfg.solver.gauss_newton import solve
+from trackfg.streaming.locating.delayed_positions import Passed, told_late
+from trackfg.streaming.window.marginalised import History
+from trackfg.streaming.window.window import Stepped, Window
+
+LEAVING = 12
+
+
+@pytest.fixture(scope="module")
+def step() -> Stepped:
+    """A window of half a minute under way, at its solution."""
+    problem = build_problem(simulate("mainline", seed=1, duration_s=60.0).recording, SmoothConfig())
+    states = solve(problem, SmoothConfig().solver).states
+    families = placeless(problem.families)
+    window = Window(problem.t, states, problem.measured, problem.response, families)
+    return window.moved({LEAVING})
+
+
+def places(step: Stepped, away: list[float], sigma: float) -> Passed:
+    t, D = step.window.t, step.window.states.odo[:, 0]
+    when = t[[2, 5, 6]] + 0.3
+    return Passed(when, np.interp(when, t, D) + np.array(away), np.full(3, sigma), np.zeros(3))
+
+
+def told(step: Stepped, passed: Passed, loss: Loss | None = None) -> tuple[Window, np.ndarray]:
+    """The window without the keyframes that left, but with what the places say; and their weights."""
+    rest, gone = step.rest(LEAVING), step.gone(LEAVING)
+    marginal = posterior_covariance(step.root).marginal[LEAVING]
+    late = told_late(passed, History(), step.window, step.root, LEAVING, marginal, loss)
+    assert late is not None
+    assert gone.t[-1] < rest.t[0]
+    return rest.with_families(late.family), late.weight
+
+
+def test_it_is_what_the_whole_window_would_have_said(step: Stepped) -> None:
+    passed = places(step, [0.5, 0.4, -0.2], 0.1)
+    t = step.window.t
+    k = np.searchsorted(t, passed.t) - 1
+    f = (passed.t - t[k]) / (t[k + 1] - t[k])
+    seen = landmark(k, f, passed.distance, passed.sigma[:, None], None)
+    at_origin = replace(step.window, states=step.origin)
+    whole = at_origin.with_families(seen).moved()
+    late = told(step, passed)[0].moved()
+    np.testing.assert_allclose(
+        late.window.states.odo[:, :2], whole.window.states.odo[LEAVING:, :2], rtol=0.0, atol=2e-3
+    )
+    ours, theirs = (posterior_covariance(one.root).of(Kind.ODO)[-5:, 0, 0] for one in (late, whole))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-3)
+    assert (ours < 1.0).all()  # without them nobody knows
+
+
+def test_a_wrong_one_is_set_aside(step: Stepped) -> None:
+    _, weight = told(step, places(step, [0.0, 25.0, 0.0], 0.05), Loss("cauchy", 3.0))
+    assert weight[1] < 1e-3
+    assert weight[[0, 2]] == pytest.approx(1.0, abs=0.2)
+
+
+def test_places_of_another_time_say_nothing(step: Stepped) -> None:
+    passed = places(step, [0.0, 0.0, 0.0], 0.1)
+    later = replace(passed, t=passed.t + 1000.0)
+    marginal = posterior_covariance(step.root).marginal[LEAVING]
+    assert told_late(later, History(), step.window, step.root, LEAVING, marginal, None) is None

@@ -1,0 +1,149 @@
+"""Events of a stream: each once, whole, and those of the batch smoother."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg import smooth
+from trackfg.datasets.scenarios import Simulation, simulate
+from trackfg.datasets.sensors.faults import drop_imu, drop_tach, slip_wheel
+from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.evaluation.slip_scores import score_slips
+from trackfg.results.result import EVENT_COLUMNS
+from trackfg.streaming.events import StreamEvent
+
+SLIPS = ("slip", "slide")
+
+
+def table_of(events: Sequence[StreamEvent]) -> pd.DataFrame:
+    """As a result's events."""
+    rows = [
+        (
+            e.kind,
+            e.t_s,
+            e.until_s,
+            e.chainage_m,
+            e.chainage_m_sd,
+            e.distance_removed_m,
+            e.distance_removed_m_sd,
+            e.detail,
+        )
+        for e in events
+    ]
+    table = pd.DataFrame(rows, columns=list(EVENT_COLUMNS))
+    numbers = list(EVENT_COLUMNS[1:-1])
+    table[numbers] = table[numbers].astype(float)
+    return table.sort_values("start_s", ignore_index=True)
+
+
+def twice(t: pd.Series) -> float:
+    """How close two events of a kind come, s."""
+    return float(np.diff(np.sort(t)).min(initial=np.inf))
+
+
+@pytest.fixture(scope="module")
+def slipping() -> Simulation:
+    """A slip, and a slide that is longer than a piece, and than the lag."""
+    run = simulate("mainline", seed=2, duration_s=150.0)
+    return slip_wheel(run, [SlipEvent(62.0, 3.0, 0.3), SlipEvent(85.0, 16.0, -0.25)])
+
+
+@pytest.fixture(scope="module")
+def told(stream: Callable[..., Any], slipping: Simulation) -> pd.DataFrame:
+    return table_of(stream(slipping.recording, lag_s=8.0).events)
+
+
+def test_slips_are_told_once_and_whole(told: pd.DataFrame, slipping: Simulation) -> None:
+    score = score_slips(told, slipping.slips.astype({"start_s": float, "end_s": float}), slipping.truth)
+    assert score.recall == 1.0
+    assert score.precision == 1.0
+    found = told[told["kind"].isin(SLIPS)]
+    assert found["kind"].tolist() == ["slip", "slide"]
+    off = found["distance_removed_m"].to_numpy() - slipping.slips["distance_error_m"].to_numpy(dtype=float)
+    assert (np.abs(off) < 4.0 * found["distance_removed_m_sd"] + 0.05).all()
+    np.testing.assert_allclose(found["start_s"], slipping.slips["start_s"].astype(float), atol=1.5)
+    np.testing.assert_allclose(found["end_s"], slipping.slips["end_s"].astype(float), atol=1.5)
+
+
+def test_events_are_the_batch_smoothers(told: pd.DataFrame, slipping: Simulation) -> None:
+    batch = smooth(slipping.recording).events
+    assert told["kind"].tolist() == batch["kind"].tolist()
+    np.testing.assert_allclose(told[["start_s", "end_s"]], batch[["start_s", "end_s"]], atol=2.0)
+    slip = batch["kind"].isin(SLIPS)
+    np.testing.assert_allclose(told["distance_removed_m"][slip], batch["distance_removed_m"][slip], rtol=0.05, atol=0.1)
+
+
+def test_how_rows_are_grouped_makes_no_difference(
+    stream: Callable[..., Any], told: pd.DataFrame, slipping: Simulation
+) -> None:
+    again = table_of(stream(slipping.recording, lag_s=8.0, batch_s=3.7).events)
+    pd.testing.assert_frame_equal(again, told, check_exact=True)
+
+
+def test_holes_are_told(stream: Callable[..., Any]) -> None:
+    recording = simulate("mainline", seed=2, duration_s=120.0).recording
+    events = table_of(stream(drop_tach(drop_imu(recording, 60.0, 62.0), 80.0, 95.0), lag_s=8.0).events)
+    events = events.set_index("kind")
+    assert events.index.tolist() == ["standstill", "imu gap", "tach gap"]
+    assert events.loc["imu gap", ["start_s", "end_s"]].tolist() == pytest.approx([60.0, 62.0], abs=0.01)
+    assert events.loc["tach gap", ["start_s", "end_s"]].tolist() == pytest.approx([80.0, 95.0], abs=0.05)
+
+
+def test_fixes_are_used_or_set_aside(stream: Callable[..., Any]) -> None:
+    recording = simulate("shunting", seed=0, duration_s=240.0).recording
+    assert recording.fixes is not None
+    assert len(recording.fixes) > 2
+    fixes = recording.fixes.copy()
+    fixes.loc[1, "chainage_m"] += 100.0
+    events = table_of(stream(replace(recording, fixes=fixes), lag_s=10.0).events)
+    used, aside = (events[events["kind"] == f"fix {what}"] for what in ("used", "set aside"))
+    np.testing.assert_allclose(aside["start_s"], fixes["t_s"][[1]], atol=0.01)
+    np.testing.assert_allclose(used["start_s"], fixes["t_s"].drop(1), atol=0.01)
+
+
+def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
+    recording = simulate("mainline-gnss", seed=3, duration_s=105.0).recording
+    assert recording.gnss is not None
+    gnss = recording.gnss.copy()
+    gnss.loc[76:88, "east_m"] += 60.0
+    events = stream(replace(recording, gnss=gnss), lag_s=8.0).events
+    aside = [event for event in events if event.kind == "gnss set aside" and 75.0 < (event.t_s or 0.0) < 90.0]
+    assert [(event.t_s, event.until_s) for event in aside] == [pytest.approx((76.0, 88.0), abs=0.01)]
+    assert aside[0].detail.startswith("13 positions")
+
+
+@pytest.mark.slow
+def test_a_tach_that_is_stuck_for_long_is_told_in_parts(
+    stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 20.0)
+    recording = simulate("mainline-gnss", seed=2, duration_s=150.0).recording
+    assert recording.tach is not None
+    tach = recording.tach.copy()
+    tach["distance_m"] = np.where(
+        tach["t_s"] > 70.0, np.interp(70.0, tach["t_s"], tach["distance_m"]), tach["distance_m"]
+    )
+    events = table_of(stream(replace(recording, tach=tach), lag_s=8.0).events)
+    slides = events[events["kind"] == "slide"]
+    assert len(slides) > 2
+    assert slides["start_s"].min() == pytest.approx(70.0, abs=1.5)
+    assert slides["end_s"].max() == pytest.approx(150.0, abs=1.5)
+    between = slides["start_s"].to_numpy()[1:] - slides["end_s"].to_numpy()[:-1]
+    np.testing.assert_allclose(between, 0.1, atol=0.11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_recall_and_precision_are_those_of_the_batch_smoother(stream: Callable[..., Any], seed: int) -> None:
+    run = simulate("slippery-line-leaves", seed=seed, duration_s=700.0)
+    slips = run.slips.astype({"start_s": float, "end_s": float, "peak_creep": float})
+    batch = score_slips(smooth(run.recording).events, slips, run.truth)
+    ours = score_slips(table_of(stream(run.recording, lag_s=10.0).events), slips, run.truth)
+    assert len(ours.found) >= len(batch.found) - 1  # a slip of 0.1 m is at the edge of what shows
+    assert ours.precision >= batch.precision - 0.05

@@ -1,0 +1,166 @@
+"""Fixes vote for a place: one that is wrong, or a few, must not convince against those that follow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from trackfg.config import KeyframeConfig, SmoothConfig
+from trackfg.datasets.scenario import Scenario
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.datasets.vehicle.driving import Service
+from trackfg.factors.family import Loss
+from trackfg.factors.imu import Preintegration
+from trackfg.factors.odometry import absolute_fix
+from trackfg.factors.states import Nav, States
+from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
+from trackfg.streaming.window.fix_voting import PlaceVotes
+from trackfg.streaming.window.window import Interval
+
+SD_M, APART_M = 0.2, 100.0
+RIGHT, WRONG, OTHER = 0.0, 60.0, -200.0
+
+
+def at(distance: float) -> States:
+    nav = Nav(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    odo = np.array([[distance, 1.0, 0.0, 0.0]])
+    return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
+
+
+def passing(distance: float, fix: float) -> Interval:
+    """Of 10 m, with a fix at its end."""
+    sigma = np.array([[SD_M]])
+    family = absolute_fix(np.array([1]), np.array([fix]), sigma, Loss("cauchy", 4.0))
+    return Interval(0.0, np.zeros(6), at(distance), cast(Preintegration, None), np.zeros((6, 21)), (family,))
+
+
+def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[PlaceVotes, float, list[str]]:
+    """The votes after fixes off by so much, one after the other; where the vehicle is believed to be then, off the
+    truth; what became of each fix.
+    """
+    votes, believed, became = PlaceVotes(), 0.0, []
+    for i, off in enumerate(offsets):
+        votes.known = np.diag([1e8 if i == 0 else known_m**2, 1e-6])
+        true = APART_M * (i + 1)
+        if i == 0:
+            believed = off  # who knows nothing believes the first
+        new, moved = votes.judged(passing(true + believed, true + off), at(true - 10.0 + believed))
+        believed += moved
+        became += [family.name for family in new.families]
+    return votes, believed, became
+
+
+@pytest.mark.parametrize("wrong", [1, 2])
+def test_whom_one_has_believed_first_is_outvoted(wrong: int) -> None:
+    votes, believed, became = after([WRONG] * wrong + [RIGHT] * (wrong + 1))
+    assert believed == pytest.approx(RIGHT)
+    assert became == ["absolute fix"] * wrong + ["withheld fix"] * wrong + ["absolute fix"]
+    assert [event.kind for event in votes.told()] == ["place-changed"]
+    assert not votes.told()
+
+
+@pytest.mark.parametrize("wrong", [1, 2, 3])
+def test_a_few_that_are_wrong_alike_are_not_believed(wrong: int) -> None:
+    votes, believed, became = after([RIGHT] * 5 + [WRONG] * wrong)
+    assert believed == RIGHT
+    assert became == ["absolute fix"] * 5 + ["withheld fix"] * wrong
+    assert not votes.told()
+    assert after([RIGHT] * 5 + [WRONG] * wrong + [RIGHT] * 4)[0].rivals == ()
+
+
+def test_many_alike_are_believed() -> None:
+    assert after([RIGHT] * 50 + [WRONG] * 4)[1] == pytest.approx(WRONG)
+
+
+def test_wrong_ones_that_differ_do_not_add_up() -> None:
+    assert after([RIGHT] * 3 + [WRONG, OTHER, 3.0 * WRONG, 2.0 * OTHER, 5.0 * WRONG])[1] == RIGHT
+
+
+@pytest.mark.parametrize(
+    ("offsets", "probability"),
+    [
+        ([RIGHT], 0.0),
+        ([WRONG, RIGHT], 0.5),
+        ([WRONG, RIGHT, RIGHT], 0.1),
+        ([WRONG, RIGHT, RIGHT, RIGHT], 0.0),
+        ([RIGHT, RIGHT, RIGHT, WRONG], 0.0),
+        ([RIGHT, RIGHT, RIGHT, WRONG, WRONG], 0.1),
+        ([RIGHT, RIGHT, RIGHT, WRONG, WRONG, WRONG], 0.5),
+    ],
+)
+def test_the_place_is_as_sure_as_the_vote(offsets: list[float], probability: float) -> None:
+    assert after(offsets)[0].doubt_m == pytest.approx(np.sqrt(probability) * WRONG, rel=0.02)
+
+
+def test_who_is_not_sure_where_he_is_follows() -> None:
+    assert after([RIGHT, WRONG], known_m=20.0)[2] == ["absolute fix"] * 2
+
+
+def test_a_fix_read_again_is_no_second_vote() -> None:
+    votes = PlaceVotes(votes=1, known=np.diag([0.1, 1e-6]))
+    for _ in range(5):
+        votes.judged(passing(100.0, 160.0), at(90.0))
+    assert (votes.votes, [rival.votes for rival in votes.rivals]) == (1, [1])
+
+
+@pytest.fixture(scope="module")
+def run() -> Simulation:
+    """A minute past balises, the first of which is 60 m off."""
+    plan: Scenario = scenario("mainline")
+    assert isinstance(plan.driver, Service)
+    assert plan.balises is not None
+    balises = BaliseModel(spacing_m=100.0, sd_m=plan.balises.sd_m)
+    early = replace(plan, driver=replace(plan.driver, start_rest_s=9.0), adhesion=None, balises=balises)
+    made = simulate(early, seed=0, duration_s=52.0)
+    assert made.recording.fixes is not None
+    fixes = made.recording.fixes.copy()
+    fixes.loc[fixes.index[0], "chainage_m"] += 60.0
+    return replace(made, recording=replace(made.recording, fixes=fixes))
+
+
+def test_a_wrong_first_fix_is_got_over(run: Simulation) -> None:
+    fixes = run.recording.fixes
+    assert fixes is not None
+    source, config = RecordingSource(run.recording, batch_s=0.5), SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
+    smoother, other = (FixedLagSmoother(run.recording.description, config, lag_s=6.0) for _ in range(2))
+    disputed, intake, pieces, again = (
+        fixes["t_s"].iloc[1] + 2.0,
+        Intake.of(source),
+        list[Estimates](),
+        list[Estimates](),
+    )
+    for batch in source:
+        rows = intake.push(batch)[0]
+        pieces.append(smoother.put(rows))
+        if rows.until_s >= disputed:
+            if again:
+                again.append(other.put(rows))
+            else:
+                assert smoother._moving.places.doubt_m > 30.0
+                other.restore(smoother.state())
+                again.append(pieces[-1])
+    rest = intake.finish()[0]
+    pieces += [smoother.put(rest), smoother.finish()]
+    again += [other.put(rest), other.finish()]
+    for one, same in zip(pieces[-len(again) :], again, strict=True):
+        assert one.filtered.equals(same.filtered)
+        assert one.smoothed.equals(same.smoothed)
+        assert one.events == same.events
+    kinds = [event.kind for piece in pieces for event in piece.events]
+    assert kinds.count("place-changed") == 1
+    told = [kind for kind in kinds if kind in ("fix used", "fix set aside")]
+    assert len(told) == len(fixes)
+    assert told[1:] == ["fix used"] * (len(fixes) - 1)  # the first may be told before it is known to be wrong
+    for name in ("filtered", "smoothed"):
+        for piece in pieces:
+            table = getattr(piece, name)
+            table = table[table["t_s"] > fixes["t_s"].iloc[1] + 1.0]
+            error = table["chainage_m"] - np.interp(table["t_s"], run.truth["t_s"], run.truth["chainage_m"])
+            assert (np.abs(error) <= 4.0 * table["chainage_m_sd"] + 0.02).all()
+    assert pieces[-1].filtered["chainage_m_sd"].iloc[-1] < 1.0

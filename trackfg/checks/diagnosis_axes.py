@@ -1,0 +1,151 @@
+"""Which way the IMU's columns point, from gravity and from the tach.
+
+* Up: at rest and on average, specific force points up.
+* Forward: ``f_x = dv/dt - g sin(pitch)`` correlates with the tach's acceleration; backwards, the sign is negative.
+* Left: ``f_y = v w_z + g sin(roll)`` and ``d roll/dt = w_x`` give ``f_y = v w_z + g int w_x dt``, with cant or without.
+  The slope of f_y on the right-hand side is 1; it is negative where gyro and accelerometer disagree in sign, and pi/180
+  (180/pi) where the gyro is in deg/s (rad/s) but declared otherwise.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.checks.diagnosis_clock import lagged_correlation, tach_acceleration
+from trackfg.numerics import frames
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import IMU_COLUMNS
+from trackfg.sensors.averages import Motion, averaged, band_passed
+from trackfg.units import STANDARD_GRAVITY
+
+_STEP_S = 0.25
+_SHORT_S, _LONG_S = 0.6, 6.0
+_MAX_LAG_S = 20.0
+_MIN_ACCELERATION = 0.01
+_MIN_LATERAL = 0.005
+_MIN_CORRELATION = 0.5
+
+AXES = tuple(
+    "".join(letters)
+    for pairs in itertools.permutations(("FB", "LR", "UD"))
+    for letters in itertools.product(*pairs)
+    if np.linalg.det(frames.axes_matrix("".join(letters))) > 0
+)
+"""The 24 right-handed triads."""
+
+
+@dataclass(frozen=True)
+class AxesEstimate:
+    """``proposed`` is the axes string that the data suggest; equal to ``declared`` where they agree with it.
+
+    ``up`` is the direction of gravity's reaction in the declared vehicle axes, ``tilt_deg`` its angle from vertical,
+    ``magnitude_mps2`` the median specific force. ``forward_correlation`` is that of the declared forward axis with the
+    tach's acceleration, ``best_forward`` the axis (``"+x"`` ... ``"-z"``, declared) with the highest one; None where
+    the tach shows no acceleration. ``lateral_correlation`` and ``gyro_slope`` are those of the third relation.
+    """
+
+    declared: str
+    proposed: str
+    up: tuple[float, float, float]
+    tilt_deg: float
+    magnitude_mps2: float
+    forward_correlation: float | None = None
+    best_forward: str | None = None
+    best_forward_correlation: float | None = None
+    lateral_correlation: float | None = None
+    gyro_slope: float | None = None
+
+
+def estimate_axes(imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str) -> AxesEstimate:
+    """Everything above, from the ``imu`` and ``tach`` tables that were read with ``imu.axes = declared``."""
+    up = mean_specific_force(imu)
+    magnitude = float(np.linalg.norm(up))
+    up = up / magnitude if magnitude > 0 else np.array([0.0, 0.0, 1.0])
+    vertical = int(np.argmax(np.abs(up)))
+    motion = None if tach is None else averaged(imu, tach, _STEP_S)
+    forward = None if motion is None else forward_correlations(motion)
+    lateral = None if motion is None else lateral_balance(motion)
+    best, name, best_value = None, None, None
+    if forward is not None:
+        level = np.where(np.arange(3) == vertical, 0.0, forward)
+        axis = int(np.argmax(np.abs(level)))
+        name, best_value = f"{'-+'[int(level[axis] > 0)]}{'xyz'[axis]}", float(abs(level[axis]))
+        if best_value >= _MIN_CORRELATION:
+            best = np.sign(level[axis]) * np.eye(3)[axis]
+    return AxesEstimate(
+        declared=declared,
+        proposed=propose_axes(declared, up, best),
+        up=(float(up[0]), float(up[1]), float(up[2])),
+        tilt_deg=float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))),
+        magnitude_mps2=magnitude,
+        forward_correlation=None if forward is None else float(forward[0]),
+        best_forward=name,
+        best_forward_correlation=best_value,
+        lateral_correlation=None if lateral is None else lateral[1],
+        gyro_slope=None if lateral is None else lateral[0],
+    )
+
+
+def mean_specific_force(imu: pd.DataFrame) -> Array:
+    """The median over the recording of specific force averaged over about half a second, m/s^2. Shape (3,)."""
+    accel = imu[list(IMU_COLUMNS[4:7])].to_numpy()
+    interval = float(np.median(np.diff(imu["t_s"])))
+    size = max(1, min(round(0.5 / interval), accel.shape[0] // 4))
+    blocks = accel[: accel.shape[0] // size * size].reshape(-1, size, 3).mean(axis=1)
+    return np.asarray(np.median(blocks, axis=0), dtype=np.float64)
+
+
+def propose_axes(declared: str, up: Array, forward: Array | None) -> str:
+    """The axes string nearest to ``declared`` that turns ``up`` up and, if given, ``forward`` forward.
+
+    Both are directions in the vehicle axes as declared. Of the right-handed triads the one with the best fit is
+    taken; among equals, the one that keeps most letters, F before L.
+    """
+    A = frames.axes_matrix(declared)
+    vertical = np.sign(up) * (np.abs(up) == np.abs(up).max())
+
+    def merit(axes: str) -> tuple[float, ...]:
+        turn = frames.axes_matrix(axes) @ A.T
+        fit = float((turn @ vertical)[2]) + (0.0 if forward is None else float((turn @ forward)[0]))
+        kept = [a == b for a, b in zip(axes, declared, strict=True)]
+        return fit, sum(kept), sum(k for k, letter in zip(kept, declared, strict=True) if letter in "FB")
+
+    best = max(AXES, key=merit)
+    agrees = merit(declared)[0] >= merit(best)[0]
+    return declared if agrees else best
+
+
+def forward_correlations(motion: Motion) -> Array | None:
+    """The correlation, highest in magnitude over lags up to 20 s, of each axis with the tach's acceleration, (3,).
+
+    None where the tach shows no acceleration.
+    """
+    acceleration = band_passed(tach_acceleration(motion), motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+    if acceleration.size < 40 or np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
+        return None
+    best = []
+    for force in motion.accel.T:
+        filtered = band_passed(force, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+        _, correlation = lagged_correlation(acceleration, filtered, _MAX_LAG_S / motion.step_s)
+        best.append(correlation[np.argmax(np.abs(correlation))])
+    return np.array(best)
+
+
+def lateral_balance(motion: Motion) -> tuple[float, float] | None:
+    """Slope and correlation of ``f_y`` against ``v w_z + g int w_x dt``, both band-passed.
+
+    The slope is the ratio of their standard deviations with the sign of the correlation: unlike a regression it is
+    biased alike by noise on either side. None where there are no curves to see.
+    """
+    kinematic = motion.speed * motion.gyro[:, 2] + STANDARD_GRAVITY * motion.step_s * np.cumsum(motion.gyro[:, 0])
+    expected = band_passed(kinematic, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+    measured = band_passed(motion.accel[:, 1], motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+    sd_expected, sd_measured = (float(np.sqrt(np.mean(x**2))) for x in (expected, measured))
+    if sd_measured < _MIN_LATERAL or sd_expected == 0.0:
+        return None
+    correlation = float(np.mean(expected * measured) / (sd_expected * sd_measured))
+    return float(np.copysign(sd_measured / sd_expected, correlation)), correlation

@@ -1,0 +1,95 @@
+"""The wheel's scale: true distance over nominal distance, from chainage fixes or from GNSS positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.frames import Array
+
+_MIN_CHORD_M = 100.0
+_MAX_TURN_RAD = 0.5
+_MIN_SPEED_MPS = 3.0
+
+
+@dataclass(frozen=True)
+class WheelScale:
+    """True distance = ``scale`` x nominal distance; ``samples`` is the number of stretches compared."""
+
+    scale: float
+    sd: float
+    source: Literal["fixes", "gnss"]
+    samples: int
+
+
+def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
+    """From ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
+
+    What is travelled is the sum of the chainage differences' magnitudes: it grows whichever way the line is counted.
+    The sigma is widened by the residuals where those exceed the declared sigmas. None with fewer than two fixes within
+    the tach's time or less than 100 m between them.
+    """
+    t = tach["t_s"].to_numpy()
+    inside = fixes[(fixes["t_s"] >= t[0]) & (fixes["t_s"] <= t[-1])]
+    if len(inside) < 2:
+        return None
+    nominal = np.interp(inside["t_s"], t, tach["distance_m"])
+    if np.ptp(nominal) < _MIN_CHORD_M:
+        return None
+    travelled = np.cumsum(np.abs(np.diff(inside["chainage_m"], prepend=inside["chainage_m"].iloc[0])))
+    weights = 1.0 / inside["chainage_sd_m"].to_numpy() ** 2
+    x, y = (values - np.average(values, weights=weights) for values in (nominal, travelled))
+    information = float(weights @ x**2)
+    scale = float(weights @ (x * y)) / information
+    freedom = len(inside) - 2
+    chi2 = float(weights @ (y - scale * x) ** 2) / freedom if freedom > 0 else 1.0
+    return WheelScale(scale, float(np.sqrt(max(1.0, chi2) / information)), "fixes", len(inside) - 1)
+
+
+def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None:
+    """From the distance between positions at least 100 m (and 30 sigma) apart, against the tach's.
+
+    A chord that turns by an angle a is shorter than its arc by the factor ``sin(a/2) / (a/2)``; a is the mean of the
+    turns into the chords before and after. Chords that turn by more than 0.5 rad, or that are run slowly, are left out.
+    The result is the median of the ratios; its sigma, ``1.25 * 1.48 MAD / sqrt(n)``, sees slip and outliers too. None
+    with fewer than five chords.
+    """
+    t = tach["t_s"].to_numpy()
+    inside = gnss[(gnss["t_s"] >= t[0]) & (gnss["t_s"] <= t[-1])]
+    if len(inside) < 6:
+        return None
+    sd = inside[["east_sd_m", "north_sd_m"]].to_numpy()
+    chord_m = max(_MIN_CHORD_M, 30.0 * float(np.median(sd)))
+    nominal = np.interp(inside["t_s"], t, tach["distance_m"])
+    picked = _picked(nominal, chord_m)
+    if picked.size < 7:
+        return None
+    position = inside[["east_m", "north_m", "up_m"]].to_numpy()[picked]
+    chords = np.diff(position, axis=0)
+    length, distance = np.linalg.norm(chords, axis=1), np.diff(nominal[picked])
+    speed = distance / np.diff(inside["t_s"].to_numpy()[picked])
+    heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
+    turn = np.gradient(heading)
+    arc = length * _arc_over_chord(turn)
+    good = (np.abs(turn) < _MAX_TURN_RAD) & (speed > _MIN_SPEED_MPS)
+    good[[0, -1]] = False  # the turn at the ends is known from one side only
+    if np.count_nonzero(good) < 5:
+        return None
+    ratio = arc[good] / distance[good]
+    scale = float(np.median(ratio))
+    spread = 1.4826 * float(np.median(np.abs(ratio - scale)))
+    return WheelScale(scale, max(1.25 * spread / float(np.sqrt(ratio.size)), 1e-5), "gnss", int(ratio.size))
+
+
+def _picked(distance: Array, step_m: float) -> np.ndarray:
+    """Indices of rows at least ``step_m`` of distance apart, from the first on."""
+    steps = np.floor((distance - distance[0]) / step_m)
+    return np.flatnonzero(np.diff(np.maximum.accumulate(steps), prepend=-1.0) > 0)
+
+
+def _arc_over_chord(turn: Array) -> Array:
+    half = np.maximum(np.abs(turn) / 2.0, 1e-9)
+    return np.asarray(half / np.sin(half), dtype=np.float64)

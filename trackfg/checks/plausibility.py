@@ -1,0 +1,262 @@
+"""Values that are well-formed but cannot be true: wrong axes, wrong units, clocks that do not meet.
+
+Errors here are those that no real run can produce; doubts are left to :mod:`trackfg.checks.diagnosis`. Arguments:
+``parts`` of the description and the canonical ``tables``, both by name (``"imu"``, ``"laser 1"``), as far as they could
+be read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from trackfg.checks import diagnosis_axes
+from trackfg.checks.limits import CheckLimits
+from trackfg.numerics.frames import Array
+from trackfg.recording.canonical import imu_rotation
+from trackfg.recording.description import Imu, Laser, Model, Table, Tach, Track
+from trackfg.recording.findings import Finding, Level
+from trackfg.sensors.averages import Motion, averaged
+from trackfg.units import STANDARD_GRAVITY, known_units, to_si
+
+_STEP_S = 0.5
+
+
+def findings(
+    parts: Mapping[str, Model],
+    tables: Mapping[str, pd.DataFrame],
+    toml: str,
+    limits: CheckLimits,
+    gnss_origin: Array | None = None,
+) -> list[Finding]:
+    """All of them. ``toml`` is the name of the description's file."""
+    found: list[Finding] = []
+    imu, imu_table, tach_table = parts.get("imu"), tables.get("imu"), tables.get("tach")
+    track = parts.get("track")
+    if isinstance(track, Track):
+        found += _track(track, toml, gnss_origin)
+    if isinstance(imu, Imu) and imu_table is not None:
+        rate = _imu_interval(imu, imu_table, toml, limits)
+        found += rate
+        found += _gravity(imu, imu_table, toml, limits)
+        if not rate:
+            if tach_table is not None and (tach_motion := averaged(imu_table, tach_table, _STEP_S)) is not None:
+                found += _gyro_unit(imu, tach_motion, toml, limits)
+            elif (motion := averaged(imu_table, None, _STEP_S)) is not None:
+                found += _gyro_unit(imu, motion, toml, limits)
+            found += _overlaps(imu_table, parts, tables, limits)
+    for name, table in tables.items():
+        part = parts[name]
+        if isinstance(part, Tach):
+            found += _tach(part, table, toml, limits)
+        if isinstance(part, Laser):
+            found += _laser(part, name, table, toml, limits)
+    return found
+
+
+def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
+    found = []
+    for key in ("gauge_m", "cross_level_base_m"):
+        value = getattr(track, key)
+        if not 0.3 <= value <= 4.0:
+            mend = f"write {value / 1000:g}" if 300 <= value <= 4000 else None
+            found.append(
+                Finding("error", "track-size", f"is {value:g} m", toml, f"track.{key}", None, None, "0.3 to 4 m", mend)
+            )
+    latitude = track.latitude_deg
+    if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > 0.5:
+        message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"
+        mend = f"write {gnss_origin[0]:.3f}"
+        found.append(Finding("warning", "latitude", message, toml, "track.latitude_deg", mend=mend))
+    return found
+
+
+def _imu_interval(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+    interval = float(np.median(np.diff(table["t_s"])))
+    low, high = limits.imu_interval_s
+    if low <= interval <= high:
+        return []
+    raw = interval / to_si("time", imu.time_unit)
+    units = [unit for unit in known_units("time") if 2e-4 <= raw * to_si("time", unit) <= high]
+    mend = f'set imu.time_unit = "{units[0]}"' if units else "check the time column and imu.time_unit"
+    message = f"rows are {interval:.4g} s apart (median)"
+    return [
+        Finding("error", "time-unit", message, imu.file, imu.time, None, None, f"{low:g} to {high:g} s", mend),
+    ]
+
+
+def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+    """Magnitude, then direction, of the median specific force."""
+    force = diagnosis_axes.mean_specific_force(table)
+    magnitude = float(np.linalg.norm(force))
+    g = STANDARD_GRAVITY
+    columns = ", ".join(imu.accel)
+    if abs(magnitude - g) > limits.gravity_error_mps2:
+        message = f"the median specific force is {magnitude:.4g} m/s^2 as declared ({imu.accel_unit})"
+        mend = "check imu.accel and imu.accel_unit"
+        if imu.accel_unit == "m/s^2" and abs(magnitude * g - g) < limits.gravity_error_mps2:
+            mend = 'the data look like g: set imu.accel_unit = "g"'
+        elif imu.accel_unit == "g" and abs(magnitude / g - g) < limits.gravity_error_mps2:
+            mend = 'the data look like m/s^2: set imu.accel_unit = "m/s^2"'
+        elif 0.8 < magnitude / (1000.0 * to_si("acceleration", imu.accel_unit)) < 1.2:
+            mend = 'the data look like milli-g: divide them by 1000 and set imu.accel_unit = "g"'
+        elif magnitude < 1.0:
+            mend = "gravity seems to have been removed: record specific force, as the sensor gives it"
+        expected = f"{g:.2f} m/s^2 within {limits.gravity_error_mps2:g}"
+        return [Finding("error", "accel-unit", message, imu.file, columns, None, None, expected, mend)]
+    up = force / magnitude
+    tilt = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
+    if tilt <= limits.tilt_warning_deg:
+        return []
+    expected = "+1 g on the upward axis at rest"
+    if tilt <= limits.tilt_error_deg or abs(up).max() < np.cos(np.radians(limits.tilt_error_deg)):
+        roll, pitch = np.degrees(np.arctan2(up[1], up[2])), np.degrees(-np.arcsin(np.clip(up[0], -1, 1)))
+        message = f"gravity is {tilt:.0f} deg off the vertical of the declared axes"
+        mend = f"if the sensor is mounted so, turn imu.mount_rpy_deg by roll {roll:.1f}, pitch {pitch:.1f} deg"
+        level: Level = "warning" if tilt <= limits.tilt_error_deg else "error"
+        return [Finding(level, "gravity-tilt", message, toml, "imu.axes", None, None, expected, mend)]
+    sensor = imu_rotation(imu).T @ force
+    i = int(np.argmax(np.abs(sensor)))
+    message = (
+        f"gravity is on the wrong axis or sign: column {imu.accel[i]!r}, declared {imu.axes[i]}, "
+        f"holds {sensor[i]:+.2f} m/s^2, so it points {'up' if sensor[i] > 0 else 'down'}"
+    )
+    mend = f'set imu.axes = "{diagnosis_axes.propose_axes(imu.axes, up, None)}" if the other columns are right'
+    return [Finding("error", "gravity-axis", message, imu.file, imu.accel[i], None, None, expected, mend)]
+
+
+def _gyro_unit(imu: Imu, motion: Motion, toml: str, limits: CheckLimits) -> list[Finding]:
+    """Angular rates that no vehicle has, or that do not fit the lateral specific force."""
+    columns = ", ".join(imu.gyro)
+    other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
+    mend = f'the data look like {other}: set imu.gyro_unit = "{other}"'
+
+    def wrong(message: str, expected: str) -> list[Finding]:
+        return [Finding("error", "gyro-unit", message, imu.file, columns, None, None, expected, mend)]
+
+    if not motion.valid.any():
+        return []
+    rate = float(np.quantile(np.abs(motion.gyro[motion.valid]).max(axis=1), 0.995))
+    if rate > limits.rate_error_radps:
+        return wrong(
+            f"angular rates of {rate:.3g} rad/s as declared ({imu.gyro_unit}), held for half a second",
+            f"at most {limits.rate_error_radps:g} rad/s",
+        )
+    if np.isnan(motion.speed).any():
+        return []
+    lateral = float(np.quantile(np.abs(motion.speed * motion.gyro[:, 2])[motion.valid], 0.995))
+    if lateral > limits.lateral_error_mps2:
+        return wrong(
+            f"speed times yaw rate is {lateral:.3g} m/s^2 as declared ({imu.gyro_unit})",
+            f"at most {limits.lateral_error_mps2:g} m/s^2",
+        )
+    balance = diagnosis_axes.lateral_balance(motion)
+    if balance is None or abs(balance[1]) < max(0.7, limits.axis_correlation):
+        return []
+    slope = abs(balance[0])
+    is_other = slope < 1 / 20 if imu.gyro_unit == "rad/s" else slope > 20
+    if not is_other:
+        return []
+    return wrong(
+        f"lateral specific force is {slope:.3g} times what the gyro implies as declared ({imu.gyro_unit})", "1"
+    )
+
+
+def _tach(tach: Tach, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+    found = []
+    mend: str | None
+    t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
+    span = max(1, int(np.searchsorted(t, t[0] + 1.0)))
+    speed = np.abs(distance[span:] - distance[:-span]) / (t[span:] - t[:-span])
+    fastest = float(np.quantile(speed, 0.99)) if speed.size else 0.0
+    if fastest > limits.speed_error_mps:
+        mend = (
+            "check tach.wheel_diameter_m (in m) and tach.pulses_per_rev"
+            if tach.kind == "pulses"
+            else ("check tach.kind and tach.unit")
+        )
+        found.append(
+            Finding(
+                "error",
+                "tach-unit",
+                f"speeds of {fastest:.4g} m/s as declared",
+                tach.file,
+                tach.column,
+                None,
+                None,
+                f"at most {limits.speed_error_mps:g} m/s",
+                mend,
+            )
+        )
+    diameter = tach.wheel_diameter_m
+    if diameter is not None and not 0.2 <= diameter <= 2.0:
+        mend = f"write {diameter / 1000:g}" if 200 <= diameter <= 2000 else None
+        found.append(
+            Finding(
+                "warning",
+                "wheel-diameter",
+                f"is {diameter:g} m",
+                toml,
+                "tach.wheel_diameter_m",
+                None,
+                None,
+                "0.2 to 2 m",
+                mend,
+            )
+        )
+    return found
+
+
+def _laser(laser: Laser, name: str, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+    """A unit off by 1000: too large to be true, or moving less than a hundredth of its own noise."""
+    displacement = table["displacement_m"].to_numpy()
+    key = f"laser[{name.removeprefix('laser ')}].unit"
+    largest = float(np.quantile(np.abs(displacement), 0.9))
+    low, high = np.quantile(displacement, [0.05, 0.95])
+    message = None
+    if largest > limits.laser_range_m:
+        message = f"displacements of {largest:.4g} m as declared ({laser.unit})"
+        mend = 'the data look like mm: set unit = "mm"' if laser.unit == "m" else "divide the data by 1000"
+        expected = f"at most {limits.laser_range_m:g} m"
+    elif 0.0 < high - low < 0.05 * laser.sd_m and laser.unit == "mm" and largest * 1000.0 <= limits.laser_range_m:
+        message = f"the displacement varies by {high - low:.3g} m as declared (mm), far below its sigma"
+        mend = 'the data look like m: set unit = "m"'
+        expected = f"a variation above {laser.sd_m:g} m"
+    if message is None:
+        return []
+    return [Finding("error", "laser-unit", f"{message} ({key})", laser.file, laser.column, None, None, expected, mend)]
+
+
+def _overlaps(
+    imu: pd.DataFrame, parts: Mapping[str, Model], tables: Mapping[str, pd.DataFrame], limits: CheckLimits
+) -> list[Finding]:
+    """Tables whose time does not meet the IMU's, or meets it in part only."""
+    found = []
+    begin, end = imu["t_s"].iloc[[0, -1]]
+    for name, table in tables.items():
+        part = parts[name]
+        if name == "imu" or not isinstance(part, Table):
+            continue
+        t = table["t_s"].to_numpy()
+        share = float(np.mean((t >= begin) & (t <= end)))
+        if share >= limits.overlap_warning:
+            continue
+        message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
+        is_error = share == 0.0 and (t[0] > end or t[-1] < begin)
+        section = "[[laser]]" if isinstance(part, Laser) else f"[{name}]"
+        found.append(
+            Finding(
+                "error" if is_error else "warning",
+                "clocks-apart",
+                message + (": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"),
+                part.file,
+                part.time,
+                None,
+                None,
+                "times within those of the IMU",
+                f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit",
+            )
+        )
+    return found

@@ -1,0 +1,358 @@
+"""The command line: arguments in, calls to the library, tables for people out. Nothing is computed here.
+
+Exit status: 0 done, 2 bad input or usage, 1 anything else, 130 interrupted. What a command needs is imported when it
+runs, so that ``--help`` and ``--version`` answer at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from trackfg import __version__
+from trackfg.cli.maps import maps
+from trackfg.cli.stream import stream
+from trackfg.cli.terminal import progress_bar, show
+from trackfg.errors import BadInputError, TrackfgError
+
+if TYPE_CHECKING:
+    from trackfg.plots.strip_chart import LimitLine
+    from trackfg.results.result import Result
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+app.add_typer(maps, name="map")
+app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
+
+RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def main() -> None:
+    """Run the command line; errors that the user can act on become one line on standard error."""
+    try:
+        app(prog_name="trackfg")
+    except BadInputError as error:
+        _fail(error, status=2)
+    except (TrackfgError, OSError) as error:
+        _fail(error, status=1)
+
+
+def _fail(error: Exception, status: int) -> None:
+    print(f"trackfg: {error}", file=sys.stderr)
+    raise SystemExit(status)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"trackfg {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog="Example: trackfg demo -o demo")
+def trackfg(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Railway track geometry and train positioning from IMU and tachometer, by factor-graph smoothing."""
+
+
+@app.command(epilog="Example: trackfg demo -o demo")
+def demo(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder to write.")] = Path("trackfg-demo"),
+) -> None:
+    """Simulate a measuring car, smooth its recording, and compare the published systems with it, against the truth."""
+    from trackfg.cli import tables
+    from trackfg.cli.demo import CONTENT, run_demo
+
+    with progress_bar() as progress:
+        done = run_demo(out, progress=progress)
+    _warn_unless_converged(done.result)
+    for table in tables.comparison(done.comparison.about):
+        show(table)
+    show(tables.summary(done.result))
+    for name in CONTENT:
+        print(done.folder / name)
+
+
+@app.command(epilog="Example: trackfg scenarios")
+def scenarios() -> None:
+    """List the built-in scenarios that simulate can run."""
+    from trackfg.cli import tables
+    from trackfg.datasets.scenarios import scenarios as all_scenarios
+
+    show(tables.scenarios({name: scenario.summary for name, scenario in all_scenarios().items()}))
+
+
+@app.command(epilog="Example: trackfg simulate mainline -o run1 --seed 3 --duration 600")
+def simulate(
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="One of `trackfg scenarios`.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.")],
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Another track, and all that runs on it.")] = 0,
+    run: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Another run on the same track: other driving, other sensor errors.")
+    ] = 0,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Length in seconds, instead of the scenario's own.")
+    ] = None,
+    line: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Run on this line: a description (.toml) or LandXML (.xml).", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Write the recording that a simulated vehicle would make, with the truth beside it."""
+    from trackfg.datasets.line.line_file import read_line_file
+    from trackfg.datasets.scenarios import scenario as named
+    from trackfg.datasets.scenarios import simulate as run_scenario
+    from trackfg.files.atomic_folder import replaced_folder
+    from trackfg.files.owned_folder import refuse_used
+
+    refuse_used(out, "recordings are never overwritten")
+    plan = named(scenario)
+    if line is not None:
+        given = read_line_file(line)
+        for remark in given.remarks:
+            print(f"trackfg: note: {line}: {remark}", file=sys.stderr)
+        plan = plan.on(given)
+    simulation = run_scenario(plan, seed=seed, run=run, duration_s=duration)
+    with replaced_folder(out) as new:
+        simulation.write(new)
+    print(f"recording: {out}")
+
+
+@app.command(epilog="Example: trackfg check run1")
+def check(recording: RecordingFolder, json: Json = False) -> None:
+    """List everything that is wrong or doubtful in a recording, with the mend, and what its data say by themselves.
+
+    Exit status 2 if anything is wrong.
+    """
+    from trackfg.cli import tables
+    from trackfg.io.check import check_recording
+
+    report = check_recording(recording)
+    if json:
+        print(tables.check_json(report))
+    else:
+        show(tables.findings(report.findings))
+        if report.estimates:
+            show(tables.estimates(report.estimates))
+    if any(finding.level == "error" for finding in report.findings):
+        raise typer.Exit(2)
+
+
+@app.command(epilog="Example: trackfg smooth run1 -o out1")
+def smooth(
+    recording: RecordingFolder,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the result.")],
+    config: Annotated[
+        Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
+    ] = None,
+    map_location: Annotated[
+        str | None,
+        typer.Option(
+            "--map", metavar="MAP", help="A map to locate the run on: its newest version.", show_default=False
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Smooth a recording: trajectory, track geometry and events, each with its uncertainty, and a summary.
+
+    An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as it is.
+    """
+    from trackfg.cli import tables
+    from trackfg.config import SmoothConfig
+    from trackfg.io.reader import read_recording
+    from trackfg.results.result import RESULT_FOLDER
+    from trackfg.smoothing.smoother import smooth as run_smoother
+
+    RESULT_FOLDER.refuse_foreign(out)
+    settings = SmoothConfig.from_toml(config) if config else None
+    feature_map = None
+    if map_location is not None:
+        from trackfg.maps import read_map
+
+        feature_map = read_map(map_location)
+    with progress_bar() as progress:
+        result = run_smoother(read_recording(recording), settings, feature_map=feature_map, progress=progress)
+    result.write(out)
+    _warn_unless_converged(result)
+    _warn_unless_located(result)
+    if json:
+        print(result.summary.model_dump_json(indent=2))
+    else:
+        show(tables.summary(result))
+        print(f"result: {out}")
+
+
+@app.command(epilog="Example: trackfg baseline complementary run1 -o out1-complementary")
+def baseline(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of `trackfg estimators`.", show_default=False)],
+    recording: RecordingFolder,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for its tables.", show_default=False)],
+    as_printed: Annotated[
+        bool, typer.Option("--as-printed", help="With the equations as the paper prints them, errors included.")
+    ] = False,
+) -> None:
+    """Run one published system on a recording: trajectory, geometry and events, as far as it knows them."""
+    from trackfg.baselines.result import BASELINE_FOLDER
+    from trackfg.comparison.estimators import estimator
+    from trackfg.io.reader import read_recording
+
+    run = estimator(name, as_printed=as_printed)
+    BASELINE_FOLDER.refuse_foreign(out)
+    run(read_recording(recording)).write(out)
+    print(f"result: {out}")
+
+
+@app.command(epilog="Example: trackfg estimators")
+def estimators() -> None:
+    """List the smoother, the published systems, and other packages where they are installed."""
+    from trackfg.cli import tables
+    from trackfg.comparison.estimators import estimators as all_estimators
+
+    show(tables.estimators(all_estimators()))
+
+
+@app.command(epilog="Example: trackfg compare run1 -o comparison")
+def compare(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")],
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(metavar="[REC...]", help="Folders of recordings.", show_default=False)
+    ] = None,
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scenario",
+            metavar="NAME",
+            help="A scenario to simulate, or j-turn; may be given again. A standard set if there is no REC either.",
+            show_default=False,
+        ),
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Length of every simulated run, s.", show_default=False),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
+
+    Against the truth where there is one; recordings without are held against the first of them. An earlier comparison
+    in OUT is replaced in one step.
+    """
+    import os
+
+    from trackfg.cli import tables
+    from trackfg.comparison.run import cases_of
+    from trackfg.comparison.run import compare as run_comparison
+    from trackfg.comparison.table import COMPARISON_FOLDER
+
+    COMPARISON_FOLDER.refuse_foreign(out)
+    cases = cases_of(recordings or (), scenarios or (), seeds=seeds, duration_s=duration)
+    with progress_bar() as progress:
+        result = run_comparison(cases, jobs=jobs or os.cpu_count() or 1, progress=progress)
+    result.write(out)
+    if json:
+        print(result.about.model_dump_json(indent=2))
+        return
+    for table in tables.comparison(result.about):
+        show(table)
+    print(f"comparison: {out}")
+
+
+@app.command(epilog="Example: trackfg plot out1 --from 12000 --to 14000 -o chart.html")
+def plot(
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="Picture: .png, .svg or .html. OUT.png if absent.", show_default=False
+        ),
+    ] = None,
+    from_m: Annotated[
+        float | None, typer.Option("--from", metavar="M", help="First chainage, m.", show_default=False)
+    ] = None,
+    to_m: Annotated[
+        float | None, typer.Option("--to", metavar="M", help="Last chainage, m.", show_default=False)
+    ] = None,
+    limits: Annotated[
+        str | None,
+        typer.Option(metavar="L.toml", help="Limits to draw: a file, or cfr-213 for 49 CFR 213.", show_default=False),
+    ] = None,
+    level: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)
+    ] = None,
+    line_speed: Annotated[
+        float | None,
+        typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
+    ] = None,
+) -> None:
+    """Draw the strip chart of a result: its geometry over chainage, with bands of 95 %."""
+    from trackfg.plots.draw import picture_path
+    from trackfg.plots.strip_chart import plot_geometry
+    from trackfg.results.result import Result
+
+    folder = result.resolve()
+    path = picture_path(out or folder.parent / f"{folder.name}.png")
+    if path.resolve().parent == folder:
+        raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
+    content = Result.read(result)
+    lines = _limit_lines(content, limits, level, line_speed)
+    print(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
+
+
+@app.command(epilog="Example: trackfg report out1 --recording run1")
+def report(
+    folder: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Folder of a result or a comparison.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="Page: .html. OUT.html if absent.", show_default=False),
+    ] = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="REC", help="The recording of the result, to show its truth and the errors.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
+    from trackfg.report import write_report
+
+    whole = folder.resolve()
+    print(f"report: {write_report(folder, out or whole.parent / f'{whole.name}.html', recording=recording)}")
+
+
+def _limit_lines(result: Result, source: str | None, level: str | None, line_speed: float | None) -> list[LimitLine]:
+    from trackfg.geometry.limits import at_level, cfr_213, read_limits
+    from trackfg.plots.strip_limits import limit_lines
+
+    if source is None:
+        if level is not None or line_speed is not None:
+            raise BadInputError("--level and --line-speed choose among limits: expected --limits too")
+        return []
+    table = cfr_213() if source == "cfr-213" else read_limits(source)
+    lines, left_out = limit_lines(result, at_level(table, level) if level else table, line_speed)
+    for reason, number in left_out.items():
+        print(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}", file=sys.stderr)
+    return lines
+
+
+def _warn_unless_converged(result: Result) -> None:
+    if not result.summary.solver.converged:
+        print(f"trackfg: warning: not converged: {result.summary.solver.reason}", file=sys.stderr)
+
+
+def _warn_unless_located(result: Result) -> None:
+    for finding in result.summary.findings:
+        if finding.code == "not-on-map":
+            print(f"trackfg: warning: {finding.message}", file=sys.stderr)

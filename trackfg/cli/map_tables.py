@@ -1,0 +1,343 @@
+"""What the commands about maps show, as rich tables and as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from rich.console import RenderableType
+from rich.text import Text
+
+from trackfg.cli.tables import named_values, titled
+from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
+from trackfg.numerics.frames import Array
+
+if TYPE_CHECKING:
+    from trackfg.mapping.changes.changes import Changes
+    from trackfg.mapping.changes.difference import Difference
+
+_SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
+"""By a column's suffix: what it is shown in."""
+
+MOVED_SIGMAS = 3.0
+"""What moved by less is counted, not shown; JSON has everything."""
+
+
+def of_map(feature_map: FeatureMap, versions: pd.DataFrame) -> Iterator[RenderableType]:
+    """One version of a map: what it covers, how well, from which runs, its landmarks; and the versions there are."""
+    yield _overview(feature_map)
+    yield _sigmas(feature_map)
+    yield _runs(feature_map)
+    yield _landmarks(feature_map)
+    yield _versions(versions)
+
+
+def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
+    """The same; the grid by its stretches and sigmas."""
+    content = {
+        "name": feature_map.name,
+        "version": feature_map.version,
+        "parent": feature_map.parent,
+        "written_at": feature_map.written_at,
+        "origin": feature_map.origin,
+        "conventions": vars(feature_map.conventions),
+        "stretches_m": _stretches(feature_map),
+        "cells": len(feature_map.grid),
+        "observations": _fewest_and_most(feature_map),
+        "sigmas": _sigma_rows(feature_map),
+        "runs": _records(feature_map.runs),
+        "landmarks": _records(feature_map.landmarks),
+        "versions": _records(versions),
+        "software": dict(feature_map.software),
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False)
+
+
+def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[RenderableType]:
+    """What moved by :data:`MOVED_SIGMAS` or more, what is new and gone, and the grid quantity by quantity."""
+    yield named_values(
+        "Difference, the second less the first",
+        {
+            "first": _which(a),
+            "second": _which(b),
+            "runs": _RELATIONS[found.relation],
+            "landmarks": f"{len(found.added)} added, {len(found.removed)} removed",
+            "cells": f"{found.cells_added} added, {found.cells_removed} removed",
+        },
+    )
+    if len(found.added):
+        yield _marks("Landmarks added", found.added)
+    if len(found.removed):
+        yield _marks("Landmarks removed", found.removed)
+    yield _moved(found.moved)
+    yield _sections(found.sections)
+
+
+def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
+    """All of it."""
+    content = {
+        "a": {"name": a.name, "version": a.version},
+        "b": {"name": b.name, "version": b.version},
+        "relation": found.relation,
+        "moved": _records(found.moved),
+        "added": _records(found.added),
+        "removed": _records(found.removed),
+        "sections": _records(found.sections),
+        "cells_added": found.cells_added,
+        "cells_removed": found.cells_removed,
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False)
+
+
+def of_changes(changes: Changes) -> Iterator[RenderableType]:
+    """What changed, and what would have been found."""
+    if len(changes.table):
+        table = titled("Changes, the run less the map")
+        for heading in ("from m", "to m"):
+            table.add_column(heading, justify="right")
+        for heading in ("kind", "quantity"):
+            table.add_column(heading)
+        for heading in ("before", "after", "change", "sigmas"):
+            table.add_column(heading, justify="right")
+        for row in _rows(changes.table):
+            scale, unit = _shown_in(row.quantity)
+            numbers = (f"{scale * value:.2f}" for value in (row.before, row.after))
+            change = f"{scale * row.change:+.2f} ± {scale * row.change_sd:.2f}"
+            table.add_row(
+                f"{row.from_m:.2f}",
+                f"{row.to_m:.2f}",
+                row.kind,
+                _label(row.quantity, unit),
+                *numbers,
+                change,
+                f"{row.sigmas:.1f}",
+            )
+        yield table
+    else:
+        yield Text("No change: the track is as the map has it.")
+    table = titled("What would have been found")
+    table.add_column("quantity")
+    for heading in ("compared, m", "noise, times stated", "threshold, sigmas", "least change: median", "largest"):
+        table.add_column(heading, justify="right")
+    for row in _rows(changes.thresholds):
+        scale, unit = _shown_in(row.quantity)
+        least = changes.coverage[row.quantity].dropna()
+        found = (f"{scale * x:.2f}" for x in (least.median(), least.max())) if len(least) else ("", "")
+        table.add_row(
+            _label(row.quantity, unit), f"{row.compared_m:.0f}", f"{row.noise_factor:.2f}", f"{row.sigmas:.1f}", *found
+        )
+    yield table
+
+
+def changes_json(changes: Changes) -> str:
+    """Changes, thresholds and coverage."""
+    content = {name: _records(getattr(changes, name)) for name in ("table", "thresholds", "coverage")}
+    return json.dumps({"changes": content.pop("table"), **content}, indent=2)
+
+
+_RELATIONS = {
+    "extended": "the second has all of the first's, and more",
+    "reduced": "the first has all of the second's, and more",
+    "disjoint": "none in common",
+    "overlapping": "some in common: the sigmas are an upper bound",
+    "same": "the same: the sigmas are a yardstick, no test",
+}
+
+
+def _overview(feature_map: FeatureMap) -> RenderableType:
+    meaning, fewest, most = feature_map.conventions, *_fewest_and_most(feature_map)
+    stretches = _stretches(feature_map)
+    rows = {
+        "map": _which(feature_map),
+        "written": feature_map.written_at or "",
+        "covers": ", ".join(f"{first:.2f} to {last:.2f} m" for first, last in stretches) or "nothing",
+        "length": f"{sum(last - first for first, last in stretches) / 1e3:.3f} km, {len(feature_map.grid)} cells",
+        "runs": f"{len(feature_map.runs)}; {fewest} to {most} in a cell",
+        "landmarks": str(len(feature_map.landmarks)),
+        "origin": "not georeferenced"
+        if feature_map.origin is None
+        else "{:.6f}°, {:.6f}°, {:.1f} m".format(*feature_map.origin),
+        "gauge": f"{meaning.gauge_m:g} m, cross-level over {meaning.cross_level_base_m:g} m",
+        "bases": f"curvature {meaning.curvature_base_m:g} m, gradient {meaning.gradient_base_m:g} m, "
+        f"versines {meaning.chord_m:g} m",
+        "software": ", ".join(f"{package} {version}" for package, version in feature_map.software.items()),
+    }
+    return named_values("Map", rows)
+
+
+def _which(feature_map: FeatureMap) -> str:
+    return f"{feature_map.name}, version {feature_map.version}"
+
+
+def _stretches(feature_map: FeatureMap) -> list[tuple[float, float]]:
+    """First and last place of each stretch without a hole."""
+    x, step = feature_map.grid["chainage_m"].to_numpy(), feature_map.conventions.step_m
+    breaks = np.flatnonzero(np.diff(x) > 1.5 * step)
+    firsts, lasts = np.r_[0, breaks + 1], np.r_[breaks, len(x) - 1]
+    return [(float(x[i]), float(x[j])) for i, j in zip(firsts, lasts, strict=True)] if len(x) else []
+
+
+def _fewest_and_most(feature_map: FeatureMap) -> tuple[int, int]:
+    observations = feature_map.grid["observations"]
+    return (int(observations.min()), int(observations.max())) if len(observations) else (0, 0)
+
+
+def _sigma_rows(feature_map: FeatureMap) -> list[dict[str, Any]]:
+    rows = [("chainage of landmarks", "chainage_m", feature_map.landmarks["chainage_m_sd"])]
+    rows += [(f"{name} of the grid", name, feature_map.grid[f"{name}_sd"]) for name in ("chainage_m", *GRID_QUANTITIES)]
+    return [
+        {"what": what, "quantity": name, "median": float(sd.median()), "most_below": float(sd.quantile(0.95))}
+        for what, name, sd in rows
+        if sd.notna().any()
+    ]
+
+
+def _sigmas(feature_map: FeatureMap) -> RenderableType:
+    table = titled("Sigmas")
+    table.add_column("")
+    for heading in ("median", "95 % are below"):
+        table.add_column(heading, justify="right")
+    for row in _sigma_rows(feature_map):
+        scale, unit = _shown_in(row["quantity"])
+        what = row["what"].replace(row["quantity"], _label(row["quantity"], ""))
+        table.add_row(f"{what}, {unit}", f"{scale * row['median']:.3g}", f"{scale * row['most_below']:.3g}")
+    return table
+
+
+def _runs(feature_map: FeatureMap) -> RenderableType:
+    table = titled("Runs")
+    for heading in ("run", "recording", "start", "way"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("offset, m", "scale - 1, ppm", "cross-level bias, mm"):
+        table.add_column(heading, justify="right")
+    for row in _rows(feature_map.runs):
+        table.add_row(
+            Text(row.run_id),
+            Text(row.recording_id),
+            Text(row.start),
+            "up" if row.direction > 0 else "down",
+            _with_sd(row.offset_m, row.offset_m_sd, 2),
+            _with_sd(1e6 * (row.scale - 1.0), 1e6 * row.scale_sd, 0),
+            _with_sd(row.cross_level_bias_mm, row.cross_level_bias_mm_sd, 3),
+        )
+    return table
+
+
+def _landmarks(feature_map: FeatureMap) -> RenderableType:
+    return _marks("Landmarks", feature_map.landmarks)
+
+
+def _marks(title: str, landmarks: pd.DataFrame) -> RenderableType:
+    table = titled(title)
+    for heading in ("id", "kind"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("chainage, m", "radius, m", "transition, m", "cant, mm"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("law", overflow="fold")
+    table.add_column("runs", justify="right")
+    for row in _rows(landmarks):
+        table.add_row(
+            Text(row.landmark_id),
+            Text(f"{row.kind} {row.name or row.sense}"),
+            _with_sd(row.chainage_m, row.chainage_m_sd, 2),
+            _with_sd(row.radius_m, row.radius_m_sd, 1),
+            _with_sd(row.transition_length_m, row.transition_length_m_sd, 1),
+            _with_sd(row.cant_mm, row.cant_mm_sd, 1),
+            Text(row.law),
+            str(row.observations),
+        )
+    return table
+
+
+def _versions(versions: pd.DataFrame) -> RenderableType:
+    table = titled("Versions")
+    for heading in ("version", "made from", "written", "runs", "trackfg"):
+        table.add_column(heading)
+    for row in _rows(versions):
+        parent = "" if pd.isna(row.parent) else str(row.parent)
+        table.add_row(str(row.version), parent, row.written_at, str(row.runs), Text(row.trackfg))
+    return table
+
+
+def _moved(moved: pd.DataFrame) -> RenderableType:
+    shown = moved[moved["sigmas"] >= MOVED_SIGMAS]
+    unknown = int((moved["sigmas"].isna()).sum())
+    text = f"{len(shown)} of {len(moved)} quantities of landmarks moved by {MOVED_SIGMAS:g} sigmas or more"
+    if unknown:
+        text += f"; of {unknown} the sigma is not known"
+    if not len(shown):
+        return Text(text)
+    table = titled(text)
+    for heading in ("id", "kind", "quantity"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("first", "second", "difference", "sigmas"):
+        table.add_column(heading, justify="right")
+    for row in _rows(shown):
+        _, unit = _shown_in(row.quantity)
+        table.add_row(
+            Text(row.landmark_id),
+            Text(row.kind),
+            _label(row.quantity, unit),
+            f"{row.a:.2f}",
+            f"{row.b:.2f}",
+            _with_sd(row.difference, row.difference_sd, 2),
+            f"{row.sigmas:.1f}",
+        )
+    return table
+
+
+def _sections(sections: pd.DataFrame) -> RenderableType:
+    """One row per quantity: over all, and where it differs most."""
+    table = titled("Grid")
+    table.add_column("quantity")
+    for heading in ("cells", "mean", "rms", "rms, sigmas", "largest", "at m"):
+        table.add_column(heading, justify="right")
+    for quantity, rows in sections.groupby("quantity", sort=False):
+        scale, unit = _shown_in(str(quantity))
+        cells = rows["cells"].to_numpy()
+        worst = rows.iloc[int(np.argmax(rows["largest"].abs()))]
+        mean = np.average(rows["mean"], weights=cells)
+        table.add_row(
+            _label(str(quantity), unit),
+            str(cells.sum()),
+            f"{scale * mean:+.3g}",
+            f"{scale * _rms(rows['rms'].to_numpy(), cells):.3g}",
+            f"{_rms(rows['rms_sigmas'].to_numpy(), cells):.2f}",
+            f"{scale * worst['largest']:+.3g}",
+            f"{worst['largest_at_m']:.2f}",
+        )
+    return table
+
+
+def _rms(values: Array, weights: Array) -> float:
+    return float(np.sqrt(np.average(values**2, weights=weights)))
+
+
+def _shown_in(quantity: str) -> tuple[float, str]:
+    return _SCALE[quantity.rpartition("_")[2]]
+
+
+def _label(quantity: str, unit: str) -> str:
+    words = quantity.rpartition("_")[0].replace("_", " ").replace("cross level", "cross-level")
+    words = words.replace("versine level", "versine of level").replace("versine alignment", "versine of alignment")
+    return f"{words}, {unit}" if unit else words
+
+
+def _with_sd(value: float, sd: float, digits: int) -> str:
+    if not np.isfinite(value):
+        return ""
+    return f"{value:.{digits}f}" + (f" ± {sd:.{digits}f}" if np.isfinite(sd) else "")
+
+
+def _rows(table: pd.DataFrame) -> Iterator[Any]:
+    """A named tuple per row; pandas does not tell the types of its fields."""
+    yield from table.itertuples(index=False)
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as JSON has them: what is not known, and what is infinite, is null."""
+    plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
+    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]

@@ -1,0 +1,142 @@
+"""The commands about feature maps, ``trackfg map ...``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from trackfg.cli.terminal import progress_bar
+from trackfg.cli.terminal import show as show_table
+from trackfg.errors import BadInputError
+
+maps = typer.Typer(no_args_is_help=True, help="Feature maps: what repeated runs say together about a line.")
+
+_PLACE = "Path of a .gpkg, or postgresql://... URL."
+MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE, show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+_NEWEST = "The newest if absent."
+
+
+@maps.command(epilog="Example: trackfg map build out1 out2 run3 -o line.gpkg")
+def build(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folders of results, or of recordings.", show_default=False)
+    ],
+    place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE, show_default=False)],
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the line, for a new map.", show_default=False)
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="C.toml", help="Settings for recordings, which are smoothed first.", show_default=False),
+    ] = None,
+) -> None:
+    """Join runs into a map: a new one, or the newest version of the one that is there.
+
+    Runs may go either way, with any wheel and sensor, and need no fix if the map knows where it is. A run in the map
+    already is refused. What is there stays readable as the version before.
+    """
+    from trackfg.cli.map_file import build_map_file
+    from trackfg.config import SmoothConfig
+
+    settings = SmoothConfig.from_toml(config) if config else None
+    with progress_bar() as progress:
+        built = build_map_file(runs, place, name=name, config=settings, progress=progress)
+    curves = built.landmarks["curve_id"].replace("", None).nunique()
+    km = 1e-3 * len(built.grid) * built.conventions.step_m
+    print(f"map: {place} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
+
+
+@maps.command(epilog="Example: trackfg map changes out5 line.gpkg -o changes.csv")
+def changes(
+    run: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.", show_default=False)],
+    place: MapPlace,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
+    ] = None,
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
+    floor: Annotated[
+        float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")
+    ] = 1.0,
+    json: Json = False,
+) -> None:
+    """List where a run shows other track than the map: significant changes, each with place, size and sigma."""
+    from trackfg.cli import map_tables
+    from trackfg.mapping import find_changes
+    from trackfg.maps import read_map
+    from trackfg.results.result import Result
+
+    found = find_changes(Result.read(run), read_map(place, version), floor_mm=floor)
+    if out is not None:
+        found.write(out)
+    if json:
+        print(map_tables.changes_json(found))
+        return
+    for table in map_tables.of_changes(found):
+        show_table(table)
+    if out is not None:
+        print(f"changes: {out}")
+
+
+@maps.command(epilog="Example: trackfg map show line.gpkg")
+def show(
+    place: MapPlace,
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
+    json: Json = False,
+) -> None:
+    """Show what a map covers and how well, its runs, landmarks and versions."""
+    from trackfg.cli import map_tables
+    from trackfg.maps import read_map, read_versions
+
+    versions, feature_map = read_versions(place), read_map(place, version)
+    if json:
+        print(map_tables.map_json(feature_map, versions))
+        return
+    for table in map_tables.of_map(feature_map, versions):
+        show_table(table)
+
+
+@maps.command(epilog="Example: trackfg map diff line.gpkg --from-version 1 --to-version 3")
+def diff(
+    first: Annotated[str, typer.Argument(metavar="A", help=_PLACE, show_default=False)],
+    second: Annotated[
+        str | None, typer.Argument(metavar="B", help="Another map; A itself if absent.", show_default=False)
+    ] = None,
+    from_version: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Version of A. If absent the newest; without B the one that B's is made from.",
+            show_default=False,
+        ),
+    ] = None,
+    to_version: Annotated[
+        int | None, typer.Option(metavar="N", help="Version of B. The newest if absent.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Compare two maps, or two versions of one: what moved, and by how many sigmas.
+
+    Without B and versions: what the last version changed.
+    """
+    from trackfg.cli import map_tables
+    from trackfg.mapping import difference
+    from trackfg.maps import read_map
+
+    b = read_map(first if second is None else second, to_version)
+    if second is None and from_version is None:
+        if b.parent is None:
+            raise BadInputError(f"version {b.version} of {b.name!r} is made from none: expected another map or version")
+        from_version = b.parent
+    a = read_map(first, from_version)
+    try:
+        found = difference(a, b)
+    except ValueError as error:
+        raise BadInputError(f"the maps cannot be compared: {error}") from error
+    if json:
+        print(map_tables.difference_json(a, b, found))
+        return
+    for table in map_tables.of_difference(a, b, found):
+        show_table(table)

@@ -1,0 +1,150 @@
+"""``trackfg stream``: estimates while rows arrive."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from trackfg.errors import BadInputError
+
+if TYPE_CHECKING:
+    from trackfg.streaming.checkpoint.checkpoint import Checkpoint
+    from trackfg.streaming.run import Stream, StreamCounts
+    from trackfg.streaming.sources.source import Source
+
+_STANDARD = "-"
+_CHECKPOINT = "checkpoint"
+
+
+def stream(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE", help="Folder of a recording, an MCAP file, or - for JSON lines.", show_default=False
+        ),
+    ],
+    out: Annotated[
+        str, typer.Option("-o", "--out", metavar="OUT", help="Folder for Parquet parts, or - for JSON lines.")
+    ],
+    lag: Annotated[
+        float, typer.Option(metavar="S", help="Smoothed estimates come this much later than the newest rows.")
+    ] = 10.0,
+    config: Annotated[
+        Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
+    ] = None,
+    map_location: Annotated[
+        str | None,
+        typer.Option("--map", metavar="MAP", help="A map to be located on: its newest version.", show_default=False),
+    ] = None,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="Replay a recording as fast as it was made, not as fast as it can be.")
+    ] = False,
+    checkpoint_every: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Seconds of the stream from one checkpoint in OUT to the next: 60 unless given.",
+            show_default=False,
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the unfinished stream in OUT, from its last checkpoint.")
+    ] = False,
+) -> None:
+    """Estimate while rows arrive: at once, and smoothed once the lag is over.
+
+    In OUT are the tables filtered, smoothed, geometry and events, in parts. A stream that was killed goes on with
+    --resume, as if it had not been; rows from standard input have to come again from the first one.
+    """
+    from trackfg.config import SmoothConfig
+    from trackfg.streaming.fixed_lag import FixedLagSmoother
+    from trackfg.streaming.run import Stream
+    from trackfg.streaming.sinks.sink import JsonLines
+
+    settings = SmoothConfig.from_toml(config) if config else None
+    feature_map = None
+    if map_location is not None:
+        from trackfg.maps import read_map
+
+        feature_map = read_map(map_location)
+
+    def opened(saved: Checkpoint | None) -> Stream:
+        rows = _source(source, real_time=real_time, position=saved.position if saved else 0)
+        smoother = FixedLagSmoother(rows.description, settings, lag_s=lag, feature_map=feature_map)
+        return Stream.of(rows, smoother, saved)
+
+    if out != _STANDARD:
+        counts = _into_folder(Path(out), opened, every_s=checkpoint_every, resume=resume)
+    elif resume or checkpoint_every is not None:
+        raise BadInputError("-o -: expected a folder: what was written to standard output cannot be taken back")
+    else:
+        counts = opened(None).run(JsonLines(sys.stdout))
+    if counts is None:
+        print(f"{out}: the stream in it is finished", file=sys.stderr)
+        return
+    events = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.events.items())) or "no events"
+    print(
+        f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}",
+        file=sys.stderr,
+    )
+
+
+def _into_folder(
+    out: Path, opened: Callable[[Checkpoint | None], Stream], *, every_s: float | None, resume: bool
+) -> StreamCounts | None:
+    """Begin a stream in a folder, or go on with the one in it; None where that is finished."""
+    from trackfg.files.atomic_file import UNFINISHED
+    from trackfg.files.owned_folder import refuse_used, sole_writer
+    from trackfg.streaming.checkpoint.checkpoint import EVERY_S, Checkpoint, Checkpoints
+    from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts
+
+    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=EVERY_S if every_s is None else every_s)
+    if resume and checkpoints.path.exists():
+        with sole_writer(out):
+            saved = checkpoints.read()
+            if saved.finished:
+                return None
+            stream = opened(saved)
+            print(f"{out}: {_place(saved, stream)}", file=sys.stderr)
+            return stream.run(ParquetParts(out, state=saved.sink), checkpoints)
+    (out / f"{UNFINISHED}{_CHECKPOINT}").unlink(missing_ok=True)  # of a stream that was killed before it began
+    if checkpoints.path.exists() and not checkpoints.read().finished:
+        raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")
+    refuse_used(out, "a stream is never added to another")
+    stream = opened(None)
+    out.mkdir(parents=True, exist_ok=True)
+    with sole_writer(out):
+        checkpoints.write(Checkpoint(stream.settings, NOTHING_WRITTEN))
+        return stream.run(ParquetParts(out), checkpoints)
+
+
+def _place(saved: Checkpoint, stream: Stream) -> str:
+    """Where a stream goes on."""
+    from trackfg.streaming.sources.json_lines import JsonLinesSource
+
+    if saved.until_s is None:
+        return "begins again: it was stopped before its first checkpoint"
+    sent_again = f"; {saved.position} lines are passed over, which have to be those sent before"
+    return f"goes on at t = {saved.until_s:.3f} s{sent_again if isinstance(stream.source, JsonLinesSource) else ''}"
+
+
+def _source(name: str, *, real_time: bool, position: int) -> Source:
+    from trackfg.streaming.sources.source import RecordingSource
+
+    if real_time and (name == _STANDARD or not Path(name).is_dir()):
+        raise BadInputError(f"--real-time {name}: expected the folder of a recording: other rows come when they come")
+    if name == _STANDARD:
+        from trackfg.streaming.sources.json_lines import JsonLinesSource
+
+        return JsonLinesSource(sys.stdin.buffer, position=position)
+    if Path(name).is_file():
+        from trackfg.streaming.sources.mcap import McapSource
+
+        return McapSource(name, position=position)
+    from trackfg.io.reader import read_recording
+
+    return RecordingSource(read_recording(name), speed=1.0 if real_time else None, position=position)

@@ -1,0 +1,226 @@
+"""What the command line shows, as rich tables: one function per table."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from trackfg.comparison.table import QUANTITIES, REFERENCE, About, Case, Row
+from trackfg.recording.findings import Finding
+from trackfg.report.flatten import leaves
+from trackfg.results.result import Estimate, Result, VectorEstimate
+
+if TYPE_CHECKING:
+    from trackfg.comparison.estimators import Estimator
+    from trackfg.io.check import CheckReport
+
+_BEATING = "bold yellow"
+_COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
+
+
+def scenarios(summaries: Mapping[str, str]) -> RenderableType:
+    """Name and one line of each scenario."""
+    table = titled("Scenarios")
+    table.add_column("name", no_wrap=True)
+    table.add_column("what it is")
+    for name, text in summaries.items():
+        table.add_row(Text(name), Text(text))
+    return table
+
+
+def estimators(known: Mapping[str, Estimator]) -> RenderableType:
+    """Name, title and source of each estimator."""
+    table = titled("Estimators")
+    table.add_column("name", no_wrap=True)
+    for heading in ("what it is", "source", "judged by"):
+        table.add_column(heading)
+    for name, one in known.items():
+        table.add_row(Text(name), Text(one.title), Text(one.source), Text(", ".join(one.tasks)))
+    return table
+
+
+def comparison(about: About) -> Iterator[RenderableType]:
+    """A table per case and task, the best estimator of each quantity first, and one per quantity by speed.
+
+    Last what was left out, and why.
+    """
+    for case in about.cases:
+        rows = [row for row in about.rows if row.case == case.name]
+        for task in dict.fromkeys(row.task for row in rows):
+            of_task = [row for row in rows if row.task == task]
+            yield _task_table(case, task, [row for row in of_task if row.from_kmh is None])
+            banded = [row for row in of_task if row.from_kmh is not None]
+            for quantity in dict.fromkeys(row.quantity for row in banded):
+                yield _speed_table(case, quantity, [row for row in banded if row.quantity == quantity])
+    if about.left_out:
+        table = titled("Left out")
+        for heading in ("case", "estimator", "why"):
+            table.add_column(heading, overflow="fold")
+        alike: dict[tuple[str, str], list[str]] = {}
+        for one in about.left_out:
+            alike.setdefault((one.case, one.reason), []).append(one.estimator)
+        for (name, reason), names in alike.items():
+            table.add_row(Text(name), Text(", ".join(names)), Text(reason))
+        yield table
+
+
+def _task_table(case: Case, task: str, rows: Sequence[Row]) -> RenderableType:
+    runs = f"{len(case.seeds)} runs" if len(case.seeds) > 1 else "1 run"
+    against = "" if case.basis == "truth" else ", difference from the first recording"
+    table = titled(f"{case.name}, {task}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
+    table.add_column("")
+    for heading in ("error", "±", "largest", "coverage, %", "error / smoother's", "s / km"):
+        table.add_column(heading, justify="right")
+    for quantity in dict.fromkeys(row.quantity for row in rows):
+        table.add_section()
+        table.add_row(Text(_labelled(quantity), style="bold"))
+        for row in rows:
+            if row.quantity == quantity:
+                table.add_row(*_score_cells(row), style=_BEATING if row.beats_the_smoother else "")
+    return _explained(table, rows)
+
+
+def _score_cells(row: Row) -> Iterator[Text]:
+    def number(value: float | None, digits: str = ".3g") -> str:
+        return "" if value is None else f"{value:{digits}}"
+
+    interval = row.to_smoother_interval
+    ratio = number(row.to_smoother) + (f" ({interval[0]:.2g} - {interval[1]:.2g})" if interval else "")
+    yield Text(("! " if row.beats_the_smoother else "  ") + row.estimator)
+    yield Text(number(row.error))
+    yield Text(number(row.error_margin, ".2g"))
+    yield Text(number(row.largest))
+    yield Text(number(None if row.coverage is None else 100.0 * row.coverage, ".1f"))
+    yield Text(ratio)
+    yield Text(number(row.seconds_per_km, ".2g"))
+
+
+def _speed_table(case: Case, quantity: str, rows: Sequence[Row]) -> RenderableType:
+    """Error of each estimator in each band of speed."""
+    names = list(dict.fromkeys(row.estimator for row in rows))
+    names.sort(key=lambda name: name != REFERENCE)
+    table = titled(f"{case.name}, {_labelled(quantity)}, by speed")
+    table.add_column("from km/h", justify="right")
+    for name in names:
+        table.add_column(name, justify="right")
+    cells = {(row.from_kmh, row.estimator): row for row in rows}
+    for band in sorted({row.from_kmh for row in rows if row.from_kmh is not None}):
+        of_band = [cells.get((band, name)) for name in names]
+        table.add_row(Text(f"{band:g}"), *(_band_cell(row) for row in of_band))
+    return _explained(table, rows)
+
+
+def _band_cell(row: Row | None) -> Text:
+    if row is None:
+        return Text("")
+    if row.beats_the_smoother:
+        return Text(f"! {row.error:.3g}", style=_BEATING)
+    return Text(f"{row.error:.3g}")
+
+
+def _explained(table: Table, rows: Sequence[Row]) -> Table:
+    if any(row.beats_the_smoother for row in rows):
+        table.caption, table.caption_justify = "! beats the smoother", "left"
+    return table
+
+
+def _labelled(quantity: str) -> str:
+    meaning = QUANTITIES[quantity]
+    return ", ".join(filter(None, (meaning.label, meaning.unit)))
+
+
+def findings(found: Sequence[Finding]) -> RenderableType:
+    """Worst first, each with its place and mend; a line where there is none."""
+    if not found:
+        return Text("Nothing to report: the recording is sound.")
+    table = titled("Findings", show_lines=True)
+    for heading in ("", "where", "what", "mend"):
+        table.add_column(heading, overflow="fold")
+    for finding in sorted(found, key=lambda one: list(_COLOUR).index(one.level)):
+        expected = f"; expected {finding.expected}" if finding.expected else ""
+        table.add_row(
+            Text(finding.level, style=_COLOUR[finding.level]),
+            Text(finding.place),
+            Text(finding.message + expected),
+            Text(finding.mend or ""),
+        )
+    return table
+
+
+def estimates(values: Mapping[str, Any]) -> RenderableType:
+    """What the data say by themselves, one row per value."""
+    table = titled("Estimated from the data")
+    table.add_column("quantity", no_wrap=True)
+    table.add_column("value")
+    for name, value in leaves(values):
+        table.add_row(Text(name), Text(_text(value)))
+    return table
+
+
+def check_json(report: CheckReport) -> str:
+    """Findings and estimates as JSON."""
+    content = {"findings": [asdict(finding) for finding in report.findings], "estimates": report.estimates}
+    return json.dumps(content, indent=2)
+
+
+def summary(result: Result) -> RenderableType:
+    """The run in a dozen lines."""
+    page = result.summary
+    rows = {
+        "recording": page.recording_id,
+        "length": f"{page.duration_s:.1f} s, {page.distance_m:.1f} m",
+        "solver": f"{page.solver.reason} ({page.solver.iterations} iterations, {page.keyframes} keyframes)",
+        "cost": f"{page.solver.cost:.1f} at {page.solver.degrees_of_freedom} degrees of freedom",
+        "wheel scale": _estimate(page.wheel_scale),
+        "clock offset": _estimate(page.clock_offset_s, "s"),
+        "gyro bias": _vector(page.gyro_bias_radps, math.degrees(1.0) * 3600.0, "deg/h"),
+        "accelerometer bias": _vector(page.accel_bias_mps2, 1000.0, "mm/s^2"),
+        "events": _counts(result.events["kind"]),
+        "findings": _counts(finding.level for finding in page.findings),
+        "time": ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in page.timings_s.items()),
+    }
+    return named_values("Summary", rows)
+
+
+def named_values(title: str, rows: Mapping[str, str]) -> Table:
+    """A line for each name and its text; none where there is no text."""
+    table = titled(title, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, text in rows.items():
+        if text:
+            table.add_row(name, Text(text))
+    return table
+
+
+def titled(title: str, **options: Any) -> Table:
+    """An empty table with its title above."""
+    return Table(title=title, title_justify="left", title_style="bold", **options)
+
+
+def _estimate(estimate: Estimate | None, unit: str = "") -> str:
+    return f"{estimate.value:.6f} ± {estimate.sd:.6f} {unit}".rstrip() if estimate else ""
+
+
+def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:
+    pairs = zip(estimate.value, estimate.sd, strict=True)
+    return ", ".join(f"{scale * value:.2f} ± {scale * sd:.2f}" for value, sd in pairs) + f" {unit}"
+
+
+def _counts(values: Iterable[str]) -> str:
+    counted = pd.Series(list(values), dtype="str").value_counts()
+    return ", ".join(f"{number} {value}" for value, number in counted.items()) or "none"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(item) for item in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,149 @@
+"""Every estimator by name: the smoother, the published systems, and other packages where they are installed.
+
+An estimator takes a recording and gives the smoother's tables, as far as it knows them. One that cannot use a recording
+(no tachometer, no lasers) says so by a :class:`~trackfg.errors.TrackfgError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import get_args
+
+import pandas as pd
+
+from trackfg.baselines import adaptive_ekf, complementary, composite_positioning, mid_chord, odometry_imm
+from trackfg.baselines.result import BaselineResult
+from trackfg.comparison.table import Task
+from trackfg.errors import BadInputError
+from trackfg.friction import imm_ekf
+from trackfg.friction.smoother import smooth_friction
+from trackfg.peers import python_ins, vqf_offline
+from trackfg.peers.installed import is_installed
+from trackfg.recording.model import Recording
+from trackfg.smoothing.smoother import smooth
+
+SMOOTHER = "smoother"
+
+Run = Callable[[Recording], BaselineResult]
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """``title`` and ``source`` say in a line what it is and where it was published.
+
+    ``tasks`` are what it is for, and judged by. ``anchored``: its chainage is that of the line where the recording has
+    fixes; others count from anywhere. ``printed``: the same with the equations as the paper prints them, where they
+    differ.
+    """
+
+    title: str
+    source: str
+    run: Run
+    tasks: tuple[Task, ...]
+    anchored: bool = False
+    printed: Run | None = None
+
+
+_ATTITUDE: tuple[Task, ...] = ("attitude and cross-level", "twist")
+_VERSINES: tuple[Task, ...] = ("versines",)
+_PLACE: tuple[Task, ...] = ("distance and position",)
+
+_NAGANUMA = "Naganuma and Uematsu, complementary filter"
+_KATO = "Kato and others, patent JP7628028B2"
+_SUTO = "Suto, Tsubokawa and Yoshida (2020)"
+_IWATA = "Iwata, Yamamichi, Sugiyama and Kitano"
+_MIYATA = "Miyata and Tsunashima, IMM-EKF"
+
+
+def estimators(*, peers: bool = True) -> dict[str, Estimator]:
+    """The estimators of a recording, the smoother first; other packages (``peers``) where they are installed."""
+    attitude = partial(_printable, _ATTITUDE)
+    known = {
+        SMOOTHER: Estimator("factor-graph smoother", "trackfg", _smoothed, get_args(Task), anchored=True),
+        "complementary": attitude("complementary filter, T = 12.5 s", _NAGANUMA, complementary.run),
+        "accelerometer": attitude(
+            "accelerometer alone, low-passed at 0.5 Hz", _NAGANUMA, complementary.run, method="accelerometer"
+        ),
+        "gyro": attitude("gyro alone, less its straight line", _NAGANUMA, complementary.run, method="gyro"),
+        "adaptive-ekf": attitude("extended Kalman filter, R by vibration", _KATO, adaptive_ekf.run),
+        "fixed-ekf": attitude("extended Kalman filter, R fixed", _KATO, adaptive_ekf.run, adaptive=False),
+        "mid-chord": _mid_chord("mixed waveform, the developed method", "developed"),
+        "mid-chord-conventional": _mid_chord("difference below 30 km/h, inertial above 45", "conventional"),
+        "mid-chord-inertial": _mid_chord("inertial mid-chord offset", "inertial"),
+        "mid-chord-difference": _mid_chord("difference method", "difference"),
+        "composite": _printable(
+            _PLACE, "composite positioning, slips replaced", _IWATA, composite_positioning.run, anchored=True
+        ),
+        "imm-odometry": Estimator(
+            "IMM over adhesion, slip, slide, standstill", f"after {_MIYATA}", odometry_imm.run, _PLACE
+        ),
+    }
+    if peers and is_installed("vqf"):
+        known["vqf"] = Estimator("offline VQF, acceleration of the wheel taken out", "vqf", vqf_offline.run, _ATTITUDE)
+    if peers and is_installed("python-ins"):
+        known["python-ins"] = Estimator("feedback EKF", "python-ins", python_ins.run, (*_ATTITUDE, *_PLACE))
+    return known
+
+
+def estimator(name: str, *, as_printed: bool = False) -> Run:
+    """The estimator of this name. Raises :class:`BadInputError` for a name that is not there, and where nothing printed
+    differs from it.
+    """
+    known = estimators()
+    if name not in known:
+        raise BadInputError(f"no estimator {name!r}; expected one of {', '.join(known)}")
+    if not as_printed:
+        return known[name].run
+    printed = known[name].printed
+    if printed is None:
+        raise BadInputError(f"{name}: its paper prints nothing that differs from what is built")
+    return printed
+
+
+@dataclass(frozen=True)
+class FrictionEstimator:
+    """``run``: a drive (:data:`trackfg.friction.bicycle.DRIVE_COLUMNS`) in, a table with
+    :data:`trackfg.friction.bicycle.FRICTION_COLUMNS` out.
+    """
+
+    title: str
+    source: str
+    run: Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def friction_estimators() -> dict[str, FrictionEstimator]:
+    """The estimators of a car's slip angle and tyre friction, the smoother first."""
+
+    def filtered(drive: pd.DataFrame, modes: int) -> pd.DataFrame:
+        return imm_ekf.run(drive, modes=modes).table
+
+    filters = {
+        f"imm-{modes}": FrictionEstimator(f"IMM-EKF of {modes} modes", _MIYATA, partial(filtered, modes=modes))
+        for modes in (3, 7, 10)
+    }
+    return {SMOOTHER: FrictionEstimator("factor-graph smoother", "trackfg", smooth_friction), **filters}
+
+
+def _printable(
+    tasks: tuple[Task, ...],
+    title: str,
+    source: str,
+    run: Callable[..., BaselineResult],
+    *,
+    anchored: bool = False,
+    **options: object,
+) -> Estimator:
+    corrected: Run = partial(run, **options)
+    return Estimator(title, source, corrected, tasks, anchored, printed=partial(run, **options, as_printed=True))
+
+
+def _mid_chord(title: str, method: mid_chord.Method) -> Estimator:
+    return Estimator(title, _SUTO, partial(mid_chord.run, method=method), _VERSINES)
+
+
+def _smoothed(recording: Recording) -> BaselineResult:
+    result = smooth(recording)
+    parameters: dict[str, float | str | bool] = {"converged": result.summary.solver.converged}
+    return BaselineResult(SMOOTHER, result.trajectory, result.geometry, result.events, parameters)

@@ -1,0 +1,168 @@
+"""Run every applicable estimator on the same recordings, and score all of them by one code.
+
+A case is a scenario with a seed, which has a truth, or a recording. Recordings without a truth are held against each
+other: the first of them is the reference of the rest (:mod:`trackfg.evaluation.repeatability`). Runs go into processes
+of their own; a run of one seed is the same for every estimator, so that differences are paired.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from trackfg.comparison.case import J_TURN, Case, CaseRun, Progress, joined, run_case
+from trackfg.comparison.estimators import Estimator, FrictionEstimator, estimators, friction_estimators
+from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, About, Comparison, LeftOut, rows_of
+from trackfg.comparison.table import Case as CaseLine
+from trackfg.datasets.scenarios import scenario
+from trackfg.errors import BadInputError
+from trackfg.evaluation.repeatability import section_repeatability
+from trackfg.evaluation.scores import STATISTICS
+from trackfg.io.reader import read_recording
+
+STANDARD_S = {
+    "trolley": 600.0,
+    "axle-box": 300.0,
+    "measuring-car": 600.0,
+    "mainline": 900.0,
+    "slippery-line": 900.0,
+    J_TURN: None,
+}
+"""What is compared unless something else is named, and for how long."""
+
+
+def cases_of(
+    recordings: Sequence[Path] = (), scenarios: Sequence[str] = (), *, seeds: int = 3, duration_s: float | None = None
+) -> list[Case]:
+    """The runs of a comparison; the standard scenarios where there are neither recordings nor names.
+
+    Raises :class:`BadInputError` for an unknown scenario, a recording that cannot be read, and two of one id.
+    """
+    named = dict.fromkeys(scenarios, duration_s)
+    if not recordings and not scenarios:
+        named = {name: duration_s or standard for name, standard in STANDARD_S.items()}
+    for name in named:
+        if name != J_TURN:
+            scenario(name)
+    ids = [read_recording(folder).description.id for folder in recordings]
+    if twice := [name for name in ids if ids.count(name) > 1]:
+        raise BadInputError(f"two recordings have the id {twice[0]!r}; expected a different one each")
+    found = [Case(name, folder=folder) for name, folder in zip(ids, recordings, strict=True)]
+    return found + [Case(name, seed, length) for name, length in named.items() for seed in range(seeds)]
+
+
+def compare(
+    cases: Sequence[Case], *, peers: bool = True, jobs: int = 1, progress: Progress | None = None
+) -> Comparison:
+    """Run and score all cases, in ``jobs`` processes; other packages too where they are installed (``peers``).
+
+    ``progress(what, fraction)`` is called whenever a run is done, in one process whenever an estimator is.
+    Raises :class:`~trackfg.errors.TrackfgError` where a recording cannot be read or nothing can be scored; an estimator
+    that cannot use a recording is left out, and its reason kept.
+    """
+    start = time.perf_counter()
+    runs = list(_runs(cases, peers, jobs, progress))
+    scores = joined([*(run.scores for run in runs), *_repeatability([run for run in runs if not run.against_truth])])
+    if scores.empty:
+        reasons = "".join(f"; {name}: {reason}" for run in runs for name, reason in run.left_out.items())
+        raise BadInputError(f"nothing to compare with: expected recordings with [truth], or two of one track{reasons}")
+    scores = scores.reindex(columns=list(SCORE_COLUMNS))
+    known: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators()}
+    present = scores["estimator"].unique()
+    about = About(
+        seconds=time.perf_counter() - start,
+        cases=_lines(runs),
+        estimators={name: f"{one.title} ({one.source})" for name, one in known.items() if name in present},
+        left_out=_left_out(runs),
+        rows=rows_of(scores),
+    )
+    return Comparison(
+        about,
+        scores,
+        joined(run.geometry for run in runs),
+        joined(run.positions for run in runs),
+    )
+
+
+def _runs(cases: Sequence[Case], peers: bool, jobs: int, progress: Progress | None) -> Iterator[CaseRun]:
+    """In the order of the cases. The curves of the first run of each name are kept."""
+    keep = [case.name not in {earlier.name for earlier in cases[:number]} for number, case in enumerate(cases)]
+    if jobs == 1 or len(cases) == 1:
+        for number, case in enumerate(cases):
+
+            def show(what: str, done: float, number: int = number, name: str = case.name) -> None:
+                if progress is not None:
+                    progress(f"{name}: {what}", (number + done) / len(cases))
+
+            yield run_case(case, peers=peers, keep=keep[number], progress=show)
+        return
+    # Spawned, not forked: a fork of a process whose libraries have threads may hang.
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = [pool.submit(run_case, case, peers=peers, keep=kept) for case, kept in zip(cases, keep, strict=True)]
+        try:
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()  # a failure ends the comparison at once
+                if progress is not None:
+                    progress(f"{done} of {len(cases)} runs", done / len(cases))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    yield from (future.result() for future in futures)
+
+
+def _repeatability(runs: Sequence[CaseRun]) -> Iterator[pd.DataFrame]:
+    """Scores of every run but the first: ``sd``, the rms over sections of the standard deviation of the difference."""
+    if len(runs) < 2:
+        return
+    reference, *others = runs
+    for run in others:
+        for name, geometry in run.geometry.groupby("estimator"):
+            first = reference.geometry[reference.geometry["estimator"] == name]
+            shared = [q for q in QUANTITIES if q in first and q in geometry and geometry[q].notna().any()]
+            if first.empty or not shared:
+                continue
+            sections = section_repeatability(first, geometry, shared, each_section=False)
+            yield pd.DataFrame(
+                {
+                    "case": run.case.name,
+                    "seed": 0,
+                    "estimator": name,
+                    "quantity": shared,
+                    "from_kmh": np.nan,
+                    "places": [int(sections[q].count()) for q in shared],
+                    **dict.fromkeys(STATISTICS, np.nan),
+                    "sd": [float(np.sqrt((sections[q] ** 2).mean())) for q in shared],
+                    "max": [float(sections[q].max()) for q in shared],
+                    "seconds": run.seconds[str(name)],
+                    "distance_km": run.distance_km,
+                }
+            )
+
+
+def _lines(runs: Sequence[CaseRun]) -> tuple[CaseLine, ...]:
+    by_name: dict[str, list[CaseRun]] = {}
+    for run in runs:
+        by_name.setdefault(run.case.name, []).append(run)
+    return tuple(
+        CaseLine(
+            name=name,
+            summary=same[0].summary,
+            basis="truth" if same[0].against_truth else "repeatability",
+            seeds=tuple(run.case.seed for run in same),
+            duration_s=float(np.mean([run.duration_s for run in same])),
+            distance_km=float(np.mean([run.distance_km for run in same])),
+        )
+        for name, same in by_name.items()
+    )
+
+
+def _left_out(runs: Sequence[CaseRun]) -> tuple[LeftOut, ...]:
+    """Once per case and estimator, with the first reason."""
+    first = {(run.case.name, name): reason for run in reversed(runs) for name, reason in run.left_out.items()}
+    return tuple(LeftOut(case=case, estimator=name, reason=reason) for (case, name), reason in reversed(first.items()))

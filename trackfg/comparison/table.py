@@ -1,0 +1,247 @@
+"""What a comparison found: scores of every run, a table of them, and the curves of one run of each case.
+
+===================  =========================================================================================
+file                 content
+===================  =========================================================================================
+comparison.json      :class:`About`: what was compared, what was left out and why, and the rows of the table
+comparison.parquet   one row per run, estimator, quantity and speed band, columns :data:`SCORE_COLUMNS`
+geometry.parquet     the geometry tables of the first run of each case under each other, with ``case, estimator``
+                     before and, where there is a truth, ``QUANTITY_error`` behind; the truth is estimator ``truth``
+positions.parquet    the same runs over time: ``case, estimator, t_s, speed_mps``, errors and sigmas of
+                     :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`
+===================  =========================================================================================
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from trackfg.errors import BadInputError
+from trackfg.evaluation.scores import STATISTICS, margin
+from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.owned_folder import FolderKind
+from trackfg.results.result import versions
+
+TRUTH = "truth"
+REFERENCE = "smoother"
+"""The estimator that all others are held against."""
+
+SCORE_COLUMNS = (
+    "case",
+    "seed",
+    "estimator",
+    "quantity",
+    "from_kmh",
+    "places",
+    *STATISTICS,
+    "seconds",
+    "distance_km",
+)
+"""``seed`` is 0 for a recording; ``from_kmh`` NaN for the whole run; ``seconds`` is what the estimator took for it."""
+
+_HEAD, _SCORES, _GEOMETRY, _POSITIONS = FILES = (
+    "comparison.json",
+    "comparison.parquet",
+    "geometry.parquet",
+    "positions.parquet",
+)
+COMPARISON_FOLDER = FolderKind("comparison", _HEAD, "trackfg-comparison/", FILES)
+
+Task = Literal["attitude and cross-level", "twist", "versines", "distance and position", "friction"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """``statistic`` is the one that counts: of what has one unknown offset per run, the standard deviation."""
+
+    task: Task
+    label: str
+    unit: str
+    statistic: Literal["rms", "sd"] = "rms"
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "cross_level_mm": Quantity("attitude and cross-level", "cross-level, offset removed", "mm", "sd"),
+    "roll_mrad": Quantity("attitude and cross-level", "roll, offset removed", "mrad", "sd"),
+    "pitch_mrad": Quantity("attitude and cross-level", "pitch, offset removed", "mrad", "sd"),
+    "twist_mm": Quantity("twist", "twist", "mm"),
+    "versine_level_mm": Quantity("versines", "versine of level", "mm"),
+    "versine_alignment_mm": Quantity("versines", "versine of alignment", "mm"),
+    "distance_percent": Quantity("distance and position", "distance of each km", "%"),
+    "along_track_m": Quantity("distance and position", "place along the track", "m"),
+    "speed_kmh": Quantity("distance and position", "speed", "km/h"),
+    "east_m": Quantity("distance and position", "east", "m"),
+    "north_m": Quantity("distance and position", "north", "m"),
+    "slip_angle_mrad": Quantity("friction", "slip angle", "mrad"),
+    "friction": Quantity("friction", "friction", ""),
+}
+"""What is scored, in the order of the tables."""
+
+BANDED = ("versine_level_mm", "versine_alignment_mm")
+BAND_KMH = 5.0
+"""What is scored by speed too, and the width of a band."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Case(_Model):
+    """A scenario with its seeds, or a recording. ``basis``: held against the truth, or against the first run."""
+
+    name: str
+    summary: str = ""
+    basis: Literal["truth", "repeatability"] = "truth"
+    seeds: tuple[int, ...] = (0,)
+    duration_s: float
+    distance_km: float
+
+
+class LeftOut(_Model):
+    """An estimator that cannot use a case, and why."""
+
+    case: str
+    estimator: str
+    reason: str
+
+
+class Row(_Model):
+    """One estimator, quantity and speed band of a case, over its runs.
+
+    ``error``: the mean over runs of each run's statistic, in the quantity's unit; ``error_margin``: half its 95 %
+    interval; ``largest`` of all; ``coverage``: the share of errors within 1.96 of the claimed sigmas; ``to_smoother``:
+    the geometric mean over runs of error over the smoother's error in the same run, above 1 where the smoother is
+    better, and ``to_smoother_interval`` its 95 % interval. None where there is no such thing.
+    """
+
+    case: str
+    task: Task
+    quantity: str
+    statistic: Literal["rms", "sd"]
+    from_kmh: float | None
+    estimator: str
+    runs: int
+    error: float
+    error_margin: float | None
+    largest: float | None
+    coverage: float | None
+    to_smoother: float | None
+    to_smoother_interval: tuple[float, float] | None
+    seconds_per_km: float | None
+
+    @property
+    def beats_the_smoother(self) -> bool:
+        """Whether it is better, by chance or not."""
+        return self.to_smoother is not None and self.to_smoother < 1.0
+
+
+class About(_Model):
+    """``comparison.json``. ``estimators``: a line on each; ``seconds`` that everything took."""
+
+    format: Literal["trackfg-comparison/1"] = "trackfg-comparison/1"
+    versions: dict[str, str] = Field(default_factory=lambda: versions())
+    seconds: float
+    cases: tuple[Case, ...]
+    estimators: dict[str, str]
+    left_out: tuple[LeftOut, ...]
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The tables of the module's docstring, in memory."""
+
+    about: About
+    scores: pd.DataFrame
+    geometry: pd.DataFrame
+    positions: pd.DataFrame
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """Write it, replacing an earlier one in one step. Raises :class:`BadInputError` if ``folder`` holds anything
+        but a comparison.
+        """
+        folder = Path(folder)
+        COMPARISON_FOLDER.refuse_foreign(folder)
+        with replaced_folder(folder) as new:
+            (new / _HEAD).write_text(self.about.model_dump_json(indent=2) + "\n", encoding="utf-8")
+            self.scores.to_parquet(new / _SCORES, index=False)
+            self.geometry.to_parquet(new / _GEOMETRY, index=False)
+            self.positions.to_parquet(new / _POSITIONS, index=False)
+        return folder
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> Comparison:
+        """Read a comparison. Raises :class:`BadInputError` if it is not one."""
+        content = COMPARISON_FOLDER.read(Path(folder))
+        try:
+            about = About.model_validate_json(content[_HEAD])
+            tables = (pd.read_parquet(io.BytesIO(content[name])) for name in (_SCORES, _GEOMETRY, _POSITIONS))
+            return cls(about, *tables)
+        except (ValidationError, ValueError, OSError) as error:
+            raise BadInputError(f"{folder}: not a readable trackfg comparison: {error}") from error
+
+
+def rows_of(scores: pd.DataFrame) -> tuple[Row, ...]:
+    """The table of scores with :data:`SCORE_COLUMNS`: cases and quantities in order, the best estimator first."""
+    rows = []
+    for case, of_case in scores.groupby("case", sort=False):
+        for quantity, meaning in QUANTITIES.items():
+            of_quantity = of_case[(of_case["quantity"] == quantity) & (of_case["places"] > 0)]
+            for _, of_band in of_quantity.groupby("from_kmh", dropna=False):
+                rows += _ranked(str(case), quantity, meaning, of_band)
+    return tuple(rows)
+
+
+def _ranked(case: str, quantity: str, meaning: Quantity, scores: pd.DataFrame) -> list[Row]:
+    repeated = scores["rms"].isna().all()  # two runs compared have a standard deviation and nothing else
+    statistic = "sd" if repeated else meaning.statistic
+    own = {name: runs.set_index("seed") for name, runs in scores.groupby("estimator", sort=False)}
+    rows = []
+    for name, runs in own.items():
+        error = runs[statistic]
+        ratio, interval = None, None
+        if name != REFERENCE and REFERENCE in own:
+            ratio, interval = _ratio(error, own[REFERENCE][statistic])
+        rows.append(
+            Row(
+                case=case,
+                task=meaning.task,
+                quantity=quantity,
+                statistic=statistic,
+                from_kmh=_known(scores["from_kmh"].iloc[0]),
+                estimator=str(name),
+                runs=len(runs),
+                error=float(error.mean()),
+                error_margin=_known(margin(error.to_numpy())),
+                largest=_known(runs["max"].max()),
+                coverage=_known(runs["coverage"].mean()),
+                to_smoother=ratio,
+                to_smoother_interval=interval,
+                seconds_per_km=_known((runs["seconds"] / runs["distance_km"]).mean()),
+            )
+        )
+    return sorted(rows, key=lambda row: row.error)
+
+
+def _ratio(error: pd.Series[float], reference: pd.Series[float]) -> tuple[float | None, tuple[float, float] | None]:
+    """Geometric mean over the runs that both have, and its 95 % interval."""
+    both = pd.concat([error, reference], axis=1, join="inner").to_numpy(dtype=np.float64)
+    both = both[(both > 0.0).all(axis=1)]
+    if len(both) == 0:
+        return None, None
+    logs = np.log(both[:, 0] / both[:, 1])
+    middle, half = float(logs.mean()), margin(logs)
+    interval = None if np.isnan(half) else (float(np.exp(middle - half)), float(np.exp(middle + half)))
+    return float(np.exp(middle)), interval
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

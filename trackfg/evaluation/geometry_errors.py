@@ -1,0 +1,107 @@
+"""Score a geometry table against the true one.
+
+The geometry at a place and the chainage of that place are two estimates, each with its own sigma. So the error of a
+quantity is taken where the vehicle was: a row at estimated chainage ``x`` was measured at ``x - e(x)``, ``e`` the error
+of the trajectory's chainage, and is compared with the truth there. At a fixed ``x`` instead, 1 m of chainage error in a
+transition of 10 mm per 10 m would count as 1 mm of cross-level, which no sigma of the cross-level holds.
+
+The truth between its rows is a quintic spline: its curvature has waves of 3 m, of which a straight line over 0.25 m
+misses 1e-6 1/m. (At a kink, the end of a straight cant ramp, the spline is off by up to 0.1 mm for a row or two.) Truth
+and estimate hold all quantities facing increasing chainage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import make_interp_spline
+
+from trackfg.evaluation.scores import PLACE, quantities
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
+
+_DEGREE = 5
+
+
+def geometry_errors(
+    geometry: pd.DataFrame, trajectory: pd.DataFrame, truth: pd.DataFrame, truth_geometry: pd.DataFrame
+) -> pd.DataFrame:
+    """Errors of a geometry table at the places where its rows were measured.
+
+    ``trajectory`` and ``truth`` have ``t_s, chainage_m``; a ``geometry`` with ``t_s``, as of a stream, tells by itself
+    when the vehicle was where. Columns, one row per row of ``geometry``: ``chainage_m``
+    (estimated), ``speed_mps``, and for every quantity that the truth has too its error, under its own name, and its
+    sigma, ``_sd``; NaN where the estimate or the truth has no value. Where the run passed a place more than once, the
+    pass is the longest, as in the geometry table.
+    """
+    chainage = geometry["chainage_m"].to_numpy(dtype=np.float64)
+    if "t_s" in geometry:
+        place = np.interp(geometry["t_s"], truth["t_s"], truth["chainage_m"])
+    else:
+        place = chainage - _chainage_errors(trajectory, truth, chainage)
+    true_chainage = truth_geometry["chainage_m"].to_numpy(dtype=np.float64)
+    columns = {name: geometry[name].to_numpy(dtype=np.float64) for name in PLACE}
+    for name in quantities(geometry):
+        if name in truth_geometry:
+            true = spline_at(true_chainage, truth_geometry[name].to_numpy(dtype=np.float64), place)
+            columns[name] = geometry[name].to_numpy(dtype=np.float64) - true
+            columns[f"{name}_sd"] = geometry[f"{name}_sd"].to_numpy(dtype=np.float64)
+    return pd.DataFrame(columns)
+
+
+def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
+    """``y`` (n, ...) over ascending, evenly spaced ``x`` (n,) as a quintic spline through the rows that are finite.
+
+    It takes places of any shape, to which that of a row is added; NaN outside of the finite rows, in gaps between them,
+    and everywhere if they are fewer than six.
+    """
+    known = np.isfinite(y.reshape(len(x), -1)).all(axis=1)
+    x, y = x[known], y[known]
+    if len(x) <= _DEGREE:
+        return lambda places: np.full((*places.shape, *y.shape[1:]), np.nan)
+    gap = np.diff(x) > 1.5 * np.diff(x).min()
+    spline = make_interp_spline(x, y, k=_DEGREE)
+
+    def at(places: Array) -> Array:
+        out = np.full((*places.shape, *y.shape[1:]), np.nan)
+        with np.errstate(invalid="ignore"):
+            inside = (places >= x[0]) & (places <= x[-1])
+        inside[inside] = ~gap[np.clip(np.searchsorted(x, places[inside], side="right") - 1, 0, len(gap) - 1)]
+        out[inside] = spline(places[inside])
+        return out
+
+    return at
+
+
+def spline_at(x: Array, y: Array, places: Array) -> Array:
+    """:func:`spline_through` at ``places``."""
+    return spline_through(x, y)(places)
+
+
+def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Array) -> Array:
+    """Error of the trajectory's chainage when it was at estimated chainages ``places``; NaN where it never was."""
+    t, estimated = trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy()
+    true = np.interp(t, truth["t_s"].to_numpy(), truth["chainage_m"].to_numpy())
+    stretches = [slice(first, stop + 1) for first, stop in _passes(true)]
+    out = np.full(places.shape, np.nan)
+    for stretch in sorted(stretches, key=lambda stretch: float(np.ptp(true[stretch])), reverse=True):
+        x, error = estimated[stretch], (estimated - true)[stretch]
+        if true[stretch][-1] < true[stretch][0]:
+            x, error = x[::-1], error[::-1]
+        x = np.maximum.accumulate(x)  # at rest an estimate may creep back by less than its sigma
+        found = np.isnan(out) & (places >= x[0]) & (places <= x[-1])
+        out[found] = np.interp(places[found], x, error)
+    return out
+
+
+def _passes(chainage: Array) -> list[tuple[int, int]]:
+    """First and last row of each stretch between two changes of direction; a rest belongs to the pass before it."""
+    sense = np.sign(np.diff(chainage))
+    moving = np.flatnonzero(sense)
+    if moving.size == 0:
+        return []
+    last_moving = np.clip(np.searchsorted(moving, np.arange(len(sense)), side="right") - 1, 0, None)
+    sense = sense[moving[last_moving]]
+    return [span for way in (1.0, -1.0) for span in true_runs(sense == way)]

@@ -1,0 +1,113 @@
+"""How well two runs over one track agree: the rule of track recording, section by section.
+
+The standard deviation of the difference of two runs is taken per section of 200 m; the difference's mean over a section
+does not count. Suto, Tsubokawa and Yoshida (2020) ask for 0.5 mm at most on every section, for 10 m versines.
+
+Chainage errs by itself, so the runs are laid over each other first: by one shift for the whole run, and, since wheels
+roll differently between two fixes, by a shift for each section, as is usual in track recording. A shift is where the
+weighted mean square of the differences of :data:`ALIGNED_BY` is least (each by its variance along the reference), on
+the grid and then at the vertex of the parabola through the least value and its neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from trackfg.evaluation.geometry_errors import spline_at
+from trackfg.geometry.statistics import section_statistics
+from trackfg.numerics.chainage_grid import cells_of, step_of
+from trackfg.numerics.frames import Array
+
+ALIGNED_BY = ("twist_mm", "versine_level_mm")
+"""What has sharp features everywhere, curves or not."""
+
+_FURTHEST_M = 20.0
+_FURTHEST_IN_SECTION_M = 1.0
+_FULL_SHARE = 0.9
+"""A section counts where both runs hold this share of it."""
+
+
+def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0.0, within_m: float) -> float:
+    """The shift ``d``, m, for which ``run`` at ``chainage + d`` agrees best with ``reference`` at ``chainage``.
+
+    Both have ``chainage_m`` on whole multiples of one step, and at least one of :data:`ALIGNED_BY`. Sought within
+    ``about_m`` +- ``within_m``. NaN where they have no place in common.
+    """
+    step = step_of(run)
+    middle, reach = round(about_m / step), round(within_m / step)
+    lags = middle + np.arange(-reach, reach + 1)
+    first, count = cells_of(reference, step)[0], int(np.ptp(cells_of(reference, step))) + 1
+    mean_square = np.zeros(len(lags))
+    for name in ALIGNED_BY:
+        if not all(name in table and table[name].notna().any() for table in (reference, run)):
+            continue
+        here = _on_cells(reference, name, first, count, step)
+        there = _on_cells(run, name, first + int(lags[0]), count + 2 * reach, step)
+        squares = np.array([_mean_square(there[k : k + count] - here) for k in range(len(lags))])
+        mean_square += squares / _mean_square(here - _mean(here))
+    if not mean_square.any() or not np.isfinite(mean_square).any():
+        return np.nan
+    k = int(np.nanargmin(mean_square))
+    beside = mean_square[max(k - 1, 0) : k + 2]
+    if len(beside) < 3 or not np.isfinite(beside).all():
+        return float(lags[k] * step)
+    a, b, c = beside
+    bend = a - 2.0 * b + c
+    return float((lags[k] + (0.5 * (a - c) / bend if bend > 0.0 else 0.0)) * step)
+
+
+def section_repeatability(
+    reference: pd.DataFrame,
+    run: pd.DataFrame,
+    columns: Sequence[str],
+    *,
+    each_section: bool,
+    section_m: float = 200.0,
+) -> pd.DataFrame:
+    """The standard deviation of the difference of each column per section that both runs hold.
+
+    Shifted by the whole run's best shift, or with ``each_section`` by each section's own. Columns ``from_m, to_m,
+    shift_m``, and one per name in ``columns`` with its standard deviation, in its unit.
+    """
+    whole = best_shift(reference, run, within_m=_FURTHEST_M)
+    if not np.isfinite(whole):
+        return pd.DataFrame(columns=["from_m", "to_m", "shift_m", *columns], dtype=np.float64)
+    chainage = reference["chainage_m"].to_numpy()
+    number = np.floor(chainage / section_m + 1e-9)
+    shift = np.full(len(chainage), whole)
+    if each_section:
+        for section in np.unique(number):
+            rows = number == section
+            own = best_shift(reference[rows], run, about_m=whole, within_m=_FURTHEST_IN_SECTION_M)
+            shift[rows] = own if np.isfinite(own) else whole
+    full = _FULL_SHARE * section_m / step_of(reference)
+    table = section_statistics(chainage, shift, section_m=section_m)
+    table = table[["from_m", "to_m", "mean"]].rename(columns={"mean": "shift_m"}).set_index("from_m")
+    for name in columns:
+        there = spline_at(run["chainage_m"].to_numpy(), run[name].to_numpy(), chainage + shift)
+        sections = section_statistics(chainage, there - reference[name].to_numpy(), section_m=section_m)
+        sections = sections[sections["count"] >= full].set_index("from_m")
+        table[name] = sections["sd"].reindex(table.index)
+    return table.dropna(subset=list(columns), how="all").reset_index()
+
+
+def _on_cells(table: pd.DataFrame, column: str, first: int, count: int, step: float) -> Array:
+    """A column on ``count`` cells from ``first`` on; NaN where it has none."""
+    row = cells_of(table, step) - first
+    out = np.full(count, np.nan)
+    inside = (row >= 0) & (row < count)
+    out[row[inside]] = table[column].to_numpy()[inside]
+    return out
+
+
+def _mean(values: Array) -> float:
+    """Of the finite values; NaN if there are none."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else np.nan
+
+
+def _mean_square(values: Array) -> float:
+    return _mean(values**2)

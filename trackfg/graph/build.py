@@ -1,0 +1,227 @@
+"""From a recording to a factor graph with initial values.
+
+==================  =============================================================================================
+native factors      inertial factors, GTSAM's own
+families            priors, bias walk, distance chain, tach, arc length, path, non-holonomic, standstill, fixes, GNSS
+==================  =============================================================================================
+
+Each accelerometer sample is counted once: it is in the inertial factors, and no gravity factor uses it again. A
+recording in which nothing measures speed (no tach, no GNSS) is the exception: there the inertial factors' accelerometer
+gets no weight and gravity tilt factors carry the samples instead, with a sigma that covers the unknown accelerations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import gtsam
+import numpy as np
+import pandas as pd
+
+from trackfg.config import KeyframeConfig, SmoothConfig
+from trackfg.errors import UnsolvableError
+from trackfg.factors.bias import response_sigmas
+from trackfg.factors.family import Family
+from trackfg.factors.imu import ImuNoise, Preintegration
+from trackfg.factors.prior import nav_prior, prior
+from trackfg.factors.states import Kind, States
+from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
+from trackfg.graph.inputs import Layout, World, world_of
+from trackfg.graph.keyframes import nearest, place_keyframes
+from trackfg.graph.motion import motion
+from trackfg.graph.odometry import odometer
+from trackfg.graph.positions import positions
+from trackfg.graph.wheel_slip import Rolling, rolling
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import within
+from trackfg.recording.model import Recording
+from trackfg.sensors.dead_reckoning import InitialPath, initial_path
+from trackfg.sensors.imu_intervals import Intervals, intervals
+from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import Wheel, read_wheel
+
+_ANYWHERE_SD_M = 1e5
+_SET_SD_M = 1e-4
+"""Of a place that is 0 by convention."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A graph to be solved, and what is needed to interpret the solution."""
+
+    t: Array
+    """Keyframe times, s, shape (n,)."""
+    measured: tuple[Preintegration, ...]
+    """By the inertial sensor, one per interval."""
+    families: tuple[Family, ...]
+    initial: States
+    world: World
+    lever_arm: Array
+    rests: Array
+    gaps: Array
+    wheel: Wheel | None
+    inertial: Intervals
+    noise: ImuNoise
+    """White noise of the inertial samples as assumed in the graph."""
+    edges: np.ndarray
+    """The keyframes as indices into ``inertial.edges``, shape (n,)."""
+    mount_roll_sd: float
+    """Uncertainty of the mounting's roll, rad."""
+    clock_origin: float
+    """When the offsets of other clocks are what the states say, s: before and after, they drift."""
+    response: Array
+    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
+
+    @cached_property
+    def native(self) -> gtsam.NonlinearFactorGraph:
+        """The inertial factors."""
+        return graph_of(self.measured)
+
+    def family(self, name: str) -> Family | None:
+        """The family of that name, if the graph has it."""
+        return next((f for f in self.families if f.name == name), None)
+
+
+def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | None = None) -> Problem:
+    """Lay out keyframes, factors and initial values; ``data`` are the inertial intervals, if laid out already.
+
+    Raises ``UnsolvableError`` for a run too short to hold a graph.
+    """
+    data = data or intervals(recording)
+    if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:
+        raise UnsolvableError(
+            f"the IMU record has {len(recording.imu)} samples over {data.edges[-1] - data.edges[0]:.3g} s: "
+            "at least 10 samples and 0.5 s are needed"
+        )
+    world = world_of(recording)
+    wheel = read_wheel(recording, config.tach.max_gap_s)
+    speedless = wheel is None and recording.gnss is None
+    rests, path, rolls = _first_pass(recording, config, world, data, wheel, speedless)
+    gaps = data.gaps()
+    required = _required_times(recording, gaps, rests)
+    edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
+    t = data.edges[edges]
+    layout = Layout(recording, config, world, data, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1]))
+    states = layout.initial_states()
+    moving = [tilt(layout)] if speedless else motion(layout)
+    families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
+    return Problem(
+        t=t,
+        measured=preintegrated(layout, states, speedless),
+        families=tuple(family for family in families if len(family)),
+        initial=states,
+        world=world,
+        lever_arm=layout.lever_arm,
+        rests=rests,
+        gaps=gaps,
+        wheel=wheel,
+        inertial=data,
+        noise=layout.noise,
+        edges=edges,
+        mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
+        clock_origin=layout.clock_origin,
+        response=layout.response,
+    )
+
+
+def _first_pass(
+    recording: Recording, config: SmoothConfig, world: World, data: Intervals, wheel: Wheel | None, speedless: bool
+) -> tuple[Array, InitialPath, Rolling | None]:
+    """Rests and initial path, both without the slips, and where the wheel rolls.
+
+    Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
+    """
+    found = None
+    for attempt in range(3):
+        rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
+        rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
+        rolled = wheel if found is None else found.wheel
+        path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
+        if wheel is None or attempt == 2:
+            break
+        found = rolling(wheel, data, path, rests, config)
+        if found.rolls.all():
+            break
+        mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
+        recording = replace(recording, tach=mended)
+    return rests, path, found
+
+
+def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:
+    """Lasers want keyframes closer together: at them the rails tie the motion."""
+    wanted, laser = config.keyframes, config.laser
+    if not recording.description.laser:
+        return wanted
+    closer = {
+        "interval_s": min(wanted.interval_s, laser.keyframe_interval_s),
+        "distance_m": min(wanted.distance_m, laser.keyframe_distance_m),
+    }
+    return wanted.model_copy(update=closer)
+
+
+def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
+    times = [gaps.ravel()]
+    if recording.fixes is not None:
+        times.append(recording.fixes["t_s"].to_numpy())
+    if recording.gnss is not None:
+        gnss = recording.gnss["t_s"].to_numpy()
+        times.append(gnss[~within(gnss, rests)])
+    return np.concatenate(times)
+
+
+def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
+    """With a start that may be anywhere along the track."""
+
+    def anywhere(family: Family) -> Family:
+        sigma = family.sigma.copy()
+        sigma[:, 0] = _ANYWHERE_SD_M
+        return replace(family, sigma=sigma)
+
+    return tuple(anywhere(family) if family.name == "prior on odo" else family for family in families)
+
+
+def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
+    """With a start ``distance`` m along the track, known to ``sd`` m."""
+    shift = np.array([distance - problem.initial.odo[0, 0], 0.0, 0.0, 0.0])
+
+    def moved(family: Family) -> Family:
+        if family.name != "prior on odo":
+            return family
+        sigma = family.sigma.copy()
+        sigma[:, 0] = max(sd, _SET_SD_M)
+        return replace(family, data=(family.data[0] + shift,), sigma=sigma)
+
+    initial = replace(problem.initial, odo=problem.initial.odo + shift)
+    return replace(problem, initial=initial, families=tuple(moved(family) for family in problem.families))
+
+
+def _priors(layout: Layout, states: States) -> list[Family]:
+    noise, config = layout.recording.description.imu.noise, layout.config
+    first = np.array([0])
+    georeferenced = layout.recording.gnss is not None
+    # Without GNSS the start defines the frame: its position and yaw are known by convention.
+    yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (1e-6, 1e-4)
+    nav_sd = np.array([[0.2, 0.2, yaw_sd, *[position_sd] * 3, 10.0, 10.0, 10.0]])
+    bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
+    tach = layout.recording.description.tach
+    scale_sd = 1e-2 if tach is None else tach.scale_sd
+    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else _SET_SD_M
+    odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
+    tach_clock = config.tach
+    clock_sd = np.array(
+        [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
+    )
+    calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
+    imu_sd = response_sigmas(*calibration)[None]
+    wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2])
+    mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
+    return [
+        nav_prior(first, states.nav[:1], nav_sd),
+        prior(Kind.BIAS, first, np.zeros((1, 6)), bias_sd),
+        prior(Kind.ODO, first, states.odo[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
+        prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
+        prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
+        prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
+        prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
+    ]

@@ -1,0 +1,173 @@
+"""What the factors of one graph are made from: the recording, where its keyframes are, and a first guess of the run."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.factors.bias import response_terms
+from trackfg.factors.imu import ImuNoise
+from trackfg.factors.states import SHARED, Nav, States
+from trackfg.graph.wheel_slip import Rolling
+from trackfg.numerics.frames import Array, earth_rate_enu, normal_gravity
+from trackfg.numerics.spans import within
+from trackfg.recording.description import RecordingDescription
+from trackfg.recording.model import Recording
+from trackfg.sensors.dead_reckoning import InitialPath
+from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.tach import Wheel
+from trackfg.units import STANDARD_GRAVITY
+
+
+@dataclass(frozen=True)
+class World:
+    """Gravity (m/s^2) and the Earth's rotation in n (rad/s, (3,)), zero where latitude is not known."""
+
+    gravity: float
+    earth_rate: Array
+    start_yaw: float
+
+
+def world_of(recording: Recording) -> World:
+    """Gravity, the Earth's rotation and the heading at the start, as far as the recording tells."""
+    track = recording.description.track
+    latitude = track.latitude_deg if recording.gnss_origin is None else float(recording.gnss_origin[0])
+    height = 0.0 if recording.gnss_origin is None else float(recording.gnss_origin[2])
+    gravity = STANDARD_GRAVITY if latitude is None else normal_gravity(latitude, height)
+    georeferenced = recording.gnss_origin is not None or track.heading_deg is not None
+    start_yaw = 0.0 if track.heading_deg is None else np.pi / 2.0 - np.radians(track.heading_deg)
+    if latitude is None:
+        return World(gravity, np.zeros(3), start_yaw)
+    rate = earth_rate_enu(latitude)
+    if not georeferenced:
+        rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
+    return World(gravity, rate, start_yaw)
+
+
+def assumed_noise(description: RecordingDescription, config: SmoothConfig) -> ImuNoise:
+    """White noise of the inertial samples: the declared one times its level."""
+    declared, level = description.imu.noise, config.noise
+    return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+
+
+def still_between(t: Array, rests: Array) -> np.ndarray:
+    """Whether both ends of the intervals between ``t`` (n,) and their middles are in a rest, shape (n - 1,)."""
+    resting = within(t, rests)
+    still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (t[1:] + t[:-1]), rests)
+    return still
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Keyframes at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""
+
+    recording: Recording
+    config: SmoothConfig
+    world: World
+    data: Intervals
+    wheel: Wheel | None
+    rests: Array
+    path: InitialPath
+    rolling: Rolling | None
+    edges: np.ndarray
+    t: Array
+    clock_origin: float
+    """When the offset of other clocks is what it is said to be, before it drifts: the middle of a run."""
+
+    @property
+    def lever_arm(self) -> Array:
+        """The IMU's position in the vehicle, m, shape (3,)."""
+        return np.array(self.recording.description.imu.lever_arm_m)
+
+    @cached_property
+    def still(self) -> np.ndarray:
+        """Whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
+        return still_between(self.t, self.rests)
+
+    @cached_property
+    def durations(self) -> Array:
+        """From each keyframe to the next, s, shape (n - 1,)."""
+        return np.diff(self.t)
+
+    @cached_property
+    def mean_accel(self) -> Array:
+        """The accelerometer's mean between keyframes, m/s^2, shape (n - 1, 3)."""
+        return self._mean(self.data.accel)
+
+    @cached_property
+    def mean_gyro(self) -> Array:
+        """The gyro's mean between keyframes, rad/s, shape (n - 1, 3)."""
+        return self._mean(self.data.gyro)
+
+    @property
+    def mean_rate(self) -> Array:
+        """:attr:`mean_gyro` less the initial bias."""
+        return self.mean_gyro - self.path.bias(self.t[:-1])
+
+    def _mean(self, samples: Array) -> Array:
+        total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
+        return np.asarray(np.diff(total[self.edges], axis=0) / self.durations[:, None])
+
+    @cached_property
+    def distance(self) -> Array:
+        """Initial distance between keyframes, m, shape (n - 1,)."""
+        return np.asarray(np.diff(self.distance_at(self.t)))
+
+    def distance_at(self, t: Array) -> Array:
+        """Initial distance travelled, m: the wheel's without slip, or the length of the initial path. (m,) to (m,)."""
+        if self.rolling is not None:
+            return self.rolling.wheel.at(t)
+        step = np.diff(self.path.p, axis=0)
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
+        return np.asarray(np.interp(t, self.path.t, length))
+
+    @property
+    def noise(self) -> ImuNoise:
+        """White noise of the inertial samples as assumed."""
+        return assumed_noise(self.recording.description, self.config)
+
+    @cached_property
+    def response(self) -> Array:
+        """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
+        where none starts, nothing. Shape (n, 6, 21).
+        """
+        terms = response_terms(self.mean_accel, self.mean_rate)
+        return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
+
+    def with_rows(self, recording: Recording, wheel: Wheel | None) -> Layout:
+        """With other rows than the inertial sensor's: nothing that is computed once depends on them."""
+        layout = copy(self)
+        vars(layout).update(recording=recording, wheel=wheel)
+        return layout
+
+    def with_motion(self, path: InitialPath, rolling: Rolling) -> Layout:
+        """With another first guess of the motion, and the means as they were computed."""
+        layout = replace(self, path=path, rolling=rolling)
+        vars(layout).update(durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro)
+        return layout
+
+    def initial_states(self) -> States:
+        """The first guess of every variable."""
+        n = len(self.t)
+        R = self.path.attitude(self.t)
+        p = self.path.position(self.t) + R @ self.lever_arm
+        bias = np.zeros((n, 6))
+        bias[:, 3:] = self.path.bias(self.t)
+        distance = np.concatenate([[0.0], np.cumsum(self.distance)])
+        count = distance if self.wheel is None else self.wheel.at(self.t)
+        start = self._start_distance(distance)
+        odo = np.stack([start + distance, np.ones(n), count, np.diff(distance, prepend=0.0)], axis=1)
+        nav, shared = Nav(R, p, self.path.velocity(self.t)), (np.zeros((1, kind.dim)) for kind in SHARED)
+        return States(nav, bias, odo, *shared)
+
+    def _start_distance(self, distance: Array) -> float:
+        """Where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
+        fixes = self.recording.fixes
+        if fixes is None or fixes.empty:
+            return 0.0
+        at_first = np.interp(fixes["t_s"].iloc[0], self.t, distance)
+        return float(self.recording.description.track.direction * fixes["chainage_m"].iloc[0] - at_first)

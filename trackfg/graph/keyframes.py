@@ -1,0 +1,40 @@
+"""Where states are estimated.
+
+A phase runs along the recording at the rate ``max(1/interval, speed/distance)``, slower at rest; a keyframe lies at
+each whole number. Starts and ends of rests and gaps and the times of positions are keyframes of their own, and a
+regular one too close to such a one gives way. All keyframes lie on edges between inertial samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.config import KeyframeConfig
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import within
+
+_TOO_CLOSE = 0.35
+"""In phase: a regular keyframe nearer than this to a required one is dropped."""
+
+
+def place_keyframes(
+    edges: Array, t: Array, speed: Array, rests: Array, required: Array, config: KeyframeConfig
+) -> np.ndarray:
+    """Indices into ``edges`` (n + 1,), increasing, from 0 to n. ``speed`` (m,) is given at times ``t`` (m,)."""
+    rate = np.maximum(1.0 / config.interval_s, np.abs(speed) / config.distance_m)
+    rate = np.where(within(t, rests), 1.0 / config.interval_at_rest_s, rate)
+    phase = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    fixed = np.unique(np.concatenate([required, rests.ravel(), [edges[0], edges[-1]]]))
+    fixed = fixed[(fixed >= edges[0]) & (fixed <= edges[-1])]
+    fixed_phase = np.interp(fixed, t, phase)
+    regular = np.arange(1.0, phase[-1])
+    after = np.clip(np.searchsorted(fixed_phase, regular), 1, len(fixed) - 1)
+    distance = np.minimum(np.abs(regular - fixed_phase[after - 1]), np.abs(fixed_phase[after] - regular))
+    times = np.concatenate([fixed, np.interp(regular[distance > _TOO_CLOSE], phase, t)])
+    return np.unique(nearest(edges, times))
+
+
+def nearest(grid: Array, times: Array) -> np.ndarray:
+    """Index of the entry of the increasing ``grid`` nearest to each time."""
+    right = np.clip(np.searchsorted(grid, times), 1, len(grid) - 1)
+    return right - (times - grid[right - 1] < grid[right] - times)

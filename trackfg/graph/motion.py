@@ -1,0 +1,68 @@
+"""How the vehicle can move: the factors of a graph that say it follows the track, or rests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.config import MotionConfig
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.motion import at_rest, non_holonomic, stays
+from trackfg.factors.path import follows_path
+from trackfg.graph.inputs import Layout, still_between
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import within
+from trackfg.sensors.imu_intervals import means_around, turning
+
+RATE_WINDOW_S = 0.1
+"""The body rate of a keyframe is a mean over this."""
+
+
+def motion(layout: Layout) -> list[Family]:
+    """How it moves along the track, and no motion at rest."""
+    rigid = layout.recording.description.imu.rigid
+    return [*along_track(layout), *resting(layout.t, layout.rests, layout.config.motion, rigid=rigid)]
+
+
+def along_track(layout: Layout) -> list[Family]:
+    """No sideways velocity; a sensor that follows the track moves where it points all the way."""
+    config, k = layout.config.motion, np.arange(len(layout.t))
+    speed = np.abs(np.interp(layout.t, layout.path.t, layout.path.speed))
+    sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
+    sigma = sigma * layout.config.noise.motion
+    huber = Loss("huber", config.robust_width)
+    return [
+        _path(layout, huber),
+        non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
+    ]
+
+
+def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> list[Family]:
+    """No velocity at keyframes ``t`` (n,), s, within ``rests`` (r, 2), and no motion between two within one."""
+    still = (config.rest_speed_sd_mps, config.rest_turn_sd_rad, config.rest_shift_sd_m)
+    if rigid:
+        still = (config.rigid_rest_speed_sd_mps, config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
+    huber = Loss("huber", config.robust_width)
+    return [
+        at_rest(np.flatnonzero(within(t, rests)), still[0], huber),
+        stays(np.flatnonzero(still_between(t, rests)), *still[1:], huber),
+    ]
+
+
+def _path(layout: Layout, loss: Loss) -> Family:
+    """For a sensor that follows the track, wherever it is not at rest and its record has no hole."""
+    config, distance = layout.config.motion, np.abs(layout.distance)
+    bridged = np.concatenate([[0], np.cumsum(layout.data.bridged)])
+    whole = np.diff(bridged[layout.edges]) == 0
+    k = np.flatnonzero(whole & ~layout.still & layout.recording.description.imu.rigid)
+    turned = turning(
+        layout.data, layout.edges, layout.path.bias(layout.t).mean(axis=0), layout.distance_at(layout.data.edges)
+    )
+    bridge = layout.noise.gyro * distance * np.sqrt(layout.durations / 12.0)
+    model = (config.path_sd_m + config.path_sd_relative * distance) * layout.config.noise.path
+    sigma = np.hypot(model, bridge)[k, None].repeat(2, axis=1)
+    return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], layout.lever_arm, sigma, loss)
+
+
+def _angular_rate(layout: Layout) -> Array:
+    """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""
+    return means_around(layout.t, RATE_WINDOW_S, layout.data.edges, layout.data.gyro) - layout.path.bias(layout.t)

@@ -1,0 +1,53 @@
+"""Where the vehicle is: the factors of a graph from fixes and GNSS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.gnss import gnss_position
+from trackfg.factors.odometry import absolute_fix
+from trackfg.graph.inputs import Layout
+from trackfg.graph.keyframes import nearest
+from trackfg.recording.description import Gnss
+
+
+def positions(layout: Layout) -> list[Family]:
+    """What the recording has of fixes and GNSS positions, robust if the settings say so."""
+    config, description = layout.config.position, layout.recording.description
+    families = []
+    fixes, gnss = layout.recording.fixes, layout.recording.gnss
+    if fixes is not None:
+        families.append(_fixes(layout, Loss("cauchy", config.fix_width) if config.robust else None))
+    if gnss is not None and len(gnss) and description.gnss is not None:
+        loss = Loss("huber", config.gnss_width) if config.robust else None
+        families.append(_gnss(layout, gnss, description.gnss, loss))
+    return families
+
+
+def _gnss(layout: Layout, gnss: pd.DataFrame, description: Gnss, loss: Loss | None) -> Family:
+    config = layout.config
+    t = gnss["t_s"].to_numpy()
+    inside = (t >= layout.data.edges[0]) & (t <= layout.data.edges[-1])
+    t, table = t[inside], gnss[inside]
+    index = nearest(layout.t, t)
+    lever = np.array(description.lever_arm_m) - layout.lever_arm
+    # n readings of an error with correlation time tau tell as much as n dt / (2 tau) independent ones.
+    interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
+    inflation = np.sqrt(max(1.0, 2.0 * config.position.gnss_correlation_s / interval))
+    sigma = table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy() * (config.noise.gnss * inflation)
+    position = table[["east_m", "north_m", "up_m"]].to_numpy()
+    return gnss_position(index, position, lever, t - layout.t[index], sigma, loss)
+
+
+def _fixes(layout: Layout, loss: Loss | None) -> Family:
+    fixes = layout.recording.fixes
+    assert fixes is not None
+    t = fixes["t_s"].to_numpy()
+    inside = (t >= layout.data.edges[0]) & (t <= layout.data.edges[-1])
+    t, table = t[inside], fixes[inside]
+    index = nearest(layout.t, t)
+    carried = np.interp(t, layout.path.t, layout.path.speed) * (t - layout.t[index])
+    distance = layout.recording.description.track.direction * table["chainage_m"].to_numpy() - carried
+    return absolute_fix(index, distance, table[["chainage_sd_m"]].to_numpy(), loss)

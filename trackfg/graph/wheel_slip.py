@@ -1,0 +1,191 @@
+"""Where the wheel does not roll, found before there is a graph: the wheel's speed against the accelerometer's.
+
+On a grid of times the vehicle's speed v and the error b of the forward acceleration a, which wanders slowly, satisfy
+
+    v_k+1 - v_k + b_k dt = a_k dt,   b_k+1 = b_k,   (v_k + v_k+1) dt / 2 = d_k,   v = 0 at rest,
+
+each to its sigma; d is the distance that the wheel rolls. The forward acceleration is the specific force less gravity's
+part, for which the pitch is the gyro's alone: a slipping wheel cannot spoil that. The equation of d holds while the
+wheel rolls.
+
+1. A Kalman filter goes through time and passes over each rolled distance, and each rest, that it does not find
+   credible; another one goes back. Neither follows the wheel into a slip, however long and violent, since both know the
+   speed before it; each may pass over too much after one. Credible is what either of them believes.
+2. From there, least squares and the probability of rolling by :mod:`trackfg.factors.switching` in turns.
+
+A wheel scale that is off by some per cent is in b as well, which changes when the acceleration does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from trackfg.config import SmoothConfig
+from trackfg.factors.switching import Chain, first_state_probability
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import within
+from trackfg.sensors.dead_reckoning import InitialPath
+from trackfg.sensors.imu_intervals import Intervals, means_around
+from trackfg.sensors.tach import Wheel
+from trackfg.units import STANDARD_GRAVITY
+
+_STEP_S = 0.5
+_ACCELERATION_SD = 0.02
+"""m/s in 1 s: noise, vibration, the body on its springs."""
+_ERROR_WALK = 1e-3
+"""m/s^2 in 1 s: pitch from the gyro."""
+_SCALE_SD = 0.01
+_CREEP = 2e-3
+"""Of the distance, besides that which goes with the force."""
+_REST_SD_MPS = 0.01
+_SILENT_SD_M = 1e6
+
+_FEWEST = 5
+"""Times: a shorter run is not searched."""
+
+_GATE_SIGMAS = 4.0
+_LONE_SIGMAS = 3.5
+"""Where a lone error is as likely a slip."""
+_LEAST_WEIGHT = 1e-6
+_ROUNDS = 8
+_SETTLED = 0.01
+"""No weight changes by more."""
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """The vehicle's ``speed`` (n,), m/s, at times ``t`` (n,), s; whether the wheel rolls in between (n - 1,); and the
+    ``wheel`` as if it had rolled all the time.
+    """
+
+    t: Array
+    speed: Array
+    rolls: np.ndarray
+    wheel: Wheel
+
+    def slips_within(self, t: Array) -> np.ndarray:
+        """Whether it does not roll somewhere between neighbouring times (m,), shape (m - 1,)."""
+        edges = np.clip(np.searchsorted(self.t, t), 0, len(self.rolls))
+        slipping = np.concatenate([[0], np.cumsum(~self.rolls)])
+        found: np.ndarray = slipping[edges[1:]] > slipping[np.maximum(edges[:-1] - 1, 0)]
+        return found
+
+
+class _Evidence(NamedTuple):
+    """Per step: forward acceleration (m/s^2), rolled distance and its sigma (m), sigma of the change of b (m/s^2);
+    whether the vehicle rests at its start and at its end.
+    """
+
+    acceleration: Array
+    rolled: Array
+    sigma: Array
+    walk: Array
+    rests_before: np.ndarray
+    rests_after: np.ndarray
+
+    def reversed(self) -> _Evidence:
+        """In the order of a film that runs backwards with the speeds it had."""
+        a, rolled, sigma, walk, before, after = (part[::-1] for part in self)
+        return _Evidence(-a, rolled, sigma, walk, after, before)
+
+
+def rolling(wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, config: SmoothConfig) -> Rolling:
+    """Find where the wheel rolls. ``path`` gives roll and gyro bias; ``rests`` (r, 2) s."""
+    t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
+    if len(t) < _FEWEST:
+        return Rolling(t, np.zeros(len(t)), np.ones(len(t) - 1, dtype=bool), wheel)
+    evidence = _evidence(t, wheel, data, path, rests, config)
+    credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
+    weight = np.where(credible, 1.0, _LEAST_WEIGHT)
+    resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
+    for _ in range(_ROUNDS):
+        speed = _speeds(evidence, weight, resting)
+        z = (evidence.rolled - 0.5 * _STEP_S * (speed[1:] + speed[:-1])) / evidence.sigma
+        before, weight = weight, np.maximum(first_state_probability(z, Chain(_LONE_SIGMAS)), _LEAST_WEIGHT)
+        if np.abs(weight - before).max() < _SETTLED:
+            break
+    rolls = weight > 0.5
+    return Rolling(t, speed, rolls, wheel.with_speed(t, speed, rolls))
+
+
+def _evidence(
+    t: Array, wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, config: SmoothConfig
+) -> _Evidence:
+    middle = 0.5 * (t[1:] + t[:-1])
+    accel, gyro = (means_around(middle, _STEP_S, data.edges, samples) for samples in (data.accel, data.gyro))
+    force = accel[:, 0]
+    acceleration = force + STANDARD_GRAVITY * np.sin(_pitch(middle, gyro, path))
+    rolled = np.diff(wheel.at(t))
+    creep = np.hypot(_CREEP, config.tach.creep_per_traction * force / STANDARD_GRAVITY) * rolled
+    noise = config.tach.speed_noise_mps**2 * _STEP_S if wheel.integrates_speed else 2.0 * wheel.rounding_sd**2
+    sigma = np.sqrt(creep**2 + noise) * config.noise.tach
+    sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M
+    walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * np.diff(acceleration, append=acceleration[-1]))
+    resting = within(t, rests)
+    return _Evidence(acceleration, rolled, sigma, walk, resting[:-1], resting[1:])
+
+
+def _pitch(t: Array, gyro: Array, path: InitialPath) -> Array:
+    """By the gyro alone, up to a constant, at times (n,). Track rises and falls alike: the rate's median is bias."""
+    w = gyro - path.bias(t)
+    roll = np.interp(t, path.t, path.rpy[:, 0])
+    rate = w[:, 1] * np.cos(roll) - w[:, 2] * np.sin(roll)
+    return np.asarray(np.cumsum(rate - np.median(rate)) * _STEP_S)
+
+
+def _passed(evidence: _Evidence) -> np.ndarray:
+    """Which rolled distances and rests a Kalman filter of (v, b) finds credible on its way, shape (n,) of bool.
+
+    Plain numbers: this is the one loop over time, and arrays of two would cost ten times as much.
+    """
+    dt, middle = _STEP_S, 0.5 * _STEP_S
+    v, b = float(evidence.rolled[0]) / dt, 0.0
+    vv, vb, bb = 1.0, 0.0, 1.0
+    credible = []
+    for a, rolled, sigma, walk, _, resting in zip(*(part.tolist() for part in evidence), strict=True):
+        v += (a - b) * dt
+        vv += dt * (dt * bb - 2.0 * vb) + _ACCELERATION_SD**2 * dt
+        vb -= dt * bb
+        bb += walk * walk
+        # At rest v itself is measured, else the mean speed v + (b - a) dt / 2.
+        measured, variance, by_b = (
+            (0.0, _REST_SD_MPS**2, 0.0) if resting else (rolled / dt + a * middle, (sigma / dt) ** 2, middle)
+        )
+        with_v, with_b = vv + by_b * vb, vb + by_b * bb
+        variance += with_v + by_b * with_b
+        innovation = measured - v - by_b * b
+        credible.append(innovation**2 < _GATE_SIGMAS**2 * variance)
+        if credible[-1]:
+            v += with_v / variance * innovation
+            b += with_b / variance * innovation
+            vv -= with_v * with_v / variance
+            vb -= with_v * with_b / variance
+            bb -= with_b * with_b / variance
+    return np.array(credible)
+
+
+def _speeds(evidence: _Evidence, weight: Array, resting: np.ndarray) -> Array:
+    """Least squares: normal equations of (v_0, b_0, v_1, b_1, ...), which are banded. ``resting`` and out (n + 1,)."""
+    n, dt = len(weight), _STEP_S
+    band, right = np.zeros((4, 2 * n + 2)), np.zeros(2 * n + 2)
+
+    def add(offsets: tuple[int, ...], factors: tuple[float, ...], measured: Array, information: Array) -> None:
+        """Rows ``sum of factors times x at 2 k + offsets = measured_k``."""
+        first = 2 * np.arange(len(measured))
+        for p, f in zip(offsets, factors, strict=True):
+            right[first + p] += f * measured * information
+            for q, h in zip(offsets, factors, strict=True):
+                if q >= p:
+                    band[3 - (q - p), first + q] += f * h * information
+
+    nothing, ends = np.zeros(n), np.zeros(n + 1)
+    add((0, 1, 2), (-1.0, dt, 1.0), evidence.acceleration * dt, np.full(n, 1.0 / (_ACCELERATION_SD**2 * dt)))
+    add((1, 3), (-1.0, 1.0), nothing, evidence.walk**-2)
+    add((0, 2), (0.5 * dt, 0.5 * dt), evidence.rolled, weight / evidence.sigma**2)
+    add((0,), (1.0,), ends, np.where(resting, _REST_SD_MPS**-2, _LEAST_WEIGHT))
+    add((1,), (1.0,), ends, np.full(n + 1, _LEAST_WEIGHT))
+    return np.asarray(solveh_banded(band, right)[::2])

@@ -1,0 +1,225 @@
+"""``recording.toml`` to :mod:`trackfg.recording.description`, every fault in it a finding.
+
+A part with a fault is still handed on as far as its tables can be found, marked *doubtful*: the structure of its table
+is then checked too, while nothing that depends on the doubtful keys (units, plausibility) is.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, RecordingDescription, Tach, Track, Truth
+from trackfg.recording.findings import Finding, did_you_mean
+
+FILE_NAME = "recording.toml"
+FORMAT = "trackfg-recording/1"
+
+_TABLE_PARTS: dict[str, type[Model]] = {
+    "track": Track,
+    "imu": Imu,
+    "tach": Tach,
+    "fixes": Fixes,
+    "gnss": Gnss,
+    "truth": Truth,
+}
+_STRUCTURE_KEYS = ("file", "time", "column", "kind", "gyro", "accel", "position", "sd", "chainage", "name")
+"""Keys without which a table's structure cannot be checked."""
+
+_SIGMA_KEY = re.compile(r"_sd$|^sd_|_white$|_walk$")
+_BOUNDS = {
+    "greater_than": "above",
+    "greater_than_equal": "at least",
+    "less_than": "below",
+    "less_than_equal": "at most",
+}
+_LENGTH_ERRORS = ("too_long", "too_short", "tuple_type", "list_type")
+
+
+@dataclass(frozen=True)
+class ReadDescription:
+    """``description`` is None where anything is wrong. ``parts`` holds what can be used of each part: ``"imu"``,
+    ``"tach"``, ..., ``"laser 1"``; those in ``doubtful`` have a fault."""
+
+    findings: tuple[Finding, ...]
+    description: RecordingDescription | None = None
+    parts: Mapping[str, Model] = field(default_factory=dict)
+    doubtful: frozenset[str] = frozenset()
+
+
+def locate(path: Path | str) -> tuple[Path, Path]:
+    """The folder and the ``recording.toml`` of a recording named by either."""
+    path = Path(path)
+    return (path.parent, path) if path.suffix == ".toml" else (path, path / FILE_NAME)
+
+
+def read_description(path: Path | str) -> ReadDescription:
+    """Read and validate the ``recording.toml`` that is ``path``, or lies in the folder ``path``. Never raises."""
+    folder, toml = locate(path)
+    try:
+        data = tomllib.loads(toml.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        what = "no such folder" if not folder.exists() else f"{folder} has no {toml.name}"
+        return _only(Finding("error", "no-recording", what, file=str(toml), expected="a folder with recording.toml"))
+    except OSError as error:
+        return _only(Finding("error", "no-recording", f"cannot be read ({error.strerror})", file=str(toml)))
+    except ValueError as error:  # undecodable bytes and TOML syntax alike
+        mend = "correct this line; text goes in quotation marks, lists in [ ]"
+        return _only(
+            Finding("error", "toml-syntax", str(error), file=toml.name, expected="TOML 1.0 in UTF-8", mend=mend)
+        )
+    except RecursionError:
+        return _only(Finding("error", "toml-syntax", "nested too deeply", file=toml.name, expected="TOML 1.0"))
+    return validated(data, toml.name)
+
+
+def _only(finding: Finding) -> ReadDescription:
+    return ReadDescription((finding,))
+
+
+def validated(data: dict[str, Any], file: str) -> ReadDescription:
+    """A description that was read already, from TOML or elsewhere; ``file`` names it in findings. Never raises."""
+    findings: list[Finding] = []
+    parts: dict[str, Model] = {}
+    doubtful: set[str] = set()
+    findings += _top_level(data, file)
+
+    named: list[tuple[str, str, type[Model], Any]] = [
+        (key, key, model, data[key]) for key, model in _TABLE_PARTS.items() if key in data
+    ]
+    lasers = data.get("laser", [])
+    if isinstance(lasers, list):
+        named += [(f"laser {i}", f"laser[{i}]", Laser, raw) for i, raw in enumerate(lasers, start=1)]
+    else:
+        findings.append(_not_a_table("laser", file, "[[laser]], one table per laser"))
+    for part, key, model, raw in named:
+        if not isinstance(raw, dict):
+            findings.append(_not_a_table(key, file, f"a table [{key}]"))
+            continue
+        value, faults = _part(model, raw, key, file)
+        findings += faults
+        if value is not None:
+            parts[part] = value
+        if faults:
+            doubtful.add(part)
+
+    description = None
+    if not findings:
+        try:
+            description = RecordingDescription.model_validate(data)
+        except ValidationError as error:
+            findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()]
+    return ReadDescription(tuple(findings), description, parts, frozenset(doubtful))
+
+
+def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
+    """Faults of the keys that are not tables, missing parts, and parts that do not exist."""
+    findings = []
+    declared = data.get("format")
+    if declared != FORMAT:
+        what = "is missing" if declared is None else f"is {declared!r}"
+        mend = f'write format = "{FORMAT}"'
+        if isinstance(declared, str) and declared.startswith("trackfg-recording/"):
+            mend = "this version of trackfg reads version 1 only: convert the recording, or update trackfg"
+        findings.append(Finding("error", "format", what, file=file, column="format", expected=repr(FORMAT), mend=mend))
+    rest = {key: value for key, value in data.items() if key not in _TABLE_PARTS and key not in ("format", "laser")}
+    try:
+        RecordingDescription.model_validate({**rest, "imu": _ANY_IMU} if "imu" in data else rest)
+    except ValidationError as error:
+        findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()]
+    return findings
+
+
+_ANY_IMU = Imu(file="-", gyro=("-", "-", "-"), accel=("-", "-", "-"))
+
+
+def _not_a_table(key: str, file: str, expected: str) -> Finding:
+    return Finding("error", "bad-value", "is not a table", file=file, column=key, expected=expected)
+
+
+def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple[Model | None, list[Finding]]:
+    """The validated part, or where it has faults as much of it as finds its table, or None; and the faults."""
+    try:
+        return model.model_validate(raw), []
+    except ValidationError as error:
+        details = error.errors()
+    findings = [_finding(detail, model, key, file) for detail in details]
+    wrong = {str(detail["loc"][0]) for detail in details if detail["loc"]}
+    if model is Track or not wrong.isdisjoint(_STRUCTURE_KEYS):
+        return None, findings
+    usable = {name: value for name, value in raw.items() if name in model.model_fields and name not in wrong}
+    usable = {name: tuple(value) if isinstance(value, list) else value for name, value in usable.items()}
+    return model.model_construct(None, **usable), findings
+
+
+def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -> Finding:
+    """What pydantic reports, in the words of this format."""
+    loc = [str(step) for step in detail["loc"]]
+    keys = [step for step in loc if not step.isdigit()]
+    name = keys[-1] if keys else ""
+    column = ".".join(filter(None, [prefix, *keys])) or None
+    kind, given, context = detail["type"], detail.get("input"), detail.get("ctx", {})
+
+    def finding(code: str, message: str, expected: str | None = None, mend: str | None = None) -> Finding:
+        return Finding("error", code, message, file=file, column=column, expected=expected, mend=mend)
+
+    if kind == "extra_forbidden":
+        known = _keys_at(model, loc[:-1])
+        hint = did_you_mean(name, known)
+        return finding("unknown-key", "unknown key", f"one of {', '.join(known)}", hint or "remove it")
+    if kind == "missing" and loc == keys:
+        return finding("missing-key", "required key is missing", mend=f"add it: {_EXAMPLES.get(name, name + ' = ...')}")
+    if kind == "literal_error":
+        code = "unknown-unit" if name in ("unit", "time_unit", "gyro_unit", "accel_unit") else "bad-value"
+        choices = re.findall(r"'([^']*)'", str(context["expected"]))
+        return finding(code, f"is {given!r}", str(context["expected"]), did_you_mean(str(given), choices))
+    if kind in _BOUNDS:
+        limit = next(iter(context.values()))
+        is_sigma = _SIGMA_KEY.search(name) is not None
+        message = f"is {given!r}" + (", a sigma that is zero or negative" if is_sigma and limit == 0 else "")
+        return finding("bad-sigma" if is_sigma else "bad-value", message, f"a number {_BOUNDS[kind]} {limit:g}")
+    if kind in _LENGTH_ERRORS or kind == "missing":
+        return finding("wrong-size", f"is {_shown(given)}", _expected_list(model, loc))
+    if kind == "value_error":
+        text = str(detail["msg"]).removeprefix("Value error, ")
+        message, _, expected = text.partition(": expected ")
+        return finding("bad-value", message, expected or None)
+    return finding("bad-value", f"is {_shown(given)}", detail["msg"].removeprefix("Input should be "))
+
+
+_EXAMPLES = {
+    "imu": '[imu] with file = "imu.parquet", gyro and accel',
+    "id": 'id = "2026-05-01-0312-down"',
+    "file": 'file = "table.parquet"',
+    "gyro": 'gyro = ["wx", "wy", "wz"]',
+    "accel": 'accel = ["fx", "fy", "fz"]',
+    "column": 'column = "count"',
+    "kind": 'kind = "pulses", "distance" or "speed"',
+}
+
+
+def _keys_at(model: type[Model], loc: list[str]) -> list[str]:
+    """The keys of the model itself, or of the part of it that ``loc`` names."""
+    for step in loc:
+        annotation = model.model_fields[step].annotation if step in model.model_fields else None
+        if isinstance(annotation, type) and issubclass(annotation, Model):
+            model = annotation
+    return list(model.model_fields)
+
+
+def _expected_list(model: type[Model], loc: list[str]) -> str:
+    name = next((step for step in loc if step in model.model_fields), "")
+    annotation = str(model.model_fields[name].annotation) if name else ""
+    return "a list of three names" if "str" in annotation else "a list of three numbers"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

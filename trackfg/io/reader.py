@@ -1,0 +1,216 @@
+"""Read a recording, or say in one sentence what is wrong with it; and open its truth, which only comparisons may do.
+
+:func:`load` does all the work, and never raises for bad input: :func:`read_recording` turns its first error into an
+exception, ``trackfg check`` lists everything. There is no second copy of a check.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from trackfg import units
+from trackfg.checks import columns, plausibility
+from trackfg.checks.limits import CheckLimits
+from trackfg.errors import BadInputError
+from trackfg.files import atomic_folder
+from trackfg.io import tables
+from trackfg.io.description_reader import ReadDescription, locate, read_description
+from trackfg.io.table_file import TableFile, open_table, resolve_inside
+from trackfg.io.tables import Columns, Tables
+from trackfg.io.writer import write_recording
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, Tach, Truth
+from trackfg.recording.findings import Finding, errors
+from trackfg.recording.model import Recording
+
+__all__ = [
+    "LoadedRecording",
+    "has_truth",
+    "load",
+    "read_recording",
+    "read_truth",
+    "read_truth_geometry",
+    "write_recording",
+]
+
+
+@dataclass(frozen=True)
+class LoadedRecording:
+    """What could be read, and everything found on the way.
+
+    ``recording`` is None where the description or a table is unusable; it is there, but must not be used, where only
+    the values are implausible (then ``findings`` has errors).
+    """
+
+    findings: tuple[Finding, ...]
+    recording: Recording | None = None
+
+
+def read_recording(path: Path | str, limits: CheckLimits | None = None) -> Recording:
+    """Read the recording in the folder ``path``, or described by the file ``path``; tables as in
+    trackfg.recording.model.
+
+    Raises :class:`BadInputError` with the first error (file, column, data row, what was expected, the mend) and how
+    many more there are.
+    """
+    loaded = load(path, limits)
+    found = errors(loaded.findings)
+    if found or loaded.recording is None:
+        raise BadInputError(_message(found, path))
+    return loaded.recording
+
+
+def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording:
+    """Read and check as far as possible. Never raises for bad input."""
+    limits = limits or CheckLimits()
+    folder, toml = locate(path)
+    with contextlib.suppress(OSError, ValueError):  # what is wrong with the path is said below
+        atomic_folder.recover(folder)
+    read = read_description(path)
+    findings = list(read.findings)
+    tables: dict[str, pd.DataFrame] = {}
+    reader = Tables(folder, read.parts.values())
+    gnss_origin = None
+    for name, part in read.parts.items():
+        match part:
+            case Imu() | Tach() | Fixes() | Gnss() | Laser():
+                columns, faults = reader.columns(part, limits)
+                findings += faults
+                if columns is not None and name not in read.doubtful:
+                    tables[name], origin = _canonical(part, columns)
+                    gnss_origin = gnss_origin if origin is None else origin
+            case Truth():
+                findings += _truth_files(folder, part)
+    findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
+    distinct = tuple(dict.fromkeys(findings))
+    return LoadedRecording(distinct, _assemble(read, tables, gnss_origin, folder, distinct))
+
+
+def _canonical(part: Model, columns: Columns) -> tuple[pd.DataFrame, Array | None]:
+    match part:
+        case Imu():
+            return tables.imu_table(part, columns), None
+        case Tach():
+            return tables.tach_table(part, columns), None
+        case Fixes():
+            return tables.fix_table(part, columns), None
+        case Laser():
+            return tables.laser_table(part, columns), None
+        case Gnss():
+            return tables.gnss_table(part, columns)
+    raise TypeError(type(part))
+
+
+def _assemble(
+    read: ReadDescription,
+    tables: Mapping[str, pd.DataFrame],
+    gnss_origin: Array | None,
+    folder: Path,
+    findings: tuple[Finding, ...],
+) -> Recording | None:
+    """The recording, if its description and all of its tables are sound."""
+    description = read.description
+    expected = {name for name in read.parts if name not in ("track", "truth")}
+    if description is None or set(tables) != expected:
+        return None
+    lasers = {laser.name: tables[f"laser {i}"] for i, laser in enumerate(description.laser, start=1)}
+    return Recording(
+        description=description,
+        imu=tables["imu"],
+        tach=tables.get("tach"),
+        fixes=tables.get("fixes"),
+        gnss=tables.get("gnss"),
+        lasers=lasers,
+        gnss_origin=gnss_origin,
+        folder=folder,
+        findings=findings,
+    )
+
+
+def _truth_files(folder: Path, truth: Truth) -> list[Finding]:
+    """Whether the files are there; their content is not looked at."""
+    findings = []
+    for file in filter(None, (truth.file, truth.geometry)):
+        findings += resolve_inside(folder, file)[1]
+    return findings
+
+
+def _message(found: list[Finding], path: Path | str) -> str:
+    more = len(found) - 1
+    if more == 0:
+        return str(found[0])
+    return f"{found[0]} ({more} more error{'s' if more > 1 else ''}: `trackfg check {path}` lists all)"
+
+
+def has_truth(path: Path | str) -> bool:
+    """Whether the recording declares a truth. Raises :class:`BadInputError` where its description cannot be read."""
+    read = read_description(path)
+    _raise_first(list(read.findings))
+    return "truth" in read.parts
+
+
+def read_truth(path: Path | str) -> pd.DataFrame:
+    """The truth table of a recording: ``t_s`` and whatever trajectory columns it has. For comparisons only.
+
+    Columns may hold NaN where the truth is not known. Raises :class:`BadInputError` where there is no truth.
+    """
+    truth, folder = _truth_part(path)
+    table = _all_columns(folder, truth.file, truth.time)
+    t = table.pop(truth.time).to_numpy() * units.to_si("time", truth.time_unit) + truth.time_offset_s
+    _raise_first([
+        *columns.not_finite(t, truth.file, truth.time),
+        *columns.not_increasing(t, truth.file, truth.time),
+    ])  # fmt: skip
+    table.insert(0, "t_s", t)
+    return table
+
+
+def read_truth_geometry(path: Path | str) -> pd.DataFrame | None:
+    """The true geometry, by ``chainage_m``, or None where the recording has a truth without geometry.
+
+    Raises :class:`BadInputError` where there is no truth at all, or the table is unusable.
+    """
+    truth, folder = _truth_part(path)
+    if truth.geometry is None:
+        return None
+    table = _all_columns(folder, truth.geometry, "chainage_m")
+    _raise_first(columns.not_finite(table["chainage_m"].to_numpy(), truth.geometry, "chainage_m"))
+    return table
+
+
+def _truth_part(path: Path | str) -> tuple[Truth, Path]:
+    folder, toml = locate(path)
+    read = read_description(path)
+    _raise_first(list(read.findings))
+    truth = read.parts.get("truth")
+    if not isinstance(truth, Truth):
+        raise BadInputError(f"{toml}: the recording has no [truth]; expected one to compare with")
+    return truth, folder
+
+
+def _all_columns(folder: Path, file: str, key: str) -> pd.DataFrame:
+    """Every column of a table. Raises :class:`BadInputError` where one is not numeric or ``key`` is missing."""
+    table, findings = open_table(folder, file, [key])
+    if table is not None:
+        table, findings = open_table(folder, file, table.columns)
+    _raise_first(findings)
+    if not isinstance(table, TableFile):
+        raise BadInputError(f"{file}: cannot be read")
+    read: dict[str, Array] = {}
+    for name in dict.fromkeys((key, *table.columns)):
+        values, faults = table.numbers(name)
+        _raise_first(faults)
+        if values is not None:
+            read[name] = np.asarray(values)
+    return pd.DataFrame(read)
+
+
+def _raise_first(findings: list[Finding]) -> None:
+    if found := errors(findings):
+        raise BadInputError(str(found[0]))

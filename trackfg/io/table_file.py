@@ -1,0 +1,190 @@
+"""One table of a recording, CSV or Parquet, opened safely and read column by column into float64 arrays.
+
+Files outside the recording's folder are refused: a recording from elsewhere must not read what it does not own.
+CSV is comma-separated with a header; numbers are parsed to the nearest double, so that a written recording reads back
+exactly. Rows are counted from 1, without the header and without blank lines.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from trackfg.numerics.frames import Array
+from trackfg.recording.findings import Finding, did_you_mean
+
+TABLE_SUFFIXES = (".parquet", ".csv")
+_EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL", "None")
+_HEADER_LIMIT = 1_000_000
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """An open table: every column's name, and the arrays, or the faults, of those that were asked for."""
+
+    name: str
+    columns: tuple[str, ...]
+    values: Mapping[str, Array] = field(default_factory=dict)
+    faults: Mapping[str, Finding] = field(default_factory=dict)
+
+    def numbers(self, column: str) -> tuple[Array | None, list[Finding]]:
+        """The column as float64, NaN where a cell is empty; or None and why not."""
+        if column in self.faults:
+            return None, [self.faults[column]]
+        if column in self.values:
+            return self.values[column], []
+        mend = did_you_mean(column, self.columns)
+        if len(self.columns) == 1 and any(separator in self.columns[0] for separator in ";\t"):
+            mend = "separate the cells by commas"
+        expected = f"one of {', '.join(self.columns[:30])}" if self.columns else "a header: the file is empty"
+        return None, [
+            Finding("error", "missing-column", "no such column", self.name, column, expected=expected, mend=mend)
+        ]
+
+
+def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]:
+    """The existing file ``name`` of ``folder``; or None and why not. Nothing outside ``folder`` is touched."""
+
+    def refused(code: str, message: str, expected: str, mend: str | None = None) -> tuple[None, list[Finding]]:
+        return None, [Finding("error", code, message, file=name, expected=expected, mend=mend)]
+
+    inside = "a file in the recording's folder, named relative to it"
+    posix, windows = PurePosixPath(name), PureWindowsPath(name)
+    if posix.is_absolute() or windows.is_absolute() or windows.drive or ".." in windows.parts:
+        return refused("path-outside", "the path leads out of the recording", inside, "copy the table into the folder")
+    try:
+        path = (folder / name).resolve()
+        if not path.is_relative_to(folder.resolve()):
+            mend = "copy the table into the folder instead of linking to it"
+            return refused("path-outside", "the link leads out of the recording", inside, mend)
+        if path.is_file():
+            return path, []
+        siblings = [p.relative_to(folder).as_posix() for p in (folder / name).parent.glob("*") if p.is_file()]
+    except (OSError, ValueError, RuntimeError):  # name too long, null byte, endless link
+        return refused("missing-file", "not a usable file name", inside)
+    tables = [sibling for sibling in siblings if sibling.endswith(TABLE_SUFFIXES)]
+    return refused("missing-file", "no such file", f"a table in {folder}", did_you_mean(name, tables))
+
+
+def open_table(folder: Path, name: str, wanted: Iterable[str]) -> tuple[TableFile | None, list[Finding]]:
+    """Open a table and read the ``wanted`` columns that it has; or None and why it cannot be read. Never raises."""
+    path, findings = resolve_inside(folder, name)
+    if path is None:
+        return None, findings
+    wanted = list(dict.fromkeys(wanted))
+    try:
+        if name.endswith(".parquet"):
+            return _open_parquet(path, name, wanted), []
+        if name.endswith(".csv"):
+            return _open_csv(path, name, wanted)
+    except (pa.ArrowException, OSError, ValueError, csv.Error) as error:
+        kind = "Parquet" if name.endswith(".parquet") else "comma-separated UTF-8"
+        mend = "copy the file again from its source: it may be truncated"
+        message = f"cannot be read ({_first_line(error)})"
+        return None, [Finding("error", "unreadable-table", message, file=name, expected=f"a {kind} table", mend=mend)]
+    suffixes = " or ".join(TABLE_SUFFIXES)
+    return None, [
+        Finding("error", "table-format", "unknown kind of table", file=name, expected=f"a file in {suffixes}")
+    ]
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+
+
+def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
+    with pq.ParquetFile(path) as parquet:
+        schema = parquet.schema_arrow
+        present = [column for column in wanted if schema.names.count(column) == 1]
+        table = parquet.read(columns=present)
+    values, faults = {}, {}
+    for column in present:
+        kind = table.schema.field(column).type
+        if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
+            values[column] = np.asarray(pc.cast(table[column], pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+        else:
+            mend = "store seconds since the start as numbers" if pa.types.is_temporal(kind) else "store it as numbers"
+            faults[column] = Finding(
+                "error", "not-numeric", f"has type {kind}", name, column, None, None, "numbers", mend
+            )
+    faults |= _repeated(schema.names, wanted, name)
+    return TableFile(name, tuple(schema.names), values, faults)
+
+
+def _open_csv(path: Path, name: str, wanted: list[str]) -> tuple[TableFile | None, list[Finding]]:
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        header = next(csv.reader([stream.readline(_HEADER_LIMIT)]), [])
+    present = [column for column in wanted if header.count(column) == 1]
+    faults = _repeated(header, wanted, name)
+    if not present:
+        return TableFile(name, tuple(header), {}, faults), []
+    convert = pa.csv.ConvertOptions(
+        include_columns=present, column_types=dict.fromkeys(present, pa.float64()), null_values=list(_EMPTY_CELLS)
+    )
+    try:
+        table = pa.csv.read_csv(path, convert_options=convert)
+    except (pa.ArrowInvalid, pa.ArrowKeyError):
+        return _search_csv(path, name, header, present, faults)
+    values = {column: np.asarray(table[column].to_numpy(), dtype=np.float64) for column in present}
+    return TableFile(name, tuple(header), values, faults), []
+
+
+def _search_csv(
+    path: Path, name: str, header: list[str], present: list[str], faults: dict[str, Finding]
+) -> tuple[TableFile | None, list[Finding]]:
+    """Read a faulty CSV file cell by cell, to say which cell is wrong."""
+    cells: dict[str, list[float]] = {column: [] for column in present}
+    wrong: dict[str, list[tuple[int, str]]] = {column: [] for column in present}
+    places = [(column, header.index(column)) for column in present]
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        rows = csv.reader(stream)
+        next(rows, None)
+        number = 0
+        for row in rows:
+            if not row:
+                continue
+            number += 1
+            if len(row) != len(header):
+                message, expected = f"{len(row)} cells", f"{len(header)}, as in the header"
+                return None, [Finding("error", "row-length", message, name, None, number, None, expected)]
+            for column, i in places:
+                value = _parse(row[i])
+                if value is None:
+                    wrong[column].append((number, row[i]))
+                cells[column].append(np.nan if value is None else value)
+    for column, found in wrong.items():
+        if found:
+            row_number, text = found[0]
+            more = f" ({len(found)} such cells)" if len(found) > 1 else ""
+            message = f"{text[:40]!r} is not a number{more}"
+            mend = "write decimals with a point, without units or thousands separators"
+            faults[column] = Finding("error", "not-numeric", message, name, column, row_number, None, "a number", mend)
+    values = {column: np.array(cells[column]) for column in present if not wrong[column]}
+    return TableFile(name, tuple(header), values, faults), []
+
+
+def _parse(cell: str) -> float | None:
+    """The number in a cell as Arrow reads it: NaN for an empty one, None for what is no number."""
+    cell = cell.strip(" \t")
+    if cell in _EMPTY_CELLS:
+        return float("nan")
+    try:
+        return None if "_" in cell else float(cell)
+    except ValueError:
+        return None
+
+
+def _repeated(names: list[str], wanted: list[str], file: str) -> dict[str, Finding]:
+    return {
+        column: Finding("error", "repeated-column", "appears more than once", file, column, expected="each name once")
+        for column in wanted
+        if names.count(column) > 1
+    }

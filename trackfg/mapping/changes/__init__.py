@@ -1,0 +1,1 @@
+"""What changed of a track: a run against a map, a map against another."""

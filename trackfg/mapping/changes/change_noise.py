@@ -1,0 +1,113 @@
+"""How much a run differs from the map where nothing has changed.
+
+**Sigmas as stated.** The variance of a difference is the run's plus the map's plus what a shift error makes of the
+profile, the mean square of ``before(x + e) - before(x)`` at ``e = +- sigma_e``. Sigmas of cross-level and gradient hold
+the sensor's offset and slow wander, which the comparison takes away; of the rest this much is known: cross-level errs
+locally like the twist, gradient like the versine of level over half its chord. So these give the course along the line,
+and the residuals the size. The map keeps no sigma of twist: it is taken to go with that of its versine of level as the
+run's does.
+
+**Sigmas as seen.** The robust spread (1.4826 times the median magnitude) of the differences over their stated sigmas,
+for each band of speed, an octave wide, and over the whole run for bands too short to tell: it is trusted from 100 sign
+changes on, which know it to some 10 %. Where it is above 1 the sigmas are raised by it; those of cross-level and
+gradient are what it says. Of these a run too short to tell has the whole sigmas, offset and wander included.
+
+**Threshold.** By Rice's formula a Gaussian process leaves ``+-u`` sigma as often as it crosses zero, times
+``exp(-u^2 / 2)``: the number of sign changes per metre is the number of independent places per metre. The sigma of a
+place is itself known to a share of ``1 / sqrt(2 n)`` only, as if from ``n`` residuals; the mean over ``chi^2_n / n`` is
+
+    ``alarms per metre = crossings per metre * (1 + u^2 / n)^(-n / 2)``
+
+with ``n`` 20 (16 %), and 10 (22 %) for cross-level and gradient, whose course along the line is borrowed.
+Rice, "Mathematical analysis of random noise", Bell System Technical Journal 23 (1944) and 24 (1945).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.mapping.changes.overlay import QUANTITIES, Overlay
+from trackfg.numerics.frames import Array
+
+WITHOUT_SLOW_PART = ("cross_level_mm", "gradient_permille")
+"""What is compared without its slow difference, see :mod:`trackfg.mapping.changes.changes`."""
+
+_MAD = 1.4826
+_LEAST_CROSSINGS = 100
+_FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
+_SLOWEST_MPS = 0.5
+_FEWEST_CROSSINGS_PER_M = 0.02
+"""Of a profile too short to tell."""
+
+
+@dataclass(frozen=True)
+class ChangeNoise:
+    """Of one quantity: sigma of the difference (n,), how much the residuals raised it, how often it crosses zero, and
+    from how many residuals, so to say, the sigma is known.
+    """
+
+    sigma: Array
+    factor: float
+    crossings_per_m: float
+    freedom: float
+
+    def sigmas_for(self, alarms_per_m: float) -> float:
+        """The threshold, in sigmas, that noise alone exceeds this often."""
+        ratio = self.crossings_per_m / alarms_per_m
+        return float(np.sqrt(self.freedom * max(ratio ** (2.0 / self.freedom) - 1.0, 0.0)))
+
+
+def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
+    """Of the local difference of each quantity but for the shift. Shapes (n,)."""
+    run, grid = {name: over.run_column(f"{name}_sd") for name in QUANTITIES}, over.grid
+    level_of_map = grid["versine_level_mm_sd"].to_numpy()
+    ratio = run["twist_mm"] / run["versine_level_mm"]
+    known = ratio[np.isfinite(ratio)]
+    twist = np.hypot(run["twist_mm"], level_of_map * (np.median(known) if known.size else np.nan))
+    level = np.hypot(run["versine_level_mm"], level_of_map)
+    local = {"twist_mm": twist, "cross_level_mm": twist, "gradient_permille": level / (0.5 * chord_m)}
+    return {
+        name: local[name] if name in local else np.hypot(run[name], grid[f"{name}_sd"].to_numpy())
+        for name in QUANTITIES
+    }
+
+
+def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_sd: Array) -> ChangeNoise:
+    """The sigma of ``change`` (n,), as stated and as seen."""
+    before = over.before(name)
+    sides = np.stack([over.before_at(name, sign * shift_sd) - before for sign in (-1.0, 1.0)])
+    sides = np.where(np.isfinite(sides), sides, sides[::-1])  # next to a hole there is one side only
+    sigma = np.sqrt(stated**2 + np.mean(sides**2, axis=0))
+    ratio = change / sigma
+    whole, least = _spread(ratio), 1.0
+    if name in WITHOUT_SLOW_PART:
+        if np.isfinite(whole):
+            least = 0.0
+        else:
+            sigma = np.hypot(over.run_column(f"{name}_sd"), over.grid[f"{name}_sd"].to_numpy())
+    factor = max(float(np.nan_to_num(whole, nan=1.0)), least)
+    octave = np.floor(np.log2(np.maximum(over.run_column("speed_mps"), _SLOWEST_MPS)))
+    factors = np.full(len(ratio), factor)
+    for one in np.unique(octave):
+        rows = octave == one
+        of_band = _spread(ratio[rows])
+        if np.isfinite(of_band):
+            factors[rows] = max(of_band, least)
+    length = over.step_m * np.isfinite(ratio).sum()
+    crossings = max(_crossings(ratio), _FEWEST_CROSSINGS_PER_M * length) / length if length else _FEWEST_CROSSINGS_PER_M
+    freedom = _FREEDOM_WITHOUT_SLOW_PART if name in WITHOUT_SLOW_PART else _FREEDOM
+    return ChangeNoise(factors * sigma, factor, float(crossings), freedom)
+
+
+def _spread(ratio: Array) -> float:
+    """Robust; NaN for what is too short to tell."""
+    if _crossings(ratio) < _LEAST_CROSSINGS:
+        return np.nan
+    return float(_MAD * np.nanmedian(np.abs(ratio)))
+
+
+def _crossings(ratio: Array) -> int:
+    """Sign changes between neighbours that are both known."""
+    return int(np.sum(ratio[1:] * ratio[:-1] < 0.0))

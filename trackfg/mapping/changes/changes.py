@@ -1,0 +1,232 @@
+"""What has changed of the track: a run held against the map, cell by cell.
+
+The run is laid over the map (:mod:`trackfg.mapping.changes.overlay`), what is left of its shift is fitted
+(:mod:`trackfg.mapping.changes.residual_shift`), and every quantity's difference, run less map, is held against its
+noise (:mod:`trackfg.mapping.changes.change_noise`). Cross-level and gradient carry the run's offset and wander: their
+difference is taken without its running median over 150 m, smoothed over 50 m, so a change of them counts as far as it
+is local. A lasting step of the cross-level shows in the twist.
+
+A cell has changed in a quantity if the difference is both
+
+* significant: beyond the threshold that noise exceeds ``false_alarms_per_10_km`` times in 10 km, all quantities
+  together, each having the same share of them;
+* and large: ``floor_mm`` or more in cross-level, twist and versines, in gradient that over its base, in curvature that
+  of a circle with such a versine over its base, ``8 floor / base^2``.
+
+Changed cells no more than 10 m apart are one change, whatever the quantities: a dip of 5 m shows in the versine over
+15 m, in the twist at either end, in the gradient 12 m before and behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise, change_noise, stated_sigmas
+from trackfg.mapping.changes.overlay import QUANTITIES, Overlay, overlay
+from trackfg.mapping.changes.residual_shift import remaining_shift
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
+from trackfg.results.result import GeometryConventions
+
+Kind = Literal["dip", "kick", "twist", "curvature"]
+CHANGE_COLUMNS = ("from_m", "to_m", "quantity", "change", "change_sd", "sigmas", "before", "after", "kind")
+
+_SLOW_M, _SMOOTHED_M = 150.0, 50.0
+_TOGETHER_M = 10.0
+_LONG_M = 30.0
+"""A lateral change that is seen over more than this is of the curve, not of a place in it."""
+_SECTION_M = 200.0
+
+
+@dataclass(frozen=True)
+class Changes:
+    """``table``: one row per change, columns :data:`CHANGE_COLUMNS`: where, the quantity that changed most in mm (or,
+    where none in mm did, of gradient and curvature the one that is larger by its floor), its change at the cell where
+    it is largest, ``before`` in the map and ``after`` in the run, without the slow difference, in the quantity's unit.
+
+    ``cells``: one row per cell of the map from the first to the last that the run covers: ``chainage_m, observations``,
+    the ``shift_m`` that was fitted, and every quantity's change and sigma; NaN where run or map knows nothing.
+
+    ``thresholds``: one row per quantity: ``quantity, sigmas, floor, noise_factor`` (by which the residuals raised the
+    sigmas), ``compared_m``.
+
+    ``coverage``: one row per 200 m: ``from_m, to_m, compared`` (share of the cells in which every quantity is known),
+    ``observations`` (the fewest), and for every quantity the least change that would have been found everywhere there.
+    """
+
+    table: pd.DataFrame
+    cells: pd.DataFrame
+    thresholds: pd.DataFrame
+    coverage: pd.DataFrame
+
+    def write(self, path: str | Path) -> None:
+        """Write the table as CSV."""
+        self.table.to_csv(path, index=False)
+
+
+def changes(
+    run: pd.DataFrame,
+    grid: pd.DataFrame,
+    *,
+    conventions: GeometryConventions,
+    to_map: Callable[[Array], Array],
+    shift_sd_m: Array,
+    floor_mm: float = 1.0,
+    false_alarms_per_10_km: float = 0.1,
+) -> Changes:
+    """Hold the geometry of a run (:attr:`trackfg.results.result.Result.geometry`) against the grid of a map.
+
+    Both must mean the same: ``conventions`` are the run's, and the map's. ``to_map`` turns the run's chainage into the
+    map's, rising with it; ``shift_sd_m`` says how well, for each row of ``run``.
+
+    Raises ``ValueError`` for a ``to_map`` that does not rise, or another number of sigmas than rows.
+    """
+    over = overlay(
+        run,
+        grid,
+        to_map=to_map,
+        shift_sd_m=shift_sd_m,
+        step_m=conventions.step_m,
+        twist_base_m=conventions.twist_base_m,
+    )
+    stated = stated_sigmas(over, conventions.chord_m)
+    shift, shift_sd = remaining_shift(over, stated)
+    alike = _like_a_millimetre(conventions)
+    each = false_alarms_per_10_km / 1e4 / len(QUANTITIES)
+    found: dict[str, _Compared] = {}
+    for name in QUANTITIES:
+        change = over.after_at(name, shift) - over.before(name)
+        if name in WITHOUT_SLOW_PART:
+            change = change - _slow(change, over.step_m)
+        noise = change_noise(over, name, change, stated[name], shift_sd)
+        found[name] = _Compared(change, noise, noise.sigmas_for(each), alike[name], floor_mm)
+    cells = {"chainage_m": over.chainage, "observations": over.grid["observations"].to_numpy(), "shift_m": shift}
+    for name, one in found.items():
+        cells |= {name: one.change, f"{name}_sd": one.noise.sigma}
+    return Changes(
+        table=_table(over, found),
+        cells=pd.DataFrame(cells),
+        thresholds=_thresholds(found, over.step_m),
+        coverage=_coverage(over, found),
+    )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """One quantity: its change, (n,), and from where on it counts. ``like_a_mm``: what is as large as 1 mm."""
+
+    change: Array
+    noise: ChangeNoise
+    sigmas: float
+    like_a_mm: float
+    floor_mm: float
+
+    @property
+    def floor(self) -> float:
+        return self.floor_mm * self.like_a_mm
+
+    @property
+    def least(self) -> Array:
+        """What would be found, (n,)."""
+        return np.where(np.isfinite(self.change), np.maximum(self.sigmas * self.noise.sigma, self.floor), np.nan)
+
+    @property
+    def changed(self) -> np.ndarray:
+        return np.asarray(np.abs(self.change) >= self.least)
+
+    def largest(self, rows: slice) -> int:
+        """The row within ``rows`` where the changed cells change most; -1 without one."""
+        size = np.where(self.changed[rows], np.abs(self.change[rows]), -1.0)
+        at = int(np.argmax(size))
+        return rows.start + at if size[at] >= 0.0 else -1
+
+
+def _like_a_millimetre(conventions: GeometryConventions) -> dict[str, float]:
+    return dict.fromkeys(QUANTITIES, 1.0) | {
+        "gradient_permille": 1.0 / conventions.gradient_base_m,
+        "curvature_1pm": 8e-3 / conventions.curvature_base_m**2,
+    }
+
+
+def _slow(change: Array, step_m: float) -> Array:
+    """Ends and holes shorten the window."""
+    middle = pd.Series(change).rolling(2 * round(0.5 * _SLOW_M / step_m) + 1, center=True, min_periods=1).median()
+    smooth = middle.rolling(2 * round(0.5 * _SMOOTHED_M / step_m) + 1, center=True, min_periods=1).mean()
+    return smooth.to_numpy()
+
+
+def _table(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
+    changed = np.any([one.changed for one in found.values()], axis=0)
+    spans = true_runs(changed)
+    together = round(_TOGETHER_M / over.step_m)
+    first = np.flatnonzero(np.r_[True, spans[1:, 0] - spans[:-1, 1] >= together][: len(spans)])
+    stops = spans[np.r_[first[1:], len(spans)] - 1, 1] if len(spans) else ()
+    rows = [_row(over, found, slice(a, b)) for a, b in zip(spans[first, 0], stops, strict=True)]
+    return pd.DataFrame(rows, columns=list(CHANGE_COLUMNS))
+
+
+def _row(over: Overlay, found: dict[str, _Compared], rows: slice) -> dict[str, object]:
+    """One change: cells ``rows``, the first and the last of them changed."""
+    places = {name: at for name, one in found.items() if (at := one.largest(rows)) >= 0}
+    size = {name: abs(found[name].change[at]) / found[name].like_a_mm for name, at in places.items()}
+    in_mm = [name for name in size if name.endswith("_mm")]
+    name = max(in_mm or size, key=size.__getitem__)
+    at, one = places[name], found[name]
+    change, sd, before = one.change[at], one.noise.sigma[at], over.before(name)[at]
+    return {
+        "from_m": over.chainage[rows.start],
+        "to_m": over.chainage[rows.stop - 1],
+        "quantity": name,
+        "change": change,
+        "change_sd": sd,
+        "sigmas": abs(change) / sd,
+        "before": before,
+        "after": before + change,
+        "kind": _kind(found, size, rows, _LONG_M / over.step_m),
+    }
+
+
+def _kind(found: dict[str, _Compared], size: dict[str, float], rows: slice, long: float) -> Kind:
+    """A guess from which quantities changed, ``size`` as if in mm.
+
+    One rail that dips takes the cross-level to one side and the level with it; a twist takes it to both sides, or
+    leaves the level alone.
+    """
+    lateral = max(size.get(name, 0.0) for name in ("versine_alignment_mm", "curvature_1pm"))
+    level = max(size.get(name, 0.0) for name in ("versine_level_mm", "gradient_permille"))
+    twist = max(size.get(name, 0.0) for name in ("twist_mm", "cross_level_mm"))
+    if lateral > max(level, twist):
+        spread = max(np.sum(found[name].changed[rows]) for name in ("versine_alignment_mm", "curvature_1pm"))
+        return "curvature" if spread > long else "kick"
+    cross_level = found["cross_level_mm"].change[rows]
+    least, most = np.nanmin(cross_level, initial=0.0), np.nanmax(cross_level, initial=0.0)
+    both_sides = min(-least, most) > 0.5 * max(-least, most)
+    return "twist" if twist > level and (both_sides or level < 0.3 * twist) else "dip"
+
+
+def _thresholds(found: dict[str, _Compared], step_m: float) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "quantity": list(found),
+            "sigmas": [one.sigmas for one in found.values()],
+            "floor": [one.floor for one in found.values()],
+            "noise_factor": [one.noise.factor for one in found.values()],
+            "compared_m": [step_m * np.isfinite(one.least).sum() for one in found.values()],
+        }
+    )
+
+
+def _coverage(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
+    least = pd.DataFrame({name: one.least for name, one in found.items()})
+    groups = least.assign(
+        compared=least.notna().all(axis=1).astype(np.float64), observations=over.grid["observations"].to_numpy()
+    ).groupby(np.floor(over.chainage / _SECTION_M + 1e-9) * _SECTION_M)
+    table = pd.concat([groups["compared"].mean(), groups["observations"].min(), groups[list(found)].max()], axis=1)
+    table.insert(0, "to_m", table.index + _SECTION_M)
+    return table.rename_axis("from_m").reset_index()

@@ -1,0 +1,39 @@
+"""What a run shows otherwise than the map: recognised, laid over it, and held against it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.errors import BadInputError
+from trackfg.mapping.changes.changes import Changes, changes
+from trackfg.mapping.recognition.conventions import check_conventions, laid_over
+from trackfg.maps.feature_map import FeatureMap
+from trackfg.results.result import Result
+
+
+def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1.0) -> Changes:
+    """Changes of at least ``floor_mm`` that are no noise, and every cell's difference
+    (:mod:`trackfg.mapping.changes.changes`).
+
+    Raises :class:`~trackfg.errors.BadInputError` for a run without track geometry, with other conventions, or not
+    recognised on the map.
+    """
+    run, grid = result.summary.recording_id, feature_map.grid
+    if result.geometry.empty:
+        raise BadInputError(f"run {run}: its result has no track geometry, so it shows no changes of the track")
+    check_conventions(result.summary.geometry, feature_map.conventions, run)
+    facts, used = result.summary.run, result.summary.map
+    placed = (facts is not None and facts.anchored) or (used is not None and used.sections > 0)
+    recognition = laid_over(result, grid, float(grid["chainage_m_sd"].median()) if placed else None)
+    to_map, known = recognition.warp, recognition.used
+    if to_map is None:
+        raise BadInputError(f"run {run}: its track is not recognised on the map {feature_map.name!r}")
+    shift_sd = np.interp(result.geometry["chainage_m"], known["run_m"], known["match_sd_m"])
+    return changes(
+        result.geometry,
+        grid,
+        conventions=result.summary.geometry,
+        to_map=to_map,
+        shift_sd_m=shift_sd,
+        floor_mm=floor_mm,
+    )

@@ -1,0 +1,85 @@
+"""What is left of the shift between a run and the map, from how they differ.
+
+A run laid ``e`` m wrong differs from the map by ``-e`` times the slope of the map's profile, everywhere alike, while
+noise and changes of the track do not go with the slope. So the shift is a least-squares fit along the line,
+
+    minimise  sum_q sum_i w (after_q(x_i + e(x_i)) - before_q(x_i))^2 / sigma_q^2  +  sum_k (e_k / sigma_e)^2,
+
+``e`` linear between knots 50 m apart, ``sigma_e`` what was known of it before, but 5 cm at least; by Gauss-Newton
+steps, with Huber's weights, so that a changed place has little say. Profiles with sharp features everywhere and no slow
+errors take part.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from trackfg.mapping.changes.overlay import Overlay
+from trackfg.numerics.frames import Array
+
+ALIGNED_BY = ("twist_mm", "versine_level_mm", "versine_alignment_mm")
+
+_KNOTS_M = 50.0
+"""Chainage errors change over hundreds of metres."""
+_INDEPENDENT_M = 2.5
+"""Errors this far apart count as independent: half of the shortest base that they are seen over."""
+_LEAST_SD_M = 0.05
+"""Recognition knows the middles of its sections better, but not what a wheel did between them."""
+_HUBER = 2.0
+_STEPS = 4
+
+
+def remaining_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Array]:
+    """The shift, m, by which the run is to be read ahead of each cell, and its sigma. Shapes (n,).
+
+    ``sigma``: of the difference, for each of :data:`ALIGNED_BY`.
+    """
+    n = len(over.chainage)
+    if n < 2:
+        return np.zeros(n), over.shift_sd_m
+    at = (over.chainage - over.chainage[0]) / _KNOTS_M
+    knots = int(at[-1]) + 2
+    k = np.minimum(at.astype(np.int64), knots - 2)
+    f = at - k
+    prior_sd = np.maximum(np.interp(np.arange(knots), at, over.shift_sd_m), _LEAST_SD_M)
+    share = over.step_m / _INDEPENDENT_M
+    shift = np.zeros(n)
+    for step in range(_STEPS):
+        information, right = np.zeros(n), np.zeros(n)
+        for name in ALIGNED_BY:
+            before = over.before(name)
+            slope = np.gradient(before, over.step_m)
+            change = over.after_at(name, shift) - before
+            weight = share / sigma[name] ** 2
+            if step > 0:
+                weight = weight * np.minimum(1.0, _HUBER * sigma[name] / np.maximum(np.abs(change), 1e-12))
+            known = np.isfinite(change) & np.isfinite(slope) & np.isfinite(weight)
+            information += np.where(known, weight * slope**2, 0.0)
+            right += np.where(known, weight * slope * (slope * shift - change), 0.0)
+        diagonal = _gathered(k, information * (1 - f) ** 2, information * f**2)
+        diagonal += prior_sd**-2.0
+        beside = np.bincount(k, information * f * (1 - f), knots)[:-1].astype(np.float64)
+        vector = _gathered(k, right * (1 - f), right * f)
+        solution = solveh_banded(np.stack([np.r_[0.0, beside], diagonal]), vector)
+        shift = solution[k] * (1 - f) + solution[k + 1] * f
+    sd = np.sqrt(_inverse_diagonal(diagonal, beside))
+    return shift, sd[k] * (1 - f) + sd[k + 1] * f
+
+
+def _gathered(k: np.ndarray, here: Array, ahead: Array) -> Array:
+    """Sums over the cells of ``here`` at their knots ``k`` and of ``ahead`` at the next; the last knot has no cells."""
+    knots = int(k.max()) + 2
+    sums = np.bincount(k, here, knots) + np.bincount(k + 1, ahead, knots)
+    return sums.astype(np.float64)
+
+
+def _inverse_diagonal(diagonal: Array, beside: Array) -> Array:
+    """Of a symmetric tridiagonal matrix: ``1 / (p + q - a)`` with the pivots of eliminating it from either end."""
+    pivots = []
+    for a, b in ((diagonal, beside), (diagonal[::-1], beside[::-1])):
+        pivot = a.copy()
+        for i in range(1, len(a)):
+            pivot[i] -= b[i - 1] ** 2 / pivot[i - 1]
+        pivots.append(pivot)
+    return np.asarray(1.0 / (pivots[0] + pivots[1][::-1] - diagonal))

@@ -1,0 +1,1 @@
+"""Joining runs into one map."""

@@ -1,0 +1,1 @@
+"""Where a run lies on a map."""

@@ -1,0 +1,241 @@
+"""Where a run's measured profile lies on a reference profile: the map's grid, or another run's geometry table.
+
+Three steps, each in a module of its own:
+
+1. :mod:`trackfg.mapping.recognition.likelihood` says how well each section of the run fits each place of the reference,
+  by short
+   waves and by curves, against fitting none;
+2. :mod:`trackfg.mapping.recognition.place_hmm` follows the run from section to section and gives the probability of
+  each place;
+3. :mod:`trackfg.mapping.recognition.fine_match` finds the exact place about the most probable one, and its sigma.
+
+Both tables face increasing chainage. A run's chainage may be wrong by an offset, a scale, creep and slips, and the
+reference is taken as it is: what comes out is where the run is in the reference's own chainage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from trackfg.errors import BadInputError
+from trackfg.mapping.recognition.fine_match import match_sections
+from trackfg.mapping.recognition.likelihood import PLACE_M, Scores, scores_of
+from trackfg.mapping.recognition.place_hmm import NEAR, PlaceChain, Places, Windows
+from trackfg.mapping.recognition.profiles import LONG_M, ROWS_PER_CELL, Profile, common_features, profile_of
+from trackfg.mapping.recognition.warp import Warp
+from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.frames import Array
+
+COLUMNS = (
+    "run_m",
+    "reference_m",
+    "match_sd_m",
+    "probability",
+    "probability_so_far",
+    "cross_level_bias_mm",
+    "cross_level_bias_mm_sd",
+    "used",
+)
+
+SURE = 0.99
+"""Probability from which a section's place is used."""
+_WELL_DEFINED_M = 5.0
+_SIGMAS = 3.0
+_KNOWN_M = 20.0
+"""A place is known that is known within so much."""
+_WINDOW_SIGMAS = 4.0
+_ON_KNOWN_LINE = 0.95
+"""Prior probability that a run whose place is known is on the reference."""
+_WINDOW_M = 10.0
+_ELSEWHERE = 0.5
+_FULL = 0.5
+"""A section counts if the run measured this share of it."""
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Where a run is on a reference.
+
+    ``sections``, one row each, ascending ``run_m``, columns :data:`COLUMNS`: ``run_m`` is the section's middle in the
+    run's chainage, ``reference_m`` that on the reference, ``match_sd_m`` the sigma of this match by itself (noise of
+    both profiles and creep within the section, not the prior; NaN where there is nothing to match). ``probability``:
+    that the section is there, within three sigmas and a place of the search (2 m), or within 20 m where nothing could
+    be matched, given all sections; ``probability_so_far``: that it is within 20 m of there, given this section and
+    those before it in order of travel. ``cross_level_bias_mm``: mean of run
+    minus reference over the section. ``used``: probability of :data:`SURE` and a match of 5 m or better.
+
+    ``probability``: that the run is on the reference where its most certain section says. ``found_after_m``: distance
+    travelled from the first section until its place was known with :data:`SURE` and stayed known; NaN if never.
+    """
+
+    sections: pd.DataFrame
+    probability: float
+    found_after_m: float
+
+    @property
+    def used(self) -> pd.DataFrame:
+        """The sections whose places are used."""
+        found: pd.DataFrame = self.sections[self.sections["used"]]
+        return found
+
+    @property
+    def warp(self) -> Warp | None:
+        """The way from the run's chainage to the reference's; None where not even two sections are used."""
+        used = self.used
+        return Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()) if len(used) > 1 else None
+
+
+def recognise(
+    run: pd.DataFrame,
+    reference: pd.DataFrame,
+    *,
+    place_sd_m: Array | None,
+    rate_sd: float,
+    direction: int,
+    section_m: float = 100.0,
+) -> Recognition:
+    """Find a run on a reference.
+
+    ``run``, ``reference``: tables with ``chainage_m`` ascending on whole multiples of 0.25 m (rows may be missing,
+    values NaN) and any of ``curvature_1pm``, ``cross_level_mm``, ``versine_level_mm``, with ``_sd`` or without.
+    ``place_sd_m``: prior sigma of reference chainage minus run chainage at every row of the run, (n,); None: anywhere.
+    ``rate_sd``: prior sigma of the scale error of the run's chainage. ``direction``: +1 or -1, order of travel.
+    ``section_m``: a whole multiple of 20 m. Sections begin at whole multiples of it; those that the run measured less
+    than half are left out, so a run that is too short gives no sections and probability 0.
+
+    Raises :class:`~trackfg.errors.BadInputError` for tables on other grids or with no feature in common, for sigmas
+    that are negative, not finite or not one per row, and for any other direction or section.
+    """
+    _check(run, place_sd_m, rate_sd, direction, section_m)
+    features = common_features(run, reference)
+    ours, theirs = profile_of(run, features, "run"), profile_of(reference, features, "reference")
+    length = round(section_m)
+    first_cells = _sections(ours, length)[::direction]
+    if first_cells.size == 0:
+        return Recognition(
+            pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan
+        )
+    scores = scores_of(ours, theirs, first_cells, length, rate_sd)
+    with one_thread():
+        if place_sd_m is None:
+            chain = _anywhere(scores, first_cells, length, rate_sd)
+        else:
+            chainage, middle = run["chainage_m"].to_numpy(dtype=np.float64), first_cells + 0.5 * length
+            sd = np.interp(middle, chainage, np.asarray(place_sd_m, dtype=np.float64))
+            chain = _about(scores, first_cells, sd, rate_sd)
+        places = chain.places()
+    return _recognition(ours, theirs, first_cells, length, rate_sd, places)
+
+
+def _check(run: pd.DataFrame, place_sd_m: Array | None, rate_sd: float, direction: int, section_m: float) -> None:
+    if place_sd_m is not None:
+        sd = np.asarray(place_sd_m, dtype=np.float64)
+        if sd.shape != (len(run),) or not (np.isfinite(sd).all() and np.all(sd >= 0.0)):
+            raise BadInputError(f"place_sd_m {sd.shape}: expected {len(run)} sigmas, one for each row of the run")
+    if not (np.isfinite(rate_sd) and rate_sd >= 0.0):
+        raise BadInputError(f"rate_sd is {rate_sd!r}; expected a sigma")
+    if direction not in (1, -1):
+        raise BadInputError(f"direction is {direction!r}; expected 1 or -1")
+    if not (section_m > 0.0 and float(section_m / LONG_M).is_integer()):
+        raise BadInputError(f"section_m is {section_m!r}; expected a whole multiple of {LONG_M} m")
+
+
+def _sections(run: Profile, length: int) -> NDArray[np.int64]:
+    """First cells of the sections, m: whole multiples of their length. Those at the ends are as full as asked for."""
+    known = np.any([np.isfinite(values) for values in run.features.values()], axis=0)
+    row = np.flatnonzero(known) + run.first
+    if row.size == 0:
+        return np.zeros(0, dtype=np.int64)
+    number = row // (length * ROWS_PER_CELL)
+    full = np.flatnonzero(np.bincount(number - number[0]) >= _FULL * length * ROWS_PER_CELL)
+    if full.size == 0:
+        return np.zeros(0, dtype=np.int64)
+    return np.asarray((number[0] + np.arange(full[0], full[-1] + 1)) * length, dtype=np.int64)
+
+
+def _anywhere(scores: Scores, first_cells: NDArray[np.int64], length: int, rate_sd: float) -> PlaceChain:
+    """The chain of a run that may be anywhere on the reference, or reach over its ends by part of a section."""
+    begin, stop = scores.places(length)
+    every = np.ones(len(first_cells), dtype=np.int64)
+    short, curves = scores.with_noise_of(begin * every, stop * every).everywhere(begin, stop)
+    windows = Windows(begin * every, (stop - begin) * every, first_cells.astype(np.float64))
+    return PlaceChain(windows, list(short), list(curves), rate_sd)
+
+
+def _about(scores: Scores, first_cells: NDArray[np.int64], sd: Array, rate_sd: float) -> PlaceChain:
+    """The chain of a run whose places are known to a sigma each (k,): sought within four of them.
+
+    Where they are known best the prior counts, once: all of them come from the same few fixes.
+    """
+    reach = _WINDOW_M + np.minimum(_WINDOW_SIGMAS * sd, float(scores.cells))
+    begin = np.floor((first_cells - reach) / PLACE_M).astype(np.int64)
+    count = np.ceil((first_cells + reach) / PLACE_M).astype(np.int64) - begin
+    scores = scores.with_noise_of(begin, begin + count)
+    parts = [scores.at(slice(k, k + 1), int(begin[k]), int(begin[k] + count[k])) for k in range(len(first_cells))]
+    short, curves = ([part[i][0] for part in parts] for i in (0, 1))
+    best = int(np.argmin(sd))
+    away = (begin[best] + np.arange(count[best])) * PLACE_M + 0.5 * (PLACE_M - 1) - first_cells[best]
+    prior = -0.5 * away**2 / (sd[best] ** 2 + PLACE_M**2 / 12.0)
+    windows = Windows(begin, count, first_cells.astype(np.float64))
+    return PlaceChain(windows, short, curves, rate_sd, (best, prior - prior.max()), _ON_KNOWN_LINE)
+
+
+def _recognition(
+    run: Profile,
+    reference: Profile,
+    first_cells: NDArray[np.int64],
+    length: int,
+    rate_sd: float,
+    places: Places,
+) -> Recognition:
+    half = 0.5 * length
+    middle: Array = first_cells.astype(np.float64) + half
+    matches = match_sections(
+        run,
+        reference,
+        middle,
+        length,
+        about_m=places.mean_m + half * (1.0 + places.scale),
+        scale=places.scale,
+        scale_sd=rate_sd,
+        same=places.same > 0.5,
+    )
+    tolerance = np.where(np.isfinite(matches.sd_m), _SIGMAS * matches.sd_m + PLACE_M, _KNOWN_M)
+    # How far each of the places near the mode has the section's middle from where it was found.
+    offset = np.arange(-NEAR, NEAR + 1)
+    near_m = (places.mode[:, None] + offset) * PLACE_M + 0.5 * (PLACE_M - 1) + half * (1.0 + places.scale[:, None])
+    away = np.abs(near_m - matches.reference_m[:, None])
+    probability = np.minimum((places.near * (away <= tolerance[:, None] + 0.5 * PLACE_M)).sum(axis=1), 1.0)
+    so_far = np.minimum((places.so_far * (away <= _KNOWN_M)).sum(axis=1), 1.0)
+    sections = pd.DataFrame(
+        {
+            "run_m": middle,
+            "reference_m": matches.reference_m,
+            "match_sd_m": matches.sd_m,
+            "probability": probability,
+            "probability_so_far": so_far,
+            "cross_level_bias_mm": matches.cross_level_bias_mm,
+            "cross_level_bias_mm_sd": matches.cross_level_bias_mm_sd,
+            "used": (probability > SURE) & (matches.sd_m < _WELL_DEFINED_M),
+        },
+        columns=list(COLUMNS),
+    )
+    ordered = sections.sort_values("run_m", ignore_index=True)
+    return Recognition(ordered, float(probability.max()), _found_after(so_far, float(length)))
+
+
+def _found_after(so_far: Array, length: float) -> float:
+    """Distance to the end of the section from which on the place was known, in order of travel, (k,).
+
+    A run may leave the reference in the end: what follows the last certain section does not count.
+    """
+    certain = np.flatnonzero(so_far > SURE)
+    if certain.size == 0:
+        return np.nan
+    lost = np.flatnonzero(so_far[: certain[-1]] < _ELSEWHERE)
+    start = lost[-1] + 1 if lost.size else 0
+    return length * (int(certain[certain >= start][0]) + 1)

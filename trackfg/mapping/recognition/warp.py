@@ -1,0 +1,65 @@
+"""From one chainage to another along one track, and tables with it.
+
+Two estimates of the chainage of one place differ by an error that changes slowly; a :class:`Warp` is its piecewise
+linear form. A table on whole multiples of a step is brought to the other chainage's multiples by quintic splines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.evaluation.geometry_errors import spline_at
+from trackfg.numerics.chainage_grid import multiples_between
+from trackfg.numerics.frames import Array
+
+
+@dataclass(frozen=True)
+class Warp:
+    """Piecewise linear from ``old`` (n,) to ``new`` (n,), m, both ascending; beyond the ends shifted as at the ends."""
+
+    old: Array
+    new: Array
+
+    def __post_init__(self) -> None:
+        if len(self.old) == 0 or np.any(np.diff(self.old) <= 0.0) or np.any(np.diff(self.new) <= 0.0):
+            raise ValueError("a warp needs places that ascend in both chainages")
+
+    def __call__(self, old: Array) -> Array:
+        """The new chainages of old ones."""
+        return old + np.interp(old, self.old, self.new - self.old)
+
+    def inverse(self, new: Array) -> Array:
+        """The old chainages of new ones."""
+        return new - np.interp(new, self.new, self.new - self.old)
+
+
+def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
+    """``table`` (``chainage_m`` ascending on multiples of the step, perhaps with gaps) by new chainages.
+
+    Values by splines; sigmas (``_sd``) linearly; whole numbers from the nearest row. Rows whose nearest old row is not
+    there are left out.
+    """
+    old = table["chainage_m"].to_numpy()
+    new = warp(old)
+    chainage = multiples_between(new[0], new[-1], step_m)
+    place = warp.inverse(chainage)
+    nearest = np.clip(np.searchsorted(old, place), 1, len(old) - 1)
+    nearest = nearest - (place - old[nearest - 1] < old[nearest] - place)
+    there = np.abs(place - old[nearest]) <= step_m
+    place, nearest = place[there], nearest[there]
+    columns: dict[str, Array] = {"chainage_m": chainage[there]}
+    splines: dict[bytes, list[str]] = {}  # columns known at the same rows have one matrix to be solved
+    for name in table.columns.drop("chainage_m"):
+        values = table[name].to_numpy()
+        if values.dtype.kind in "iu":
+            columns[name] = values[nearest]
+        elif str(name).endswith("_sd"):
+            columns[name] = np.interp(place, old, values)
+        else:
+            splines.setdefault(np.isfinite(values).tobytes(), []).append(name)
+    for names in splines.values():
+        columns |= dict(zip(names, spline_at(old, table[names].to_numpy(), place).T, strict=True))
+    return pd.DataFrame(columns, columns=list(table.columns))

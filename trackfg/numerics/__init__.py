@@ -1,0 +1,1 @@
+"""Arrays, rotations, the Earth, spans and interpolation: mathematics that knows nothing of recordings."""

@@ -1,0 +1,43 @@
+"""Spans: runs of true entries, and times inside spans."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.numerics.frames import Array
+
+
+def true_runs(mask: np.ndarray) -> np.ndarray:
+    """First index and index after the last of each run of true entries, in order. Shape (n,) of bool to (k, 2)."""
+    padded = np.concatenate([[False], mask, [False]]).astype(np.int8)
+    return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
+
+
+def within(t: Array, spans: Array) -> np.ndarray:
+    """Which times lie in one of the spans (m, 2), in order and disjoint. Ends included."""
+    if len(spans) == 0:
+        return np.zeros(len(t), dtype=bool)
+    k = np.searchsorted(spans[:, 0], t, side="right") - 1
+    inside: np.ndarray = (k >= 0) & (t <= spans[np.maximum(k, 0), 1])
+    return inside
+
+
+def parted(spans: Array, breaks: Array) -> Array:
+    """Spans (m, 2), in order and disjoint, without what lies in ``breaks`` (b, 2): one about a break becomes two."""
+    for begin, end in breaks:
+        before = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
+        after = np.column_stack([np.maximum(spans[:, 0], end), spans[:, 1]])
+        parts = np.concatenate([before, after])
+        spans = parts[parts[:, 1] > parts[:, 0]]
+        spans = spans[np.argsort(spans[:, 0], kind="stable")]
+    return spans
+
+
+def joined_spans(spans: Array) -> Array:
+    """Spans (m, 2) in order, those that overlap or touch as one."""
+    if len(spans) == 0:
+        return spans
+    ordered = spans[np.argsort(spans[:, 0], kind="stable")]
+    until = np.maximum.accumulate(ordered[:, 1])
+    first = np.append(True, ordered[1:, 0] > until[:-1])
+    return np.stack([ordered[first, 0], until[np.append(first[1:], True)]], axis=1)

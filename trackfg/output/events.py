@@ -1,0 +1,98 @@
+"""What happened on the run: rests, holes in the records, wheel slip and slide, positions used and set aside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from trackfg.factors.family import Family
+from trackfg.factors.states import Kind, States
+from trackfg.graph.build import Problem
+from trackfg.numerics.spans import true_runs
+from trackfg.output.slip_events import slip_events
+from trackfg.results.result import EVENT_COLUMNS
+from trackfg.solver.covariance import Covariance
+
+POSITIONS = ("absolute fix", "withheld fix", "landmark", "GNSS position")
+"""Families whose measurements are told one by one, or as runs of outliers."""
+
+TOLD = ("tach distance", *POSITIONS)
+"""All families that events are told by."""
+
+_OUTLIER_WEIGHT = 0.5
+"""A robust weight below this marks a measurement that the solution does not follow."""
+
+
+class Event(NamedTuple):
+    """One event: :data:`trackfg.results.result.EVENT_COLUMNS`, NaN where a column says nothing."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    chainage_m: float
+    chainage_m_sd: float
+    distance_removed_m: float
+    distance_removed_m_sd: float
+    detail: str
+
+
+def event_table(
+    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+) -> pd.DataFrame:
+    """Events in order of their start, columns :data:`trackfg.results.result.EVENT_COLUMNS`."""
+    return pd.DataFrame(events(problem, states, covariance, trajectory, direction), columns=list(EVENT_COLUMNS))
+
+
+def events(
+    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+) -> list[Event]:
+    """Events in order of their start; slips and slides over the span of the trajectory."""
+    sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
+
+    def row(
+        kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan
+    ) -> Event:
+        chainage = direction * np.interp(start, problem.t, states.odo[:, 0])
+        chainage_sd = float(np.interp(start, problem.t, sd))
+        return Event(kind, float(start), float(end), float(chainage), chainage_sd, removed, removed_sd, detail)
+
+    rows = [row("standstill", start, end) for start, end in problem.rests]
+    rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in problem.gaps]
+    if problem.wheel is not None:
+        rows += [row("tach gap", start, end) for start, end in problem.wheel.gaps]
+    for event in slip_events(problem, states, covariance, trajectory, direction):
+        rows.append(
+            row(
+                "slip" if event.removed_m > 0 else "slide",
+                event.start_s,
+                event.end_s,
+                "",
+                event.removed_m,
+                event.removed_m_sd,
+            )
+        )
+    for name in POSITIONS:
+        family = problem.family(name)
+        if family is not None:
+            rows += _positions(problem, family, states, row)
+    return sorted(rows, key=lambda event: event.start_s)
+
+
+def _positions(problem: Problem, family: Family, states: States, row: Callable[..., Event]) -> list[Event]:
+    """Fixes one by one; GNSS as runs of outliers, since a row per epoch would bury the rest."""
+    t = problem.t[family.slots[0].index]
+    size = np.linalg.norm(family.residual(states), axis=1)
+    outlier = family.weights(states) < _OUTLIER_WEIGHT
+    if family.name != "GNSS position":
+        what = "landmark" if family.name == "landmark" else "fix"
+        return [
+            row(f"{what} set aside" if bad else f"{what} used", at, at, f"residual {r:.2f} m")
+            for at, r, bad in zip(t, size, outlier, strict=True)
+        ]
+    return [
+        row("gnss set aside", t[i], t[j - 1], f"{j - i} positions, residual up to {size[i:j].max():.1f} m")
+        for i, j in true_runs(outlier)
+    ]

@@ -1,0 +1,137 @@
+"""Both rails' profiles over the chainage, from displacement sensors on a vehicle on springs.
+
+Each unit's points of a rail are brought from the body into n by the smoothed motion, and to the grid by the unit's own
+chainage, which is the vehicle's plus its place along the vehicle. Where several units saw a rail their mean counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.factors.states import States
+from trackfg.geometry.curvature import heading_noise, heading_of_lateral
+from trackfg.geometry.resampling import resample
+from trackfg.graph.build import Problem
+from trackfg.numerics.frames import Array
+from trackfg.numerics.passes import Pass, passes
+from trackfg.output.dense_motion import DenseMotion
+from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, points_at, profiles
+from trackfg.recording.description import RecordingDescription
+from trackfg.sensors.displacement import SIDES, RailView, Side
+
+_KEPT = 0.78
+"""Variance of resampled independent readings times their number per step, as measured: the low-pass has 0.81 of the
+band that the grid can show."""
+
+_SLOWEST_MPS = 0.05
+_SLOPE_M = 1.0
+"""The heading is the slope of a cubic fitted within this to either side."""
+
+
+def seen_profiles(
+    description: RecordingDescription,
+    views: list[RailView],
+    problem: Problem,
+    motion: DenseMotion,
+    states: States,
+    step_m: float,
+) -> list[Profile]:
+    """What a run whose speed is measured says of the track: nothing where the sensor is on springs alone."""
+    direction = description.track.direction
+    if {view.side for view in views} == set(SIDES):
+        return rail_profiles(problem, motion, states, direction, step_m, views)
+    return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []
+
+
+def rail_profiles(
+    problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float, views: list[RailView]
+) -> list[Profile]:
+    """All passes on which both rails were seen; those too short to hold a chord are left out."""
+    found = [
+        _profile(problem, motion, direction, step_m, views, stretch)
+        for stretch in passes(states.odo[:, 0])
+        if problem.t[stretch.last] > problem.t[stretch.first]
+    ]
+    return [profile for profile in found if profile is not None]
+
+
+def _profile(
+    problem: Problem, motion: DenseMotion, direction: int, step_m: float, views: list[RailView], stretch: Pass
+) -> Profile | None:
+    seen = [_Sight.of(problem, motion, direction, step_m, view, stretch) for view in views]
+    first = max(sight.cell[0] for sight in seen)
+    last = min(sight.cell[-1] for sight in seen)
+    if (last - first) * step_m < SHORTEST_PASS_M:
+        return None
+    cell = np.arange(first, last + 1)
+    by_side: dict[Side, Array] = {}
+    for side in SIDES:
+        own = [sight.points[:, first - sight.cell[0] :][:, : len(cell)] for sight in seen if sight.view.side == side]
+        by_side[side] = np.mean(own, axis=0)
+    # Facing increasing chainage: against it, what is left of the vehicle is right.
+    left, right = by_side["left"], by_side["right"]
+    if direction < 0:
+        left, right = right, left
+    centre, apart = 0.5 * (left + right), left - right
+    gauge = np.linalg.norm(apart, axis=0)
+    lateral, leftward = lateral_of(centre[0], centre[1], step_m)
+    rails: dict[Side, tuple[Array, Array]] = {
+        "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
+        "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
+    }
+    made = [_view(motion, direction, step_m, sight, stretch, cell * step_m, leftward) for sight in seen]
+    return Profile(
+        cell=cell,
+        speed=made[0][1],
+        shapes=Shapes(
+            centre[2], lateral, apart[2] / gauge, heading_of_lateral(lateral, step_m, _SLOPE_M), rails, gauge
+        ),
+        views=tuple(view for view, _ in made),
+    )
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """What one unit saw of one rail on a pass: in vehicle axes at the pass's rows, less the IMU's place (m, 3); in n on
+    the grid: cells (n,), points (3, n).
+    """
+
+    view: RailView
+    ascent: Ascent
+    body: Array
+    cell: np.ndarray
+    points: Array
+
+    @classmethod
+    def of(
+        cls, problem: Problem, motion: DenseMotion, direction: int, step_m: float, view: RailView, stretch: Pass
+    ) -> _Sight:
+        ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
+        nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
+        body = view.points(t, _row_s(motion)) - problem.lever_arm
+        points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
+        grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
+        return cls(view, ascent, body, np.rint(grid / step_m).astype(np.int64), values)
+
+
+def _view(
+    motion: DenseMotion, direction: int, step_m: float, sight: _Sight, stretch: Pass, grid: Array, leftward: Array
+) -> tuple[View, Array]:
+    view, ascent, body = sight.view, sight.ascent, sight.body
+    nav = motion.nav[ascent.rows]
+    body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
+    arm = -np.einsum("mij,mj->mi", nav.R, body)
+    speed = np.abs(np.sum(nav.v * nav.R[:, :, 0], axis=1))
+    points, speed = points_at(motion, stretch, ascent, grid, leftward, nav.R[:, :, 1] * direction, arm, speed)
+    across, up = view.sd(0.0)
+    readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
+    share = np.sqrt(_KEPT / readings)
+    side: Side = view.side if direction > 0 else ("right" if view.side == "left" else "left")
+    return View(side, points, across * share, up * share, _KEPT**-0.5, heading_noise(step_m, _SLOPE_M)), speed
+
+
+def _row_s(motion: DenseMotion) -> float:
+    """What a row of dense motion stands for, s: the mean over it uses every reading."""
+    return float(np.median(np.diff(motion.t)))

@@ -1,0 +1,160 @@
+"""When the wheel slipped or slid: what it rolled against the smoothed distance, on a clock of its own.
+
+With the smoothed distance D(t), wheel scale S(t) and the tach's count W(t), both on the IMU's clock, the wheel's excess
+
+    E(t) = integral of S dW - D(t)
+
+grows by the creep. Its rate over a window of half a second, less what curves and force explain, is noise while the
+wheel rolls. An event is a span in which it leaves the noise, and 1.5 % of the speed, one way; it is reported if the
+creep reaches 2 % in it and its whole distance leaves the noise. Spans that only a release of the brake divides are one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicHermiteSpline
+
+from trackfg.factors.family import Family
+from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.graph.build import Problem
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
+from trackfg.sensors.tach import Wheel
+from trackfg.solver.covariance import Covariance
+
+_STEP_S = 0.1
+_WINDOW_S = 0.5
+_LEAST_CREEP = 0.02
+_EDGE_CREEP = 0.015
+_EDGE_SIGMAS = 2.5
+_LEAST_SIGMAS = 4.0
+_WAYS = (1.0, -1.0)
+_RELEASE_S = 0.7
+"""Slide protection holds a brake released for no longer."""
+
+
+class SlipEvent(NamedTuple):
+    """Times, s; the distance (m) that the wheel rolled too far (slip) or not far enough (slide, < 0), and its sigma."""
+
+    start_s: float
+    end_s: float
+    removed_m: float
+    removed_m_sd: float
+
+
+class Excess(NamedTuple):
+    """E at times ``t`` (n,), s: the ``excess`` (m), the ``rate`` (m/s) at which it grows beyond what curves and force
+    explain, the ``speed`` (m/s), the 1-sigma of the rate while the wheel rolls, and whether there are readings.
+    """
+
+    t: Array
+    excess: Array
+    rate: Array
+    speed: Array
+    noise: Array
+    known: np.ndarray
+
+    def spans(self, way: float) -> list[tuple[int, int]]:
+        """First rows, and rows after the last, of the spans in which the rate leaves the noise ``way`` 1 or -1."""
+        edge = np.maximum(_EDGE_CREEP * self.speed, _EDGE_SIGMAS * self.noise)
+        return _joined(true_runs((way * self.rate > edge) & self.known))
+
+    def open_since(self) -> float:
+        """Before this time nothing can change that rows later than the last one tell: the start of a span that may go
+        on, or where the rows end.
+        """
+        last = len(self.t) - 1 - round((_RELEASE_S + _WINDOW_S) / _STEP_S)
+        starts = [i for way in _WAYS for i, j in self.spans(way) if j > last]
+        return float(self.t[max(min([last, *starts]), 0)])
+
+
+def wheel_excess(problem: Problem, states: States, trajectory: pd.DataFrame, direction: int) -> Excess | None:
+    """E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
+    wheel, rolled = problem.wheel, problem.family("tach distance")
+    at = trajectory["t_s"].to_numpy()
+    if wheel is None or rolled is None or len(at) < 2:
+        return None
+    distance = CubicHermiteSpline(at, direction * trajectory["chainage_m"], trajectory["speed_mps"])
+    t = np.arange(at[0], at[-1], _STEP_S)
+    excess = _rolled(wheel, problem, states, t) - distance(t)
+    explained = np.concatenate([[0.0], np.cumsum(rolled.data[0] @ states.wheel[0])])
+    rate = _rate(t, excess - np.interp(t, problem.t, explained))
+    known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
+    count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, problem.t), _WINDOW_S)
+    noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
+    return Excess(t, excess, rate, np.abs(_rate(t, distance(t))), noise, known)
+
+
+def slip_events(
+    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+) -> list[SlipEvent]:
+    """Slips and slides in order of time; none without a tach."""
+    wheel, rolled = problem.wheel, problem.family("tach distance")
+    grown = wheel_excess(problem, states, trajectory, direction)
+    if wheel is None or rolled is None or grown is None:
+        return []
+    t, excess, rate, speed = grown.t, grown.excess, grown.rate, grown.speed
+    density = _speed_noise(wheel, rolled, problem.t)
+    events = []
+    for way in _WAYS:
+        for i, j in grown.spans(way):
+            j = min(j, len(t) - 1)
+            if not (way * rate[i:j] > _LEAST_CREEP * speed[i:j]).any():
+                continue
+            removed = float(excess[j] - excess[i])
+            variance = _moved_variance(problem, states, covariance, t[i], t[j])
+            sd = float(np.sqrt(variance + _count_sd(wheel, density, t[j] - t[i]) ** 2))
+            if way * removed > _LEAST_SIGMAS * sd:
+                # Where it begins and ends is known to half the window, and up to the edge's creep is added there.
+                ends = _EDGE_CREEP * 0.5 * _WINDOW_S * float(np.linalg.norm(speed[[i, j]]))
+                events.append(SlipEvent(float(t[i]), float(t[j]), removed, float(np.hypot(sd, ends))))
+    return sorted(events)
+
+
+def _rolled(wheel: Wheel, problem: Problem, states: States, t: Array) -> Array:
+    """The integral of S dW up to ``t``."""
+    offset, drift = states.clock[0, :2]
+    count = wheel.at(t - offset - drift * (t - problem.clock_origin))
+    scale = np.interp(t, problem.t, states.odo[:, 1])
+    return np.concatenate([[0.0], np.cumsum(0.5 * (scale[1:] + scale[:-1]) * np.diff(count))])
+
+
+def _rate(t: Array, x: Array) -> Array:
+    half = 0.5 * _WINDOW_S
+    return np.asarray((np.interp(t + half, t, x) - np.interp(t - half, t, x)) / _WINDOW_S)
+
+
+def _joined(runs: np.ndarray) -> list[tuple[int, int]]:
+    """Runs with what lies between two of them where that is short."""
+    joined: list[tuple[int, int]] = []
+    for i, j in runs.tolist():
+        if joined and (i - joined[-1][1]) * _STEP_S <= _RELEASE_S:
+            joined[-1] = (joined[-1][0], j)
+        else:
+            joined.append((i, j))
+    return joined
+
+
+def _moved_variance(problem: Problem, states: States, covariance: Covariance, start: float, end: float) -> float:
+    """Of ``S (W_j - W_i) - (D_j - D_i)`` where the counts are known; keyframes i and j lie about the event."""
+    i = max(int(np.searchsorted(problem.t, start, side="right")) - 1, 0)
+    j = min(int(np.searchsorted(problem.t, end)), len(problem.t) - 1)
+    odo = offset_in_keyframe(Kind.ODO)
+    at_i, at_j = np.zeros((2, covariance.marginal.shape[1]))
+    at_i[odo], at_j[odo], at_j[odo + 1] = 1.0, -1.0, states.odo[j, 2] - states.odo[i, 2]
+    cross = at_i @ covariance.between(i, j) @ at_j
+    variance = at_i @ covariance.marginal[i] @ at_i + at_j @ covariance.marginal[j] @ at_j + 2.0 * cross
+    return max(float(variance), 0.0)
+
+
+def _speed_noise(wheel: Wheel, rolled: Family, t: Array) -> float:
+    """How fast the variance of a distance grows (m^2/s) that is integrated from speeds; 0 for a count."""
+    return float(np.median(rolled.sigma[:, 0] ** 2 / np.diff(t))) if wheel.integrates_speed else 0.0
+
+
+def _count_sd(wheel: Wheel, density: float, duration_s: float) -> float:
+    """Of what the tach says of the distance rolled in that time."""
+    return float(np.sqrt(2.0 * wheel.rounding_sd**2 + density * duration_s))

@@ -1,0 +1,239 @@
+"""The geometry table: operators of :mod:`trackfg.geometry` applied to the smoothed profiles, with their sigmas.
+
+Values come from each pass at the grid's step. Sigmas are the spread of the same operators over samples of the
+profiles' joint posterior error (:mod:`trackfg.output.profile_samples`), taken on a coarser grid and averaged over a
+short length: a twist has both ends' correlation in it, a versine that of three points. Those of chainage and of a
+vehicle's own cross-level, which belong to one moment, are the marginal ones. Where the run passed a place more than
+once, the longest pass counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy.ndimage import uniform_filter1d
+
+from trackfg.config import GeometryConfig
+from trackfg.factors.states import States
+from trackfg.geometry.bands import Band, band_pass
+from trackfg.geometry.curvature import curvature
+from trackfg.geometry.gradient import gradient
+from trackfg.geometry.twist import twist
+from trackfg.geometry.versines import versine
+from trackfg.graph.build import Problem
+from trackfg.numerics.frames import Array
+from trackfg.output.profile_samples import PosteriorErrors, point_errors
+from trackfg.output.profiles import Profile, Shapes
+from trackfg.output.trajectory import keyframe_variances
+from trackfg.recording.description import Track
+from trackfg.results.result import GEOMETRY_COLUMNS, RAIL_COLUMNS, GeometryConventions
+from trackfg.sensors.displacement import SIDES
+from trackfg.solver.covariance import Covariance, posterior_samples
+from trackfg.solver.square_root import SquareRoot
+
+_SAMPLES = 64
+_COARSEST_M = 1.25
+"""The sampled errors are smooth below this: the white noise of the inertial samples was integrated."""
+
+_AVERAGED_M = 10.0
+"""Sigmas are averaged over this: 64 samples alone know a sigma to 9 %. Near a stop they change within some metres."""
+
+_CHUNK_M = 10_000.0
+
+_SHORT_WAVES = 0.05
+"""rad/m: what the heading of a lateral profile misses of waves below 5 m, per alignment there is (rms over
+``_TYPICAL_M``), as measured on tracks of the German spectra, and at both ends of the curvature's base.
+"""
+_TYPICAL_M = 200.0
+
+
+def conventions(config: GeometryConfig, track: Track) -> GeometryConventions:
+    """What the columns will mean."""
+    return GeometryConventions(
+        gauge_m=track.gauge_m, cross_level_base_m=track.cross_level_base_m, **config.model_dump()
+    )
+
+
+def geometry_table(
+    problem: Problem,
+    passes: list[Profile],
+    states: States,
+    covariance: Covariance,
+    root: SquareRoot,
+    meaning: GeometryConventions,
+) -> pd.DataFrame:
+    """One row per step of chainage passed, ascending: columns :data:`trackfg.results.result.GEOMETRY_COLUMNS`, and
+    :data:`~trackfg.results.result.RAIL_COLUMNS` where the profiles have rails.
+    """
+    with_rails = any(profile.shapes.rails for profile in passes)
+    names = [*GEOMETRY_COLUMNS, *(RAIL_COLUMNS if with_rails else ())]
+    if not passes:
+        return pd.DataFrame(columns=names, dtype=np.float64)
+    rng = np.random.default_rng(0)
+    errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
+    variance = keyframe_variances(states, covariance, problem.lever_arm, problem.mount_roll_sd)
+    tables: list[pd.DataFrame] = []
+    taken = np.zeros(0, dtype=np.int64)
+    for profile in sorted(passes, key=len, reverse=True):
+        free = ~np.isin(profile.cell, taken)
+        if free.any():
+            columns = _Columns(problem, profile, errors, variance, meaning).all()
+            tables.append(pd.DataFrame(columns, columns=names)[free])
+            taken = np.concatenate([taken, profile.cell[free]])
+    return pd.concat(tables, ignore_index=True).sort_values("chainage_m", ignore_index=True)
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """The columns of one pass."""
+
+    problem: Problem
+    profile: Profile
+    errors: PosteriorErrors
+    variance: Array
+    meaning: GeometryConventions
+
+    def all(self) -> dict[str, Array]:
+        profile, step = self.profile, self.meaning.step_m
+        place = {"chainage_m": profile.cell * step, "speed_mps": profile.speed}
+        values = self._points(profile.shapes, step) | self._bands(profile.shapes, step)
+        sigmas = {**self._sampled(), **self._marginal()}
+        if profile.shapes.rails:
+            short = np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
+            missed = _SHORT_WAVES * short / self.meaning.curvature_base_m
+            sigmas["curvature_1pm"] = np.hypot(sigmas["curvature_1pm"], missed)
+            offset = 1e3 * self.meaning.cross_level_base_m * self.problem.mount_roll_sd
+            sigmas["cross_level_mm"] = np.hypot(sigmas["cross_level_mm"], offset)
+        columns = place | values
+        known = {f"{name}_sd": np.where(np.isnan(columns[name]), np.nan, sd) for name, sd in sigmas.items()}
+        return columns | known
+
+    def _points(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
+        """What needs one place or a few, in the columns' units, from shapes (..., n)."""
+        meaning = self.meaning
+        half, cross_level = 0.5 * meaning.chord_m, meaning.cross_level_base_m * shapes.tilt
+        columns = {
+            "curvature_1pm": curvature(shapes.heading, step_m, meaning.curvature_base_m),
+            "gradient_permille": 1e3 * gradient(shapes.height, step_m, meaning.gradient_base_m),
+            "cross_level_mm": 1e3 * cross_level,
+            "twist_mm": 1e3 * twist(cross_level, step_m, meaning.twist_base_m),
+            "versine_level_mm": 1e3 * versine(shapes.height, step_m, half, half),
+            "versine_alignment_mm": 1e3 * versine(shapes.lateral, step_m, half, half),
+        }
+        if shapes.gauge is not None:
+            columns["gauge_mm"] = 1e3 * shapes.gauge
+        return columns
+
+    def _bands(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
+        """Level and alignment in the band of wavelengths, of the centre line and of each rail."""
+        band = Band(*self.meaning.band_m)
+        lines = {"": (shapes.height, shapes.lateral)} | {f"_{side}": both for side, both in shapes.rails.items()}
+        columns: dict[str, Array] = {}
+        for name, (height, lateral) in lines.items():
+            columns[f"level{name}_mm"] = 1e3 * band_pass(height, step_m, band)
+            columns[f"alignment{name}_mm"] = 1e3 * band_pass(lateral, step_m, band)
+        return columns
+
+    def _marginal(self) -> dict[str, Array]:
+        view = self.profile.views[0]
+        k, f = view.points.keyframe, view.points.fraction
+        at = self.variance[k] * (1.0 - f[:, None]) + self.variance[k + 1] * f[:, None]
+        sigmas = {"chainage_m": np.sqrt(at[:, 0])}
+        if not self.profile.shapes.rails:
+            roll = at[:, 5] + self.problem.noise.gyro**2 * np.diff(self.problem.t)[k] * f * (1.0 - f)
+            sigmas["cross_level_mm"] = 1e3 * self.meaning.cross_level_base_m * np.sqrt(roll)
+        return sigmas
+
+    def _sampled(self) -> dict[str, Array]:
+        """Sigmas on every so-many-th row, by chunks that overlap by the operators' reach, brought to all rows."""
+        rows, every = len(self.profile), self._stride
+        step = every * self.meaning.step_m
+        total = -(-rows // every)
+        chunk = max(1, int(_CHUNK_M / step))
+        margin = int(np.ceil(4.0 * max(self.meaning.band_m[1], self.meaning.gradient_base_m) / step))
+        parts: dict[str, list[Array]] = {}
+        for start in range(0, total, chunk):
+            low, high = max(0, start - margin), min(total, start + chunk + margin)
+            smooth, white = self._drawn(slice(low * every, (high - 1) * every + 1, every))
+            # On the coarser grid white noise would look denser by the stride to a filter.
+            below = self.profile.views[0].below * every**-0.5
+            columns = self._points(_sum(smooth, white, 1.0), step) | self._bands(_sum(smooth, white, below), step)
+            own = slice(start - low, min(total, start + chunk) - low)
+            for name, samples in columns.items():
+                parts.setdefault(name, []).append(_averaged(np.mean(samples**2, axis=0), step, _AVERAGED_M)[own])
+        coarse = np.arange(0, rows, every)
+        return {
+            name: np.interp(np.arange(rows), coarse, np.sqrt(np.concatenate(pieces))) for name, pieces in parts.items()
+        }
+
+    @property
+    def _stride(self) -> int:
+        """The coarsest stride that all bases are multiples of and that still shows the noise between keyframes."""
+        meaning = self.meaning
+        halves = (meaning.chord_m / 2, meaning.curvature_base_m / 2, meaning.gradient_base_m / 2)
+        common = int(np.gcd.reduce([round(length / meaning.step_m) for length in (meaning.twist_base_m, *halves)]))
+        apart = len(self.profile) / max(np.ptp(self.profile.views[0].points.keyframe), 1)
+        limit = min(_COARSEST_M / meaning.step_m, 0.5 * apart)
+        return max((n for n in range(1, common + 1) if common % n == 0 and n <= limit), default=1)
+
+    def _drawn(self, rows: slice) -> tuple[Shapes, Shapes]:
+        """Samples of the errors of some rows: what the motion brings, and the white noise of displacement sensors."""
+        views, step = self.profile.views, rows.step * self.meaning.step_m
+        moved = [point_errors(self.problem, view.points[rows], self.errors) for view in views]
+        if views[0].side is None:
+            own = moved[0]
+            nothing = np.zeros_like(own.height)
+            return Shapes(own.height, own.lateral, own.tilt, own.heading), Shapes(nothing, nothing, nothing, nothing)
+
+        def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
+            sides = {
+                side: tuple(
+                    np.mean([x for x, view in zip(values, views, strict=True) if view.side == side], axis=0)
+                    for values in (heights, laterals)
+                )
+                for side in SIDES
+            }
+            (z_left, u_left), (z_right, u_right) = sides["left"], sides["right"]
+            return Shapes(
+                height=0.5 * (z_left + z_right),
+                lateral=0.5 * (u_left + u_right),
+                tilt=(z_left - z_right) / self.meaning.gauge_m,
+                heading=np.gradient(0.5 * (u_left + u_right), step, axis=-1),
+                rails={"left": (z_left, u_left), "right": (z_right, u_right)},
+                gauge=u_left - u_right,
+            )
+
+        def noise(sd: Array) -> Array:
+            return np.asarray(sd[rows] * self.errors.rng.standard_normal(moved[0].height.shape))
+
+        smooth = rails([one.height for one in moved], [one.lateral for one in moved])
+        white = rails([noise(view.up_sd) for view in views], [noise(view.across_sd) for view in views])
+        slope = np.sqrt(sum(view.slope**2 * view.across_sd[rows] ** 2 for view in views)) / len(views)
+        return smooth, replace(white, heading=slope * self.errors.rng.standard_normal(white.heading.shape))
+
+
+def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:
+    """Both errors together; the gauge has no part in the motion, which moves both rails alike."""
+    return Shapes(
+        height=smooth.height + share * white.height,
+        lateral=smooth.lateral + share * white.lateral,
+        tilt=smooth.tilt + share * white.tilt,
+        heading=smooth.heading + share * white.heading,
+        rails={
+            side: (smooth.rails[side][0] + share * z, smooth.rails[side][1] + share * u)
+            for side, (z, u) in white.rails.items()
+        },
+        gauge=white.gauge,
+    )
+
+
+def _averaged(variance: Array, step_m: float, length_m: float) -> Array:
+    """The running mean of what is known; ends take the nearest known value."""
+    known = np.isfinite(variance)
+    if not known.any():
+        return variance
+    width = max(1, round(length_m / step_m))
+    filled = np.interp(np.arange(variance.size), np.flatnonzero(known), variance[known])
+    return np.asarray(uniform_filter1d(filled, width, mode="nearest"))

@@ -1,0 +1,113 @@
+"""The trajectory table: what the states mean to a user, each quantity with the sigma that the posterior gives it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States, offset_in_keyframe
+from trackfg.graph.build import Problem
+from trackfg.numerics.frames import Array, euler_rates, rpy_from_matrix, skew
+from trackfg.output.dense_motion import DenseMotion
+from trackfg.solver.covariance import Covariance
+
+QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
+
+
+def trajectory_table(
+    problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
+) -> pd.DataFrame:
+    """The table of :func:`trajectory_columns`."""
+    return pd.DataFrame(trajectory_columns(problem, motion, states, covariance, direction))
+
+
+def trajectory_columns(
+    problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
+) -> dict[str, Array]:
+    """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
+
+    Sigmas are those of the keyframes on either side, their variances interpolated in time, and what the white ``noise``
+    of the inertial samples adds in between: to speed and attitude a Brownian bridge, to place and chainage that bridge
+    integrated and pinned in slope too; and what their speeds' errors do to the cubic between. The speed has also the
+    noise of the row's own body rate, at the lever arm. Yaw is in (-pi, pi].
+    """
+    R_bt = mount_matrix(states.mount)[0]
+    nav = motion.nav
+    rpy = rpy_from_matrix(nav.R @ R_bt)
+    lever_arm, noise = problem.lever_arm, problem.noise
+    p = nav.p - nav.R @ lever_arm
+    at_reference = nav.own_velocity - motion.gyro @ skew(lever_arm)
+    columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
+
+    variance = keyframe_variances(states, covariance, lever_arm, problem.mount_roll_sd)
+    k, f = motion.keyframe, motion.fraction[:, None]
+    bridge = np.diff(problem.t)[k] * motion.fraction * (1.0 - motion.fraction)
+    between = variance[k] * (1.0 - f) + variance[k + 1] * f
+    span, h = np.diff(problem.t)[k], motion.fraction
+    swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
+    between[:, :4] += (noise.accel**2 * bridge**3 / 3.0 + swing)[:, None]
+    levered = skew(lever_arm) @ R_bt[:, 0]
+    between[:, 4] += noise.accel**2 * bridge + noise.gyro**2 / motion.gyro_span * (levered @ levered)
+    between[:, 5:8] += noise.gyro**2 * bridge[:, None]
+    sigma = np.sqrt(between)
+    table = {"t_s": motion.t}
+    for name, values, sd in zip(QUANTITIES, columns, sigma.T, strict=True):
+        table |= {name: values, f"{name}_sd": sd}
+    return table
+
+
+def calibration_table(problem: Problem, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
+    """One row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas."""
+    own = states.bias - problem.response @ states.imu[0]
+    J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
+    odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
+    J[:, 0, odo + 1] = 1.0
+    J[:, 1:, bias : bias + 6] = np.eye(6)
+    J[:, 1:, imu : imu + Kind.IMU.dim] = -problem.response
+    values = np.column_stack([states.odo[:, 1], own])
+    variance = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
+    names = ["wheel_scale"]
+    names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
+    k, f = motion.keyframe, motion.fraction[:, None]
+    values, variance = (x[k] * (1.0 - f) + x[k + 1] * f for x in (values, variance))
+    table = {"t_s": motion.t}
+    for name, value, sd in zip(names, values.T, np.sqrt(variance).T, strict=True):
+        table |= {name: value, f"{name}_sd": sd}
+    return pd.DataFrame(table)
+
+
+def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array, mount_roll_sd: float = 0.0) -> Array:
+    """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`.
+
+    ``mount_roll_sd``, rad, is what nobody knows of the mounting's roll: it is in the vehicle's roll as it is.
+    """
+    J = keyframe_jacobian(states, lever_arm)
+    variance = np.asarray(np.sum((J @ covariance.marginal) * J, axis=2))
+    variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
+    return variance
+
+
+def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
+    """Derivatives of :data:`QUANTITIES` by the stacked tangent of a keyframe and the shared variables: (n, 8, d)."""
+    nav, mount, n = states.nav, states.mount, len(states)
+    odo, at = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
+    turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)
+    mounting = slice(KEYFRAME_DIM, KEYFRAME_DIM + 2)
+    R_bt = mount_matrix(mount)[0]
+    rpy = rpy_from_matrix(nav.R @ R_bt)
+
+    J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + SHARED_DIM))
+    J[:, 0, odo] = 1.0
+    J[:, 1:4, turn] = nav.R @ skew(lever_arm)
+    J[:, 1:4, shift] = nav.R
+    forward = R_bt[:, 0]
+    J[:, 4, turn] = np.einsum("i,nij->nj", forward, skew(nav.own_velocity))
+    J[:, 4, faster] = forward
+
+    euler = euler_rates(rpy)
+    mount_pitch = mount[0, 0]
+    by_mount = np.array([[0.0, -np.sin(mount_pitch)], [1.0, 0.0], [0.0, np.cos(mount_pitch)]])
+    J[:, 5:8, turn] = euler @ R_bt.T
+    J[:, 5:8, mounting] = euler @ by_mount
+    return J

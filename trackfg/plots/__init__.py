@@ -1,0 +1,1 @@
+"""Charts of results, as pictures and as pages."""

@@ -1,0 +1,27 @@
+"""A sheet becomes a file, of the kind that its suffix names."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from trackfg.errors import BadInputError
+from trackfg.plots.sheet import Sheet
+
+
+def picture_path(path: str | os.PathLike[str]) -> Path:
+    """``path``, if its suffix names a kind of picture that can be drawn; else raises :class:`BadInputError`."""
+    path = Path(path)
+    if path.suffix not in (".png", ".svg", ".html"):
+        raise BadInputError(f"{path}: expected a file that ends in .png, .svg or .html")
+    return path
+
+
+def draw(sheet: Sheet, path: Path) -> Path:
+    """Draw ``sheet`` into ``path``, a :func:`picture_path`; the same sheet gives the same file."""
+    if path.suffix == ".html":
+        from trackfg.plots.plotly_page import write
+    else:
+        from trackfg.plots.matplotlib_picture import write
+    write(sheet, path)
+    return path

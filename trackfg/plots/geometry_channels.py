@@ -1,0 +1,80 @@
+"""The channels of a geometry table as charts show them: in which order, under which label, unit and scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.frames import Array
+from trackfg.plots.scales import extent
+from trackfg.results.result import RAIL_COLUMNS, GeometryConventions
+from trackfg.units import KMH
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column as a panel. ``least``: half of what the axis spans at least; ``deviation``: zero is in the middle.
+
+    ``scale`` brings the column into ``unit``; ``twin``: the column of the other rail, shown on the same scale.
+    """
+
+    column: str
+    label: str
+    unit: str
+    least: float
+    deviation: bool = False
+    scale: float = 1.0
+    share: float = 1.0
+    twin: str | None = None
+
+
+CENTRE = (
+    Channel("level_mm", "level", "mm", 1.0, deviation=True),
+    Channel("alignment_mm", "alignment", "mm", 1.0, deviation=True),
+)
+RAILS = (
+    Channel("level_left_mm", "level\nleft rail", "mm", 1.0, deviation=True, twin="level_right_mm"),
+    Channel("level_right_mm", "level\nright rail", "mm", 1.0, deviation=True, twin="level_left_mm"),
+    Channel("alignment_left_mm", "alignment\nleft rail", "mm", 1.0, deviation=True, twin="alignment_right_mm"),
+    Channel("alignment_right_mm", "alignment\nright rail", "mm", 1.0, deviation=True, twin="alignment_left_mm"),
+    Channel("gauge_mm", "gauge", "mm", 1.0),
+)
+CROSS_LEVEL = Channel("cross_level_mm", "cross-level", "mm", 1.0)
+COMMON = (
+    CROSS_LEVEL,
+    Channel("twist_mm", "twist", "mm", 1.0, deviation=True),
+    Channel("versine_level_mm", "versine\nlevel", "mm", 1.0, deviation=True),
+    Channel("versine_alignment_mm", "versine\nalignment", "mm", 1.0),
+    Channel("gradient_permille", "gradient", "‰", 1.0, share=0.7),
+    Channel("speed_mps", "speed", "km/h", 10.0, scale=1.0 / KMH, share=0.7),
+)
+CURVATURE = Channel("curvature_1pm", "curvature", "1/km", 0.1, scale=1000.0, share=1.6)
+
+
+def centre_or_rails(table: pd.DataFrame) -> tuple[Channel, ...]:
+    """Level and alignment, of each rail and with the gauge where the table has them."""
+    return RAILS if RAIL_COLUMNS[0] in table else CENTRE
+
+
+def base_of(channel: Channel, conventions: GeometryConventions) -> float:
+    """Where a line marks that nothing deviates, in the channel's unit."""
+    return 1000.0 * conventions.gauge_m if channel.column == "gauge_mm" else 0.0
+
+
+def channel_values(table: pd.DataFrame, channel: Channel) -> tuple[Array, Array]:
+    """Values and sigmas in the channel's unit; a sigma of zero where the table has none."""
+    values = channel.scale * table[channel.column].to_numpy()
+    name = f"{channel.column}_sd"
+    sigmas = channel.scale * table[name].to_numpy() if name in table else np.zeros(len(values))
+    return values, sigmas
+
+
+def channel_extent(table: pd.DataFrame, channel: Channel, base: float) -> tuple[float, float]:
+    """What its axis must show (:func:`trackfg.plots.scales.extent`), for both rails together."""
+    low, high = extent(*channel_values(table, channel), base, channel.least)
+    if channel.twin:
+        other = extent(*channel_values(table, replace(channel, column=channel.twin)), base, channel.least)
+        low, high = min(low, other[0]), max(high, other[1])
+    return low, high

@@ -1,0 +1,199 @@
+"""The strip chart: what the geometry table holds, channel by channel over a common chainage.
+
+From top to bottom as track recording cars draw it: level and alignment (of each rail, and the gauge, where lasers saw
+the rails), cross-level, twist, versines, gradient, speed, and at the foot curvature with the cant. Bands are 95 % (1.96
+sigma). The vertical scales follow what was measured well (:mod:`trackfg.plots.scales`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.numerics.frames import Array
+from trackfg.plots.curve_labels import curves, sense_and_radius
+from trackfg.plots.decimation import extremes
+from trackfg.plots.draw import draw, picture_path
+from trackfg.plots.geometry_channels import (
+    COMMON,
+    CROSS_LEVEL,
+    CURVATURE,
+    Channel,
+    base_of,
+    centre_or_rails,
+    channel_extent,
+    channel_values,
+)
+from trackfg.plots.scales import common_zero, symmetric, with_limits, with_margin
+from trackfg.plots.sheet import BAND, BLUE, ORANGE, Curve, Limit, Panel, Sheet
+from trackfg.results.result import GeometryConventions, Result
+
+STRETCHES = 2000
+"""More than a sheet has columns of pixels."""
+
+_LONG_M = 2000.0
+"""Above this length of chart chainage is in km."""
+
+_MARK_SHARE = 0.075
+"""Width of the text at a curve, as a share of the chart's."""
+
+_SMALL_CURVE = 0.2
+"""A curve shorter than this share of its text is not named: nobody could tell which one is meant."""
+
+
+@dataclass(frozen=True)
+class LimitLine:
+    """A limit of a geometry column, in the column's unit, over chainage; broken where it is NaN.
+
+    One line: what is limited both ways has two. Lines with the same label are one limit.
+    """
+
+    column: str
+    label: str
+    chainage_m: Array
+    value: Array
+
+
+def plot_geometry(
+    result: Result,
+    path: str | os.PathLike[str],
+    *,
+    from_m: float | None = None,
+    to_m: float | None = None,
+    limits: Sequence[LimitLine] = (),
+) -> Path:
+    """Draw the geometry of ``result`` into ``path``: ``.png``, ``.svg`` or, opened without a network, ``.html``.
+
+    ``from_m`` and ``to_m`` are chainages, m. Limits of columns that the chart does not show are left out. Raises
+    :class:`BadInputError` for another suffix, and where there is nothing to draw.
+    """
+    path = picture_path(path)
+    return draw(geometry_sheet(result, from_m, to_m, limits), path)
+
+
+def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, limits: Sequence[LimitLine]) -> Sheet:
+    """What :func:`plot_geometry` draws, in the units of its labels and thinned."""
+    table = _between(result, from_m, to_m)
+    chainage = table["chainage_m"].to_numpy()
+    start = float(chainage[0]) if from_m is None else from_m
+    end = float(chainage[-1]) if to_m is None else to_m
+    unit, x_scale = ("km", 1e-3) if end - start > _LONG_M else ("m", 1.0)
+    conventions = result.summary.geometry
+    chart = _Chart(table, x_scale, conventions, tuple(limits))
+    channels = (*centre_or_rails(result.geometry), *COMMON)
+    thinned = len(table) > 2 * STRETCHES
+    return Sheet(
+        title=f"{result.summary.recording_id}   {_place(start, unit)} to {_place(end, unit)} {unit}",
+        panels=(*(chart.panel(channel) for channel in channels), chart.foot()),
+        x_label=f"chainage, {unit}",
+        x_range=(x_scale * start, x_scale * end),
+        footer=_footer(conventions, table, thinned=thinned),
+    )
+
+
+def _between(result: Result, from_m: float | None, to_m: float | None) -> pd.DataFrame:
+    table = result.geometry
+    if table.empty:
+        raise BadInputError(f"{result.summary.recording_id}: the result holds no geometry to draw")
+    low = -np.inf if from_m is None else from_m
+    high = np.inf if to_m is None else to_m
+    inside = table[table["chainage_m"].between(low, high)]
+    if len(inside) < 2:
+        first, last = table["chainage_m"].iloc[[0, -1]]
+        asked = f"between {low:g} and {high:g} m"
+        if from_m is None or to_m is None:
+            asked = f"up to {high:g} m" if from_m is None else f"from {low:g} m on"
+        raise BadInputError(f"no geometry {asked}: the result covers chainage {first:.2f} to {last:.2f} m")
+    return inside
+
+
+def _place(chainage_m: float, unit: str) -> str:
+    return f"{chainage_m / 1000.0:.3f}" if unit == "km" else f"{chainage_m:.2f}".rstrip("0").rstrip(".")
+
+
+@dataclass(frozen=True)
+class _Chart:
+    table: pd.DataFrame
+    x_scale: float
+    conventions: GeometryConventions
+    limits: tuple[LimitLine, ...]
+
+    def panel(self, channel: Channel) -> Panel:
+        curve = self._curve(channel, BLUE)
+        limits = tuple(
+            Limit(line.label, self.x_scale * line.chainage_m, channel.scale * line.value)
+            for line in self.limits
+            if line.column == channel.column
+        )
+        base = base_of(channel, self.conventions)
+        low, high = channel_extent(self.table, channel, base)
+        same_scale = [line.value for line in self.limits if line.column in (channel.column, channel.twin)]
+        low, high = with_limits(low, high, base, channel.scale * np.concatenate([[], *same_scale]))
+        if channel.deviation:
+            low, high = symmetric(low, high, base)
+        return Panel(
+            f"{channel.label}, {channel.unit}",
+            (curve,),
+            y_range=with_margin(low, high),
+            base=base,
+            limits=limits,
+            share=channel.share,
+        )
+
+    def foot(self) -> Panel:
+        """Curvature, and over it the cross-level upside down: where cant fits the curve the two run together."""
+        curvature = self._curve(CURVATURE, BLUE)
+        curvature = replace(curvature, notes=tuple(sense_and_radius(y / 1000.0) for y in curvature.y))
+        cant = replace(self._curve(CROSS_LEVEL, ORANGE), half_band=None)
+        low, high = channel_extent(self.table, CROSS_LEVEL, 0.0)
+        bend, lean = common_zero(channel_extent(self.table, CURVATURE, 0.0), (-high, -low))
+        bend, lean = with_margin(*bend), with_margin(*lean)
+        headroom = 0.2  # for the marks
+        bend_high, lean_high = (high + headroom * (high - low) for low, high in (bend, lean))
+        return Panel(
+            "curvature, 1/km",
+            (curvature,),
+            y_range=(bend[0], bend_high),
+            base=0.0,
+            marks=self._marks(),
+            share=CURVATURE.share,
+            over=Panel("cross-level, mm\n(right, reversed)", (cant,), y_range=(-lean[0], -lean_high)),
+        )
+
+    def _curve(self, channel: Channel, colour: str) -> Curve:
+        values, sigmas = channel_values(self.table, channel)
+        keep = extremes(values, STRETCHES)
+        x = self.x_scale * self.table["chainage_m"].to_numpy()[keep]
+        band = BAND * sigmas[keep] if f"{channel.column}_sd" in self.table else None
+        return Curve(channel.label.replace("\n", " "), channel.unit, x, values[keep], colour, band)
+
+    def _marks(self) -> tuple[tuple[float, str], ...]:
+        """The longest curves whose texts have room beside each other."""
+        chainage = self.table["chainage_m"].to_numpy()
+        room = _MARK_SHARE * (chainage[-1] - chainage[0])
+        placed: list[tuple[float, str]] = []
+        for start, end, text in curves(chainage, self.table["curvature_1pm"].to_numpy()):
+            middle = np.clip((start + end) / 2.0, chainage[0] + room / 2.0, chainage[-1] - room / 2.0)
+            if end - start >= _SMALL_CURVE * room and all(abs(middle - other) >= room for other, _ in placed):
+                placed.append((float(middle), text))
+        return tuple((self.x_scale * middle, text) for middle, text in sorted(placed))
+
+
+def _footer(conventions: GeometryConventions, table: pd.DataFrame, *, thinned: bool) -> str:
+    c = conventions
+    lines = [
+        f"Left and right facing {c.facing}. Positive: up, to the left, left rail higher, uphill. "
+        f"Twist on {c.twist_base_m:g} m, versines on a chord of {c.chord_m:g} m, "
+        f"level and alignment in the band {c.band_m[0]:g}-{c.band_m[1]:g} m,",
+        f"curvature over {c.curvature_base_m:g} m, gradient over {c.gradient_base_m:g} m; "
+        f"cross-level on {c.cross_level_base_m:g} m. Shaded: 95 % (1.96 sigma). "
+        f"1 sigma of the chainage up to {table['chainage_m_sd'].max():.2g} m."
+        + (" Thinned to extremes: a shorter range shows every row." if thinned else ""),
+    ]
+    return "\n".join(lines)

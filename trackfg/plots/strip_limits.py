@@ -1,0 +1,128 @@
+"""Limit tables as lines of the strip chart.
+
+A line can be drawn where the limit speaks of what a panel shows: the largest magnitude of a column, with the chord,
+base and band that the column has. Cross-level and the versines of the alignment hold the designed curve too, so their
+limits stand on straight track only; the limit of a reversed cross-level stands in curves, on the side of the inner
+rail.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+import numpy as np
+
+from trackfg.errors import BadInputError
+from trackfg.geometry.bands import BANDS
+from trackfg.geometry.curves import curve_sense
+from trackfg.geometry.limits import Limit
+from trackfg.numerics.frames import Array
+from trackfg.plots.strip_chart import LimitLine
+from trackfg.results.result import GeometryConventions, Result
+
+
+def limit_lines(
+    result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None
+) -> tuple[list[LimitLine], Counter[str]]:
+    """What :func:`trackfg.plots.strip_chart.plot_geometry` can draw of ``limits``, and how many it cannot, by reason.
+
+    ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. Raises :class:`BadInputError`
+    where limits depend on it and it is not given.
+    """
+    if result.geometry.empty:
+        return [], Counter()
+    chainage = result.geometry["chainage_m"].to_numpy()
+    curvature = result.geometry["curvature_1pm"].to_numpy()
+    sense = np.where(np.isnan(curvature), np.nan, curve_sense(chainage, curvature))
+    conventions = result.summary.geometry
+    lines: list[LimitLine] = []
+    left_out: Counter[str] = Counter()
+    seen: set[tuple[str, str, float]] = set()
+    for limit in limits:
+        if not _holds_at(limit, line_speed_kmh):
+            continue
+        reason = _reason_against(limit, result)
+        if reason:
+            left_out[reason] += 1
+            continue
+        for column in _columns(limit, result):
+            new = (column, limit.level, limit.value_mm) not in seen
+            seen.add((column, limit.level, limit.value_mm))
+            label = limit.level if new else ""
+            for value in _values(limit, sense, conventions):
+                lines.append(LimitLine(column, label, *_steps(chainage, value)))
+                label = ""
+    return lines, left_out
+
+
+def _holds_at(limit: Limit, line_speed_kmh: float | None) -> bool:
+    low, high = limit.speed_from_kmh, limit.speed_to_kmh
+    if low is None and high is None:
+        return True
+    if line_speed_kmh is None:
+        raise BadInputError(f"the limit {limit} holds at some speeds only: give the line's speed")
+    return (low is None or line_speed_kmh > low) and (high is None or line_speed_kmh <= high)
+
+
+def _reason_against(limit: Limit, result: Result) -> str | None:
+    conventions = result.summary.geometry
+    if limit.parameter in ("gauge_wide", "gauge_narrow") and not result.has_rails:
+        return "gauge, which the result has not"
+    if limit.kind != "peak":
+        return f"{limit.kind} over {limit.section_m:g} m"
+    if limit.parameter in ("warp", "runoff"):
+        return limit.parameter
+    if limit.uniformity:
+        return f"{limit.parameter}, uniformity"
+    if limit.chord_m is not None and limit.chord_m != conventions.chord_m:
+        return f"{limit.parameter} on a chord of {limit.chord_m:.4g} m"
+    if limit.band is not None:
+        band = BANDS[limit.band]
+        if (band.shortest_m, band.longest_m) != conventions.band_m:
+            return f"{limit.parameter} in the band {limit.band}"
+    if limit.base_m is not None and limit.base_m != conventions.twist_base_m:
+        return f"twist on {limit.base_m:.4g} m"
+    return None
+
+
+def _columns(limit: Limit, result: Result) -> list[str]:
+    """Those of the chart: with rails, the band of level and alignment is drawn of each rail."""
+    if limit.parameter in ("gauge_wide", "gauge_narrow"):
+        return ["gauge_mm"]
+    if limit.parameter == "reverse_cross_level":
+        return ["cross_level_mm"]
+    if limit.chord_m is not None:
+        return [f"versine_{limit.parameter}_mm"]
+    if limit.band is not None and result.has_rails:
+        return [f"{limit.parameter}_{side}_mm" for side in ("left", "right")]
+    return [f"{limit.parameter}_mm"]
+
+
+def _values(limit: Limit, sense: Array, conventions: GeometryConventions) -> list[Array]:
+    """The line or lines, row by row, NaN where the limit does not hold."""
+    nominal = 1000.0 * conventions.gauge_m
+    everywhere = np.full(len(sense), limit.value_mm)
+    on = limit.track
+    if limit.parameter == "cross_level" or (limit.parameter == "alignment" and limit.chord_m is not None):
+        on = "tangent"
+    if limit.parameter == "reverse_cross_level":
+        return [np.where(np.abs(sense) == 1.0, sense * limit.value_mm, np.nan)]
+    if on != "any":
+        everywhere[(np.abs(sense) == 1.0) != (on == "curved")] = np.nan
+    if limit.parameter == "gauge_wide":
+        return [nominal + everywhere]
+    if limit.parameter == "gauge_narrow":
+        return [nominal - everywhere]
+    return [everywhere, -everywhere]
+
+
+def _steps(chainage: Array, value: Array) -> tuple[Array, Array]:
+    """A value that is constant for long stretches by the ends of them, NaN between them."""
+    absent = np.isnan(value)
+    ends = np.flatnonzero((value[1:] != value[:-1]) & ~(absent[1:] & absent[:-1])) + 1
+    stretches = np.stack([np.append(0, ends), np.append(ends, len(value)) - 1], axis=1)
+    stretches = stretches[np.isfinite(value[stretches[:, 0]])]
+    x = np.insert(chainage[stretches], 2, np.nan, axis=1).ravel()
+    y = np.insert(value[stretches], 2, np.nan, axis=1).ravel()
+    return x, y

@@ -1,0 +1,193 @@
+"""``recording.toml`` as typed, validated models: format ``trackfg-recording/1``.
+
+Field names, units and defaults are the contract's. Unknown keys are refused, so that a misspelt one is not ignored.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from trackfg.numerics import frames
+
+Vector3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=360)]
+TimeUnit = Literal["s", "ms", "us", "ns"]
+
+
+class Model(BaseModel):
+    """What all parts share: unknown keys and non-finite numbers are refused, and nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Table(Model):
+    """A table's file, its time column, and how that becomes seconds on the recording's clock."""
+
+    file: str
+    time: str = "t"
+    time_unit: TimeUnit = "s"
+    time_offset_s: float = 0.0
+
+
+class Track(Model):
+    """The line and the run on it.
+
+    ``latitude_deg`` is needed to model Earth rotation; ``heading_deg`` (clockwise from north, at the start of the run)
+    lets its horizontal part be modelled where no GNSS gives the heading.
+    """
+
+    gauge_m: Positive = 1.435
+    cross_level_base_m: Positive = 1.5
+    direction: Literal[1, -1] = 1
+    latitude_deg: Latitude | None = None
+    heading_deg: float | None = None
+
+
+class ImuNoise(Model):
+    """Continuous-time densities, sigmas of initial biases, and how well the sensor is calibrated: scale factors, axes
+    (what one feels of another's input), what the gyro feels of accelerations. SI (see the recording format).
+    """
+
+    gyro_white: Positive = 1e-4
+    accel_white: Positive = 2e-3
+    gyro_bias_walk: Positive = 2e-6
+    accel_bias_walk: Positive = 1e-5
+    gyro_bias_sd: Positive = 1e-3
+    accel_bias_sd: Positive = 0.03
+    gyro_scale_sd: Positive = 1e-3
+    accel_scale_sd: Positive = 1e-3
+    misalignment_sd_rad: Positive = 6e-4
+    g_sensitivity_sd: Positive = 2e-5
+
+
+class Imu(Table):
+    """The inertial sensor: columns, units, axes, mounting and noise.
+
+    ``id`` names the sensor in its mounting: recordings with one ``id`` share what is not known of the mounting.
+    ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
+    body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
+    """
+
+    id: Annotated[str, Field(min_length=1)] | None = None
+    stamp: Literal["start", "centre", "end"] = "centre"
+    gyro: tuple[str, str, str]
+    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    accel: tuple[str, str, str]
+    accel_unit: Literal["m/s^2", "g"] = "m/s^2"
+    axes: str = "FLU"
+    rigid: bool = True
+    mount_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    mount_roll_sd_deg: Annotated[float, Field(ge=0)] = 0.0
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+    noise: ImuNoise = ImuNoise()
+
+    @field_validator("axes")
+    @classmethod
+    def _axes_are_a_triad(cls, value: str) -> str:
+        frames.axes_matrix(value)
+        return value
+
+
+class Tach(Table):
+    """The wheel tachometer. ``kind`` says what ``column`` holds; ``pulses`` needs the wheel and the pulse count.
+
+    ``integrated`` marks a distance that was integrated from a speed: it is not made of counts, and its error grows.
+    """
+
+    column: str
+    kind: Literal["pulses", "distance", "speed"]
+    unit: Literal["1", "m", "mm", "m/s", "km/h"] = "1"
+    pulses_per_rev: Positive | None = None
+    wheel_diameter_m: Positive | None = None
+    scale_sd: Positive = 0.01
+    signed: bool = False
+    integrated: bool = False
+
+    @property
+    def integrates_speed(self) -> bool:
+        """Whether the distance in the ``tach`` table was integrated from a speed, here or before."""
+        return self.kind == "speed" or self.integrated
+
+    @model_validator(mode="after")
+    def _kind_and_unit_agree(self) -> Tach:
+        allowed = {"pulses": ("1",), "distance": ("m", "mm"), "speed": ("m/s", "km/h")}[self.kind]
+        if self.unit not in allowed:
+            raise ValueError(f"unit {self.unit!r} does not fit kind {self.kind!r}: expected {' or '.join(allowed)}")
+        if self.kind == "pulses" and (self.pulses_per_rev is None or self.wheel_diameter_m is None):
+            raise ValueError("kind 'pulses' needs pulses_per_rev and wheel_diameter_m")
+        return self
+
+
+class Fixes(Table):
+    """Absolute chainages: balise, RFID, mile post."""
+
+    chainage: str = "chainage_m"
+    sd: str = "sd_m"
+
+
+class Gnss(Table):
+    """Satellite positions: latitude, longitude, height (``frame = "geodetic"``) or east, north, up (``"local"``).
+
+    ``origin`` (latitude deg, longitude deg, height m) is where the ENU frame touches the ellipsoid. Geodetic positions
+    default to the first row; for local ones it is optional and says where on the Earth they are.
+    """
+
+    position: tuple[str, str, str]
+    sd: tuple[str, str, str]
+    frame: Literal["geodetic", "local"] = "geodetic"
+    origin: tuple[Latitude, Longitude, float] | None = None
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Laser(Table):
+    """A displacement sensor: where one rail is relative to the unit, along one body axis."""
+
+    name: str
+    column: str
+    unit: Literal["m", "mm"] = "m"
+    position_m: Vector3
+    axis: Literal["y", "z"]
+    rail: Literal["left", "right"]
+    sd_m: Positive
+
+
+class Truth(Table):
+    """The answer, where it is known. Only comparisons may open it."""
+
+    geometry: str | None = None
+
+
+class RecordingDescription(Model):
+    """All of ``recording.toml``."""
+
+    format: Literal["trackfg-recording/1"] = "trackfg-recording/1"
+    id: str
+    start: datetime | None = None
+    track: Track = Track()
+    imu: Imu
+    tach: Tach | None = None
+    fixes: Fixes | None = None
+    gnss: Gnss | None = None
+    laser: tuple[Laser, ...] = ()
+    truth: Truth | None = None
+
+    @field_validator("laser")
+    @classmethod
+    def _laser_names_differ(cls, value: tuple[Laser, ...]) -> tuple[Laser, ...]:
+        names = [laser.name for laser in value]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two lasers have the name {name!r}: expected a different one each")
+        sights = [(laser.position_m[0], laser.axis, laser.rail) for laser in value]
+        for laser, (along, axis, rail) in zip(value, sights, strict=True):
+            if sights.count((along, axis, rail)) > 1:
+                raise ValueError(
+                    f"laser {laser.name!r}: another one at x = {along:g} m measures the {rail} rail along {axis} too; "
+                    "expected one of each"
+                )
+        return value

@@ -1,0 +1,74 @@
+"""A recording in memory: the contract's description and its tables, in SI, body axes and one clock.
+
+Whatever the files say (units, axes, stamps, clock offsets), a :class:`Recording` always holds
+
+==========  =====================================================================================================
+table       columns
+==========  =====================================================================================================
+``imu``     ``t_s`` (centre of the interval that the sample averages), ``wx_radps wy_radps wz_radps`` (angular
+            rate), ``fx_mps2 fy_mps2 fz_mps2`` (specific force), in vehicle axes FLU
+``tach``    ``t_s, distance_m``: cumulative distance with the nominal wheel, not yet scaled; ``speed`` tachs are
+            integrated (trapezoid)
+``fixes``   ``t_s, chainage_m, chainage_sd_m``
+``gnss``    ``t_s, east_m, north_m, up_m, east_sd_m, north_sd_m, up_sd_m``, ENU tangent at ``gnss_origin``
+``lasers``  by name: ``t_s, displacement_m``
+==========  =====================================================================================================
+
+All of this is applied already: what ``description`` says of units, axes, stamps, mounting and clock offsets is where
+the tables came from, and must not be applied again. Truth is not here: estimators never see it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.frames import Array
+from trackfg.recording.description import RecordingDescription
+from trackfg.recording.findings import Finding
+
+IMU_COLUMNS = ("t_s", "wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2")
+TACH_COLUMNS = ("t_s", "distance_m")
+FIX_COLUMNS = ("t_s", "chainage_m", "chainage_sd_m")
+GNSS_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "east_sd_m", "north_sd_m", "up_sd_m")
+LASER_COLUMNS = ("t_s", "displacement_m")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run. ``gnss_origin`` is (latitude deg, longitude deg, height m), or None where GNSS is local or absent.
+
+    ``findings`` is what reading the files noticed about the quality of the data; it goes into the result's summary.
+    """
+
+    description: RecordingDescription
+    imu: pd.DataFrame
+    tach: pd.DataFrame | None = None
+    fixes: pd.DataFrame | None = None
+    gnss: pd.DataFrame | None = None
+    lasers: dict[str, pd.DataFrame] = field(default_factory=dict)
+    gnss_origin: Array | None = None
+    folder: Path | None = None
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def gyro(self) -> Array:
+        """Angular rate in body axes, rad/s, shape (n, 3)."""
+        return self.imu[list(IMU_COLUMNS[1:4])].to_numpy()
+
+    @property
+    def accel(self) -> Array:
+        """Specific force in body axes, m/s^2, shape (n, 3)."""
+        return self.imu[list(IMU_COLUMNS[4:7])].to_numpy()
+
+    def content_sha256(self) -> str:
+        """Of the inertial and the wheel's measurements: the same for the same run, whatever it is called."""
+        digest = hashlib.sha256()
+        for table in (self.imu, self.tach):
+            if table is not None:
+                digest.update(np.ascontiguousarray(table.to_numpy(dtype="<f8")).tobytes())
+        return digest.hexdigest()

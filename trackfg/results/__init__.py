@@ -1,0 +1,1 @@
+"""The format of a result: its columns, its tables and its summary."""

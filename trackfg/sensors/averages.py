@@ -1,0 +1,87 @@
+"""The IMU and the tach averaged over the same short intervals, so that they can be compared.
+
+Averages are differences of integrals, interpolated at the edges of the intervals: exact for any rates of sampling, the
+same operator for both sensors, and without delay between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.ndimage import binary_erosion, gaussian_filter1d
+
+from trackfg.numerics.frames import Array
+from trackfg.recording.model import IMU_COLUMNS
+
+
+@dataclass(frozen=True)
+class Motion:
+    """``t_s`` (n,): the centres of intervals ``step_s`` long. ``gyro``, ``accel`` (n, 3): mean rate and specific force
+    in body axes. ``speed`` (n,): from the nominal tach distance, NaN where there is none. ``valid`` (n,): no gap of the
+    IMU or the tach touches the interval."""
+
+    t_s: Array
+    step_s: float
+    gyro: Array
+    accel: Array
+    speed: Array
+    valid: np.ndarray
+
+
+def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Motion | None:
+    """Average over intervals of about ``step_s`` within the time that IMU and tach share; None if there are none.
+
+    An interval is at least one IMU interval long.
+    """
+    t = imu["t_s"].to_numpy()
+    interval = float(np.median(np.diff(t)))
+    step = max(step_s, interval)
+    begin, end = t[0], t[-1]
+    if tach is not None:
+        tach_t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
+        begin, end = max(begin, tach_t[0]), min(end, tach_t[-1])
+    n = int((end - begin) / step)
+    if n < 1:
+        return None
+    edges = begin + step * np.arange(n + 1)
+    means = [np.diff(np.interp(edges, t, _integral(t, imu[name].to_numpy()))) / step for name in IMU_COLUMNS[1:]]
+    values = np.column_stack(means)
+    valid = ~_touched(edges, t, max(0.5, 3.0 * interval))
+    speed = np.full(n, np.nan)
+    if tach is not None:
+        speed = np.diff(np.interp(edges, tach_t, distance)) / step
+        valid &= ~_touched(edges, tach_t, max(5.0, 5.0 * float(np.median(np.diff(tach_t)))))
+    return Motion(edges[:-1] + 0.5 * step, step, values[:, :3], values[:, 3:], speed, valid)
+
+
+def _integral(t: Array, values: Array) -> Array:
+    steps = np.diff(t) * 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _touched(edges: Array, t: Array, gap_s: float) -> np.ndarray:
+    """Which intervals a gap longer than ``gap_s`` between successive times touches."""
+    touched = np.zeros(edges.size - 1, dtype=bool)
+    for i in np.flatnonzero(np.diff(t) > gap_s):
+        first, last = np.searchsorted(edges, [t[i], t[i + 1]])
+        touched[max(first - 1, 0) : last] = True
+    return touched
+
+
+def band_passed(values: Array, valid: np.ndarray, step_s: float, short_s: float, long_s: float) -> Array:
+    """``values`` (n,) less what is faster than ``short_s`` and slower than ``long_s``, without delay.
+
+    The difference of two Gaussian averages with these standard deviations. Invalid intervals are bridged linearly
+    before; near them and near both ends the result is set to 0, so that what is known from one side only weighs nothing
+    in a correlation.
+    """
+    index = np.arange(values.size)
+    if not valid.any():
+        return np.zeros_like(values)
+    bridged = np.interp(index, index[valid], values[valid])
+    out = gaussian_filter1d(bridged, short_s / step_s) - gaussian_filter1d(bridged, long_s / step_s)
+    reach = max(1, round(3.0 * short_s / step_s))
+    known = binary_erosion(valid, iterations=reach)
+    return np.where(known, out, 0.0)

@@ -1,0 +1,167 @@
+"""Initial values: a cheap pass over the run that lands close enough for Gauss-Newton.
+
+On a uniform grid: roll and pitch from the specific force less its kinematic part (``dv/dt``, ``v wz``, ``-v wy`` with
+the tach's or the GNSS's speed v) below a crossover frequency and from the gyro above it, both by one zero-phase filter,
+so that a constant gyro bias cancels; yaw from the gyro; position by stepping the speed along the forward axis. Where
+there is GNSS the path is turned and shifted onto it.
+
+Everything is array operations: no loop over time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
+
+from trackfg.numerics.frames import Array, matrix_from_rpy
+from trackfg.recording.model import Recording
+from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
+from trackfg.sensors.tach import Wheel
+
+_GRID_S = 0.1
+_CROSSOVER_S = 20.0
+
+
+@dataclass(frozen=True)
+class InitialPath:
+    """The pass on a grid: ``t`` (n,), ``rpy`` (n, 3) rad with yaw unwrapped, ``p`` and ``v`` (n, 3), ``speed`` (n,)."""
+
+    t: Array
+    rpy: Array
+    p: Array
+    v: Array
+    speed: Array
+    gyro_bias: Array
+
+    def attitude(self, t: Array) -> Array:
+        """``R_nb`` at ``t``. Shape (m,) to (m, 3, 3)."""
+        rpy = interpolate_columns(t, self.t, self.rpy)
+        return matrix_from_rpy(rpy[:, 0], rpy[:, 1], rpy[:, 2])
+
+    def bias(self, t: Array) -> Array:
+        """Gyro bias at ``t``, rad/s, shape (m, 3)."""
+        return interpolate_columns(t, self.t, self.gyro_bias)
+
+    def position(self, t: Array) -> Array:
+        """Position in n at ``t``, m, shape (m, 3)."""
+        return interpolate_columns(t, self.t, self.p)
+
+    def velocity(self, t: Array) -> Array:
+        """Velocity in n at ``t``, m/s, shape (m, 3)."""
+        return interpolate_columns(t, self.t, self.v)
+
+
+def initial_path(
+    recording: Recording, data: Intervals, wheel: Wheel | None, rests: Array, earth_rate: Array, yaw: float
+) -> InitialPath:
+    """Run the pass. ``rests`` (m, 2) s; ``earth_rate`` (3,) rad/s in n; ``yaw`` rad at the start if GNSS is absent."""
+    t = np.arange(data.edges[0], data.edges[-1], _GRID_S)
+    t = np.append(t, data.edges[-1]) if data.edges[-1] - t[-1] > 1e-6 else t
+    gyro, accel = (means_around(t, _GRID_S, data.edges, samples) for samples in (data.gyro, data.accel))
+    bias = rest_bias(t, gyro, rests, earth_rate)
+    speed, acceleration = _speed(recording, wheel, t)
+    w = gyro - bias
+    kinematic = np.stack([acceleration, speed * w[:, 2], -speed * w[:, 1]], axis=1)
+    f = accel - kinematic
+    tilt = np.stack([np.arctan2(f[:, 1], f[:, 2]), np.arctan2(-f[:, 0], np.hypot(f[:, 1], f[:, 2]))], axis=1)
+    slow = _low_pass(tilt)
+    rp = slow
+    dt = np.gradient(t)[:, None]
+    for _ in range(2):  # the rates of roll and pitch depend on roll and pitch themselves
+        sin_r, cos_r, tan_p = np.sin(rp[:, 0]), np.cos(rp[:, 0]), np.tan(rp[:, 1])
+        across = w[:, 1] * sin_r + w[:, 2] * cos_r
+        rates = np.stack([w[:, 0] + across * tan_p, w[:, 1] * cos_r - w[:, 2] * sin_r], axis=1)
+        integral = np.cumsum(rates * dt, axis=0)
+        rp = slow + integral - _low_pass(integral)
+    heading = np.cumsum(across / np.cos(rp[:, 1]) * dt[:, 0])
+    rpy = np.column_stack([rp, heading - heading[0] + yaw])
+    path = _dead_reckon(t, rpy, speed, bias)
+    return path if recording.gnss is None else _onto_gnss(path, recording)
+
+
+def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
+    """Gyro bias at ``t`` (n, 3): the mean rate of each rest less the Earth's vertical rate, interpolated; else 0.
+
+    The horizontal part of the Earth's rate, whose direction in the body is not known yet, stays in.
+    """
+    means, middles = [], []
+    for start, end in rests:
+        inside = (t >= start) & (t <= end)
+        if inside.any():
+            means.append(gyro[inside].mean(axis=0) - [0.0, 0.0, earth_rate[2]])
+            middles.append(0.5 * (start + end))
+    if not means:
+        return np.zeros((t.size, 3))
+    return interpolate_columns(t, np.array(middles), np.array(means))
+
+
+def _low_pass(x: Array) -> Array:
+    """At each time the value there of the straight line fitted to all samples with weights ``exp(-|s| / crossover)``.
+
+    Away from the ends that is the first-order filter run both ways. At the ends lines still pass as they are, such as a
+    constant bias of the gyro makes, and no single sample, each with its errors, decides how they go on.
+    """
+    decay = np.exp(-_GRID_S / _CROSSOVER_S)
+
+    def weighted(y: Array) -> Array:
+        before = lfilter([1.0], [1.0, -decay], y, axis=0)
+        after = lfilter([1.0], [1.0, -decay], y[::-1], axis=0)[::-1]
+        return np.asarray(before + after - y)
+
+    t: Array = _GRID_S / _CROSSOVER_S * np.arange(len(x), dtype=np.float64)[:, None]
+    one, by_t, by_t2 = weighted(np.ones_like(t)), weighted(t), weighted(t * t)
+    s1, s2 = by_t - t * one, by_t2 - 2.0 * t * by_t + t * t * one
+    x0 = weighted(x)
+    x1 = weighted(t * x) - t * x0
+    return np.asarray((s2 * x0 - s1 * x1) / (s2 * one - s1 * s1))
+
+
+def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, Array]:
+    """Forward speed and its derivative on the grid: from the wheel, else from GNSS positions, else zero."""
+    if wheel is not None and (within := (t >= wheel.t[0]) & (t <= wheel.t[-1])).sum() > 1:
+        speed = np.interp(t, t[within], np.gradient(wheel.at(t[within]), t[within]))
+    elif recording.gnss is not None and len(recording.gnss) > 2:
+        gnss_t = recording.gnss["t_s"].to_numpy()
+        position = recording.gnss[["east_m", "north_m", "up_m"]].to_numpy()
+        speed = np.interp(t, gnss_t, np.linalg.norm(np.gradient(position, gnss_t, axis=0), axis=1))
+    else:
+        return np.zeros(t.size), np.zeros(t.size)
+    speed = _smooth(speed)
+    return speed, np.gradient(_smooth(speed), t)
+
+
+def _smooth(x: Array) -> Array:
+    """By a Gaussian of 0.5 s; slopes go on beyond the ends, where a run may begin or end with any acceleration."""
+    sigma = 0.5 / _GRID_S
+    reach = min(round(4.0 * sigma), len(x) - 1)
+    return np.asarray(gaussian_filter1d(np.pad(x, reach, "reflect", reflect_type="odd"), sigma)[reach:][: len(x)])
+
+
+def _dead_reckon(t: Array, rpy: Array, speed: Array, bias: Array) -> InitialPath:
+    cp = np.cos(rpy[:, 1])
+    forward = np.stack([np.cos(rpy[:, 2]) * cp, np.sin(rpy[:, 2]) * cp, -np.sin(rpy[:, 1])], axis=1)
+    v = forward * speed[:, None]
+    p = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
+    return InitialPath(t, rpy, p, v, speed, bias)
+
+
+def _onto_gnss(path: InitialPath, recording: Recording) -> InitialPath:
+    """Turn the path about the vertical and shift it to where it fits the GNSS positions best (Procrustes, in plan)."""
+    gnss = recording.gnss
+    assert gnss is not None
+    t = gnss["t_s"].to_numpy()
+    inside = (t >= path.t[0]) & (t <= path.t[-1])
+    measured = gnss.loc[inside, ["east_m", "north_m", "up_m"]].to_numpy()
+    if len(measured) == 0:
+        return path
+    ours = path.position(t[inside])
+    mean_ours, mean_measured = ours.mean(axis=0), measured.mean(axis=0)
+    a = (ours - mean_ours)[:, 0] + 1j * (ours - mean_ours)[:, 1]
+    b = (measured - mean_measured)[:, 0] + 1j * (measured - mean_measured)[:, 1]
+    turn = float(np.angle(np.sum(np.conj(a) * b)))
+    R = matrix_from_rpy(np.zeros(1), np.zeros(1), np.array([turn]))[0]
+    p = (path.p - mean_ours) @ R.T + mean_measured
+    return InitialPath(path.t, path.rpy + np.array([0.0, 0.0, turn]), p, path.v @ R.T, path.speed, path.gyro_bias)

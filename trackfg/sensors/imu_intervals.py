@@ -1,0 +1,236 @@
+"""The inertial samples as intervals without holes, and their exact compression.
+
+A sample is the mean angular rate and specific force over the interval around its stamp. :func:`intervals` lays these
+intervals edge to edge; where samples are missing it bridges the hole with interpolated ones and marks them, so that
+their noise can be widened and everything downstream sees one continuous record.
+
+:func:`compress` turns groups of samples into one rotation and one velocity increment each, expressed in the body axes
+at the start of the group, with the turning of the body within each sample included (coning and sculling; Savage,
+"Strapdown inertial navigation integration algorithm design", J. Guidance, Control and Dynamics 21 (1998)). GTSAM then
+preintegrates a quarter or a tenth of the samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trackfg.numerics.frames import Array, cross, matrix_from_quaternion, quaternion_exp, quaternion_log
+from trackfg.numerics.spans import true_runs
+from trackfg.recording.canonical import median_interval
+from trackfg.recording.model import Recording
+
+_NO_BIAS = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """n intervals: ``edges`` (n + 1,) s; mean ``gyro`` and ``accel`` (n, 3) in body axes; ``bridged`` (n,) of bool."""
+
+    edges: Array
+    gyro: Array
+    accel: Array
+    bridged: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.gyro)
+
+    def take(self, rows: slice) -> Intervals:
+        """Some of the intervals, in a row."""
+        first, end, _ = rows.indices(len(self))
+        return Intervals(self.edges[first : end + 1], self.gyro[rows], self.accel[rows], self.bridged[rows])
+
+    @cached_property
+    def durations(self) -> Array:
+        """Length of each interval, s."""
+        return np.diff(self.edges)
+
+    def gaps(self) -> Array:
+        """Bridged spans as rows (start, end), s. Shape (g, 2)."""
+        spans: Array = self.edges[true_runs(self.bridged)]
+        return spans
+
+
+def intervals(recording: Recording) -> Intervals:
+    """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
+    t = recording.imu["t_s"].to_numpy()
+    return laid_out(t, recording.gyro, recording.accel, median_interval(t))
+
+
+def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None = None) -> Intervals:
+    """:func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``, if known."""
+    holes = np.flatnonzero(np.diff(t) > max(3.5 * dt, 0.05))
+    bridged = np.zeros(t.size, dtype=bool)
+    if holes.size:
+        inserted = [np.linspace(t[i], t[i + 1], round((t[i + 1] - t[i]) / dt) + 1)[1:-1] for i in holes]
+        where = np.repeat(holes + 1, [len(x) for x in inserted])
+        new = np.concatenate(inserted)
+        gyro = np.insert(gyro, where, interpolate_columns(new, t, gyro), axis=0)
+        accel = np.insert(accel, where, interpolate_columns(new, t, accel), axis=0)
+        bridged = np.insert(bridged, where, values=True)
+        t = np.insert(t, where, new)
+    middle = 0.5 * (t[1:] + t[:-1])
+    # To the nanosecond, so that a record that starts at 0 does so exactly and covers what others measure there.
+    start, end = np.round([t[0] - 0.5 * dt, t[-1] + 0.5 * dt], 9)
+    edges = np.concatenate([[start if begin is None else begin], middle, [end]])
+    return Intervals(edges, gyro, accel, bridged)
+
+
+def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Array:
+    """Means of the samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t``. Shape (m, 3)."""
+    integral = np.vstack([np.zeros(3), np.cumsum(samples * np.diff(edges)[:, None], axis=0)])
+    ends = np.clip(np.concatenate([t - 0.5 * width_s, t + 0.5 * width_s]), edges[0], edges[-1])
+    ends, integral = ends.reshape(2, -1), interpolate_columns(ends, edges, integral).reshape(2, -1, 3)
+    return np.asarray((integral[1] - integral[0]) / (ends[1] - ends[0])[:, None])
+
+
+def interpolate_columns(at: Array, t: Array, values: Array) -> Array:
+    """Each column of ``values`` (n, c), given at ``t`` (n,), linearly at ``at`` (m,). Shape (m, c)."""
+    return np.stack([np.interp(at, t, values[:, c]) for c in range(values.shape[1])], axis=1)
+
+
+@dataclass(frozen=True)
+class Increments:
+    """Groups of intervals: duration (m,) s, rotation vector (m, 3) rad, velocity change (m, 3) m/s in starting axes."""
+
+    duration: Array
+    rotation: Array
+    velocity: Array
+
+
+def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -> Increments:
+    """Group g covers the intervals from ``starts[g]`` to ``starts[g + 1]``. ``starts`` (m + 1,), increasing.
+
+    The increments are those of the raw samples, biases included, but the specific force is turned by the rate less
+    ``gyro_bias`` (3,), rad/s: a bias of 1e-3 rad/s would look like an acceleration of 1e-4 m/s^2 over 0.02 s.
+    """
+    first, counts = starts[:-1], np.diff(starts)
+    duration = np.diff(data.edges[starts])
+    if counts.max(initial=0) <= 1:
+        turn, change = (data.gyro[first] - gyro_bias) * duration[:, None], data.accel[first] * duration[:, None]
+        return Increments(duration, data.gyro[first] * duration[:, None], change + 0.5 * cross(turn, change))
+    dt = data.durations[starts[0] : starts[-1], None]
+    turn = (data.gyro[starts[0] : starts[-1]] - gyro_bias) * dt
+    change = data.accel[starts[0] : starts[-1]] * dt
+    change += 0.5 * cross(turn, change)
+    before, whole = running_turn(starts - starts[0], turn)
+    velocity = np.add.reduceat(np.einsum("mij,mj->mi", matrix_from_quaternion(before), change), first - starts[0])
+    return Increments(duration, quaternion_log(whole).T + duration[:, None] * gyro_bias, velocity)
+
+
+def running_turn(starts: np.ndarray, vectors: Array) -> tuple[Array, Array]:
+    """How far groups of small rotations have turned: ``vectors`` (m, 3) rad one after the other, each in the axes that
+    the one before led to; group g has those from ``starts[g]`` to ``starts[g + 1]``. Quaternions, components first,
+    from a group's start to before each rotation (4, m) and to its end (4, n).
+    """
+    first, counts = starts[:-1], np.diff(starts)
+    w, x, y, z = quaternion_exp(vectors.T)
+    steps = w + 1j * x, y + 1j * z
+    longest = int(counts.max(initial=0))
+    before, whole = (_by_doubling if len(first) < longest else _one_by_one)(first, counts, steps)
+    return _components(*before), _components(*whole)
+
+
+_Pair = tuple[NDArray[np.complex128], NDArray[np.complex128]]
+"""Quaternions ``a + b j`` with a = w + x i and b = y + z i: their products are few operations on arrays."""
+
+
+def _product(p: _Pair, q: _Pair) -> _Pair:
+    (a, b), (c, d) = p, q
+    return a * c - b * d.conj(), a * d + b * c.conj()
+
+
+def _components(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
+    return np.stack([a.real, a.imag, b.real, b.imag])
+
+
+def _one_by_one(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
+    """Many short groups: the first of all, then the second of all, and so on."""
+    longest, all_alike = int(counts.max(initial=0)), bool((counts[1:] == counts[:-1]).all())
+    before = np.empty_like(steps[0]), np.empty_like(steps[1])
+    now = np.ones(len(first), dtype=np.complex128), np.zeros(len(first), dtype=np.complex128)
+    for i in range(longest):
+        live = slice(None) if all_alike else np.flatnonzero(counts > i)
+        row = slice(i, None, longest) if all_alike else first[live] + i
+        here = now[0][live], now[1][live]
+        before[0][row], before[1][row] = here
+        now[0][live], now[1][live] = _product(here, (steps[0][row], steps[1][row]))
+    return before, now
+
+
+def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
+    """Few long groups: products of 2, 4, 8, ... steps, all at once."""
+    since = np.arange(len(steps[0])) - np.repeat(first, counts)
+    (a, b), reach = (steps[0].copy(), steps[1].copy()), 1
+    while reach < int(counts.max()):
+        far = np.flatnonzero(since >= reach)
+        near = far - reach
+        a[far], b[far] = _product((a[near], b[near]), (a[far], b[far]))
+        reach *= 2
+    before, later = (np.ones_like(a), np.zeros_like(b)), np.flatnonzero(since > 0)
+    before[0][later], before[1][later] = a[later - 1], b[later - 1]
+    last = first + counts - 1
+    return before, (a[last], b[last])
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How the body turns between keyframes k and k + 1, relative to k: ``turn`` (m, 3, 3) over the whole interval, and
+    its ``mean`` and ``mean_by_time`` (weighted by the part of the interval's time gone by) over the length of the path.
+    """
+
+    turn: Array
+    mean: Array
+    mean_by_time: Array
+
+
+def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: Array) -> Turning:
+    """The gyro's attitude along each interval, averaged over the distance travelled.
+
+    ``keyframes`` (m + 1,) index ``data.edges``; ``gyro_bias`` (3,) rad/s is taken out; ``distance`` (n + 1,) m at the
+    edges. An interval without distance is averaged over time. The trapezoid rule at every sample.
+    """
+    first, counts = keyframes[:-1], np.diff(keyframes)
+    span, length = np.diff(data.edges[keyframes]), np.diff(distance[keyframes])
+    moving = np.abs(length) > 1e-3
+    own, samples = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
+    edges = data.edges[keyframes[0] : keyframes[-1] + 1]
+    dt, gone = np.diff(edges), np.diff(distance[keyframes[0] : keyframes[-1] + 1])
+    before, whole = running_turn(keyframes - keyframes[0], (data.gyro[samples] - gyro_bias) * dt[:, None])
+    # Weights of the attitude before each sample: half of the sample's share, and half of that of the one before it.
+    share = np.where(moving[own], gone / np.where(moving, length, 1.0)[own], dt / span[own])
+    late = (edges[:-1] - data.edges[first][own]) / span[own]
+    start = first - keyframes[0]
+    weight = 0.5 * (share + np.append(0.0, share[:-1]))
+    weight[start] = 0.5 * share[start]
+    last = np.append(start[1:], len(share)) - 1
+    R, end, at_end = matrix_from_quaternion(before), matrix_from_quaternion(whole), 0.5 * share[last][:, None, None]
+    R *= weight[:, None, None]
+    mean = np.add.reduceat(R, start) + at_end * end
+    R *= late[:, None, None]
+    return Turning(end, mean, np.add.reduceat(R, start) + at_end * end)
+
+
+def increment_starts(
+    data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Split each keyframe interval into increments of at most ``duration`` s (but at least a sample each), with
+    boundaries on both sides of each of ``times``.
+
+    Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
+    position of its first increment in that list.
+    """
+    group = max(1, int(duration / float(np.median(data.durations)) + 1e-6))
+    counts = -(-np.diff(edges) // group)
+    offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])
+    if times is not None:
+        before = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
+        after = np.minimum(before + 1, len(data))
+        here = np.zeros(len(data) + 1, dtype=bool)
+        here[starts] = here[before] = here[after[data.edges[before] < times - 1e-9]] = True
+        starts = np.flatnonzero(here)
+    return starts, np.searchsorted(starts, edges)

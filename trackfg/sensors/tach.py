@@ -1,0 +1,147 @@
+"""The tachometer as a function of time: how far the wheel has rolled, how fast, and where it says nothing.
+
+An unsigned tach counts up whichever way the vehicle goes. Its sense is settled movement by movement (a movement lies
+between two stops): the forward specific force follows the speed's derivative with the sign of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
+
+from trackfg.numerics.frames import Array
+from trackfg.numerics.spans import true_runs
+from trackfg.recording.canonical import median_interval
+from trackfg.recording.model import Recording
+from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
+
+_GRID_S = 0.1
+CRAWL_MPS = 0.25
+"""A reversal needs a stop, and a stop may be too short for the tach to show: slower than this may be one."""
+
+_CLEARLY_BACKWARDS = -0.7
+"""Correlation of forward specific force and tach acceleration, and force per acceleration, below which a movement
+counts as backwards.
+"""
+
+_LEAST_ROUNDING_M = 1e-4
+_USUAL_INTERVALS = 3.5
+_EDGE_STAMPED_FRACTION = 0.1
+"""Rounding error, in pulses, of a count whose rows are the pulses' own times."""
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s. What
+    was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance.
+    """
+
+    t: Array
+    distance: Array
+    rounding_sd: float
+    quantum: float
+    integrates_speed: bool
+    gaps: Array
+    uncounted: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def at(self, t: Array) -> Array:
+        """Nominal distance at ``t``, m; constant outside the record."""
+        if self.integrates_speed:
+            return np.asarray(PchipInterpolator(self.t, self.distance)(np.clip(t, self.t[0], self.t[-1])))
+        return np.asarray(np.interp(t, self.t, self.distance))
+
+    def rate(self, t: Array, half_window_s: float = 0.25) -> Array:
+        """Mean nominal speed over ``t`` plus and minus the half window, m/s."""
+        return (self.at(t + half_window_s) - self.at(t - half_window_s)) / (2.0 * half_window_s)
+
+    def with_speed(self, t: Array, speed: Array, rolls: np.ndarray) -> Wheel:
+        """The same, but where it does not roll (``rolls`` (n - 1,) between the times ``t`` (n,)) by ``speed`` (n,)."""
+        gained = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t) - np.diff(self.at(t))
+        added = np.concatenate([[0.0], np.cumsum(np.where(rolls, 0.0, gained))])
+        rows = np.union1d(self.t, t[1:][~rolls])
+        inside = (rows >= self.t[0]) & (rows <= self.t[-1])
+        rows = rows[inside]
+        return replace(self, t=rows, distance=self.at(rows) + np.interp(rows, t, added))
+
+    def covers(self, t: Array) -> np.ndarray:
+        """Whether there is a reading at ``t``: inside the record and outside its gaps."""
+        inside: np.ndarray = (t >= self.t[0]) & (t <= self.t[-1])
+        for start, end in (*self.gaps, *self.uncounted):
+            inside &= (t <= start) | (t >= end)
+        return inside
+
+    def counts(self, t: Array) -> np.ndarray:
+        """Whether all that is rolled between neighbouring times (m,) is in the distance, shape (m - 1,)."""
+        counted = np.ones(len(t) - 1, dtype=bool)
+        for start, end in self.uncounted:
+            counted &= (t[1:] <= start) | (t[:-1] >= end)
+        return counted
+
+
+def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
+    """The recording's tach, signed; None where there is none. For ``max_gap_s`` see :func:`longest_silence_s`."""
+    if recording.tach is None or recording.description.tach is None:
+        return None
+    description, table = recording.description.tach, recording.tach
+    t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
+    speed = description.integrates_speed
+    quantum, rounding = (0.0, _LEAST_ROUNDING_M) if speed else read_resolution(t, distance)
+    gaps = silences(t, distance, quantum, longest_silence_s(t, max_gap_s))
+    if not description.signed:
+        distance = _signed(t, distance, recording)
+    return Wheel(t, distance, rounding, quantum, speed, gaps)
+
+
+def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
+    """The distance of one count, 0 where there are none, and the sigma of a reading's rounding, m."""
+    quantum = tach_quantum_m(pd.DataFrame({"t_s": t, "distance_m": distance}))
+    rounding = quantum / float(np.sqrt(12.0))
+    if rows_are_pulses(t, distance, quantum):
+        rounding = _EDGE_STAMPED_FRACTION * quantum
+    return quantum, max(rounding, _LEAST_ROUNDING_M)
+
+
+def longest_silence_s(t: Array, max_gap_s: float) -> float:
+    """Between rows, at ``t`` (n,), s, that is no gap: ``max_gap_s``, or a few of the usual intervals."""
+    return max(max_gap_s, _USUAL_INTERVALS * median_interval(t))
+
+
+def silences(t: Array, distance: Array, quantum: float, longest_s: float) -> Array:
+    """Spans without rows, longer than ``longest_s``, over which the wheel rolled, s, shape (g, 2). How far it had
+    rolled within one is not read off a straight line: at 1 m/s^2 that would be 0.5 m off in the middle of 2 s.
+    """
+    silent = (np.diff(t) > longest_s) & (np.abs(np.diff(distance)) > 1.5 * quantum)
+    return np.stack([t[:-1][silent], t[1:][silent]], axis=1)
+
+
+def _signed(t: Array, distance: Array, recording: Recording) -> Array:
+    """Give each movement between stops the sense in which the accelerometer saw it; forwards where that is unclear."""
+    grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
+    if grid.size < 10:
+        return distance
+    rolled = np.interp(grid, t, distance)
+    speed = gaussian_filter1d(np.gradient(rolled, _GRID_S), 0.5 / _GRID_S)
+    imu_t = recording.imu["t_s"].to_numpy()
+    integral = np.concatenate(
+        [[0.0], np.cumsum(0.5 * np.diff(imu_t) * (recording.accel[1:, 0] + recording.accel[:-1, 0]))]
+    )
+    force = gaussian_filter1d(np.gradient(np.interp(grid, imu_t, integral), _GRID_S), 0.5 / _GRID_S)
+    acceleration = np.gradient(speed, _GRID_S)
+    movements = true_runs(speed > CRAWL_MPS)
+    # A movement reaches to the middle of the crawl on either side, where it began and ended.
+    middle = np.concatenate([[0], (movements[1:, 0] + movements[:-1, 1]) // 2, [grid.size]])
+    sense = np.ones(grid.size)
+    for i, j in pairwise(middle):
+        f, a = force[i:j] - force[i:j].mean(), acceleration[i:j] - acceleration[i:j].mean()
+        # Against both: at constant speed the tach's acceleration is rounding, to which the force is small.
+        if float(f @ a) < _CLEARLY_BACKWARDS * np.linalg.norm(a) * max(np.linalg.norm(f), np.linalg.norm(a)):
+            sense[i:j] = -1.0
+    if (sense > 0).all():
+        return distance
+    row_sense = np.where(np.interp(0.5 * (t[1:] + t[:-1]), grid, sense) < 0, -1.0, 1.0)
+    return np.asarray(distance[0] + np.concatenate([[0.0], np.cumsum(row_sense * np.diff(distance))]))

@@ -1,0 +1,1 @@
+"""The batch smoother, from a recording to a result."""

@@ -1,0 +1,170 @@
+"""Where on a map a run was: its profile recognised on the map's, and the graph that knows it.
+
+The run is smoothed by itself first. Where its profile lies on the map's
+(:mod:`trackfg.mapping.recognition.recognition`) becomes landmark factors, one per recognised stretch, with the sigma of
+the match alone and a loss that lets a wrong one go: a wrong match is an outlier, not a jump. Where nothing is
+recognised, or several places are as likely, there is no factor and the chainage's sigma grows.
+
+All chainages are the map's then, and what all matches have in common is added to their variance at the end: the map's
+own uncertainty, and, for a sensor on springs, that its body follows the track's curves late. A fix, which knows nothing
+of the map, is taken to be as uncertain as both together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from trackfg.config import PositionConfig
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.landmark import landmark
+from trackfg.factors.states import States
+from trackfg.graph.build import Problem, placeless
+from trackfg.mapping.recognition.conventions import check_conventions, recognised_near
+from trackfg.numerics.frames import Array
+from trackfg.output.profiles import Profile
+from trackfg.recording.findings import Finding
+from trackfg.results.result import GeometryConventions, MapUse
+from trackfg.solver.covariance import Covariance
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
+
+_LEAST_SD_M = 0.01
+"""Of a match: between sections a wheel creeps by that much in kinks."""
+SURE = 0.99
+"""The probability from which a place found without any fix is believed."""
+_ON_SPRINGS_SD_M = 0.8
+"""What a body's lag behind the track's curves does to the place, as measured on simulated car bodies at 50-100 km/h."""
+
+
+@dataclass(frozen=True)
+class MapChainage:
+    """How well a place is known that is known on a map: the chainage of the map's grid, and what else all matches have
+    in common. ``on_springs``: they are of the body's motion.
+    """
+
+    grid: pd.DataFrame
+    on_springs: bool
+
+    def sd_m(self, chainage: Array) -> Array:
+        """The map's own sigma."""
+        return np.asarray(np.interp(chainage, self.grid["chainage_m"], self.grid["chainage_m_sd"]))
+
+    def with_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
+        """Chainages as uncertain as the map's own are, besides."""
+        common = _ON_SPRINGS_SD_M if self.on_springs else 0.0
+        return covariance.less_sure_of_distance(self.sd_m(direction * states.odo[:, 0]) ** 2 + common**2)
+
+
+@dataclass(frozen=True)
+class Located:
+    """The problem with landmarks, ready to be solved again, and the chainage that it is in."""
+
+    problem: Problem
+    chainage: MapChainage
+    use: MapUse
+    findings: tuple[Finding, ...]
+
+
+def located(
+    problem: Problem,
+    states: States,
+    geometry: pd.DataFrame,
+    passes: Sequence[Profile],
+    feature_map: FeatureMap,
+    config: PositionConfig,
+    meaning: GeometryConventions,
+    *,
+    run: str,
+    direction: int,
+    anchored: bool,
+    wheel_scale_sd: float,
+    on_springs: bool,
+) -> Located:
+    """``geometry`` is the run's own table, from ``passes``; ``anchored``: fixes told where it was; ``on_springs``: the
+    table is of the body's motion.
+
+    Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the run's.
+    """
+    check_conventions(meaning, feature_map.conventions, run)
+    grid = feature_map.grid
+    chainage = MapChainage(grid, on_springs)
+    map_sd = float(grid["chainage_m_sd"].median())
+    recognition = recognised_near(
+        geometry, grid, map_sd if anchored else None, rate_sd=wheel_scale_sd, direction=direction
+    )
+    used = recognition.used
+    if not anchored and recognition.probability < SURE:
+        used = used.iloc[:0]
+    use = MapUse(
+        name=feature_map.name,
+        version=feature_map.version,
+        sections=len(used),
+        recognised_m=float(np.median(np.diff(recognition.sections["run_m"])) * len(used)) if len(used) > 1 else 0.0,
+        probability=float(recognition.probability),
+        found_after_m=None if np.isnan(recognition.found_after_m) else float(recognition.found_after_m),
+    )
+    if used.empty:
+        then = "the map was not used" if anchored else "chainage counts from the start of the run"
+        finding = Finding(
+            "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
+        )
+        return Located(problem, chainage, use, (finding,))
+    moved = states
+    families = problem.families
+    if not anchored:
+        offset = direction * float((used["reference_m"] - used["run_m"]).mean())
+        moved = replace(states, odo=states.odo + np.array([offset, 0.0, 0.0, 0.0]))
+        families = placeless(families)
+    families = tuple(
+        _less_sure(family, chainage, direction) if family.name == "absolute fix" else family for family in families
+    )
+    family = _landmarks(used, passes, states, meaning.step_m, direction, landmark_loss(config))
+    return Located(replace(problem, initial=moved, families=(*families, family)), chainage, use, ())
+
+
+def landmark_loss(config: PositionConfig) -> Loss | None:
+    """The loss of matches."""
+    return Loss("cauchy", config.fix_width) if config.robust else None
+
+
+def landmark_sd(used: pd.DataFrame) -> Array:
+    """The sigma of matches, rows of :attr:`trackfg.mapping.recognition.recognition.Recognition.used`, as landmarks.
+    Shape (m,).
+    """
+    return np.asarray(np.hypot(used["match_sd_m"].to_numpy(), _LEAST_SD_M))
+
+
+def _less_sure(family: Family, chainage: MapChainage, direction: int) -> Family:
+    """Fixes by the map's chainage, which errs by itself."""
+    place = direction * family.data[0][:, 0]
+    return replace(family, sigma=np.hypot(family.sigma, chainage.sd_m(place)[:, None]))
+
+
+def _landmarks(
+    used: pd.DataFrame,
+    passes: Sequence[Profile],
+    states: States,
+    step_m: float,
+    direction: int,
+    loss: Loss | None,
+) -> Family:
+    """One factor per section, at the time when its middle was passed: on the longest pass, as in the table."""
+    place = used["run_m"].to_numpy()
+    when = np.full(len(place), np.nan)
+    for profile in sorted(passes, key=len, reverse=True):
+        points = profile.views[0].points
+        there = np.isnan(when) & (place >= profile.cell[0] * step_m) & (place <= profile.cell[-1] * step_m)
+        when[there] = np.interp(place[there], profile.cell * step_m, points.keyframe + points.fraction)
+    seen = np.isfinite(when)
+    k = np.clip(when[seen].astype(np.int64), 0, len(states) - 2)
+    f = when[seen] - k
+    D = states.odo[:, 0]
+    beyond = direction * place[seen] - ((1.0 - f) * D[k] + f * D[k + 1])
+    distance = direction * used["reference_m"].to_numpy()[seen] - beyond
+    return landmark(k, f, distance, landmark_sd(used)[seen, None], loss)

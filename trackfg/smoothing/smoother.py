@@ -1,0 +1,298 @@
+"""The batch smoother: recording in, result out.
+
+recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, geometry, events and
+summary
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from trackfg.config import SmoothConfig
+from trackfg.factors.states import Kind
+from trackfg.graph.build import Problem, build_problem
+from trackfg.numerics.frames import Array
+from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
+from trackfg.output.events import event_table
+from trackfg.output.place_covariance import PlaceCovariance, place_covariance
+from trackfg.output.profiles import Profile, profiles
+from trackfg.output.rail_profiles import seen_profiles
+from trackfg.output.track_geometry import conventions, geometry_table
+from trackfg.output.trajectory import calibration_table, trajectory_table
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import Recording
+from trackfg.results.result import Estimate, Result, RunFacts, Solver, Summary, VectorEstimate
+from trackfg.sensors.displacement import RailView, rail_views, tied_by_rails
+from trackfg.smoothing.localisation import Located, located
+from trackfg.solver.covariance import Covariance, posterior_covariance
+from trackfg.solver.gauss_newton import Solution, solve
+from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
+
+_NOISE_SETTLED = 0.05
+"""Relative change of the noise levels below which they are not adapted further."""
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass
+class _Stages:
+    """Names, timings and progress of the pipeline's stages."""
+
+    progress: Progress | None
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
+        start = time.perf_counter()
+        self._report(name, 0.0)
+        yield lambda done: self._report(name, done)
+        self.timings_s[name] = self.timings_s.get(name, 0.0) + time.perf_counter() - start
+        self._report(name, 1.0)
+
+    def _report(self, name: str, done: float) -> None:
+        if self.progress is not None:
+            self.progress(name, done)
+
+
+@dataclass(frozen=True)
+class SmoothedStates:
+    """Everything the smoother knows, before it becomes files.
+
+    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
+    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
+    """
+
+    config: SmoothConfig
+    problem: Problem
+    solution: Solution
+    covariance: Covariance
+    noise_ratios: dict[str, float]
+    trajectory: pd.DataFrame
+    geometry: pd.DataFrame
+    places: PlaceCovariance
+    calibration: pd.DataFrame
+    timings_s: dict[str, float]
+    located: Located | None = None
+
+
+class _Written(NamedTuple):
+    """The tables, and what they were made from."""
+
+    states: SmoothedStates
+    motion: DenseMotion
+    shapes: list[Profile]
+
+
+def smooth(
+    recording: Recording,
+    config: SmoothConfig | None = None,
+    *,
+    feature_map: FeatureMap | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Estimate the whole run from all its measurements, and from a map if there is one to be recognised on.
+
+    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "output", "geometry" and "map"
+    go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
+    """
+    config = config or SmoothConfig()
+    smoothed = smooth_states(recording, config, feature_map=feature_map, progress=progress)
+    direction = recording.description.track.direction
+    events = event_table(
+        smoothed.problem, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, direction
+    )
+    return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed), smoothed.places)
+
+
+def smooth_states(
+    recording: Recording,
+    config: SmoothConfig,
+    *,
+    feature_map: FeatureMap | None = None,
+    progress: Progress | None = None,
+) -> SmoothedStates:
+    """As :func:`smooth`, but give back states and covariances as well as tables."""
+    stages, views = _Stages(progress), rail_views(recording)
+    problem, solution, covariance, ratios = _solved(recording, config, views, stages)
+    for _ in range(config.noise.rounds if config.noise.adapt else 0):
+        before, config = config, adapted(config, ratios)
+        changes = [b / a for a, b in zip(before.noise.factors().values(), config.noise.factors().values(), strict=True)]
+        if max(abs(np.log(changes))) < _NOISE_SETTLED:
+            break
+        problem, solution, covariance, ratios = _solved(recording, config, views, stages)
+    written = _written_out(recording, config, views, stages, problem, solution, covariance, ratios)
+    return written.states if feature_map is None else _on_map(recording, views, stages, written, feature_map)
+
+
+def _written_out(
+    recording: Recording,
+    config: SmoothConfig,
+    views: list[RailView],
+    stages: _Stages,
+    problem: Problem,
+    solution: Solution,
+    covariance: Covariance,
+    ratios: dict[str, float],
+) -> _Written:
+    track = recording.description.track
+    with stages.stage("output"):
+        clock = _clock(problem, config.output.rate_hz)
+        motion = dense_motion(problem, solution.states, dense_step(solution.states, config.geometry.step_m), clock)
+        at_clock = motion.at(clock)
+        trajectory = trajectory_table(problem, at_clock, solution.states, covariance, track.direction)
+        calibration = calibration_table(problem, at_clock, solution.states, covariance)
+    with stages.stage("geometry"):
+        meaning = conventions(config.geometry, track)
+        shapes = []
+        if recording.tach is not None or recording.gnss is not None:
+            shapes = seen_profiles(recording.description, views, problem, motion, solution.states, meaning.step_m)
+        geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
+        places = place_covariance(
+            problem,
+            shapes,
+            solution.states,
+            solution.root,
+            track.direction,
+            meaning.step_m,
+            meaning.cross_level_base_m,
+        )
+    states = SmoothedStates(
+        config, problem, solution, covariance, ratios, trajectory, geometry, places, calibration, stages.timings_s
+    )
+    return _Written(states, motion, shapes)
+
+
+def _on_map(
+    recording: Recording, views: list[RailView], stages: _Stages, written: _Written, feature_map: FeatureMap
+) -> SmoothedStates:
+    """Recognised on the map, and solved again with what that says."""
+    alone, shapes = written.states, written.shapes
+    track, config = recording.description.track, alone.config
+    meaning = conventions(config.geometry, track)
+    problem, states = alone.problem, alone.solution.states
+    with stages.stage("map"):
+        geometry, on_springs = alone.geometry, not shapes
+        if on_springs and (recording.tach is not None or recording.gnss is not None):
+            # On springs alone the motion is not the track's, but curves are seen in it all the same.
+            shapes = profiles(problem, written.motion, states, track.direction, meaning.step_m)
+            geometry = geometry_table(problem, shapes, states, alone.covariance, alone.solution.root, meaning)
+        at = located(
+            problem,
+            states,
+            geometry,
+            shapes,
+            feature_map,
+            config.position,
+            meaning,
+            run=recording.description.id,
+            direction=track.direction,
+            anchored=recording.fixes is not None and len(recording.fixes) > 0,
+            wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
+            on_springs=on_springs,
+        )
+    if not at.use.sections:
+        return replace(alone, located=at)
+    with stages.stage("solve") as report:
+        solution = solve(at.problem, config.solver, report)
+    with stages.stage("covariance"):
+        covariance = posterior_covariance(solution.root)
+        ratios = noise_ratios(at.problem, solution, covariance)
+        covariance = at.chainage.with_uncertainty(covariance, solution.states, track.direction)
+    again = _written_out(recording, config, views, stages, at.problem, solution, covariance, ratios)
+    return replace(again.states, located=at, places=PlaceCovariance.none())
+
+
+def _solved(
+    recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages
+) -> tuple[Problem, Solution, Covariance, dict[str, float]]:
+    with stages.stage("graph"):
+        problem = build_problem(recording, config)
+        if views:
+            problem = tied_by_rails(problem, problem.initial, views, config.laser)
+    with stages.stage("solve") as report:
+        solution = solve(problem, config.solver, report)
+    if views:  # which readings saw one place is known better now
+        with stages.stage("solve") as report:
+            problem = tied_by_rails(replace(problem, initial=solution.states), solution.states, views, config.laser)
+            solution = solve(problem, config.solver, report)
+    with stages.stage("covariance"):
+        covariance = posterior_covariance(solution.root)
+        ratios = noise_ratios(problem, solution, covariance)
+    return problem, solution, covariance, ratios
+
+
+def _clock(problem: Problem, rate_hz: float) -> Array:
+    """A uniform clock over the run: whole multiples of the output interval."""
+    first, last = np.ceil(problem.t[0] * rate_hz), np.floor(problem.t[-1] * rate_hz)
+    return np.arange(first, last + 1) / rate_hz
+
+
+def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
+    if solution.converged:
+        return ()
+    mend = "look at the events and check the recording for gross errors and wrong units"
+    return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", mend=mend),)
+
+
+def _run_facts(recording: Recording) -> RunFacts:
+    description, fixes, origin = recording.description, recording.fixes, recording.gnss_origin
+    return RunFacts(
+        start=None if description.start is None else description.start.isoformat(),
+        content_sha256=recording.content_sha256(),
+        direction=description.track.direction,
+        anchored=fixes is not None and len(fixes) > 0,
+        imu_id=description.imu.id,
+        mount_roll_sd_rad=float(np.radians(description.imu.mount_roll_sd_deg)),
+        origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
+    )
+
+
+def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
+    problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
+    last = smoothed.calibration.iloc[-1]
+    clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
+    has_tach = problem.wheel is not None
+
+    def vector(name: str) -> VectorEstimate:
+        columns = [name.format(axis=axis) for axis in "xyz"]
+        return VectorEstimate(value=tuple(last[columns]), sd=tuple(last[[f"{c}_sd" for c in columns]]))
+
+    return Summary(
+        recording_id=recording.description.id,
+        run=_run_facts(recording),
+        map=None if smoothed.located is None else smoothed.located.use,
+        configuration=smoothed.config.model_dump(mode="json"),
+        solver=Solver(
+            converged=solution.converged,
+            reason=solution.reason,
+            iterations=solution.iterations,
+            cost=solution.cost,
+            degrees_of_freedom=solution.degrees_of_freedom,
+        ),
+        timings_s=smoothed.timings_s,
+        duration_s=float(problem.t[-1] - problem.t[0]),
+        distance_m=float(np.abs(np.diff(solution.states.odo[:, 0])).sum()),
+        keyframes=len(problem.t),
+        noise_ratios=smoothed.noise_ratios,
+        wheel_scale=Estimate(value=last["wheel_scale"], sd=last["wheel_scale_sd"]) if has_tach else None,
+        clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
+        gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
+        accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
+        geometry=conventions(smoothed.config.geometry, recording.description.track),
+        findings=(
+            *recording.findings,
+            *_solver_findings(solution),
+            *noise_findings(smoothed.noise_ratios),
+            *(() if smoothed.located is None else smoothed.located.findings),
+        ),
+    )

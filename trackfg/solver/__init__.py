@@ -1,0 +1,1 @@
+"""Gauss-Newton on the graph, its elimination, covariance and noise levels."""

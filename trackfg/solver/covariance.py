@@ -1,0 +1,167 @@
+"""Posterior covariances and posterior samples by recursions over the conditionals of a chain.
+
+With the square root of :mod:`trackfg.solver.square_root` the error of keyframe k is ``x_k = A_k y_k + R_k^-1 e``:
+backwards from the last keyframe, covariances of the moving window (x_k, y_k) follow, or, with drawn e, samples of all
+states together. Forwards, with all conditionals stacked as ``R x = e``, the covariance of linear functions ``C x`` is
+``Y' Y`` with ``R' Y = C'``. (Bierman, "Factorization methods for discrete sequential estimation", 1977, ch. X.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
+from trackfg.numerics.frames import Array
+from trackfg.solver.square_root import SIZE, SquareRoot
+
+_STACKED = 64
+"""Keyframes whose products are summed by one multiplication."""
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
+
+    d is 19 + 30, elimination order.
+    """
+
+    marginal: Array
+    gain: Array
+
+    def of(self, kind: Kind) -> Array:
+        """Marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one."""
+        start = offset_in_keyframe(kind)
+        rows = self.marginal[:1] if kind.shared else self.marginal
+        return rows[:, start : start + kind.dim, start : start + kind.dim]
+
+    def less_sure_of_distance(self, variance: Array | float) -> Covariance:
+        """With so much more variance (n,), m^2, of the distances along the track."""
+        if not np.any(variance):
+            return self
+        at, marginal = offset_in_keyframe(Kind.ODO), self.marginal.copy()
+        marginal[:, at, at] += variance
+        return replace(self, marginal=marginal)
+
+    def between(self, i: int, j: int) -> Array:
+        """Cross-covariance of keyframes ``i <= j``, shape (d, d).
+
+        Exact for a chain; with a longer reach exact for neighbours, and carried from neighbour to neighbour beyond.
+        """
+        out: Array = self.marginal[j]
+        for k in range(j - 1, i - 1, -1):
+            out = self.gain[k] @ out
+        return out
+
+
+def posterior_covariance(root: SquareRoot) -> Covariance:
+    """Run the recursion. Cost is linear in the number of keyframes."""
+    n, dim = len(root.inverse), KEYFRAME_DIM
+    spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
+    marginal, cross = np.empty((n, SIZE, SIZE)), np.empty((n, SIZE, SIZE)) if root.ahead.any() else None
+    window = np.zeros((root.parents(n - 1), root.parents(n - 1)))
+    window[dim:SIZE, dim:SIZE] = root.shared_inverse @ root.shared_inverse.T
+    for k in range(n - 1, -1, -1):
+        A, kept = root.regression[k, :, : len(window)], root.kept(k)
+        ahead = A @ window
+        if cross is not None:
+            cross[k, :dim], cross[k, dim:] = ahead[:, :SIZE], window[dim:SIZE, :SIZE]
+        own, both = ahead @ A.T + spread[k], ahead[:, kept]
+        later, window = window[kept[:, None], kept], np.empty((dim + kept.size, dim + kept.size))
+        window[:dim, :dim] = 0.5 * (own + own.T)
+        window[:dim, dim:], window[dim:, :dim], window[dim:, dim:] = both, both.T, later
+        marginal[k] = window[:SIZE, :SIZE]
+    return Covariance(marginal, _chain_gain(root) if cross is None else _gain(marginal, cross))
+
+
+def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
+    """Tangent vectors (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
+    n = len(root.inverse)
+    samples = np.empty((n, SIZE, count))
+    noise = root.inverse @ rng.standard_normal((n, KEYFRAME_DIM, count))
+    window = np.zeros((root.parents(n - 1), count))
+    window[KEYFRAME_DIM:SIZE] = root.shared_inverse @ rng.standard_normal((SHARED_DIM, count))
+    for k in range(n - 1, -1, -1):
+        own = root.regression[k, :, : len(window)] @ window + noise[k]
+        window = np.concatenate([own, window[root.kept(k)]])
+        samples[k] = window[:SIZE]
+    return samples
+
+
+@dataclass(frozen=True)
+class Functions:
+    """m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
+
+    ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, 19), ``by_shared`` (m, 26).
+    """
+
+    keyframe: np.ndarray
+    by_first: Array
+    by_second: Array
+    by_shared: Array
+
+
+def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
+    """The covariance of functions with each other, however far apart they are. Shape (m, m).
+
+    Cost is linear in the number of keyframes and quadratic in that of the functions.
+    """
+    total, carried = covariance_given_next(root, functions)
+    last = root.shared_inverse.T @ carried[KEYFRAME_DIM:SIZE]
+    total += last.T @ last
+    return np.asarray(0.5 * (total + total.T))
+
+
+def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array, Array]:
+    """Functions as ``G' z + e`` of z = (x_n, s), the keyframe after the root's last one and the shared variables: the
+    covariance of e, (m, m), and G, (d, m). The functions may touch x_n.
+    """
+    n, m, dim = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM
+    total = np.zeros((m, m))
+    stacked: list[Array] = []
+    carried = np.zeros((SIZE, m))
+    own = np.searchsorted(functions.keyframe, np.arange(n + 1))
+    for k in range(n):
+        right = carried[:dim].copy()
+        first, second = slice(own[k], own[k + 1]), slice(own[max(k - 1, 0)], own[k])
+        right[:, first] += functions.by_first[first].T
+        right[:, second] += functions.by_second[second].T
+        active = slice(0, own[k + 1])
+        y = root.inverse[k].T @ right[:, active]
+        ahead = np.zeros((root.parents(k), m))
+        ahead[root.kept(k)] = carried[dim:]
+        ahead[:, active] -= root.S[k, :, : len(ahead)].T @ y
+        carried = ahead
+        stacked.append(y)
+        if len(stacked) == _STACKED or k == n - 1:
+            _add_products(total, stacked)
+            stacked = []
+    last = slice(own[max(n - 1, 0)], own[n])
+    carried[:dim, last] += functions.by_second[last].T
+    carried[dim:SIZE] += functions.by_shared.T
+    return total, carried[:SIZE]
+
+
+def _add_products(total: Array, parts: list[Array]) -> None:
+    """Add Y' Y of parts (r, c) that know only the first c functions."""
+    wide = parts[-1].shape[1]
+    stack = np.zeros((len(parts), KEYFRAME_DIM, wide))
+    for row, part in zip(stack, parts, strict=True):
+        row[:, : part.shape[1]] = part
+    rows = stack.reshape(-1, wide)
+    total[:wide, :wide] += rows.T @ rows
+
+
+def _chain_gain(root: SquareRoot) -> Array:
+    gain = np.zeros((len(root.regression) - 1, SIZE, SIZE))
+    gain[:, :KEYFRAME_DIM] = root.regression[:-1]
+    gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(SHARED_DIM)
+    return gain
+
+
+def _gain(marginal: Array, cross: Array) -> Array:
+    sd = np.sqrt(np.diagonal(marginal[1:], axis1=1, axis2=2))
+    correlation = marginal[1:] / (sd[:, :, None] * sd[:, None, :])
+    scaled = np.linalg.solve(correlation, np.swapaxes(cross[:-1] / sd[:, None, :], 1, 2))
+    return np.asarray(np.swapaxes(scaled, 1, 2) / sd[:, None, :])

@@ -1,0 +1,331 @@
+"""Elimination of a chain of keyframes by QR: one small dense factorisation per keyframe.
+
+All linear factors ``A d = b`` of keyframe k (those whose first keyframe it is) are rows over the window (x_k, y_k) with
+``y_k = (x_{k+1}, nav_{k+2}, ..., nav_{k+w}, s)``: tangents x of keyframes, the variables s that the run shares, and,
+where a factor ties keyframes further apart (two passes of lasers over one place), the navigation states it reaches.
+With what earlier keyframes left over for this window, their QR is
+
+    [ R_k  S_k  d_k ]    the conditional of x_k: ``R_k x_k + S_k y_k = d_k + e``, e ~ N(0, I)
+    [  0    .    .  ]    what is left for the next keyframe
+    [  0    s    .  ]    rows of shared variables alone, set aside until the end.
+
+It works on A, not on A'A with the square of its condition number, which in a long open chain runs out of double
+precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgeqrf
+
+from trackfg.errors import UnsolvableError
+from trackfg.factors.family import LinearFactors, Slot, first_keyframe, last_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
+from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.frames import Array
+from trackfg.solver.square_root import NAV, NAV_DIM, SIZE, SquareRoot
+
+_PAIR = 2 * KEYFRAME_DIM
+_TAIL = SHARED_DIM + 1
+"""Columns of the shared variables and of the right-hand side."""
+
+_AT_A_TIME = 256
+"""Keyframes whose rows are stacked together."""
+
+_INDETERMINATE = 1e-14
+"""Part of a column that is left once all earlier ones are taken out: below this it is rounding."""
+
+_UNDETERMINED = "the measurements do not determine the states"
+
+
+class Conditionals(NamedTuple):
+    """``R`` (n, 19, 19), ``S`` (n, 19, 49 + ...) and ``d`` (n, 19) of keyframes, as :class:`SquareRoot` has them."""
+
+    R: Array
+    S: Array
+    d: Array
+
+
+def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
+    """Eliminate keyframe by keyframe, shared variables last. Raises ``UnsolvableError`` where they are not determined.
+
+    Shared variables have index 0. Cost is linear in the number of keyframes.
+    """
+    return eliminate_leaving(factors, keyframes, ())[0]
+
+
+def eliminate_leaving(
+    factors: Sequence[LinearFactors], keyframes: int, gone: Collection[int]
+) -> tuple[SquareRoot, dict[int, Array]]:
+    """As :func:`eliminate`, and for each number of keyframes ``gone`` what the factors that touch the first so many of
+    a chain, or the shared variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50).
+
+    Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
+    """
+    placed = [_Placed.of(one) for one in factors]
+    ahead = _ahead(placed, keyframes)
+    if gone and ahead.any():
+        raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
+    widths = _PAIR + NAV_DIM * ahead
+    with one_thread():
+        conditional, alone, left = _factored(_systems(placed, widths), widths, gone)
+        shared = _triangle(alone)[:SHARED_DIM]
+        if len(shared) < SHARED_DIM:
+            raise UnsolvableError(_UNDETERMINED)
+        R, sign = _positive(np.triu(shared[:, :-1]))
+        return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead), left
+
+
+def stacked_pair(factors: Sequence[LinearFactors]) -> Array:
+    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes."""
+    rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + _TAIL))
+    end = 0
+    for slots, own in factors:
+        count, tall, _ = own.shape
+        begin, end = end, end + count * tall
+        row, none = np.arange(begin, end).reshape(count, tall), np.zeros(count, dtype=np.int64)
+        column = _columns(slots, slice(None), none, none + _PAIR, further=False)
+        rows[row[:, :, None], column[:, None, :]] = own
+    return rows
+
+
+def compressed(rows: Array) -> Array:
+    """As many rows as columns, at most, that say the same: R of their QR."""
+    with one_thread():
+        return _triangle(rows)
+
+
+def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
+    """The square root of the information in rows of :func:`stacked_pair`, by one dense QR; and what these rows say of
+    (x_1, s) alone, as rows [A b].
+    """
+    R, dim = compressed(rows)[: _PAIR + SHARED_DIM], KEYFRAME_DIM
+    if len(R) < _PAIR + SHARED_DIM:
+        raise UnsolvableError(_UNDETERMINED)
+    R = R * _positive(R[:, :-1])[1][:, None]
+    first, second, shared = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, _PAIR + SHARED_DIM)
+    S = np.zeros((2, dim, SIZE))
+    S[0], S[1, :, dim:] = R[first, dim:-1], R[second, _PAIR:-1]
+    root = SquareRoot(
+        np.array([R[first, first], R[second, second]]),
+        S,
+        R[:_PAIR, -1].reshape(2, dim),
+        R[shared, shared],
+        R[shared, -1],
+        np.zeros(2, dtype=np.int64),
+    )
+    return root, R[dim:, dim:]
+
+
+def _factored(
+    systems: Iterator[Array], widths: np.ndarray, gone: Collection[int]
+) -> tuple[Array, Array, dict[int, Array]]:
+    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; rows of the shared variables
+    alone; what the first keyframes leave, as :func:`eliminate_leaving` says.
+    """
+    keyframes = len(widths)
+    conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
+    alone = [next(systems)]
+    left, left_by_gone = np.zeros((0, 0)), {}
+    place: np.ndarray | slice = slice(0)
+    for k, own in enumerate(systems):
+        width, carried = int(widths[k]), len(left)
+        system = np.zeros((carried + len(own), width + _TAIL), order="F")
+        system[:carried, place] = left
+        system[carried:] = own
+        if len(system) < KEYFRAME_DIM:
+            raise UnsolvableError(_UNDETERMINED)
+        triangle = dgeqrf(system, overwrite_a=True)[0]
+        conditional[k, :, : width + _TAIL] = triangle[:KEYFRAME_DIM]
+        rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
+        rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
+        after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
+        alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
+        left = rest[:after]
+        place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
+        if k + 1 in gone:
+            left_by_gone[k + 1] = _left(left, np.concatenate(alone))
+    return conditional, np.concatenate(alone), left_by_gone
+
+
+def _left(left: Array, alone: Array) -> Array:
+    """Rows over (x, s | b) of both, (49, 50)."""
+    shared = _triangle(alone)[:SHARED_DIM]
+    rest = np.zeros((SIZE, SIZE + 1))
+    rest[: len(left)] = left
+    rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
+    return rest
+
+
+def _conditionals(conditional: Array, ahead: np.ndarray) -> Conditionals:
+    """From what :func:`_factored` gives."""
+    R, sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
+    later = _PAIR - KEYFRAME_DIM + SHARED_DIM
+    S = np.zeros((len(ahead), KEYFRAME_DIM, conditional.shape[2] - KEYFRAME_DIM - 1))
+    d = np.empty((len(ahead), KEYFRAME_DIM))
+    for count in np.unique(ahead).tolist():  # the shared variables before the later navigation states
+        own, end = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
+        S[own, :, : _PAIR - KEYFRAME_DIM] = conditional[own, :, KEYFRAME_DIM:_PAIR]
+        S[own, :, _PAIR - KEYFRAME_DIM : later] = conditional[own, :, end : end + SHARED_DIM]
+        S[own, :, later : later + NAV_DIM * count] = conditional[own, :, _PAIR:end]
+        d[own] = conditional[own, :, end + SHARED_DIM]
+    S *= sign[:, :, None]
+    return Conditionals(R, S, d * sign)
+
+
+def _positive(R: Array) -> tuple[Array, Array]:
+    """Triangles with a positive diagonal, and the signs that their rows were multiplied by.
+
+    The sign of a row is arbitrary; so R is unique, and so are samples drawn with it. Raises ``UnsolvableError`` where a
+    triangle is singular.
+    """
+    if not _determined(R):
+        raise UnsolvableError(_UNDETERMINED)
+    sign = np.copysign(1.0, np.diagonal(R, axis1=-2, axis2=-1))
+    return R * sign[..., None], sign
+
+
+def _triangle(rows: Array) -> Array:
+    """R of the QR of many rows: of some at a time, then of their Rs, and so on."""
+    some, columns = 4 * rows.shape[1], rows.shape[1]
+    while len(rows) > some:
+        padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
+        rows = np.asarray(np.linalg.qr(padded.reshape(-1, some, columns), mode="r")).reshape(-1, columns)
+    triangle = dgeqrf(rows)[0][:columns]
+    return np.asarray(triangle * _upper(*triangle.shape))
+
+
+def _determined(R: Array) -> bool:
+    diagonal = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
+    return bool((diagonal > _INDETERMINATE * np.linalg.norm(R, axis=-2)).all())
+
+
+@lru_cache
+def _upper(rows: int, columns: int) -> Array:
+    return np.triu(np.ones((rows, columns)))
+
+
+@lru_cache
+def _columns_in_next(width: int, next_width: int) -> np.ndarray:
+    """Where the columns of y_k are in the window of keyframe k + 1."""
+    x = np.arange(KEYFRAME_DIM)
+    nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: width - _PAIR]
+    later = np.arange(_PAIR, width - NAV_DIM)
+    return np.concatenate([x, nav, later, next_width + np.arange(_TAIL)])
+
+
+class _Placed(NamedTuple):
+    """Factors in order of the first keyframe that each touches: ``first`` (m,), -1 for shared variables alone, and the
+    ``last`` one (m,).
+    """
+
+    factors: LinearFactors
+    first: np.ndarray
+    last: np.ndarray
+
+    @classmethod
+    def of(cls, factors: LinearFactors) -> _Placed:
+        slots, count = factors.slots, len(factors.rows)
+        first, last = first_keyframe(slots, count), last_keyframe(slots, count)
+        if (first[1:] >= first[:-1]).all():
+            return cls(factors, first, last)
+        order = np.argsort(first, kind="stable")
+        return cls(factors.take(order), first[order], last[order])
+
+
+def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
+    """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
+    last = np.arange(1, keyframes + 1)
+    for _, first, farthest in factors:
+        far = farthest > first + 1
+        if far.any():
+            np.maximum.at(last, first[far], farthest[far])
+    return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
+
+
+def _systems(factors: Sequence[_Placed], widths: np.ndarray) -> Iterator[Array]:
+    """Rows of shared variables alone, then those of each keyframe, laid out as its window, the right-hand side last.
+
+    Stacked some keyframes at a time: windows differ, and at the widest all rows together would fill the memory.
+    """
+    shared = [one for one in factors if one.first.size and one.first[0] < 0]
+    yield _stacked(shared, -1, 0, np.array([_PAIR]))[0][:, _PAIR:] if shared else np.zeros((0, _TAIL))
+    own = [one for one in factors if one.first.size and one.first[0] >= 0]
+    for begin in range(0, len(widths), _AT_A_TIME):
+        end = min(begin + _AT_A_TIME, len(widths))
+        rows, starts = _stacked(own, begin, end, widths[begin:end])
+        for k, width in enumerate(widths[begin:end].tolist()):
+            yield rows[starts[k] : starts[k + 1], : width + _TAIL]
+
+
+def _stacked(factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarray) -> tuple[Array, np.ndarray]:
+    """The rows of the keyframes from ``begin`` to ``end``, in order (m, widest window); where those of each start."""
+    parts = []
+    for one, first, _ in factors:
+        some = slice(*np.searchsorted(first, [begin, end]).tolist())
+        if some.stop > some.start:
+            parts.append((one.slots, one.rows[some], first[some], some))
+    number = [first - begin for *_, first, _ in parts]
+    none = np.zeros(0, dtype=np.int64)
+    tall = (np.full(len(k), own.shape[1]) for k, (_, own, _, _) in zip(number, parts, strict=True))
+    heights = np.concatenate([none, *tall])
+    by_keyframe = np.concatenate([none, *number])
+    order = np.argsort(by_keyframe, kind="stable")
+    ends = np.cumsum(heights[order])
+    begins = np.empty(len(order), dtype=np.int64)
+    begins[order] = ends - heights[order]
+    starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
+
+    widest = int(widths.max())
+    rows = np.zeros((int(ends[-1]) if len(ends) else 0, widest + _TAIL))
+    after, further = 0, widest > _PAIR
+    for k, (slots, own, first, some) in zip(number, parts, strict=True):
+        before, after = after, after + len(k)
+        row = begins[before:after, None] + _counted(own.shape[1])
+        column = _columns(slots, some, first, widths[k], further=further)
+        rows[row[:, :, None], column[:, None, :]] = own
+    return rows, starts
+
+
+def _columns(slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.ndarray, *, further: bool) -> np.ndarray:
+    """Which columns of their windows, of some ``width`` (m,), factors fill whose ``first`` keyframe is this (m,):
+    (m, c + 1), the right-hand side last. ``further``: whether any window reaches further than to the next keyframe.
+    """
+    kinds = tuple(slot.kind for slot in slots)
+    at, slot_of, behind = _layout(kinds)
+    later = np.zeros((len(first), len(slots) + 1), dtype=np.int64)
+    for j, slot in enumerate(slots):
+        if not slot.kind.shared:
+            later[:, j] = slot.index[some] - first
+    columns: np.ndarray = at + (KEYFRAME_DIM * later)[:, slot_of]
+    if not further:
+        return columns
+    far = later >= 2
+    for j in np.flatnonzero(far.any(axis=0)).tolist():
+        if kinds[j] is not Kind.NAV:
+            raise ValueError(f"{kinds[j].name} is touched from {later.max()} keyframes before; only NAV may be")
+    beyond = _PAIR - NAV.start + (NAV_DIM - KEYFRAME_DIM) * later - 2 * NAV_DIM
+    columns += np.where(far, beyond, 0)[:, slot_of]
+    columns += np.where(behind, (width - _PAIR)[:, None], 0)
+    return columns
+
+
+@lru_cache
+def _layout(kinds: tuple[Kind, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns of such factors where all slots are of the first keyframe and the window reaches to the next one, and
+    that of the right-hand side; the number of the slot of each; and which are behind all keyframes. All (c + 1,).
+    """
+    starts = (offset_in_keyframe(kind) + (_PAIR - KEYFRAME_DIM) * kind.shared for kind in kinds)
+    at = [start + np.arange(kind.dim) for start, kind in zip(starts, kinds, strict=True)]
+    columns = np.concatenate([*at, [_PAIR + SHARED_DIM]])
+    slot_of = np.repeat(np.arange(len(kinds) + 1), [*(kind.dim for kind in kinds), 1])
+    return columns, slot_of, columns >= _PAIR
+
+
+@lru_cache
+def _counted(length: int) -> np.ndarray:
+    return np.arange(length)

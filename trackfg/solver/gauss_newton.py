@@ -1,0 +1,129 @@
+"""Gauss-Newton with step control over a graph whose values Python owns.
+
+Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays),
+eliminates along the chain by QR (:mod:`trackfg.solver.elimination`), and takes the step if the cost falls, else a
+shorter one.
+
+The stop rule is on the whitened step. With the square root R of the information, ``|R d|`` is the length of the step d
+in posterior sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust
+losses, whose weights settle slowly, a step that hardly lowers the cost ends the iteration too. The reason is part of
+the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from trackfg.config import SolverConfig
+from trackfg.factors.family import Family
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
+from trackfg.graph.build import Problem
+from trackfg.solver.elimination import eliminate
+from trackfg.solver.square_root import SquareRoot
+
+_SHORTEST = 2.0**-10
+_LONGEST = 8.0
+_ROUGH = 3.0
+"""In sigmas per square root of the number of variables: until a step is shorter, gentler losses stand in."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The minimum, the square root of the information at the last step towards it, and how it was reached.
+
+    ``values`` are the states as GTSAM has them.
+    """
+
+    states: States
+    values: gtsam.Values
+    root: SquareRoot
+    converged: bool
+    reason: str
+    iterations: int
+    cost: float
+    initial_cost: float
+    degrees_of_freedom: int
+
+
+class _Stop(NamedTuple):
+    converged: bool
+    reason: str
+
+
+def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
+    """Minimise the graph's cost. Raises ``UnsolvableError`` where the measurements do not determine the states."""
+    keyframes = len(problem.t)
+    variables = KEYFRAME_DIM * keyframes + SHARED_DIM
+    values = problem.initial.to_gtsam()
+    states = problem.initial
+    families = tuple(family.at_start() for family in problem.families)
+    robust = False
+    cost = initial_cost = _cost(problem, families, states, values)
+    stop = None
+    root: SquareRoot | None = None
+    iterations = 0
+    while stop is None and iterations < config.max_iterations:
+        iterations += 1
+        root = None  # the next one needs its memory
+        linear = [linearize_imu_factors(problem.native, values), *(family.linearize(states) for family in families)]
+        root = eliminate(linear, keyframes)
+        length = root.length
+        if progress is not None:
+            progress(iterations / config.max_iterations)
+        if robust and length < config.step_tolerance:
+            stop = _Stop(True, f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}")
+            break
+        moved = _step(problem, families, states, values, root.solution(), cost)
+        if moved is not None:
+            fell = cost - moved[2]
+            values, states, cost = moved
+            if robust and fell < config.cost_tolerance:
+                stop = _Stop(True, f"the cost fell by {fell:.2g}, less than {config.cost_tolerance:g}")
+        elif robust:
+            short = length < 1.0
+            stop = _Stop(short, f"no shorter step lowers the cost; the step was {length:.2g} posterior sigmas")
+        if not robust and (moved is None or length < _ROUGH * np.sqrt(variables)):
+            # Close enough that a large residual is an outlier and not a poor start.
+            robust, families = True, problem.families
+            cost = _cost(problem, families, states, values)
+    assert root is not None  # there is at least one iteration
+    stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
+    rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
+    return Solution(states, values, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
+
+
+def _cost(problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values) -> float:
+    return float(problem.native.error(values)) + sum(family.cost(states) for family in families)
+
+
+def _step(
+    problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values, step: Step, cost: float
+) -> tuple[gtsam.Values, States, float] | None:
+    """The best of the halved or doubled steps; None if none lowers the cost.
+
+    Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
+    as long as that helps more.
+    """
+
+    def attempt(scale: float) -> tuple[gtsam.Values, States, float]:
+        scaled = step.scaled(scale)
+        moved, moved_values = states.moved(scaled), values.retract(scaled.to_gtsam())
+        new = _cost(problem, families, moved, moved_values)
+        return moved_values, moved, new if np.isfinite(new) else np.inf
+
+    scale = 1.0
+    best = attempt(scale)
+    while best[2] > cost * (1.0 + 1e-12):
+        scale *= 0.5
+        if scale < _SHORTEST:
+            return None
+        best = attempt(scale)
+    while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[2] < best[2]:
+        best, scale = longer, 2.0 * scale
+    return best

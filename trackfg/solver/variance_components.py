@@ -1,0 +1,112 @@
+"""Are the assumed noise levels true? Variance components from the residuals of a solution.
+
+For a group of whitened residual rows e with leverages h (the diagonal of ``J P J'``, P the posterior covariance), the
+expected sum of squares is the redundancy ``sum(1 - h)`` if the assumed sigmas are right. The square root of the ratio
+is the factor by which they are too small. Foerstner, "Ein Verfahren zur Schaetzung von Varianz- und
+Kovarianzkomponenten" (1979); robust weights enter as in Koch, "Parameter estimation and hypothesis testing in linear
+models" (1999), ch. 3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.config import SmoothConfig
+from trackfg.factors.family import Family
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.graph.build import Problem
+from trackfg.recording.findings import Finding
+from trackfg.solver.covariance import Covariance
+from trackfg.solver.gauss_newton import Solution
+
+_LEAST_REDUNDANCY = 20.0
+"""Groups that the rest of the graph hardly checks say nothing about their own noise."""
+
+_FAR_OFF = 2.0
+
+GROUPS = {"non-holonomic": "motion", "path": "path", "tach distance": "tach", "GNSS position": "gnss"}
+"""Families whose level is judged, and the name of their group; the inertial factors are "gyro" and "accel"."""
+
+
+def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
+    """Actual over assumed noise of each group that can be judged."""
+    ratios = _inertial_ratios(problem, solution, covariance)
+    for family in problem.families:
+        if family.name in GROUPS:
+            ratios[GROUPS[family.name]] = _ratio(*_family_sums(family, solution.states, covariance))
+    return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
+
+
+def adapted(config: SmoothConfig, ratios: dict[str, float]) -> SmoothConfig:
+    """Settings with every noise level as the residuals show it, but none below what was declared."""
+    factors = {name: max(current * ratios.get(name, 1.0), 1.0) for name, current in config.noise.factors().items()}
+    return config.model_copy(update={"noise": config.noise.model_copy(update=factors)})
+
+
+def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
+    """A warning for each group whose noise is far above what is assumed: its sigmas are not to be trusted."""
+    return tuple(
+        Finding(
+            level="warning",
+            code="noise-level",
+            message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect",
+            mend="set [noise] adapt = true in the configuration, or declare the noise that is there",
+        )
+        for name, ratio in ratios.items()
+        if ratio > _FAR_OFF
+    )
+
+
+def _ratio(squares: float, redundancy: float) -> float:
+    return float(np.sqrt(squares / redundancy)) if redundancy > _LEAST_REDUNDANCY else np.nan
+
+
+def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
+    """Rows 0-2 of the inertial factors are the gyro's, the rest the accelerometer's; bridged intervals are left out."""
+    used = np.flatnonzero(~problem.inertial.bridged[problem.edges[:-1]])
+    if used.size == 0:
+        return {}
+    linear = linearize_imu_factors(problem.native, solution.values)
+    A, e = linear.jacobian[used], linear.b[used]
+    nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
+    here, there = covariance.marginal[:-1][used], covariance.marginal[1:][used]
+    cross = covariance.gain[used] @ there
+    own = np.concatenate([nav, bias])
+    P = np.zeros((used.size, 24, 24))
+    order = np.r_[0:9, 18:24]  # the factor's columns: state k, state k + 1, bias k
+    P[np.ix_(np.arange(used.size), order, order)] = here[:, own[:, None], own]
+    P[:, 9:18, 9:18] = there[:, nav[:, None], nav]
+    joint = cross[:, own[:, None], nav]
+    P[np.ix_(np.arange(used.size), order, np.arange(9, 18))] = joint
+    P[np.ix_(np.arange(used.size), np.arange(9, 18), order)] = np.swapaxes(joint, 1, 2)
+    free = 1.0 - np.sum((A @ P) * A, axis=2)
+    return {
+        "gyro": _ratio(float(np.sum(e[:, :3] ** 2)), float(free[:, :3].sum())),
+        "accel": _ratio(float(np.sum(e[:, 3:] ** 2)), float(free[:, 3:].sum())),
+    }
+
+
+def _family_sums(family: Family, states: States, covariance: Covariance) -> tuple[float, float]:
+    """Weighted sum of squares and redundancy of a family whose slots lie in at most two neighbouring keyframes."""
+    linear = family.linearize(states)
+    keyed = [slot.index for slot in family.slots if not slot.kind.shared]
+    first, last = keyed[0], keyed[-1]
+    m, d = linear.b.shape
+    size = covariance.marginal.shape[1]
+    here, there = np.zeros((2, m, d, size))
+    for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
+        target = there if not slot.kind.shared and (slot.index != first).any() else here
+        target[:, :, _columns(slot.kind)] += jacobian
+    spread = np.sum((here @ covariance.marginal[first]) * here, axis=2)
+    if there.any():
+        cross = covariance.gain[np.minimum(first, len(covariance.gain) - 1)] @ covariance.marginal[last]
+        spread += np.sum((there @ covariance.marginal[last]) * there, axis=2)
+        spread += 2.0 * np.sum((here @ cross) * there, axis=2)
+    weight = family.weights(states)[:, None]
+    return float(np.sum(linear.b**2)), float(np.sum(weight) * d - np.sum(spread))
+
+
+def _columns(kind: Kind) -> np.ndarray:
+    start = offset_in_keyframe(kind)
+    return np.arange(start, start + kind.dim)

@@ -1,0 +1,1 @@
+"""The file from which a stopped stream resumes."""

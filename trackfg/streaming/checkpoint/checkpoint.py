@@ -1,0 +1,138 @@
+"""Checkpoints: a file from which a stream that was killed goes on, with the same result as if it had not been.
+
+    {"format": "trackfg-checkpoint/1", "trackfg": "1.0"}     which version wrote it
+    {"position": ..., "smoother": ..., ...}                  JSON values, on one line
+    ...                                                      the numbers of the smoother's arrays
+    ...                                                      SHA-256 of all that stands before, 32 bytes
+
+The file is replaced as a whole, after everything that was estimated until then is on the disk. Whatever the moment of a
+kill, it is the last one that was written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from trackfg import __version__
+from trackfg.errors import BadInputError
+from trackfg.files.atomic_file import write_whole
+from trackfg.streaming.checkpoint.snapshot import Snapshot
+
+FORMAT = "trackfg-checkpoint/1"
+EVERY_S = 60.0
+_BEGINS = b'{"format": "trackfg-checkpoint/'
+_DIGEST_BYTES = hashlib.sha256().digest_size
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A stream between two batches; without any but the first two, before its first one.
+
+    ``settings``: what it runs with, as digests by name. ``sink``, ``position`` (of the source), ``intake`` and
+    ``smoother``: where each of them stands. ``until_s``: up to when rows were complete, s. ``keyframes``, ``events``
+    (by kind): how many there were.
+    """
+
+    settings: Mapping[str, str]
+    sink: Mapping[str, Any]
+    position: int = 0
+    intake: Mapping[str, Any] | None = None
+    smoother: Snapshot | None = None
+    until_s: float | None = None
+    keyframes: int = 0
+    events: Mapping[str, int] = field(default_factory=dict)
+    finished: bool = False
+
+    def refuse_others(self, settings: Mapping[str, str]) -> None:
+        """Raise :class:`BadInputError` unless these are its own settings."""
+        names = sorted({*self.settings, *settings})
+        if changed := [name for name in names if self.settings.get(name) != settings.get(name)]:
+            raise BadInputError(
+                f"the checkpoint was made with another {', '.join(changed)}; "
+                "expected what the stream began with: anything else is a stream of its own"
+            )
+
+    def to_bytes(self) -> tuple[bytes, bytes, bytes]:
+        """As in the file, in parts."""
+        smoother = self.smoother or Snapshot({}, b"")
+        content = {**vars(self), "smoother": None if self.smoother is None else smoother.tree}
+        head = json.dumps({"format": FORMAT, "trackfg": __version__})
+        text = f"{head}\n{json.dumps(content)}\n".encode()
+        digest = hashlib.sha256(text)
+        digest.update(smoother.data)
+        return text, smoother.data, digest.digest()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Checkpoint:
+        """From all of them. Raises :class:`BadInputError`."""
+        if not content.startswith(_BEGINS):
+            raise BadInputError("expected the checkpoint of a stream")
+        whole, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
+        if hashlib.sha256(whole).digest() != digest:
+            raise BadInputError("damaged: its content is not what was written; the stream has to begin anew")
+        try:
+            head, text, data = whole.split(b"\n", 2)
+            made = json.loads(head)
+            if made != {"format": FORMAT, "trackfg": __version__}:
+                raise BadInputError(
+                    f"written by trackfg {made.get('trackfg')}, this is {__version__}, which would go on differently; "
+                    "finish the stream with the version that began it"
+                )
+            values = json.loads(text)
+            if values["smoother"] is not None:
+                values["smoother"] = (values["smoother"], data)
+            return _CHECKPOINT.validate_python(values)
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise BadInputError(f"not a checkpoint ({_reason(error)})") from error
+
+
+_CHECKPOINT = TypeAdapter(Checkpoint)
+
+
+class Checkpoints:
+    """The file ``path``, replaced whenever the stream has moved on by ``every_s`` seconds of its own time."""
+
+    def __init__(self, path: Path | str, *, every_s: float = EVERY_S) -> None:
+        if not (math.isfinite(every_s) and every_s > 0.0):
+            raise BadInputError(f"a checkpoint every {every_s:g} s: expected more than 0 s")
+        self.path, self._every_s = Path(path), every_s
+        self._last_s: float | None = None
+
+    def due(self, until_s: float) -> bool:
+        """Whether it is time for the next one, rows being complete up to ``until_s``, s."""
+        if not math.isfinite(until_s):
+            return False
+        if self._last_s is None:
+            self._last_s = until_s
+        if until_s < self._last_s + self._every_s:
+            return False
+        self._last_s = until_s
+        return True
+
+    def write(self, checkpoint: Checkpoint) -> None:
+        """Replace the last one. Raises :class:`~trackfg.errors.OutputError`."""
+        write_whole(self.path, *checkpoint.to_bytes())
+
+    def read(self) -> Checkpoint:
+        """The last one. Raises :class:`BadInputError` where there is none, or it cannot be used."""
+        try:
+            return Checkpoint.from_bytes(self.path.read_bytes())
+        except OSError as error:
+            raise BadInputError(f"{self.path}: expected the checkpoint of a stream: {error.strerror}") from error
+        except BadInputError as error:
+            raise BadInputError(f"{self.path}: {error}") from error
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]

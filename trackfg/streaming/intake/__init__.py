@@ -1,0 +1,1 @@
+"""From a source's batches to complete, sound rows in order."""

@@ -1,0 +1,1 @@
+"""Where a stream is on a map."""

@@ -1,0 +1,166 @@
+"""Where estimates go: tables by name, a few rows at a time.
+
+A sink takes any table with named columns; a stream writes :data:`TABLES`. ``checkpoint`` puts everything written so far
+on the disk and gives a JSON state; a sink opened with that state goes on from there, and what was written after it is
+replaced, never doubled. Parquet: :mod:`trackfg.streaming.sinks.parquet_parts`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Any, Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from trackfg.errors import BadInputError, OutputError
+
+TABLES = ("filtered", "smoothed", "geometry", "events")
+
+
+class Sink(Protocol):
+    """Takes tables. Raises :class:`OutputError` where they cannot be written; nothing is half written then, and a sink
+    opened from the last checkpoint goes on.
+    """
+
+    def write(self, table: str, frame: pd.DataFrame) -> None:
+        """Rows of a table, in their order."""
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Everything written so far is safe; what is needed to go on from here, as JSON values."""
+
+    def close(self) -> None:
+        """Nothing more will come."""
+
+
+class Callback:
+    """Calls ``take(table, frame)`` for every table; what it raises goes through."""
+
+    def __init__(self, take: Callable[[str, pd.DataFrame], None]) -> None:
+        self._take = take
+
+    def write(self, table: str, frame: pd.DataFrame) -> None:
+        """Hand the rows on, if there are any."""
+        if len(frame):
+            self._take(table, frame)
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Nothing is kept here."""
+        return {}
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+class JsonLines:
+    """One JSON object per row, ``{"table": "filtered", "t_s": ..., ...}``; what is not known (NaN) is ``null``.
+
+    ``target`` is a stream, which is flushed after every table, or a file, which is appended to. With a ``state`` the
+    file is first cut to what it was at that checkpoint; raises :class:`BadInputError` where it is shorter.
+    """
+
+    def __init__(self, target: IO[str] | IO[bytes] | Path | str, state: Mapping[str, Any] | None = None) -> None:
+        self._file = _LinesFile(Path(target), state) if isinstance(target, Path | str) else None
+        self._stream: Any = None if isinstance(target, Path | str) else target
+
+    def write(self, table: str, frame: pd.DataFrame) -> None:
+        """Write and flush the rows."""
+        text = json_lines(table, frame)
+        if not text:
+            return
+        if self._file is not None:
+            self._file.append(text.encode())
+            return
+        try:
+            self._stream.write(text if isinstance(self._stream, io.TextIOBase) else text.encode())
+            self._stream.flush()
+        except BrokenPipeError as error:
+            raise OutputError("the output was closed by its reader") from error
+        except (OSError, ValueError) as error:
+            raise OutputError(f"the output cannot be written ({error})") from error
+
+    def checkpoint(self) -> dict[str, Any]:
+        """How long the file is, once it is on the disk."""
+        return {} if self._file is None else self._file.checkpoint()
+
+    def close(self) -> None:
+        """Close the file; a stream stays open."""
+        if self._file is not None:
+            self._file.close()
+
+
+def columns_of(frame: pd.DataFrame) -> dict[str, NDArray[Any]]:
+    """The columns as arrays; one by one, as pandas gives them, takes ten times as long where all are alike."""
+    if all(kind == np.float64 for kind in frame.dtypes):
+        return dict(zip(map(str, frame.columns), frame.to_numpy().T, strict=True))
+    return {str(name): column.to_numpy() for name, column in frame.items()}
+
+
+def json_lines(table: str, frame: pd.DataFrame) -> str:
+    """The rows of a table as lines."""
+    columns = columns_of(frame)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return "".join(
+        json.dumps({"table": table, **dict(zip(columns, map(_known, row), strict=True))}, allow_nan=False) + "\n"
+        for row in rows
+    )
+
+
+def _known(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class _LinesFile:
+    """A file that only ever holds whole lines of ours."""
+
+    def __init__(self, path: Path, state: Mapping[str, Any] | None) -> None:
+        self._path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            self._bytes = os.lseek(self._file, 0, os.SEEK_END)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be opened ({error.strerror})") from error
+        if state is not None:
+            self._cut(int(state["bytes"]))
+        elif self._bytes and os.pread(self._file, 1, self._bytes - 1) != b"\n":
+            self.append(b"\n")
+
+    def _cut(self, size: int) -> None:
+        if self._bytes < size:
+            os.close(self._file)
+            raise BadInputError(
+                f"{self._path}: has {self._bytes} bytes; expected at least {size}, as at the checkpoint"
+            )
+        os.ftruncate(self._file, size)
+        self._bytes = size
+
+    def append(self, content: bytes) -> None:
+        """All of it or nothing."""
+        view, at = memoryview(content), self._bytes
+        try:
+            while view:
+                count = os.pwrite(self._file, view, at)
+                view, at = view[count:], at + count
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file, self._bytes)
+            raise OutputError(f"{self._path}: cannot be written ({error.strerror})") from error
+        self._bytes = at
+
+    def checkpoint(self) -> dict[str, Any]:
+        try:
+            os.fsync(self._file)
+        except OSError as error:
+            raise OutputError(f"{self._path}: cannot be written ({error.strerror})") from error
+        return {"bytes": self._bytes}
+
+    def close(self) -> None:
+        os.close(self._file)

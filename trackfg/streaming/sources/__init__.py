@@ -1,0 +1,1 @@
+"""Where a stream's rows come from: a recording replayed, JSON lines, MCAP."""

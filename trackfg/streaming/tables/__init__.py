@@ -1,0 +1,1 @@
+"""Smoothed rows and events of a stream, once they are final."""

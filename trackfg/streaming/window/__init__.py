@@ -1,0 +1,1 @@
+"""The graph of the newest keyframes, and what was marginalised of it."""

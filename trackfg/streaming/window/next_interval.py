@@ -1,0 +1,164 @@
+"""The next interval of a stream: where its keyframe is, and its factors, by the functions that the batch smoother uses.
+
+The motion over the interval is predicted by the inertial sensor from the newest keyframe: the wheel may slip. Rows a
+little after the keyframe are needed for its own rates: the wheel's more than the inertial sensor's, so that most of the
+interval is ready when the last of them come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from trackfg.factors.family import Family
+from trackfg.factors.imu import ImuNoise, Preintegration
+from trackfg.factors.states import Nav, States
+from trackfg.graph.inertial import preintegrated
+from trackfg.graph.inputs import Layout
+from trackfg.graph.motion import along_track
+from trackfg.graph.odometry import rolled, travelled
+from trackfg.graph.positions import positions
+from trackfg.graph.wheel_slip import Rolling
+from trackfg.numerics.frames import Array, rpy_from_matrix
+from trackfg.recording.model import Recording
+from trackfg.sensors.dead_reckoning import InitialPath
+from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.tach import Wheel
+from trackfg.streaming.rows import NO_SAMPLES
+from trackfg.streaming.window.stream_context import Setting
+from trackfg.streaming.window.window import Interval, Window
+
+_NO_RESTS = np.zeros((0, 2))
+OFF_S = 60.0
+"""A device that was off was so for about as long."""
+_BELIEVED_SIGMAS = 4.0
+_OF_THE_INTERVAL = ("absolute fix", "GNSS position")
+"""Families that may touch the older keyframe alone, and are new all the same."""
+OTHER_ROWS = ("tach distance", "tach reading", *_OF_THE_INTERVAL, "withheld fix")
+"""Families of other rows than the inertial sensor's."""
+
+
+class Ahead(NamedTuple):
+    """What the inertial sensor says of the next interval: all of it but what other rows add (:func:`completed`)."""
+
+    layout: Layout
+    interval: Interval
+
+
+def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, *, broken: bool = False) -> Ahead:
+    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which goes a little on.
+
+    ``broken``: the sensor was off for an unknown time that is not on the clock.
+    """
+    k = len(window) - 1
+    here = window.states.take(slice(k, k + 1))
+    t = data.edges[edges]
+    standing = _path(data.edges[[0, -1]], here, np.zeros(2))
+    nothing = Recording(setting.description, NO_SAMPLES)
+    layout = Layout(
+        nothing, setting.config, setting.world, data, None, _NO_RESTS, standing, None, edges, t, setting.clock_origin
+    )
+    response = layout.response[0]
+    here = replace(here, bias=here.bias + response @ here.imu[0])
+    measured = preintegrated(layout, here.joined(here), speedless=False)[0]
+    nav = _predicted(measured, here)
+    distance = _distance(here.nav, nav, setting.lever_arm)
+    layout = _with_motion(layout, here, nav, distance)
+    count = here.odo[0, 2] + distance
+    odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
+    there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
+    families = _new([*travelled(layout), *along_track(layout)])
+    if broken:
+        measured, families = _across_break(layout, here, measured, families)
+    return Ahead(layout, Interval(float(t[1]), here.bias[0], there, measured, response, families))
+
+
+def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
+    """With what the other rows say; ``wheel`` covers the interval and a little more. ``speed_sd``, m/s, is that of the
+    newest keyframe.
+
+    A wheel that rolled as far as the vehicle may have moved is believed: the next keyframe is where it says. Else it
+    would be doubted where the inertial sensor is, for as long as that drifts on without it.
+    """
+    layout, interval = begun.layout.with_rows(recording, wheel), begun.interval
+    there = interval.ahead
+    if wheel is not None:
+        counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
+        further = there.odo[0, 1] * counted - there.odo[0, 3]
+        moved_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
+        distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
+        if abs(further) < _BELIEVED_SIGMAS * distance_sd:
+            nav, forward = there.nav, there.nav.R[:, :, 0]
+            there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
+        else:
+            further = 0.0
+        there = replace(there, odo=there.odo + np.array([further, 0.0, counted - there.odo[0, 3], further]))
+    families = (*interval.families, *_new([*rolled(layout), *positions(layout)]))
+    return interval._replace(ahead=there, families=families)
+
+
+def _across_break(
+    layout: Layout, here: States, measured: Preintegration, families: tuple[Family, ...]
+) -> tuple[Preintegration, tuple[Family, ...]]:
+    """No more than a hole of :data:`OFF_S` would leave: the vehicle went on for as long, or turned, or stood."""
+    config, lasting = layout.config.imu, float(layout.t[1] - layout.t[0])
+    gone = float(np.hypot(np.linalg.norm(here.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0)))
+    longer = np.sqrt(OFF_S / lasting)
+    noise = ImuNoise(
+        config.bridge_gyro_white * longer, config.bridge_accel_white * longer, gone / float(np.sqrt(lasting))
+    )
+    loose = tuple(
+        replace(family, sigma=np.full_like(family.sigma, gone)) if family.name == "arc length" else family
+        for family in families
+        if family.name != "path"
+    )
+    return replace(measured, noise=noise), loose
+
+
+def _new(families: list[Family]) -> tuple[Family, ...]:
+    """Without what the interval before has said already: factors of the older keyframe alone."""
+    new = (family if family.name in _OF_THE_INTERVAL else _of_the_later(family) for family in families)
+    return tuple(family for family in new if len(family))
+
+
+def _of_the_later(family: Family) -> Family:
+    own = family.last_keyframe == 1
+    return family if own.all() else family.take(own)
+
+
+def _predicted(interval: Preintegration, here: States) -> Nav:
+    state = gtsam.NavState(gtsam.Rot3(here.nav.R[0]), here.nav.p[0], here.nav.v[0])
+    bias = gtsam.imuBias.ConstantBias(here.bias[0, :3], here.bias[0, 3:])
+    ahead = interval.measured.predict(state, bias)
+    return Nav(ahead.attitude().matrix()[None], ahead.position()[None], ahead.velocity()[None])
+
+
+def _distance(here: Nav, ahead: Nav, lever_arm: Array) -> float:
+    """Along the track, backwards negative."""
+    chord = (ahead.p - ahead.R @ lever_arm) - (here.p - here.R @ lever_arm)
+    forward = 0.5 * (here.R[0, :, 0] + ahead.R[0, :, 0])
+    return float(np.copysign(np.linalg.norm(chord), chord[0] @ forward))
+
+
+def _path(t: Array, here: States, speed: Array) -> InitialPath:
+    """A first guess of the motion about the interval, as factors need it: attitude and bias as they are."""
+    n = len(t)
+    rpy = np.repeat(rpy_from_matrix(here.nav.R), n, axis=0)
+    p = np.zeros((n, 3))
+    p[1:, 0] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))
+    return InitialPath(t, rpy, p, np.zeros((n, 3)), speed, np.repeat(here.bias[:, 3:], n, axis=0))
+
+
+def _with_motion(layout: Layout, here: States, ahead: Nav, distance: float) -> Layout:
+    """With speeds that change evenly over the interval and cover its distance."""
+    edges, (begin, end) = layout.data.edges, layout.t
+    slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (here.nav, ahead))
+    speed = slow + (fast - slow) * (edges - begin) / (end - begin)
+    speed += distance / (end - begin) - 0.5 * (slow + fast)
+    path = _path(edges, here, speed)
+    travelled = Wheel(edges, path.p[:, 0], 1e-4, 0.0, False, _NO_RESTS)
+    rolling = Rolling(edges, speed, np.ones(len(edges) - 1, dtype=bool), travelled)
+    return layout.with_motion(path, rolling)

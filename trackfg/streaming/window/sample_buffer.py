@@ -1,0 +1,202 @@
+"""The rows of a stream that are still needed, and the recording that a stretch of them makes.
+
+Inertial samples become intervals edge to edge as they come (:mod:`trackfg.sensors.imu_intervals`); the newest one waits
+until the next tells where its own interval ends. How rows were grouped on their way makes no difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+
+from trackfg.graph.motion import RATE_WINDOW_S
+from trackfg.numerics.frames import Array
+from trackfg.recording.canonical import median_interval
+from trackfg.recording.description import RecordingDescription
+from trackfg.recording.model import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.sensors.displacement import RailView, rail_views
+from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
+from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
+from trackfg.streaming.window.growable_array import Growing, GrowingIntervals
+
+_FIRST_SAMPLES = 10
+"""As many tell the sampling interval."""
+_POSITIONS = ("fixes", "gnss")
+_AT_REST_S = 0.5
+"""Of a long rest, what lasers show at its begin and at its end."""
+
+
+@dataclass
+class Tape:
+    """``dt`` is the sampling interval, s; None until enough samples are there."""
+
+    description: RecordingDescription
+    gnss_origin: Array | None = None
+    dt: float | None = None
+    laid: GrowingIntervals | None = None
+    waiting: Array = field(default_factory=lambda: no_rows("imu"))
+    """Samples not laid out yet, as rows of the recording's columns."""
+    samples: Growing = field(default_factory=lambda: Growing(no_rows("imu")))
+    """Those laid out."""
+    tach: Array = field(default_factory=lambda: no_rows("tach"))
+    positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
+    """By table: fixes and GNSS."""
+    lasers: dict[str, Array] = field(default_factory=dict)
+    """By the sensor's name."""
+    breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
+    """By table: spans (b, 2), s, over which nobody knows what happened."""
+
+    @property
+    def data(self) -> Intervals | None:
+        """The inertial record as far as it is laid out."""
+        return None if self.laid is None else self.laid.intervals
+
+    def put(self, rows: Rows) -> None:
+        """Append rows."""
+        self.gnss_origin = rows.gnss_origin if self.gnss_origin is None else self.gnss_origin
+        for name, spans in rows.breaks.items():
+            self.breaks[name] = np.concatenate([self.breaks[name], spans])
+        if len(rows.tach):
+            self.tach = np.concatenate([self.tach, rows.tach])
+        for name, table in (("fixes", rows.fixes), ("gnss", rows.gnss)):
+            if len(table):
+                self.positions[name] = np.concatenate([self.positions[name], table])
+        for name, table in rows.lasers.items():
+            self.lasers[name] = np.concatenate([self.lasers[name], table]) if name in self.lasers else table
+        if len(rows.imu):
+            self.waiting = np.concatenate([self.waiting, rows.imu])
+            self._lay_out()
+
+    def end(self) -> None:
+        """No more rows come: the sample that waits is as long as the others."""
+        if self.laid is not None and len(self.waiting):
+            rows = self.waiting
+            assert self.dt is not None
+            self.laid.append(laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, self.until))
+            self.samples.append(rows)
+            self.waiting = rows[:0]
+
+    @property
+    def until(self) -> float:
+        """Up to where the inertial record is laid out, s."""
+        return -np.inf if self.laid is None else float(self.laid.edges.rows[-1])
+
+    def _lay_out(self) -> None:
+        """All samples that wait, but the last."""
+        rows = self.waiting
+        if self.dt is None:
+            if len(rows) < _FIRST_SAMPLES:
+                return
+            self.dt = median_interval(rows[:_FIRST_SAMPLES, 0])
+        if len(rows) < 2:
+            return
+        new = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, None if self.laid is None else self.until)
+        new = new.take(slice(0, len(new) - 1))
+        if self.laid is None:
+            self.laid = GrowingIntervals.of(new)
+        else:
+            self.laid.append(new)
+        self.samples.append(rows[:-1])
+        self.waiting = rows[-1:]
+
+    def intervals(self, begin: float, end: float) -> Intervals:
+        """The inertial intervals that lie between two times."""
+        data = self.data
+        assert data is not None
+        low, high = np.searchsorted(data.edges, begin - 1e-9), np.searchsorted(data.edges, end + 1e-9, side="right") - 1
+        return data.take(slice(int(low), int(high)))
+
+    def turns(self, begin: float, until: float) -> Array:
+        """Edges of the inertial record in (begin, until] at which a hole or a break begins or ends, s."""
+        data = self.data
+        assert data is not None
+        edges = data.edges
+        low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
+        bridged = data.bridged[max(low - 1, 0) : high]
+        if not (len(self.breaks["imu"]) or bridged.any()):
+            return np.zeros(0)
+        holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
+        after = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
+        found = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
+        return np.sort(found[(found > begin + 1e-6) & (found <= until)])
+
+    def broken(self, begin: float, until: float) -> bool:
+        """Whether the first sample after a break lies between two edges of the inertial record."""
+        after = self.breaks["imu"][:, 1]
+        return bool(((after >= begin) & (after < until)).any())
+
+    def positions_between(self, begin: float, end: float) -> Recording:
+        """A recording of fixes and GNSS alone."""
+        fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
+        return Recording(
+            self.description,
+            NO_SAMPLES,
+            None,
+            fixes if self.description.fixes is not None else None,
+            gnss if self.description.gnss is not None else None,
+            gnss_origin=self.gnss_origin,
+        )
+
+    def recording(self, begin: float, end: float) -> Recording:
+        """The rows from one time to another."""
+        imu = pd.DataFrame(_between(self.samples.rows, begin, end), columns=list(IMU_COLUMNS))
+        tach = None
+        if self.description.tach is not None:
+            tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
+        return replace(self.positions_between(begin, end), imu=imu, tach=tach)
+
+    def rails(self) -> list[RailView]:
+        """What the lasers saw of the rails; nothing until all of them have told something."""
+        lasers = {name: pd.DataFrame(rows, columns=list(LASER_COLUMNS)) for name, rows in self.lasers.items()}
+        if not all(len(lasers.get(laser.name, ())) > 1 for laser in self.description.laser):
+            return []
+        return rail_views(Recording(self.description, NO_SAMPLES, lasers=lasers))
+
+    def rate_at(self, t: float) -> Array:
+        """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
+        about = self.intervals(t - 2.0 * RATE_WINDOW_S, t + 2.0 * RATE_WINDOW_S)
+        return means_around(np.array([t]), RATE_WINDOW_S, about.edges, about.gyro)
+
+    def forget(self, before: float, newer: float) -> None:
+        """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""
+        data, samples = self.data, self.samples.rows
+        if data is None:
+            return
+        gone = max(int(np.searchsorted(data.edges, before, side="right")) - 1, 0)
+        self.laid = GrowingIntervals.of(data.take(slice(gone, len(data))))
+        self.samples = Growing(samples[np.searchsorted(samples[:, 0], newer) :])
+        self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
+        self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
+        self.lasers = {name: table[table[:, 0] >= before] for name, table in self.lasers.items()}
+        self.breaks = {name: spans[spans[:, 1] >= before] for name, spans in self.breaks.items()}
+
+    def stood(self, rests: Array) -> None:
+        """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""
+        for begin, end in rests[::-1]:
+            data = self.data
+            assert data is not None
+            i, j = np.searchsorted(data.edges, [begin - 1e-9, end - 1e-9]).tolist()
+            share = data.durations[i:j, None] / (data.edges[j] - data.edges[i])
+            gyro, accel = (np.sum(samples[i:j] * share, axis=0) for samples in (data.gyro, data.accel))
+            merged = Intervals(
+                np.delete(data.edges, slice(i + 1, j)),
+                np.concatenate([data.gyro[:i], gyro[None], data.gyro[j:]]),
+                np.concatenate([data.accel[:i], accel[None], data.accel[j:]]),
+                np.concatenate([data.bridged[:i], data.bridged[i:j].all(keepdims=True), data.bridged[j:]]),
+            )
+            self.laid = GrowingIntervals.of(merged)
+            self.tach = self.tach[(self.tach[:, 0] <= begin) | (self.tach[:, 0] >= end)]
+            for name, rows in self.lasers.items():
+                self.lasers[name] = rows[(rows[:, 0] <= begin + _AT_REST_S) | (rows[:, 0] >= end - _AT_REST_S)]
+
+    @staticmethod
+    def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:
+        rows = _between(table, begin, end)
+        return pd.DataFrame(rows, columns=list(CANONICAL_COLUMNS[name])) if len(rows) else None
+
+
+def _between(table: Array, begin: float, end: float) -> Array:
+    rows = slice(*np.searchsorted(table[:, 0], [begin, end]).tolist())
+    return np.asarray(table[rows])
