@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast check lint types clean
+.PHONY: help demo test test-fast check lint installed types layers clean
 
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	if $$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info)' 2>/dev/null; \
@@ -14,7 +14,7 @@ help:
 	@echo "make demo       simulate, smooth and compare a measuring car's run; pages and results into demo/"
 	@echo "make test       run every test"
 	@echo "make test-fast  run the tests that take no more than a few seconds each"
-	@echo "make check      lint, format and types"
+	@echo "make check      lint, format, types and layers"
 	@echo "make clean      remove the environment and everything that was built"
 
 demo: $(READY)
@@ -26,17 +26,23 @@ test: $(READY)
 test-fast: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
-check: lint types
+check: lint types layers
 
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# Types are checked on what is installed: only there are factors/ and datasets/ at trackfg.factors and trackfg.datasets.
-types: $(READY)
-	rm -rf build/installed
+# Types and layers are checked on what is installed: only there are factors/ and datasets/ at trackfg.factors and
+# trackfg.datasets.
+installed: $(READY)
+	rm -rf build
 	$(BIN)/python -m pip install --quiet --no-deps --target build/installed .
+
+types: installed
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p trackfg
+
+layers: installed
+	cd build/installed && ../../$(BIN)/lint-imports --config ../../pyproject.toml --no-logo
 
 $(READY): pyproject.toml
 	@if [ -z "$(PYTHON)" ]; then \

@@ -7,8 +7,8 @@
 Nothing here is shared with the estimators but frames, units and the recording's tables. See docs/datasets.md.
 """
 
+from trackfg.datasets.faults import drop_imu, drop_tach, slip_wheel
 from trackfg.datasets.real.real_run import RealRun
 from trackfg.datasets.scenarios import Scenario, Simulation, scenarios, simulate
-from trackfg.datasets.sensors.faults import drop_imu, drop_tach, slip_wheel
 
 __all__ = ["RealRun", "Scenario", "Simulation", "drop_imu", "drop_tach", "scenarios", "simulate", "slip_wheel"]

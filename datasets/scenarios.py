@@ -9,16 +9,17 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
+from trackfg.datasets import tables
 from trackfg.datasets.catalogue import scenario, scenarios
 from trackfg.datasets.line.irregularities import Irregularities, draw_irregularities
 from trackfg.datasets.line.line_design import random_line
 from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.line.track import Track
 from trackfg.datasets.line.truth_geometry import truth_geometry
+from trackfg.datasets.measuring import Kept, Sensor, Streams, measure
 from trackfg.datasets.scenario import Scenario
-from trackfg.datasets.sensors import odometer, tables
+from trackfg.datasets.sensors import odometer
 from trackfg.datasets.sensors.imu_errors import ImuErrors
-from trackfg.datasets.sensors.measuring import Kept, Sensor, Streams, measure
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.body_motion import BodyMotion
 from trackfg.datasets.vehicle.flange import Flanging
@@ -26,7 +27,7 @@ from trackfg.datasets.vehicle.motion import Motion
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.errors import BadInputError
 from trackfg.io.reader import write_recording
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Vector3
 from trackfg.recording.model import Recording
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import Kind
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def response_terms(force: Array, rate: Array) -> Array:

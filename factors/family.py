@@ -22,7 +22,7 @@ from scipy.special import expit
 
 from trackfg.factors.states import Kind, Nav, States, Step, Value, retract
 from trackfg.factors.switching import OUTLIER_SIGMAS, Chain, after_row, row_cost, row_weights
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
 """``evaluate(*values, *data) -> (residual (m, d), one Jacobian (m, d, dim) per slot)``."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.numerics.frames import Array, skew
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import skew
 
 
 def _tilt(nav: Nav, bias: Array, specific_force: Array, gravity: Array) -> tuple[Array, tuple[Array, ...]]:

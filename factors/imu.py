@@ -15,8 +15,8 @@ import gtsam
 import numpy as np
 
 from trackfg.factors.family import LinearFactors, Slot
-from trackfg.factors.states import Kind
-from trackfg.numerics.frames import Array
+from trackfg.factors.states import Kind, Nav
+from trackfg.numerics.arrays import Array
 
 _INTEGRATION_DENSITY = 1e-5
 """m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""
@@ -76,6 +76,12 @@ class Preintegration:
         """As GTSAM's."""
         parameters = self.noise.parameters(self.gravity, self.frame_rate)
         return preintegrate(parameters, self.bias, self.duration, self.rotation, self.velocity)
+
+    def predicted(self, nav: Nav, bias: Array) -> Nav:
+        """The state at the end of the interval, from that at its start (one row) with ``bias`` (6,)."""
+        state = gtsam.NavState(gtsam.Rot3(nav.R[0]), nav.p[0], nav.v[0])
+        end = self.measured.predict(state, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy()))
+        return Nav(end.attitude().matrix()[None], end.position()[None], end.velocity()[None])
 
 
 def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> list[gtsam.ImuFactor2]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def _passed(first: Array, second: Array, fraction: Array, rest: Array) -> tuple[Array, tuple[Array, ...]]:

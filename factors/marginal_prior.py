@@ -22,7 +22,8 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
-from trackfg.numerics.frames import Array, body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
 
 PAST = "past"
 """The family's name."""
@@ -41,7 +42,7 @@ def away(value: Value, origin: Value) -> Array:
 
 
 def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Array) -> Array:
-    """``rpy`` (m, 3) of both, and the :func:`~trackfg.numerics.frames.body_rates` at the origin."""
+    """``rpy`` (m, 3) of both, and the :func:`~trackfg.numerics.rotations.body_rates` at the origin."""
     angles = rpy - rpy_origin
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
     turn = np.einsum("mij,mj->mi", rates, angles)

@@ -10,7 +10,8 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.numerics.frames import Array, matrices, skew, so3_log, so3_right_jacobian_inverse
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import matrices, skew, so3_log, so3_right_jacobian_inverse
 
 
 def mount_matrix(mount: Array) -> Array:

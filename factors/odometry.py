@@ -14,7 +14,8 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.numerics.frames import Array, skew
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import skew
 
 
 def _chain(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -6,7 +6,8 @@ import numpy as np
 
 from trackfg.factors.family import Family, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.numerics.frames import Array, so3_log, so3_right_jacobian_inverse
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import so3_log, so3_right_jacobian_inverse
 
 
 def _vector(value: Array, mean: Array) -> tuple[Array, tuple[Array, ...]]:

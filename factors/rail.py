@@ -22,8 +22,9 @@ import numpy as np
 
 from trackfg.factors.family import Family, Loss, Slot
 from trackfg.factors.states import Kind, Nav
-from trackfg.numerics.frames import Array, skew, so3_exp, so3_log, so3_right_jacobian_inverse
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_weights
+from trackfg.numerics.rotations import skew, so3_exp, so3_log, so3_right_jacobian_inverse
 
 
 def _trailing(

@@ -31,7 +31,8 @@ from functools import cache, lru_cache
 import gtsam
 import numpy as np
 
-from trackfg.numerics.frames import Array, so3_exp, so3_log
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import so3_exp, so3_log
 
 
 class Kind(Enum):

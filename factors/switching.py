@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 OUTLIER_SIGMAS = 1e3
 """How wide the errors of the second state spread: finite, lest nothing hold what they measure."""

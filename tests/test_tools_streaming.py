@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.results.result import TRAJECTORY_COLUMNS
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.streaming.run import StreamCounts
 from trackfg.streaming.sinks.parquet_parts import ParquetParts
 

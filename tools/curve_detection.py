@@ -28,7 +28,7 @@ from trackfg.datasets.line.line import Line, piecewise_linear
 from trackfg.datasets.line.line_design import random_line
 from trackfg.datasets.line.track import Track
 from trackfg.datasets.line.truth_geometry import truth_geometry
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 TRACKS = {"good": GOOD_TRACK, "worn": WORN_TRACK}
 LAWS = ("clothoid", "half-sine")

@@ -33,7 +33,7 @@ from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.repeatability import section_repeatability
 from trackfg.evaluation.scores import quantities, score_bands, score_run, score_runs
-from trackfg.results.result import RAIL_COLUMNS
+from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.smoothing.smoother import smooth_states
 
 DURATIONS_S = {

@@ -39,7 +39,7 @@ from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.scores import rms
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.units import STANDARD_GRAVITY

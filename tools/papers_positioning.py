@@ -27,7 +27,7 @@ from trackfg.baselines import composite_positioning
 from trackfg.baselines.curve_points import curve_table
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 from trackfg.units import KMH

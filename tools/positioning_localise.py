@@ -20,7 +20,7 @@ from positioning_table import Figure, Part, at_least, at_most, ratio
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.smoothing.smoother import smooth
 
 LATER_RUNS = (SURVEY_RUNS, SURVEY_RUNS + 1)

@@ -22,7 +22,7 @@ from positioning_table import Figure, Part, at_most, between, pooled_rms, ratio
 from trackfg.evaluation.scores import rms
 from trackfg.mapping import build_map
 from trackfg.maps.feature_map import CURVE_POINTS, FeatureMap
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 RUNS = {"one run": 1, "ten runs": SURVEY_RUNS}
 ERROR_M = {"one run": 1.0, "ten runs": 0.4}

@@ -16,7 +16,7 @@ from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.mapping import build_map
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth

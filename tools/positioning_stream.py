@@ -19,7 +19,7 @@ from stream_tables import tables_of
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import smooth
 from trackfg.streaming.fixed_lag import FixedLagSmoother

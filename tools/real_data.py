@@ -19,8 +19,9 @@ import pandas as pd
 from trackfg.config import NoiseConfig, PositionConfig, SmoothConfig
 from trackfg.datasets.real import comma2k19, kingston, kitti
 from trackfg.datasets.real.real_run import RealRun
-from trackfg.evaluation.outages import Span, horizontal_errors, score_outages, withhold
+from trackfg.evaluation.outages import horizontal_errors, score_outages, withhold
 from trackfg.evaluation.scores import rms
+from trackfg.numerics.spans import Span
 from trackfg.recording.model import Recording
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth

@@ -21,17 +21,9 @@ from playwright.sync_api import Browser, sync_playwright
 
 from trackfg.config import GeometryConfig
 from trackfg.report import write_report
-from trackfg.results.result import (
-    EVENT_COLUMNS,
-    GEOMETRY_COLUMNS,
-    RAIL_COLUMNS,
-    TRAJECTORY_COLUMNS,
-    GeometryConventions,
-    Result,
-    Solver,
-    Summary,
-    VectorEstimate,
-)
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.result import Result
+from trackfg.results.summary import GeometryConventions, Solver, Summary, VectorEstimate
 
 SPEED_MPS, RATE_HZ, STEP_M = 25.0, 10.0, 0.25
 SIGMAS = {"curvature_1pm": 2e-6, "gradient_permille": 0.1}

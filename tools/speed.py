@@ -33,7 +33,7 @@ from speed_process import ProcessUse, measure_smooth
 
 from trackfg.config import KeyframeConfig
 from trackfg.peers.python_ins import VELOCITY_HZ
-from trackfg.results.result import versions
+from trackfg.results.summary import versions
 
 LONGER = 4
 """How many times longer the second run is."""

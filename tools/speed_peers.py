@@ -19,7 +19,7 @@ from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED
 from trackfg.graph.build import Problem, build_problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.peers.installed import is_installed
 from trackfg.peers.python_ins import Start, feedback_filter
 from trackfg.smoothing.smoother import smooth_states

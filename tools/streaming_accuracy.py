@@ -36,7 +36,7 @@ from trackfg.errors import TrackfgError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.scores import rms, score_run
 from trackfg.evaluation.trajectory_errors import distance_errors, from_the_true_start, trajectory_errors
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.streaming.sources.source import RecordingSource
 

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.streaming.rows import raw_columns, recording_rows

@@ -37,8 +37,8 @@ from streaming_grounds import CONFIG
 
 from trackfg import FixedLagSmoother
 from trackfg.datasets.scenarios import simulate
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.frames import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import recording_rows

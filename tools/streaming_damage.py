@@ -12,11 +12,11 @@ from unittest.mock import patch
 import numpy as np
 from streaming_arrivals import Arriving, Stream, stream_of
 
+from trackfg.datasets.faults import slip_wheel
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import slip_wheel
 from trackfg.datasets.vehicle.adhesion import Shape, SlipEvent
 from trackfg.errors import UnsolvableError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.streaming.window.window import Window
 
 EARLIEST_S, LATEST_S, LONGEST_S = 18.0, 34.0, 8.0

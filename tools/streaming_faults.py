@@ -37,8 +37,8 @@ from streaming_damage import DAMAGES, Damaged, Ground
 from streaming_grounds import CONFIG, GROUNDS, LAG_S, ground
 
 from trackfg import FixedLagSmoother
-from trackfg.numerics.frames import Array
-from trackfg.results.result import TRAJECTORY_COLUMNS
+from trackfg.numerics.arrays import Array
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.streaming.run import StreamCounts
 
 KINDS = (*DAMAGES, *BREAKS)

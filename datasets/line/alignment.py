@@ -32,7 +32,7 @@ from scipy.interpolate import PPoly
 from scipy.optimize import brentq
 
 from trackfg.datasets.line.polynomials import Pieces, interpolated, joined
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Law = Literal["constant", "linear", "half-sine", "sine", "bloss", "helmert", "cubic-parabola"]
 

@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 SHORTEST_M = 1.5
 """The shortest defect: shorter ones fall between the knots of the irregularities."""

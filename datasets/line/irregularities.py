@@ -35,7 +35,7 @@ from scipy.interpolate import PPoly, make_interp_spline
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.polynomials import mirrored
 from trackfg.datasets.line.wavelength_band import d1_gain
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 KNOT_M = 0.25
 SHORTEST_M = 1.5

@@ -25,7 +25,7 @@ from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.plan_alignment import PlanAlignment
 from trackfg.datasets.line.vertical_profile import ProfilePiece, Vertex, profile
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _SAME_PLACE_M = 0.01
 _LENGTH_OFF_M = 1e-3

@@ -16,7 +16,7 @@ import numpy as np
 from trackfg.datasets.line.alignment import Element, Law, ramp_law
 from trackfg.datasets.line.landxml_file import Node, Units
 from trackfg.datasets.line.landxml_plan import SPIRALS
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _SAME_PLACE_M = 0.01
 _SAME_CANT_M = 1e-6

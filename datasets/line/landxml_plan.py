@@ -14,7 +14,7 @@ import numpy as np
 from trackfg.datasets.line.alignment import LONGEST_M, SMALLEST_RADIUS_M, Element, Law, piecewise
 from trackfg.datasets.line.landxml_file import Node
 from trackfg.datasets.line.line import Line, piecewise_linear
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 SPIRALS: dict[str, Law] = {
     "clothoid": "linear",

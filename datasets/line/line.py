@@ -27,7 +27,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from trackfg.datasets.line.polynomials import mirrored
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _CELL_M = 10.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)

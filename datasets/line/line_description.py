@@ -21,7 +21,7 @@ from trackfg.datasets.line.alignment import LONGEST_M, SMALLEST_RADIUS_M, Elemen
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.vertical_profile import STEEPEST
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Model, Positive
 
 FORMAT = "trackfg-line/1"

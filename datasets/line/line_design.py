@@ -19,7 +19,7 @@ import numpy as np
 
 from trackfg import units
 from trackfg.datasets.line.line import Line, piecewise_linear
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Range = tuple[float, float]
 

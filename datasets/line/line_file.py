@@ -20,7 +20,7 @@ from trackfg.datasets.line.landxml import read_landxml
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.line_description import read_line
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 UNCOMPENSATED_MPS2 = 0.65
 

@@ -22,7 +22,7 @@ from scipy.interpolate import PPoly
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.polynomials import Pieces, interpolated, joined, restricted, substituted
 from trackfg.datasets.line.vertical_profile import ProfilePiece
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _SAME_PLACE_M = 1e-9
 

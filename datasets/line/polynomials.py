@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.interpolate import PPoly
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Pieces = tuple[Array, Array]
 """Edges (m + 1,) and coefficients (k, m)."""

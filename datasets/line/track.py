@@ -28,7 +28,7 @@ import numpy as np
 
 from trackfg.datasets.line.irregularities import Irregularities
 from trackfg.datasets.line.line import Line
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Side = Literal["left", "right"]
 _SIGN: dict[Side, float] = {"left": 1.0, "right": -1.0}

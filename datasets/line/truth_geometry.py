@@ -32,7 +32,7 @@ from scipy import fft
 
 from trackfg.datasets.line.track import Track
 from trackfg.datasets.line.wavelength_band import LONGEST_M, d1_gain
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
 _SURROUNDINGS_M = 300.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 STEEPEST = 0.5
 """dz/dp; beyond it a file has its units wrong."""

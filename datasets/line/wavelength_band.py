@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 SHORTEST_M = 3.0
 LONGEST_M = 25.0

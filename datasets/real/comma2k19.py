@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from trackfg.datasets import tables
 from trackfg.datasets.real.real_run import RealRun, existing_files
-from trackfg.datasets.sensors import tables
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import geodesy, rotations
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
 
@@ -61,8 +61,8 @@ def load(folder: Path | str) -> RealRun:
     imu_t, accel, gyro, wheel_t, wheels, gnss_t, fixes, *pose = (np.load(path, allow_pickle=False) for path in paths)
     zero = float(imu_t[0])
     origin = fixes[0, [0, 1, 4]]
-    R_vehicle_phone = frames.matrix_from_rpy(*(np.array(a) for a in (0.0, MOUNT_PITCH_RAD, MOUNT_YAW_RAD)))
-    to_vehicle = R_vehicle_phone @ frames.axes_matrix("FRD")
+    R_vehicle_phone = rotations.matrix_from_rpy(*(np.array(a) for a in (0.0, MOUNT_PITCH_RAD, MOUNT_YAW_RAD)))
+    to_vehicle = R_vehicle_phone @ rotations.axes_matrix("FRD")
 
     # The rear wheels are neither steered nor driven: their mean is the speed of the middle of the rear axle.
     rear_speed = wheels[:, 2:].mean(axis=1)
@@ -77,7 +77,9 @@ def load(folder: Path | str) -> RealRun:
         ),
         imu=tables.imu_table(imu_t - zero, gyro @ to_vehicle.T, accel @ to_vehicle.T),
         tach=tables.tach_table(tach_t, tables.integrated_speed(tach_t, rear_speed)),
-        gnss=tables.gnss_table(gnss_t - zero, frames.geodetic_to_enu(fixes[:, [0, 1, 4]], origin), np.array(GNSS_SD_M)),
+        gnss=tables.gnss_table(
+            gnss_t - zero, geodesy.geodetic_to_enu(fixes[:, [0, 1, 4]], origin), np.array(GNSS_SD_M)
+        ),
         gnss_origin=origin,
     )
     return RealRun(recording, _reference(*pose, zero=zero, origin=origin, to_vehicle=to_vehicle))
@@ -87,7 +89,7 @@ def _reference(
     t: Array, ecef: Array, velocity: Array, quaternion: Array, *, zero: float, origin: Array, to_vehicle: Array
 ) -> pd.DataFrame:
     """The pose in the trajectory columns. Its quaternion maps the phone's forward-right-down axes to ECEF."""
-    to_enu = frames.ecef_from_enu(origin[0], origin[1]).T
-    R_nb = to_enu @ frames.matrix_from_quaternion(quaternion.T) @ to_vehicle.T
-    enu = (ecef - frames.geodetic_to_ecef(origin)) @ to_enu.T
-    return tables.trajectory_table(t - zero, enu, np.linalg.norm(velocity, axis=1), frames.rpy_from_matrix(R_nb))
+    to_enu = geodesy.ecef_from_enu(origin[0], origin[1]).T
+    R_nb = to_enu @ rotations.matrix_from_quaternion(quaternion.T) @ to_vehicle.T
+    enu = (ecef - geodesy.geodetic_to_ecef(origin)) @ to_enu.T
+    return tables.trajectory_table(t - zero, enu, np.linalg.norm(velocity, axis=1), rotations.rpy_from_matrix(R_nb))

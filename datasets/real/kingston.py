@@ -13,11 +13,11 @@ import pandas as pd
 import scipy.io
 
 from trackfg import units
+from trackfg.datasets import tables
 from trackfg.datasets.real.real_run import RealRun, existing_files
-from trackfg.datasets.sensors import tables
 from trackfg.errors import BadInputError
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import geodesy
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
 
@@ -93,7 +93,7 @@ def load(
         imu=tables.imu_table(imu["IMU_second"] - zero - 0.5 * SAMPLE_S, _flu(imu["w"]), _flu(imu["f"])),
         tach=tables.tach_table(tach_t, tables.integrated_speed(tach_t, car_speed)),
         gnss=tables.gnss_table(
-            gnss_t, frames.geodetic_to_enu(geodetic, origin), np.array(BESTPOS_SD_M) if sd is None else sd
+            gnss_t, geodesy.geodetic_to_enu(geodetic, origin), np.array(BESTPOS_SD_M) if sd is None else sd
         ),
         gnss_origin=origin,
     )
@@ -112,7 +112,7 @@ def _reference(ins: dict[str, Any], zero: float, origin: Array) -> pd.DataFrame:
     convergence = np.radians(geodetic[:, 1] - origin[1]) * np.sin(np.radians(geodetic[:, 0]))
     speed = np.linalg.norm(_columns(ins, "INS_ve", "INS_vn", "INS_vu"), axis=1)
     rpy = np.column_stack([roll, -pitch, np.pi / 2 - azimuth + convergence])
-    return tables.trajectory_table(ins["INS_second"] - zero, frames.geodetic_to_enu(geodetic, origin), speed, rpy)
+    return tables.trajectory_table(ins["INS_second"] - zero, geodesy.geodetic_to_enu(geodetic, origin), speed, rpy)
 
 
 def _flu(triad: Any) -> Array:

@@ -13,8 +13,8 @@ import gtsam
 import numpy as np
 import pandas as pd
 
+from trackfg.datasets import tables
 from trackfg.datasets.real.real_run import RealRun
-from trackfg.datasets.sensors import tables
 from trackfg.recording.description import ImuNoise, RecordingDescription
 from trackfg.recording.model import Recording
 

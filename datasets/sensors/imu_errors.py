@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import rotations
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise, Vector3
 
 _NEARLY_NONE = 1e-7
@@ -134,7 +134,7 @@ def draw_errors(
 
 def apply_errors(gyro: Array, accel: Array, errors: ImuErrors) -> tuple[Array, Array]:
     """The samples (n, 3) that the IMU delivers for the true ones (n, 3)."""
-    R_vs = frames.matrix_from_rpy(*(np.array(angle) for angle in errors.mount_rpy_rad))
+    R_vs = rotations.matrix_from_rpy(*(np.array(angle) for angle in errors.mount_rpy_rad))
     felt_gyro = gyro @ (R_vs @ errors.gyro_matrix.T) + errors.gyro_bias + errors.gyro_noise
     if errors.g_sensitivity.any():
         felt_gyro += accel @ (R_vs @ errors.g_sensitivity.T)

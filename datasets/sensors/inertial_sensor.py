@@ -18,8 +18,8 @@ import numpy as np
 
 from trackfg import units
 from trackfg.datasets.vehicle.ride import Kinematics, Ride
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import geodesy, rotations
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Vector3
 
 _CHUNK = 100_000
@@ -41,14 +41,14 @@ def ideal_samples(
 
 def gravity(latitude_deg: float | None) -> float:
     """What the world uses for gravity, m/s^2: the ellipsoid's at the latitude, the standard one without a latitude."""
-    return units.STANDARD_GRAVITY if latitude_deg is None else frames.normal_gravity(latitude_deg)
+    return units.STANDARD_GRAVITY if latitude_deg is None else geodesy.normal_gravity(latitude_deg)
 
 
 def _ideal_chunk(
     ride: Ride, edges: Array, kinks: Array, latitude_deg: float | None, lever_arm: Array
 ) -> tuple[Array, Array]:
     dt = np.diff(edges)[:, None]
-    earth = np.zeros(3) if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
+    earth = np.zeros(3) if latitude_deg is None else geodesy.earth_rate_enu(latitude_deg)
     inside = kinks[np.searchsorted(kinks, edges[0], side="right") : np.searchsorted(kinks, edges[-1])]
     nodes = np.union1d(edges, inside)
     lengths = np.diff(nodes)
@@ -61,13 +61,13 @@ def _ideal_chunk(
 
     middles = 0.5 * (nodes[1:] + nodes[:-1])
     moment = ride.kinematics(np.stack([middles - _GAUSS * lengths, middles + _GAUSS * lengths], axis=-1).ravel())
-    turning = earth + mean(frames.transport_rate(moment.velocity_in_n))
+    turning = earth + mean(geodesy.transport_rate(moment.velocity_in_n))
     accel = mean(_specific_force(moment, gravity(latitude_deg), earth, lever_arm))
     if lever_arm.any():
         accel += np.cross(np.diff(ride.body_rate(edges), axis=0), lever_arm) / dt
     R = ride.rotation(edges)
-    after = frames.so3_exp(turning * dt) @ R[1:]
-    gyro = frames.so3_log(np.swapaxes(R[:-1], 1, 2) @ after) / dt
+    after = rotations.so3_exp(turning * dt) @ R[1:]
+    gyro = rotations.so3_log(np.swapaxes(R[:-1], 1, 2) @ after) / dt
     return gyro, accel
 
 
@@ -75,7 +75,7 @@ def _specific_force(moment: Kinematics, g: float, earth: Array, lever_arm: Array
     """Specific force at the lever arm less ``omega' x r``, body axes. Shape (n, 3)."""
     c, s = np.cos(moment.heading), np.sin(moment.heading)
     earth_level = np.column_stack([c * earth[0] + s * earth[1], c * earth[1] - s * earth[0], np.full_like(c, earth[2])])
-    coriolis = 2.0 * earth_level + frames.transport_rate(moment.velocity)
+    coriolis = 2.0 * earth_level + geodesy.transport_rate(moment.velocity)
     force = moment.acceleration + np.cross(coriolis, moment.velocity)
     force[:, 2] += g
     force = _turned(moment.body_from_level, force)

@@ -23,10 +23,10 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from trackfg.datasets import tables
 from trackfg.datasets.line.track import Track
-from trackfg.datasets.sensors import tables
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Laser, Vector3
 
 STEP_M = 0.125

@@ -32,11 +32,11 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import PPoly
 
+from trackfg.datasets import tables
 from trackfg.datasets.line.polynomials import restricted
-from trackfg.datasets.sensors import tables
 from trackfg.datasets.vehicle.adhesion import Slip
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Tach
 from trackfg.recording.model import TACH_COLUMNS
 

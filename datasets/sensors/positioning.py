@@ -21,10 +21,10 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
-from trackfg.datasets.sensors import tables
+from trackfg.datasets import tables
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Vector3
 
 

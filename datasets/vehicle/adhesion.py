@@ -39,10 +39,10 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from trackfg import units
-from trackfg.datasets.sensors import tables
+from trackfg.datasets import tables
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _GRID_HZ = 10.0
 _SLOWEST_MPS = 1.0

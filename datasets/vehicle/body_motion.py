@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

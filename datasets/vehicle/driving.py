@@ -20,7 +20,7 @@ from trackfg.datasets.line.line import Line
 from trackfg.datasets.vehicle.motion import Limits, Motion, Phase, change, change_time, motion, rest, reverse, run
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _SLOWEST_MPS = 1.0
 _SHORTEST_SERVICE_M = 50.0

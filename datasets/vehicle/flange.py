@@ -20,7 +20,7 @@ from trackfg.datasets.line.track import Track
 from trackfg.datasets.vehicle.body_motion import BodyMotion, through
 from trackfg.datasets.vehicle.motion import Motion
 from trackfg.datasets.vehicle.vehicle import Vehicle
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

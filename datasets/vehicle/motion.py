@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import PPoly
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Phase = tuple[float, float]
 """A duration in s and a jerk in m/s^3."""

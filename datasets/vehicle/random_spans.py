@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def random_spans(rate: float, lengths: tuple[float, float], end: float, rng: np.random.Generator) -> Array:

@@ -29,8 +29,8 @@ import numpy as np
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.vehicle.body_motion import BodyMotion
 from trackfg.datasets.vehicle.motion import Motion
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import rotations
+from trackfg.numerics.arrays import Array
 
 _SMOOTH_1PM = 1e-12
 """Curvature that jumps by less is continuous but for rounding."""
@@ -50,7 +50,7 @@ class Kinematics:
     def body_from_level(self) -> Array:
         """The rotation that maps components along h, l and u to body axes. Shape (n, 3, 3)."""
         roll, pitch, yaw = self.rpy.T
-        return np.swapaxes(frames.matrix_from_rpy(roll, pitch, yaw - self.heading), -1, -2)
+        return np.swapaxes(rotations.matrix_from_rpy(roll, pitch, yaw - self.heading), -1, -2)
 
     @cached_property
     def velocity_in_n(self) -> Array:
@@ -88,7 +88,7 @@ class Ride:
 
     def rotation(self, t: Array) -> Array:
         """``R_nb``. Shape (..., 3, 3)."""
-        return frames.matrix_from_rpy(*np.moveaxis(self.rpy(t), -1, 0))
+        return rotations.matrix_from_rpy(*np.moveaxis(self.rpy(t), -1, 0))
 
     def body_rate(self, t: Array) -> Array:
         """Angular rate relative to the navigation frame, in body axes, rad/s. Shape (..., 3)."""

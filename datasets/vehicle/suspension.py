@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

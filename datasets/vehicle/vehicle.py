@@ -28,7 +28,7 @@ from trackfg.datasets.vehicle.body_motion import BodyMotion, through
 from trackfg.datasets.vehicle.motion import Motion
 from trackfg.datasets.vehicle.suspension import Suspension
 from trackfg.datasets.vehicle.wheelsets import Wheelsets, chord
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _BODY, _FRONT, _REAR = range(3)
 # The chords that a car without springs makes of its wheelsets: height of the body and both frames, and their slopes

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from trackfg.datasets.line.track import Track
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _CELL_M = 1.0
 

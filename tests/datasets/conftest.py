@@ -13,7 +13,7 @@ from trackfg.datasets.line.line import Line, piecewise_linear
 from trackfg.datasets.vehicle.driving import Wandering
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 BASE_M = 1.067
 

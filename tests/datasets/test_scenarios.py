@@ -14,8 +14,9 @@ from trackfg.datasets.sensors.clocks import ClockModel, DropModel
 from trackfg.datasets.vehicle.adhesion import draw_slip
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.errors import BadInputError
-from trackfg.io.reader import read_recording, read_truth
-from trackfg.numerics.frames import so3_exp, so3_log
+from trackfg.io.reader import read_recording
+from trackfg.io.truth import read_truth
+from trackfg.numerics.rotations import so3_exp, so3_log
 
 NAMES = list(datasets.scenarios())
 TRUTH_COLUMNS = [

@@ -17,7 +17,7 @@ from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.rail import same_rail
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, Step
-from trackfg.numerics.frames import so3_exp
+from trackfg.numerics.rotations import so3_exp
 
 KEYFRAMES = 6
 

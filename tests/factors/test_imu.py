@@ -8,7 +8,8 @@ import pytest
 
 from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
 from trackfg.factors.states import Kind
-from trackfg.numerics.frames import earth_rate_enu, matrix_from_rpy, so3_exp, so3_log
+from trackfg.numerics.geodesy import earth_rate_enu
+from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 from trackfg.sensors.imu_intervals import Increments, Intervals, compress
 
 G = 9.80665

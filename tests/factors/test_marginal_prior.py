@@ -9,7 +9,7 @@ import numpy as np
 from trackfg.factors.family import check_jacobians
 from trackfg.factors.marginal_prior import moved_from, past, past_elsewhere, step_from
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step, offset_in_keyframe
-from trackfg.numerics.frames import matrix_from_rpy
+from trackfg.numerics.rotations import matrix_from_rpy
 
 
 def one_keyframe(rng: np.random.Generator) -> States:

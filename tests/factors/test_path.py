@@ -9,7 +9,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.path import follows_path
 from trackfg.factors.states import Nav, States
-from trackfg.numerics.frames import matrix_from_rpy, so3_exp
+from trackfg.numerics.rotations import matrix_from_rpy, so3_exp
 from trackfg.sensors.imu_intervals import Intervals, turning
 
 RATE_HZ, FINE = 200.0, 20

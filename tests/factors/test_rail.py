@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from trackfg.factors.family import Family
 from trackfg.factors.rail import same_rail
 from trackfg.factors.states import Nav, States
-from trackfg.numerics.frames import matrix_from_rpy, so3_exp, so3_log
+from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 
 LEAD_M = 2.5
 SPEED_MPS, KEYFRAME_S, KEYFRAMES = 4.0, 0.5, 12

@@ -22,18 +22,11 @@ from trackfg.datasets.sensors.imu_errors import ImuResponse
 from trackfg.datasets.vehicle.vehicle import Rigid
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
-from trackfg.results.result import (
-    EVENT_COLUMNS,
-    GEOMETRY_COLUMNS,
-    TRAJECTORY_COLUMNS,
-    Estimate,
-    Result,
-    Solver,
-    Summary,
-    VectorEstimate,
-)
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.result import Result
+from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 

@@ -19,8 +19,9 @@ ROOT = Path(__file__).parents[2]
 PARTS = ("pyproject.toml", "README.md", "LICENSE", "trackfg", "factors", "datasets")
 
 IMPORTS = """
-import importlib.util, json, trackfg, trackfg.factors, trackfg.datasets, trackfg.factors.family,
-trackfg.datasets.real.kitti from importlib.metadata import version
+import importlib.util, json, trackfg, trackfg.factors, trackfg.datasets, trackfg.factors.family
+import trackfg.datasets.real.kitti
+from importlib.metadata import version
 from importlib.resources import files
 
 def home(name):

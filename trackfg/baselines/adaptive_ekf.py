@@ -57,7 +57,7 @@ from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pit
 from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY
 

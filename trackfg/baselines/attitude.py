@@ -21,10 +21,11 @@ from trackfg.baselines.result import BaselineResult, filled, no_events
 from trackfg.errors import BadInputError
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
-from trackfg.numerics.frames import Array, normal_gravity
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import normal_gravity
 from trackfg.numerics.passes import Pass, passes
 from trackfg.recording.model import Recording
-from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel

@@ -36,7 +36,7 @@ from trackfg.baselines.attitude import Attitude, motion_of, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 
 Method = Literal["complementary", "accelerometer", "gyro"]

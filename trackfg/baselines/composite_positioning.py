@@ -30,9 +30,9 @@ from trackfg.baselines.curve_points import CurvePoints, Diagnostics, Sighting, f
 from trackfg.baselines.gravity_compensated import Coasting, Start, coast, readhesion, start_state
 from trackfg.baselines.result import BaselineResult, filled, no_events
 from trackfg.baselines.slip_detection import Cycles, JerkRule, detections, read_cycles, start_point
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
-from trackfg.results.result import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 
 _SEARCH_S = 10.0
 """How far back a start point may lie; where there is none, it is the setback itself."""

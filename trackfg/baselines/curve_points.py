@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.units import KMH
 

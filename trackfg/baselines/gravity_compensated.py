@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.baselines.slip_detection import Cycles
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.units import KMH, STANDARD_GRAVITY
 
 

@@ -34,7 +34,8 @@ from scipy.signal import lfilter
 
 from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array, normal_gravity
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import normal_gravity
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills

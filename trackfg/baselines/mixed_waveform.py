@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackfg.geometry.moving_average import remove_baseline
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def blended(low: Array, high: Array, speed: Array, band: tuple[float, float]) -> Array:

@@ -41,10 +41,10 @@ import pandas as pd
 from trackfg.baselines.result import BaselineResult, filled
 from trackfg.errors import BadInputError
 from trackfg.friction.imm import Modes, ModeSteps, interacting_multiple_models, measured
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import Recording
-from trackfg.results.result import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.sensors.imu_intervals import intervals, means_around
 from trackfg.sensors.tach import Wheel, read_wheel
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def held_since_rest(t: Array, rests: Array, samples: Array) -> Array:

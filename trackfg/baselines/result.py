@@ -12,7 +12,8 @@ import pandas as pd
 
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
-from trackfg.results.result import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS, versions
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.summary import versions
 
 _TRAJECTORY, _GEOMETRY, _EVENTS, _HEAD = FILES = (
     "trajectory.parquet",

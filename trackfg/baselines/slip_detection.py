@@ -26,7 +26,7 @@ import numpy as np
 
 from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals, means_around
 from trackfg.sensors.standstills import find_standstills

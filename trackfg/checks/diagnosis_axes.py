@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.diagnosis_clock import lagged_correlation, tach_acceleration
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import rotations
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import IMU_COLUMNS
 from trackfg.sensors.averages import Motion, averaged, band_passed
 from trackfg.units import STANDARD_GRAVITY
@@ -33,7 +33,7 @@ AXES = tuple(
     "".join(letters)
     for pairs in itertools.permutations(("FB", "LR", "UD"))
     for letters in itertools.product(*pairs)
-    if np.linalg.det(frames.axes_matrix("".join(letters))) > 0
+    if np.linalg.det(rotations.axes_matrix("".join(letters))) > 0
 )
 """The 24 right-handed triads."""
 
@@ -105,11 +105,11 @@ def propose_axes(declared: str, up: Array, forward: Array | None) -> str:
     Both are directions in the vehicle axes as declared. Of the right-handed triads the one with the best fit is
     taken; among equals, the one that keeps most letters, F before L.
     """
-    A = frames.axes_matrix(declared)
+    A = rotations.axes_matrix(declared)
     vertical = np.sign(up) * (np.abs(up) == np.abs(up).max())
 
     def merit(axes: str) -> tuple[float, ...]:
-        turn = frames.axes_matrix(axes) @ A.T
+        turn = rotations.axes_matrix(axes) @ A.T
         fit = float((turn @ vertical)[2]) + (0.0 if forward is None else float((turn @ forward)[0]))
         kept = [a == b for a, b in zip(axes, declared, strict=True)]
         return fit, sum(kept), sum(k for k, letter in zip(kept, declared, strict=True) if letter in "FB")

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import geodesy
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY
 
@@ -69,7 +69,7 @@ def static_bias(recording: Recording, standstills: Array) -> StaticBias | None:
     if len(spans) > 1:
         variance = variance + np.average((means - mean) ** 2, axis=0, weights=weights) / (len(spans) - 1)
     latitude = recording.description.track.latitude_deg
-    gravity = STANDARD_GRAVITY if latitude is None else frames.normal_gravity(latitude)
+    gravity = STANDARD_GRAVITY if latitude is None else geodesy.normal_gravity(latitude)
     sd = np.sqrt(variance)
     return StaticBias(
         gyro_radps=(float(mean[0]), float(mean[1]), float(mean[2])),

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _MIN_CHORD_M = 100.0
 _MAX_TURN_RAD = 0.5

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu

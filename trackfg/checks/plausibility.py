@@ -14,7 +14,7 @@ import pandas as pd
 
 from trackfg.checks import diagnosis_axes
 from trackfg.checks.limits import CheckLimits
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu, Laser, Model, Table, Tach, Track
 from trackfg.recording.findings import Finding, Level

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from trackfg.cli.tables import named_values, titled
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 if TYPE_CHECKING:
     from trackfg.mapping.changes.changes import Changes

@@ -16,7 +16,8 @@ from rich.text import Text
 from trackfg.comparison.table import QUANTITIES, REFERENCE, About, Case, Row
 from trackfg.recording.findings import Finding
 from trackfg.report.flatten import leaves
-from trackfg.results.result import Estimate, Result, VectorEstimate
+from trackfg.results.result import Result
+from trackfg.results.summary import Estimate, VectorEstimate
 
 if TYPE_CHECKING:
     from trackfg.comparison.estimators import Estimator

@@ -20,7 +20,8 @@ from trackfg.errors import TrackfgError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.scores import quantities, score_run
 from trackfg.evaluation.trajectory_errors import distance_errors, from_the_true_start, trajectory_errors
-from trackfg.io.reader import has_truth, read_recording, read_truth, read_truth_geometry
+from trackfg.io.reader import read_recording
+from trackfg.io.truth import has_truth, read_truth, read_truth_geometry
 from trackfg.recording.model import Recording
 
 J_TURN = "j-turn"

@@ -28,7 +28,7 @@ from trackfg.errors import BadInputError
 from trackfg.evaluation.scores import STATISTICS, margin
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
-from trackfg.results.result import versions
+from trackfg.results.summary import versions
 
 TRUTH = "truth"
 REFERENCE = "smoother"

@@ -13,7 +13,7 @@ import pandas as pd
 
 from trackfg.curves.increments import Increments
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 BRIDGED_M = 30.0
 _FEWEST_CELLS = 12

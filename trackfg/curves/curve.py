@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.curves.transition_laws import TransitionLaw
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 CurveKind = Literal["simple", "compound part", "reverse part", "compound and reverse part"]
 CurveLaw = TransitionLaw | Literal["none", "unseen"]

@@ -21,8 +21,8 @@ from trackfg.curves.line import CurvedLine, LineNoise, tilt_noise, turn_noise
 from trackfg.curves.model import CurveChain
 from trackfg.curves.segments import first_chains
 from trackfg.curves.structure import simplified, structured
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.frames import Array
 
 _SHARED_ABOVE = 1e-4
 

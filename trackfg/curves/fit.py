@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.curves.increments import DISTURBED_FROM, PER_DISTURBANCE, Observed
 from trackfg.curves.model import CurveChain, tilts, turns
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _PRIOR_CELLS = 30.0
 """The noise of the whole line counts as much as so many cells of the stretch itself."""

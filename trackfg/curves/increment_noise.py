@@ -35,7 +35,7 @@ from scipy import fft
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _ORDER = 4

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from trackfg.curves.increment_noise import IncrementNoise, Whitener
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 DISTURBED_FROM, PER_DISTURBANCE = 25.0, 15.0
 """The least gain, in chi^2, of a disturbance, and its price where it competes with curves."""

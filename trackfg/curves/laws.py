@@ -19,7 +19,7 @@ from scipy.special import digamma
 from trackfg.curves.chain_edits import with_law
 from trackfg.curves.fit import Fit, fitted
 from trackfg.curves.transition_laws import LAWS
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _PRIOR_COUNTS = np.array([2.0, 1.0, 0.2, 0.2, 0.2])
 """In the order of LAWS."""

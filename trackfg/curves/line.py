@@ -14,7 +14,7 @@ from trackfg.curves.increment_noise import IncrementNoise, fitted_noise
 from trackfg.curves.increments import Increments, Observed
 from trackfg.curves.model import CurveChain, tilts, turns
 from trackfg.curves.structure import structured
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _AROUND_M = 300.0

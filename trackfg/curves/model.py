@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from trackfg.curves.transition_laws import TransitionLaw, rise
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _SHORTEST_M = 1e-3
 

@@ -20,7 +20,7 @@ from trackfg.curves.cells import Cells
 from trackfg.curves.chain_edits import level_length, selected
 from trackfg.curves.model import CurveChain
 from trackfg.curves.transition_laws import TransitionLaw
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 APART_M = 60.0

@@ -39,7 +39,7 @@ from trackfg.curves.increments import DISTURBED_FROM, PER_DISTURBANCE
 from trackfg.curves.model import CurveChain, step_turns
 from trackfg.curves.settling import settled
 from trackfg.curves.transition_laws import LAWS, TransitionLaw
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _PER_PLACE, _PER_LEVEL = 4.0, 20.0
 _PER_LAW: dict[TransitionLaw, float] = {"clothoid": 0.0, "half-sine": 1.4, "sine": 4.6, "bloss": 4.6, "helmert": 4.6}

@@ -24,7 +24,7 @@ from typing import Literal
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 TransitionLaw = Literal["clothoid", "half-sine", "sine", "bloss", "helmert"]
 LAWS: tuple[TransitionLaw, ...] = ("clothoid", "half-sine", "sine", "bloss", "helmert")

@@ -12,17 +12,13 @@ and estimate hold all quantities facing increasing chainage.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pandas as pd
-from scipy.interpolate import make_interp_spline
 
 from trackfg.evaluation.scores import PLACE, quantities
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
-
-_DEGREE = 5
+from trackfg.numerics.splines import spline_at
 
 
 def geometry_errors(
@@ -49,35 +45,6 @@ def geometry_errors(
             columns[name] = geometry[name].to_numpy(dtype=np.float64) - true
             columns[f"{name}_sd"] = geometry[f"{name}_sd"].to_numpy(dtype=np.float64)
     return pd.DataFrame(columns)
-
-
-def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
-    """``y`` (n, ...) over ascending, evenly spaced ``x`` (n,) as a quintic spline through the rows that are finite.
-
-    It takes places of any shape, to which that of a row is added; NaN outside of the finite rows, in gaps between them,
-    and everywhere if they are fewer than six.
-    """
-    known = np.isfinite(y.reshape(len(x), -1)).all(axis=1)
-    x, y = x[known], y[known]
-    if len(x) <= _DEGREE:
-        return lambda places: np.full((*places.shape, *y.shape[1:]), np.nan)
-    gap = np.diff(x) > 1.5 * np.diff(x).min()
-    spline = make_interp_spline(x, y, k=_DEGREE)
-
-    def at(places: Array) -> Array:
-        out = np.full((*places.shape, *y.shape[1:]), np.nan)
-        with np.errstate(invalid="ignore"):
-            inside = (places >= x[0]) & (places <= x[-1])
-        inside[inside] = ~gap[np.clip(np.searchsorted(x, places[inside], side="right") - 1, 0, len(gap) - 1)]
-        out[inside] = spline(places[inside])
-        return out
-
-    return at
-
-
-def spline_at(x: Array, y: Array, places: Array) -> Array:
-    """:func:`spline_through` at ``places``."""
-    return spline_through(x, y)(places)
 
 
 def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Array) -> Array:

@@ -12,10 +12,9 @@ import numpy as np
 import pandas as pd
 
 from trackfg.evaluation.scores import rms
-from trackfg.numerics.frames import Array, matrix_from_rpy
-
-Span = tuple[float, float]
-"""Start and end of a span of time, s: the start belongs to it, the end does not."""
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import matrix_from_rpy
+from trackfg.numerics.spans import Span
 
 
 def withhold(gnss: pd.DataFrame, spans: Sequence[Span]) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from trackfg.evaluation.geometry_errors import spline_at
 from trackfg.geometry.statistics import section_statistics
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of, step_of
-from trackfg.numerics.frames import Array
+from trackfg.numerics.splines import spline_at
 
 ALIGNED_BY = ("twist_mm", "versine_level_mm")
 """What has sharp features everywhere, curves or not."""

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.units import KMH
 
 COVERED = float(stats.norm.ppf(0.975))

@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 KINDS = ("slip", "slide")
 SHARED_PART = 0.5
@@ -59,7 +59,7 @@ def score_slips(
     creep: float = 0.03,
     duration_s: float = 1.0,
 ) -> SlipScore:
-    """Score the slips and slides among ``events`` (:data:`trackfg.results.result.EVENT_COLUMNS`).
+    """Score the slips and slides among ``events`` (:data:`trackfg.results.columns.EVENT_COLUMNS`).
 
     ``true_slips`` has ``start_s, end_s, kind, distance_error_m, peak_creep``. Asked for are those with a peak creep of
     at least ``creep`` either way that last ``duration_s`` or longer before the end of ``truth``, a trajectory.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.units import KMH
 
 DISTANCE_M = 1000.0
@@ -30,7 +30,7 @@ def trajectory_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataF
     """The error of every quantity at each instant that the truth holds, and its sigma ``_sd``: ``t_s``, ``speed_mps``,
     ``along_track_m``, ``roll_mrad, pitch_mrad, speed_kmh, east_m, north_m``.
 
-    ``trajectory`` has :data:`trackfg.results.result.TRAJECTORY_COLUMNS`, NaN where nothing is said; ``truth`` any of
+    ``trajectory`` has :data:`trackfg.results.columns.TRAJECTORY_COLUMNS`, NaN where nothing is said; ``truth`` any of
     them, interpolated linearly.
     """
     clock = truth["t_s"].to_numpy()

@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.units import KMH, STANDARD_GRAVITY
 
 DRIVE_COLUMNS = ("t_s", "steer_rad", "front_mps2", "rear_mps2")

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _LEAST = 1e-300
 """A mode that nothing leads to any more keeps this probability, so that its logarithm is finite."""

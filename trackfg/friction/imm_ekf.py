@@ -27,7 +27,7 @@ import pandas as pd
 
 from trackfg.friction.bicycle import FRICTION_COLUMNS, Car, Noise, drive_arrays, tyre_forces
 from trackfg.friction.imm import ModeSteps, interacting_multiple_models, measured
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _THREE_MODES = np.array([[0.55, 0.35, 0.10], [0.25, 0.50, 0.25], [0.10, 0.35, 0.55]])
 """Eq. 28."""

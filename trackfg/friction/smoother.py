@@ -29,7 +29,7 @@ import pandas as pd
 
 from trackfg.errors import UnsolvableError
 from trackfg.friction.bicycle import FRICTION_COLUMNS, Car, Noise, TyreForces, drive_arrays, tyre_forces
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _WIDEST = 32.0
 """The loss starts this many times as wide as it ends."""

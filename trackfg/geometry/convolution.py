@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def convolve_inside(y: Array, kernel: Array) -> Array:

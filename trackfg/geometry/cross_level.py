@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Convention = Literal["left-high", "right-high", "inner-rail"]
 """What is positive: the left rail higher; the right rail higher; in curves the outer rail higher than designed."""

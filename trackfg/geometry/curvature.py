@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def curvature(heading_rad: ArrayLike, step_m: float, base_m: float = 10.0) -> Array:

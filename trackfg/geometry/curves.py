@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 CURVED_FROM_1PM = 1.0 / 5000.0
 _MEAN_OVER_M = 50.0

@@ -14,7 +14,7 @@ from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense
 from trackfg.geometry.judged_quantities import Quantity, quantities, step_of
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.statistics import peaks, section_statistics
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 COLUMNS = (
     "standard",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _TOLERANCE = 1e-6
 """Of a step: how far a length may be from a whole number of steps."""

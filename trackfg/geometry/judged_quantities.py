@@ -18,7 +18,7 @@ from trackfg.geometry.bands import BANDS, band_pass
 from trackfg.geometry.grid import steps, weighted_neighbours
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.versines import uniformity_deviation, versine
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _SIDES = ("", "_left", "_right")
 _CHORD_OF_COLUMNS_M = 10.0

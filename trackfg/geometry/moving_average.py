@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.geometry.grid import steps, wave_number, window_sums
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 LEVEL_WINDOWS_M = (24.0,)
 ALIGNMENT_WINDOWS_M = (24.0, 18.0)

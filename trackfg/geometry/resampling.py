@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.grid import wave_number
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _CELLS = 8
 """Cells per step."""

@@ -30,7 +30,7 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.bands import D1, band_response
 from trackfg.geometry.grid import steps, wave_number
 from trackfg.geometry.versines import versine_response
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

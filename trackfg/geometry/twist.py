@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def twist(cross_level: ArrayLike, step_m: float, base_m: float = 5.0) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def versine(y: ArrayLike, step_m: float, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:

@@ -33,7 +33,7 @@ from trackfg.graph.motion import motion
 from trackfg.graph.odometry import odometer
 from trackfg.graph.positions import positions
 from trackfg.graph.wheel_slip import Rolling, rolling
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path

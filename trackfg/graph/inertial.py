@@ -14,7 +14,8 @@ from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.imu import ImuNoise, Preintegration, imu_factors
 from trackfg.factors.states import States
 from trackfg.graph.inputs import Layout
-from trackfg.numerics.frames import EARTH_RADIUS, Array, transport_rate
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import EARTH_RADIUS, transport_rate
 from trackfg.recording import description
 from trackfg.sensors.imu_intervals import compress, increment_starts
 

@@ -13,7 +13,8 @@ from trackfg.factors.bias import response_terms
 from trackfg.factors.imu import ImuNoise
 from trackfg.factors.states import SHARED, Nav, States
 from trackfg.graph.wheel_slip import Rolling
-from trackfg.numerics.frames import Array, earth_rate_enu, normal_gravity
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
 from trackfg.numerics.spans import within
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording

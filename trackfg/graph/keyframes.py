@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.config import KeyframeConfig
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 
 _TOO_CLOSE = 0.35

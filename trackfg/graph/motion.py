@@ -9,7 +9,7 @@ from trackfg.factors.family import Family, Loss
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.path import follows_path
 from trackfg.graph.inputs import Layout, still_between
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.imu_intervals import means_around, turning
 

@@ -26,7 +26,7 @@ from scipy.linalg import solveh_banded
 
 from trackfg.config import SmoothConfig
 from trackfg.factors.switching import Chain, first_state_probability
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals, means_around

@@ -11,31 +11,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
-from trackfg import units
-from trackfg.checks import columns, plausibility
+from trackfg.checks import plausibility
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
 from trackfg.io import tables
 from trackfg.io.description_reader import ReadDescription, locate, read_description
-from trackfg.io.table_file import TableFile, open_table, resolve_inside
+from trackfg.io.table_file import resolve_inside
 from trackfg.io.tables import Columns, Tables
 from trackfg.io.writer import write_recording
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, Tach, Truth
 from trackfg.recording.findings import Finding, errors
 from trackfg.recording.model import Recording
 
 __all__ = [
     "LoadedRecording",
-    "has_truth",
     "load",
     "read_recording",
-    "read_truth",
-    "read_truth_geometry",
     "write_recording",
 ]
 
@@ -146,71 +141,3 @@ def _message(found: list[Finding], path: Path | str) -> str:
     if more == 0:
         return str(found[0])
     return f"{found[0]} ({more} more error{'s' if more > 1 else ''}: `trackfg check {path}` lists all)"
-
-
-def has_truth(path: Path | str) -> bool:
-    """Whether the recording declares a truth. Raises :class:`BadInputError` where its description cannot be read."""
-    read = read_description(path)
-    _raise_first(list(read.findings))
-    return "truth" in read.parts
-
-
-def read_truth(path: Path | str) -> pd.DataFrame:
-    """The truth table of a recording: ``t_s`` and whatever trajectory columns it has. For comparisons only.
-
-    Columns may hold NaN where the truth is not known. Raises :class:`BadInputError` where there is no truth.
-    """
-    truth, folder = _truth_part(path)
-    table = _all_columns(folder, truth.file, truth.time)
-    t = table.pop(truth.time).to_numpy() * units.to_si("time", truth.time_unit) + truth.time_offset_s
-    _raise_first([
-        *columns.not_finite(t, truth.file, truth.time),
-        *columns.not_increasing(t, truth.file, truth.time),
-    ])  # fmt: skip
-    table.insert(0, "t_s", t)
-    return table
-
-
-def read_truth_geometry(path: Path | str) -> pd.DataFrame | None:
-    """The true geometry, by ``chainage_m``, or None where the recording has a truth without geometry.
-
-    Raises :class:`BadInputError` where there is no truth at all, or the table is unusable.
-    """
-    truth, folder = _truth_part(path)
-    if truth.geometry is None:
-        return None
-    table = _all_columns(folder, truth.geometry, "chainage_m")
-    _raise_first(columns.not_finite(table["chainage_m"].to_numpy(), truth.geometry, "chainage_m"))
-    return table
-
-
-def _truth_part(path: Path | str) -> tuple[Truth, Path]:
-    folder, toml = locate(path)
-    read = read_description(path)
-    _raise_first(list(read.findings))
-    truth = read.parts.get("truth")
-    if not isinstance(truth, Truth):
-        raise BadInputError(f"{toml}: the recording has no [truth]; expected one to compare with")
-    return truth, folder
-
-
-def _all_columns(folder: Path, file: str, key: str) -> pd.DataFrame:
-    """Every column of a table. Raises :class:`BadInputError` where one is not numeric or ``key`` is missing."""
-    table, findings = open_table(folder, file, [key])
-    if table is not None:
-        table, findings = open_table(folder, file, table.columns)
-    _raise_first(findings)
-    if not isinstance(table, TableFile):
-        raise BadInputError(f"{file}: cannot be read")
-    read: dict[str, Array] = {}
-    for name in dict.fromkeys((key, *table.columns)):
-        values, faults = table.numbers(name)
-        _raise_first(faults)
-        if values is not None:
-            read[name] = np.asarray(values)
-    return pd.DataFrame(read)
-
-
-def _raise_first(findings: list[Finding]) -> None:
-    if found := errors(findings):
-        raise BadInputError(str(found[0]))

@@ -16,7 +16,8 @@ import pandas as pd
 from trackfg.checks import columns
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.table_file import TableFile, open_table
-from trackfg.numerics.frames import Array
+from trackfg.numerics import spans
+from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.canonical import data_columns
 from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, Table, Tach
@@ -111,7 +112,7 @@ def _value_checks(part: Table, read: Mapping[str, Array | None], t: Array | None
 
 def imu_table(part: Imu, columns: Columns) -> pd.DataFrame:
     """The ``imu`` table."""
-    t = canonical.on_common_clock(part, columns.t_s, canonical.median_interval(columns.t_s))
+    t = canonical.on_common_clock(part, columns.t_s, spans.median_interval(columns.t_s))
     return _table(IMU_COLUMNS, t, *canonical.imu_in_body(part, canonical.imu_rotation(part), columns.data))
 
 

@@ -35,7 +35,7 @@ import numpy as np
 import pandas as pd
 from pydantic import JsonValue
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 CURVE_POINTS = ("BTC", "BCC", "ECC", "ETC")
 FIX = "fix"
@@ -88,7 +88,7 @@ _SIGMA_AGREES = 1e-6
 
 @dataclass(frozen=True)
 class MapConventions:
-    """What the columns mean; as in :class:`trackfg.results.result.GeometryConventions`. Lengths in m."""
+    """What the columns mean; as in :class:`trackfg.results.summary.GeometryConventions`. Lengths in m."""
 
     gauge_m: float
     cross_level_base_m: float

@@ -11,7 +11,7 @@ import struct
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _LITTLE_ENDIAN = 1
 _POINT_Z = 1001

@@ -19,7 +19,7 @@ import sqlalchemy as sa
 
 from trackfg.maps.feature_map import LANDMARK_COLUMNS, FeatureMap
 from trackfg.maps.schema import KEY, data_column
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
 
 LAYERS = ("landmarks", "reference_line")

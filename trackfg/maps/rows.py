@@ -20,7 +20,7 @@ import sqlalchemy as sa
 
 from trackfg.maps.feature_map import INTEGER_COLUMNS, TEXT_COLUMNS
 from trackfg.maps.schema import ROWS_PER_VERSION, Schema
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Column: TypeAlias = "np.ndarray | pd.Series"
 

@@ -1,22 +1,81 @@
-"""From the map's frame (east, north, up at an origin) to WGS 84: the inverse of
-:func:`trackfg.numerics.frames.geodetic_to_enu`.
+"""The Earth: gravity, rotation, and positions between WGS 84 and a level frame (east, north, up at an origin).
 
-That frame's up is the difference in height, not the distance from the tangent plane, so the latter is found first: it
-falls short of the former by about ``(e^2 + n^2) / 2R``, and each correction by the height that comes out leaves 6e-5 of
-the error at 70 km (the plane has turned by 0.011 rad there).
+The level frame's up is the difference in height, not the distance from the tangent plane. :func:`enu_to_geodetic` finds
+the latter first: it is shorter than the former by about ``(e^2 + n^2) / 2R``, and each correction by the height that
+comes out leaves 6e-5 of the error at 70 km, where the plane has turned by 0.011 rad.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from trackfg.numerics.frames import Array, ecef_from_enu, geodetic_to_ecef
+from trackfg.numerics.arrays import Array
+
+EARTH_RATE = 7.292115e-5
+"""rad/s, WGS 84."""
+
+EARTH_RADIUS = 6.371e6
+"""m, mean radius."""
 
 _A = 6378137.0
 _F = 1.0 / 298.257223563
 _B = _A * (1.0 - _F)
 _E2 = _F * (2.0 - _F)
 _CORRECTIONS = 6
+
+
+def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
+    """Gravity on the WGS 84 ellipsoid, m/s^2 (Somigliana's formula with the free-air gradient)."""
+    s2 = np.sin(np.radians(latitude_deg)) ** 2
+    surface = 9.7803253359 * (1.0 + 0.00193185265241 * s2) / np.sqrt(1.0 - _E2 * s2)
+    return float(surface - 3.086e-6 * height_m)
+
+
+def earth_rate_enu(latitude_deg: float) -> Array:
+    """The Earth's rotation in ENU, rad/s. Shape (3,)."""
+    latitude = np.radians(latitude_deg)
+    return EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+
+
+def transport_rate(velocity: Array) -> Array:
+    """How fast the level frame turns under a vehicle with this velocity in n, rad/s; 0.65 deg/h at 20 m/s."""
+    return np.stack([-velocity[..., 1], velocity[..., 0], np.zeros_like(velocity[..., 0])], axis=-1) / EARTH_RADIUS
+
+
+def geodetic_to_ecef(geodetic: Array) -> Array:
+    """WGS 84 (latitude deg, longitude deg, height m) to ECEF in m. Shape (..., 3) to (..., 3)."""
+    lat, lon = np.radians(geodetic[..., 0]), np.radians(geodetic[..., 1])
+    height = geodetic[..., 2]
+    n = _A / np.sqrt(1.0 - _E2 * np.sin(lat) ** 2)
+    x = (n + height) * np.cos(lat) * np.cos(lon)
+    y = (n + height) * np.cos(lat) * np.sin(lon)
+    z = (n * (1.0 - _E2) + height) * np.sin(lat)
+    return np.stack([x, y, z], axis=-1)
+
+
+def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Array:
+    """The rotation that maps ENU vectors at a place to ECEF. Shape (3, 3)."""
+    lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
+    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    return np.array(
+        [
+            [-sin_lon, -sin_lat * cos_lon, cos_lat * cos_lon],
+            [cos_lon, -sin_lat * sin_lon, cos_lat * sin_lon],
+            [0.0, cos_lat, sin_lat],
+        ]
+    )
+
+
+def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
+    """WGS 84 positions in the level frame n about ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m.
+
+    East and north on the tangent plane of the origin (short by 6e-5 of the distance at 70 km), up as the difference in
+    height: level stays level.
+    """
+    rotation = ecef_from_enu(float(origin[0]), float(origin[1]))
+    enu: Array = (geodetic_to_ecef(geodetic) - geodetic_to_ecef(origin)) @ rotation
+    enu[..., 2] = geodetic[..., 2] - origin[2]
+    return enu
 
 
 def ecef_to_geodetic(ecef: Array) -> Array:

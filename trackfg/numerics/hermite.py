@@ -6,7 +6,7 @@ slopes v0, v1 at its ends.
 
 from __future__ import annotations
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def hermite_weights(f: Array, T: Array) -> tuple[Array, Array, Array, Array]:

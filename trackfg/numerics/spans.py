@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def true_runs(mask: np.ndarray) -> np.ndarray:
@@ -41,3 +41,12 @@ def joined_spans(spans: Array) -> Array:
     until = np.maximum.accumulate(ordered[:, 1])
     first = np.append(True, ordered[1:, 0] > until[:-1])
     return np.stack([ordered[first, 0], until[np.append(first[1:], True)]], axis=1)
+
+
+def median_interval(t: Array) -> float:
+    """Of times that grow, s; 0 where there are fewer than two."""
+    return float(np.median(np.diff(t))) if t.size > 1 else 0.0
+
+
+Span = tuple[float, float]
+"""Start and end of a span of time, s: the start belongs to it, the end does not."""

@@ -15,8 +15,10 @@ import numpy as np
 
 from trackfg.factors.states import Nav, States
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import (
-    Array,
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import transport_rate
+from trackfg.numerics.hermite import hermite_rates, hermite_weights
+from trackfg.numerics.rotations import (
     cross,
     matrix_from_quaternion,
     quaternion,
@@ -25,9 +27,7 @@ from trackfg.numerics.frames import (
     quaternion_product,
     so3_exp,
     so3_log,
-    transport_rate,
 )
-from trackfg.numerics.hermite import hermite_rates, hermite_weights
 from trackfg.sensors.imu_intervals import compress, increment_starts, running_turn
 
 _LONGEST_STEP_S = 0.02

@@ -13,7 +13,7 @@ from trackfg.factors.states import Kind, States
 from trackfg.graph.build import Problem
 from trackfg.numerics.spans import true_runs
 from trackfg.output.slip_events import slip_events
-from trackfg.results.result import EVENT_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.solver.covariance import Covariance
 
 POSITIONS = ("absolute fix", "withheld fix", "landmark", "GNSS position")
@@ -27,7 +27,7 @@ _OUTLIER_WEIGHT = 0.5
 
 
 class Event(NamedTuple):
-    """One event: :data:`trackfg.results.result.EVENT_COLUMNS`, NaN where a column says nothing."""
+    """One event: :data:`trackfg.results.columns.EVENT_COLUMNS`, NaN where a column says nothing."""
 
     kind: str
     start_s: float
@@ -42,7 +42,7 @@ class Event(NamedTuple):
 def event_table(
     problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
 ) -> pd.DataFrame:
-    """Events in order of their start, columns :data:`trackfg.results.result.EVENT_COLUMNS`."""
+    """Events in order of their start, columns :data:`trackfg.results.columns.EVENT_COLUMNS`."""
     return pd.DataFrame(events(problem, states, covariance, trajectory, direction), columns=list(EVENT_COLUMNS))
 
 

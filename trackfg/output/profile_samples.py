@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_weights
 
 _BEAM_MODES = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671])

@@ -16,7 +16,7 @@ from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import States
 from trackfg.geometry.resampling import resample
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profile_samples import Points

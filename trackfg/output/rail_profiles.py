@@ -14,7 +14,7 @@ from trackfg.factors.states import States
 from trackfg.geometry.curvature import heading_noise, heading_of_lateral
 from trackfg.geometry.resampling import resample
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, points_at, profiles

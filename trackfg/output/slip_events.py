@@ -20,7 +20,7 @@ from scipy.interpolate import CubicHermiteSpline
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.sensors.tach import Wheel
 from trackfg.solver.covariance import Covariance

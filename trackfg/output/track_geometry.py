@@ -23,12 +23,13 @@ from trackfg.geometry.gradient import gradient
 from trackfg.geometry.twist import twist
 from trackfg.geometry.versines import versine
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.output.profile_samples import PosteriorErrors, point_errors
 from trackfg.output.profiles import Profile, Shapes
 from trackfg.output.trajectory import keyframe_variances
 from trackfg.recording.description import Track
-from trackfg.results.result import GEOMETRY_COLUMNS, RAIL_COLUMNS, GeometryConventions
+from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
+from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import SIDES
 from trackfg.solver.covariance import Covariance, posterior_samples
 from trackfg.solver.square_root import SquareRoot
@@ -64,8 +65,8 @@ def geometry_table(
     root: SquareRoot,
     meaning: GeometryConventions,
 ) -> pd.DataFrame:
-    """One row per step of chainage passed, ascending: columns :data:`trackfg.results.result.GEOMETRY_COLUMNS`, and
-    :data:`~trackfg.results.result.RAIL_COLUMNS` where the profiles have rails.
+    """One row per step of chainage passed, ascending: columns :data:`trackfg.results.columns.GEOMETRY_COLUMNS`, and
+    :data:`~trackfg.results.columns.RAIL_COLUMNS` where the profiles have rails.
     """
     with_rails = any(profile.shapes.rails for profile in passes)
     names = [*GEOMETRY_COLUMNS, *(RAIL_COLUMNS if with_rails else ())]

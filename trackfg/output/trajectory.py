@@ -8,7 +8,8 @@ import pandas as pd
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array, euler_rates, rpy_from_matrix, skew
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import euler_rates, rpy_from_matrix, skew
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.solver.covariance import Covariance
 

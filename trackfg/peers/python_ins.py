@@ -37,7 +37,9 @@ import pandas as pd
 from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pitch, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.geometry.cross_level import cross_level
-from trackfg.numerics.frames import Array, earth_rate_enu, geodetic_to_enu, matrix_from_rpy
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import earth_rate_enu, geodetic_to_enu
+from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.peers.installed import require
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import initial_path
@@ -215,7 +217,7 @@ def _measurements(recording: Recording, motion: Motion, start: Start, wheel_scal
 
 
 def geodetic_of(enu: Array, origin: Array) -> Array:
-    """The inverse of :func:`trackfg.numerics.frames.geodetic_to_enu`: latitude and longitude in deg, height in m. (n,
+    """The inverse of :func:`trackfg.numerics.geodesy.geodetic_to_enu`: latitude and longitude in deg, height in m. (n,
     3).
     """
     from pyins.transform import perturb_lla

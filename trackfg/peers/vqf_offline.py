@@ -20,7 +20,7 @@ from trackfg.baselines.attitude import Attitude, motion_of, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
-from trackfg.numerics.frames import rpy_from_matrix
+from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.peers.installed import require
 from trackfg.recording.model import Recording
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.geometry.curves import curve_sense, mean_curvature
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _STRAIGHT_1PM = 1e-4

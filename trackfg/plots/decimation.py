@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def extremes(values: Array, stretches: int) -> NDArray[np.intp]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.scales import extent
-from trackfg.results.result import RAIL_COLUMNS, GeometryConventions
+from trackfg.results.columns import RAIL_COLUMNS
+from trackfg.results.summary import GeometryConventions
 from trackfg.units import KMH
 
 

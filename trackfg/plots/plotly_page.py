@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.plots.sheet import AMBER, BAND, GREY, RED, SPAN_NAME, Curve, Panel, Sheet, limit_labels
 

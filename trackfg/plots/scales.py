@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _POOR = 5.0
 """A sigma above this many times the channel's median is poor; a value of this many of its own sigmas is no noise."""

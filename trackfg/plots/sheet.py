@@ -7,8 +7,8 @@ from textwrap import shorten
 
 import numpy as np
 
-from trackfg.evaluation.outages import Span
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import Span
 
 BLUE, ORANGE, RED, GREY, AMBER = "#1b5e93", "#c45a00", "#c0392b", "#6b7280", "#f2b134"
 SPAN_NAME = "positions withheld"

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.curve_labels import curves, sense_and_radius
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import draw, picture_path
@@ -32,7 +32,8 @@ from trackfg.plots.geometry_channels import (
 )
 from trackfg.plots.scales import common_zero, symmetric, with_limits, with_margin
 from trackfg.plots.sheet import BAND, BLUE, ORANGE, Curve, Limit, Panel, Sheet
-from trackfg.results.result import GeometryConventions, Result
+from trackfg.results.result import Result
+from trackfg.results.summary import GeometryConventions
 
 STRETCHES = 2000
 """More than a sheet has columns of pixels."""

@@ -17,9 +17,10 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS
 from trackfg.geometry.curves import curve_sense
 from trackfg.geometry.limits import Limit
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.strip_chart import LimitLine
-from trackfg.results.result import GeometryConventions, Result
+from trackfg.results.result import Result
+from trackfg.results.summary import GeometryConventions
 
 
 def limit_lines(

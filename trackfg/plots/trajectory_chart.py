@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg.evaluation.outages import Span, horizontal_errors, withhold
-from trackfg.numerics.frames import Array
+from trackfg.evaluation.outages import horizontal_errors, withhold
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import Span
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import draw, picture_path
 from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Curve, Panel, Path2d, Sheet

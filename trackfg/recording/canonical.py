@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg import units
-from trackfg.numerics import frames
-from trackfg.numerics.frames import Array
+from trackfg.numerics import geodesy, rotations
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, Table, Tach
 
 Columns = Sequence[Array]
@@ -53,18 +53,13 @@ def on_common_clock(part: Table, t: Array, interval_s: float = 0.0) -> Array:
     return t if offset == 0.0 else t + offset
 
 
-def median_interval(t: Array) -> float:
-    """Of times that grow, s; 0 where there are fewer than two."""
-    return float(np.median(np.diff(t))) if t.size > 1 else 0.0
-
-
 def imu_rotation(part: Imu) -> Array:
     """The matrix from the file's columns to the vehicle's FLU axes, ``R_mount A``. Shape (3, 3)."""
-    A = frames.axes_matrix(part.axes)
+    A = rotations.axes_matrix(part.axes)
     if not any(part.mount_rpy_deg):
         return A
     roll, pitch, yaw = np.radians(part.mount_rpy_deg)
-    return frames.matrix_from_rpy(roll, pitch, yaw) @ A
+    return rotations.matrix_from_rpy(roll, pitch, yaw) @ A
 
 
 def imu_in_body(part: Imu, R: Array, columns: Columns) -> tuple[Array, ...]:
@@ -134,7 +129,7 @@ def gnss_position(part: Gnss, origin: Array | None, columns: Columns) -> tuple[A
     """East, north and up of the origin, m, three columns."""
     if part.frame == "local" or origin is None:
         return tuple(columns[:3])
-    return tuple(frames.geodetic_to_enu(np.column_stack(list(columns[:3])), origin).T)
+    return tuple(geodesy.geodetic_to_enu(np.column_stack(list(columns[:3])), origin).T)
 
 
 def laser_displacement(part: Laser, values: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from trackfg.numerics import frames
+from trackfg.numerics import rotations
 
 Vector3 = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -89,7 +89,7 @@ class Imu(Table):
     @field_validator("axes")
     @classmethod
     def _axes_are_a_triad(cls, value: str) -> str:
-        frames.axes_matrix(value)
+        rotations.axes_matrix(value)
         return value
 
 

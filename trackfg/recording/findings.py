@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
+
+from trackfg.errors import BadInputError
 
 Level = Literal["error", "warning", "info"]
 
@@ -62,3 +64,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     by_folded = {candidate.strip().casefold(): candidate for candidate in known}
     near = difflib.get_close_matches(name.strip().casefold(), by_folded, n=1, cutoff=0.6)
     return f"did you mean {by_folded[near[0]]!r}?" if near else None
+
+
+def raise_first(findings: Sequence[Finding]) -> None:
+    """Raise :class:`BadInputError` with the first error among the findings, if there is one."""
+    if found := errors(findings):
+        raise BadInputError(str(found[0]))

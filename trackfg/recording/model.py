@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.findings import Finding
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.decimation import extremes
 from trackfg.plots.sheet import BAND
 from trackfg.report.columns import Column, Difference, packed

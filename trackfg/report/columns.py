@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _OF_SIGMA, _OF_RANGE, _OF_SIZE = 20.0, 1e5, 200.0
 _LARGEST = 2**28

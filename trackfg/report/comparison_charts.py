@@ -11,7 +11,7 @@ import pandas as pd
 
 from trackfg.comparison.table import BAND_KMH, QUANTITIES, REFERENCE, TRUTH, Comparison
 from trackfg.comparison.table import Row as Score
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import PALETTE, TRUTH_COLOUR, Figure, Line, Panel, Strips, plain, whole_range

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy import stats
 
 from trackfg.evaluation.scores import quantities, score_run
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.sheet import BLUE, GREY, RED
 from trackfg.report.charts import Figure, plain
 from trackfg.report.numbers import digits, percent

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.curve_labels import curves
 from trackfg.plots.geometry_channels import (
     COMMON,
@@ -20,7 +20,8 @@ from trackfg.plots.scales import symmetric, with_margin
 from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import TRUTH_COLOUR, Line, Panel, Strips, whole_range
 from trackfg.report.columns import Column, Difference, packed, packed_sigma, packed_value
-from trackfg.results.result import GeometryConventions, Result
+from trackfg.results.result import Result
+from trackfg.results.summary import GeometryConventions
 
 LONG_M = 2000.0
 """Above this length chainage is in km."""

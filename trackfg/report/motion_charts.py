@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.plots.decimation import extremes
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED

@@ -18,7 +18,8 @@ from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, pa
 from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
 from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, Row, Section, Table, Text, Tile, Tiles
 from trackfg.report.truth import Against
-from trackfg.results.result import Estimate, Result, VectorEstimate
+from trackfg.results.result import Result
+from trackfg.results.summary import Estimate, VectorEstimate
 
 _DEG_PER_HOUR = math.degrees(1.0) * 3600.0
 _MANY_EVENTS = 25

@@ -12,7 +12,7 @@ from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.trajectory_errors import trajectory_errors
 from trackfg.io.description_reader import read_description
-from trackfg.io.reader import read_truth, read_truth_geometry
+from trackfg.io.truth import read_truth, read_truth_geometry
 from trackfg.results.result import Result
 
 

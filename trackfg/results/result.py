@@ -18,62 +18,19 @@ from __future__ import annotations
 
 import io
 import os
-import platform
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
-from trackfg.output.place_covariance import PlaceCovariance
-from trackfg.recording.findings import Finding
-
-_STATES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
-
-TRAJECTORY_COLUMNS = ("t_s", *(name for state in _STATES for name in (state, f"{state}_sd")))
-"""``t_s``, then each state followed by its sigma. Chainage and position are those of the vehicle reference point."""
-
-_CENTRE_GEOMETRY = (
-    "curvature_1pm",
-    "gradient_permille",
-    "cross_level_mm",
-    "twist_mm",
-    "level_mm",
-    "alignment_mm",
-    "versine_level_mm",
-    "versine_alignment_mm",
-)
-_RAIL_GEOMETRY = ("level_left_mm", "level_right_mm", "alignment_left_mm", "alignment_right_mm", "gauge_mm")
-
-GEOMETRY_COLUMNS = (
-    "chainage_m",
-    "chainage_m_sd",
-    "speed_mps",
-    *(name for quantity in _CENTRE_GEOMETRY for name in (quantity, f"{quantity}_sd")),
-)
-"""The place, its sigma, the speed at which it was measured, then each quantity followed by its sigma."""
-
-RAIL_COLUMNS = tuple(name for quantity in _RAIL_GEOMETRY for name in (quantity, f"{quantity}_sd"))
-"""What lasers add: each rail by itself, and the gauge."""
-
-EVENT_COLUMNS = (
-    "kind",
-    "start_s",
-    "end_s",
-    "chainage_m",
-    "chainage_m_sd",
-    "distance_removed_m",
-    "distance_removed_m_sd",
-    "detail",
-)
-"""``distance_removed_m`` is the tachometer's error over the event that the smoother took out, else empty."""
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.place_covariance import PlaceCovariance
+from trackfg.results.summary import Summary
 
 _EVENT_TEXT = ("kind", "detail")
 _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
@@ -86,116 +43,6 @@ _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
 
 
 RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES)
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Estimate(_Model):
-    """An estimated scalar and its 1-sigma, in the unit of the field that holds it."""
-
-    value: float
-    sd: float
-
-
-class VectorEstimate(_Model):
-    """An estimated vector in the body axes x, y, z and the 1-sigma of each."""
-
-    value: tuple[float, float, float]
-    sd: tuple[float, float, float]
-
-
-class Solver(_Model):
-    """How the solution was reached. ``cost`` is half the sum of squared whitened residuals after robust weights."""
-
-    converged: bool
-    reason: str
-    iterations: int
-    cost: float
-    degrees_of_freedom: int
-
-
-class GeometryConventions(_Model):
-    """What the geometry columns mean. Lengths in m; see docs/geometry.md for the formulas.
-
-    ``facing``: left is left when looking that way, whichever way the run went.
-    """
-
-    facing: Literal["increasing chainage"] = "increasing chainage"
-    gauge_m: float
-    cross_level_base_m: float
-    step_m: float
-    twist_base_m: float
-    chord_m: float
-    band_m: tuple[float, float]
-    curvature_base_m: float
-    gradient_base_m: float
-
-
-class RunFacts(_Model):
-    """What joining runs into a map needs to know of the recording.
-
-    ``content_sha256`` tells the same measurements again, whatever the recording is called. ``anchored``: fixes told
-    where on the line the run was; else chainage counts from its start. ``imu_id``: which sensor in which mounting, and
-    ``mount_roll_sd_rad`` how well the roll of that is known. ``origin``: of east, north, up: WGS 84 latitude (deg),
-    longitude (deg) and height (m), if GNSS told.
-    """
-
-    start: str | None = None
-    content_sha256: str
-    direction: Literal[1, -1]
-    anchored: bool
-    imu_id: str | None = None
-    mount_roll_sd_rad: float
-    origin: tuple[float, float, float] | None = None
-
-
-class MapUse(_Model):
-    """The map that the run was located on: its name and version, the share of the run that was recognised, and the
-    probability that the place is right. Nothing of the map was used where ``sections`` is 0.
-    """
-
-    name: str
-    version: int | None
-    sections: int
-    recognised_m: float
-    probability: float
-    found_after_m: float | None
-
-
-class Summary(_Model):
-    """The run in one page. Biases are those at the end of the run; what was not estimated is null.
-
-    ``configuration`` is what was used, adapted noise levels included; ``noise_ratios`` says, per group of factors, how
-    large the residuals are against what its sigmas lead to expect (1 is right; see
-    :mod:`trackfg.solver.variance_components`).
-    """
-
-    format: Literal["trackfg-result/1"] = "trackfg-result/1"
-    recording_id: str
-    run: RunFacts | None = None
-    map: MapUse | None = None
-    versions: dict[str, str] = Field(default_factory=lambda: versions())
-    configuration: dict[str, JsonValue]
-    solver: Solver
-    timings_s: dict[str, float]
-    duration_s: float
-    distance_m: float
-    keyframes: int
-    noise_ratios: dict[str, float] = Field(default_factory=dict)
-    wheel_scale: Estimate | None = None
-    clock_offset_s: Estimate | None = None
-    gyro_bias_radps: VectorEstimate
-    accel_bias_mps2: VectorEstimate
-    geometry: GeometryConventions
-    findings: tuple[Finding, ...] = ()
-
-
-def versions() -> dict[str, str]:
-    """The versions that a result depends on."""
-    packages = ("trackfg", "gtsam", "numpy", "scipy", "pandas")
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
 @dataclass(frozen=True)

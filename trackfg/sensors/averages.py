@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import binary_erosion, gaussian_filter1d
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.model import IMU_COLUMNS
 
 

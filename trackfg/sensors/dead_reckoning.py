@@ -16,7 +16,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from trackfg.numerics.frames import Array, matrix_from_rpy
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
 from trackfg.sensors.tach import Wheel

@@ -18,9 +18,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.numerics.frames import Array, cross, matrix_from_quaternion, quaternion_exp, quaternion_log
-from trackfg.numerics.spans import true_runs
-from trackfg.recording.canonical import median_interval
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import cross, matrix_from_quaternion, quaternion_exp, quaternion_log
+from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 
 _NO_BIAS = np.zeros(3)

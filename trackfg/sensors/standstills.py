@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m

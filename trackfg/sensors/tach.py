@@ -14,9 +14,8 @@ import pandas as pd
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
-from trackfg.numerics.frames import Array
-from trackfg.numerics.spans import true_runs
-from trackfg.recording.canonical import median_interval
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 

@@ -25,10 +25,10 @@ from trackfg.factors.landmark import landmark
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem, placeless
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_near
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile
 from trackfg.recording.findings import Finding
-from trackfg.results.result import GeometryConventions, MapUse
+from trackfg.results.summary import GeometryConventions, MapUse
 from trackfg.solver.covariance import Covariance
 
 if TYPE_CHECKING:

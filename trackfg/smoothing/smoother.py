@@ -18,19 +18,22 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem, build_problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.events import event_table
-from trackfg.output.place_covariance import PlaceCovariance, place_covariance
+from trackfg.output.place_covariance import place_covariance
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import conventions, geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
-from trackfg.results.result import Estimate, Result, RunFacts, Solver, Summary, VectorEstimate
-from trackfg.sensors.displacement import RailView, rail_views, tied_by_rails
+from trackfg.results.place_covariance import PlaceCovariance
+from trackfg.results.result import Result
+from trackfg.results.summary import Estimate, RunFacts, Solver, Summary, VectorEstimate
+from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.localisation import Located, located
+from trackfg.smoothing.rail_ties import tied_by_rails
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios

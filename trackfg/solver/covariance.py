@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.solver.square_root import SIZE, SquareRoot
 
 _STACKED = 64

@@ -25,8 +25,8 @@ from scipy.linalg.lapack import dgeqrf
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors, Slot, first_keyframe, last_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.frames import Array
 from trackfg.solver.square_root import NAV, NAV_DIM, SIZE, SquareRoot
 
 _PAIR = 2 * KEYFRAME_DIM

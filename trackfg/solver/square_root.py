@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step, offset_in_keyframe
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 SIZE = KEYFRAME_DIM + SHARED_DIM
 """Of (x_k, s)."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 QUIET_PUSHES = 10
 LONGEST_PUSHES = 100

@@ -25,11 +25,11 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.graph.motion import RATE_WINDOW_S
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
-from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.streaming.checkpoint.snapshot import Snapshot, attributes_of, taken
 from trackfg.streaming.events import StreamEvent

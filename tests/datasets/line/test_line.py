@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import fresnel
 
-from trackfg.numerics.frames import matrix_from_rpy
+from trackfg.numerics.rotations import matrix_from_rpy
 
 
 def test_circle_closes_and_has_its_radius(make_line):

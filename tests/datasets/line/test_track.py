@@ -5,7 +5,7 @@ import pytest
 
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
 from trackfg.datasets.line.track import Track
-from trackfg.numerics import frames
+from trackfg.numerics import rotations
 
 GAUGE_M = 1.067
 
@@ -49,7 +49,7 @@ def test_x_axis_is_the_tangent_of_the_centre_line(track):
     step = 1e-3
     tangent = (track.centre(S + step) - track.centre(S - step)) / (2 * step)
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
-    forward = frames.matrix_from_rpy(*columns(track.rpy(S)))[..., 0]
+    forward = rotations.matrix_from_rpy(*columns(track.rpy(S)))[..., 0]
     np.testing.assert_allclose(forward, tangent, atol=1e-8)
 
 
@@ -61,7 +61,7 @@ def test_slopes_are_the_derivatives_of_the_attitude(track):
 
 @pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
 def test_rails_are_on_the_axle(track, side, sign):
-    axle = frames.matrix_from_rpy(*columns(track.rpy(S)))[..., 1]
+    axle = rotations.matrix_from_rpy(*columns(track.rpy(S)))[..., 1]
     gauge = GAUGE_M + track.irregularities.at(S)[:, 3]
     top = track.rail(S, side) - track.centre(S)
     edge = track.rail(S, side, "edge") - track.centre(S)
@@ -99,5 +99,5 @@ def test_from_the_other_end_it_is_the_same_track(make_line, rough):
     start = track.centre(np.array(1500.0))
     np.testing.assert_allclose(turned.centre(1500.0 - s), track.centre(s) - start, atol=1e-9)
     np.testing.assert_allclose(turned.rail(1500.0 - s, "left"), track.rail(s, "right") - start, atol=1e-9)
-    there, back = (frames.matrix_from_rpy(*columns(rpy)) for rpy in (track.rpy(s), turned.rpy(1500.0 - s)))
+    there, back = (rotations.matrix_from_rpy(*columns(rpy)) for rpy in (track.rpy(s), turned.rpy(1500.0 - s)))
     np.testing.assert_allclose(back, there @ np.diag([-1.0, -1.0, 1.0]), atol=1e-9)

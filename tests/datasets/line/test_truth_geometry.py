@@ -8,7 +8,7 @@ from trackfg.datasets.line.irregularities import KNOT_M, Irregularities, Irregul
 from trackfg.datasets.line.track import Track
 from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.line.wavelength_band import d1_gain
-from trackfg.results.result import GEOMETRY_COLUMNS, RAIL_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
 
 BASE_M = 1.067
 COLUMNS = [c for c in GEOMETRY_COLUMNS + RAIL_COLUMNS if not c.endswith("_sd") and c != "speed_mps"]

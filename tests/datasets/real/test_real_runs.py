@@ -6,7 +6,7 @@ import pytest
 from trackfg.datasets.real import comma2k19, kingston, kitti
 from trackfg.errors import BadInputError
 from trackfg.io.reader import read_recording, write_recording
-from trackfg.numerics import frames
+from trackfg.numerics import rotations
 from trackfg.recording.model import GNSS_COLUMNS, IMU_COLUMNS, TACH_COLUMNS
 
 
@@ -26,8 +26,8 @@ def _check_attitude(run, *, gravity_tolerance):
     """Gyro against the reference's attitude, and gravity with the centripetal term against its tilt."""
     imu, reference = run.recording.imu, run.reference
     t = reference["t_s"].to_numpy()
-    R = frames.matrix_from_rpy(*(reference[f"{axis}_rad"].to_numpy() for axis in ("roll", "pitch", "yaw")))
-    turned = frames.so3_log(np.swapaxes(R[:-1], 1, 2) @ R[1:])
+    R = rotations.matrix_from_rpy(*(reference[f"{axis}_rad"].to_numpy() for axis in ("roll", "pitch", "yaw")))
+    turned = rotations.so3_log(np.swapaxes(R[:-1], 1, 2) @ R[1:])
     inside = (t[:-1] > imu["t_s"].iloc[0]) & (t[1:] < imu["t_s"].iloc[-1])
     for i, axis in enumerate("xyz"):
         angle = np.cumsum(np.gradient(imu["t_s"]) * imu[f"w{axis}_radps"])
@@ -131,7 +131,7 @@ def test_comma2k19(data_folder):
     _check_attitude(run, gravity_tolerance=0.15)
     enu = reference[["east_m", "north_m", "up_m"]].to_numpy()
     velocity = np.gradient(enu, reference["t_s"], axis=0)
-    R = frames.matrix_from_rpy(*(reference[f"{axis}_rad"].to_numpy() for axis in ("roll", "pitch", "yaw")))
+    R = rotations.matrix_from_rpy(*(reference[f"{axis}_rad"].to_numpy() for axis in ("roll", "pitch", "yaw")))
     body = np.einsum("nji,nj->ni", R, velocity).mean(axis=0)
     np.testing.assert_allclose(body / body[0], [1.0, 0.0, 0.0], atol=0.005)  # the mounting is taken out
     span = np.ptp(recording.tach["distance_m"]) / np.sum(np.linalg.norm(np.diff(enu, axis=0), axis=1))

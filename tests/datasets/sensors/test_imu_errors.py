@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackfg.datasets.sensors import tables
+from trackfg.datasets import tables
 from trackfg.datasets.sensors.imu_errors import ImuModel, ImuResponse, apply_errors, draw_errors
 from trackfg.datasets.sensors.imu_grades import ADIS16480, ADIS16495_1
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
+from trackfg.datasets import tables
 from trackfg.datasets.line.irregularities import IrregularityModel, draw_irregularities
 from trackfg.datasets.line.track import Track
-from trackfg.datasets.sensors import tables
 from trackfg.datasets.sensors.inertial_sensor import gravity, ideal_samples
 from trackfg.datasets.vehicle.body_motion import through
 from trackfg.datasets.vehicle.motion import Limits, change, motion, rest
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.vehicle import Bogie, CarBody, Rigid
-from trackfg.numerics import frames
+from trackfg.numerics import geodesy, rotations
 
 LATITUDES = [None, 48.0]
 VEHICLES = [Rigid(), Rigid(1.2), Bogie(), CarBody()]
@@ -29,7 +29,7 @@ def rough_ride(winding_ride):
 
 
 def _earth(latitude_deg):
-    return np.zeros(3) if latitude_deg is None else frames.earth_rate_enu(latitude_deg)
+    return np.zeros(3) if latitude_deg is None else geodesy.earth_rate_enu(latitude_deg)
 
 
 def _frame_rate(ride, edges, latitude_deg):
@@ -43,8 +43,8 @@ def _frame_rate(ride, edges, latitude_deg):
 def _composed(ride, gyro, edges, latitude_deg):
     """Attitudes at the edges from the first one and the gyro alone."""
     dt = edges[1] - edges[0]
-    turns = frames.so3_exp(gyro * dt)
-    backs = frames.so3_exp(-_frame_rate(ride, edges, latitude_deg) * dt)
+    turns = rotations.so3_exp(gyro * dt)
+    backs = rotations.so3_exp(-_frame_rate(ride, edges, latitude_deg) * dt)
     R = np.empty((len(edges), 3, 3))
     R[0] = ride.rotation(edges[:1])[0]
     for k, (back, turn) in enumerate(zip(backs, turns, strict=True)):
@@ -57,7 +57,7 @@ def test_composing_the_gyro_gives_the_attitude(winding_ride, latitude_deg):
     edges = tables.clock(120.0, 200.0)
     gyro, _ = ideal_samples(winding_ride, edges, latitude_deg)
     error = np.swapaxes(winding_ride.rotation(edges), 1, 2) @ _composed(winding_ride, gyro, edges, latitude_deg)
-    assert np.abs(frames.so3_log(error)).max() < 1e-9
+    assert np.abs(rotations.so3_log(error)).max() < 1e-9
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
@@ -67,7 +67,7 @@ def test_composing_the_gyro_gives_the_attitude_on_rough_track(rough_ride, vehicl
     ride = rough_ride(vehicle, edges)
     gyro, _ = ideal_samples(ride, edges, latitude_deg)
     error = np.swapaxes(ride.rotation(edges), 1, 2) @ _composed(ride, gyro, edges, latitude_deg)
-    assert np.abs(frames.so3_log(error)).max() < 1e-9
+    assert np.abs(rotations.so3_log(error)).max() < 1e-9
 
 
 @pytest.mark.parametrize("latitude_deg", LATITUDES)
@@ -118,8 +118,8 @@ def _integrated(ride, edges, latitude_deg, lever_arm):
     position = ride.position(edges) + R @ arm
 
     turning = _frame_rate(ride, edges, latitude_deg)
-    middle = frames.so3_exp(-turning * dt / 2) @ _composed(ride, gyro, edges, latitude_deg)[:-1]
-    middle = middle @ frames.so3_exp(gyro * dt / 2)
+    middle = rotations.so3_exp(-turning * dt / 2) @ _composed(ride, gyro, edges, latitude_deg)[:-1]
+    middle = middle @ rotations.so3_exp(gyro * dt / 2)
     steps = np.einsum("nij,nj->ni", middle, accel) * dt - np.array([0, 0, gravity(latitude_deg) * dt])
     integrated = np.empty_like(velocity)
     integrated[0] = velocity[0]
@@ -137,7 +137,7 @@ def test_at_rest_it_feels_gravity_and_the_earth(make_line):
     up = np.array([np.sin(0.02), 0.0, np.cos(0.02)])
     np.testing.assert_allclose(accel, np.broadcast_to(gravity(latitude) * up, accel.shape), atol=1e-12)
     # The x axis points east: the Earth's rate is to the left and up.
-    rate = frames.EARTH_RATE * np.array([0.0, np.cos(np.radians(latitude)), np.sin(np.radians(latitude))])
+    rate = geodesy.EARTH_RATE * np.array([0.0, np.cos(np.radians(latitude)), np.sin(np.radians(latitude))])
     body = rate @ ride.rotation(np.zeros(1))[0]
     np.testing.assert_allclose(gyro, np.broadcast_to(body, gyro.shape), atol=1e-13)
 
@@ -149,7 +149,7 @@ def test_steady_curve_has_centripetal_and_coriolis_acceleration(make_line):
     _, still = ideal_samples(ride, edges, None)
     np.testing.assert_allclose(still[:, 1], v**2 / radius, rtol=1e-9)
     _, turning = ideal_samples(ride, edges, latitude)
-    coriolis = 2 * frames.EARTH_RATE * np.sin(np.radians(latitude)) * v
+    coriolis = 2 * geodesy.EARTH_RATE * np.sin(np.radians(latitude)) * v
     np.testing.assert_allclose(turning[:, 1] - still[:, 1], coriolis, rtol=1e-6)
 
 

@@ -11,7 +11,7 @@ from trackfg.datasets.line.track import Track
 from trackfg.datasets.sensors.lasers import LaserModel, laser_description, laser_tables, two_units
 from trackfg.datasets.vehicle.motion import motion, rest
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import matrix_from_rpy
+from trackfg.numerics.rotations import matrix_from_rpy
 
 BASE_M, GAUGE_M = 1.067, 1.0
 UNITS = two_units(5.0, -4.0, 0.6, 0.4, rate_hz=20.0)

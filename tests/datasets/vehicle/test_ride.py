@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg.datasets.vehicle.body_motion import through
-from trackfg.numerics import frames
+from trackfg.numerics import rotations
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def test_body_rate_is_the_derivative_of_the_attitude(winding_ride):
     t = 0.5 * (kinks[1:] + kinks[:-1])
     step = 1e-4
     turn = np.swapaxes(winding_ride.rotation(t - step), 1, 2) @ winding_ride.rotation(t + step)
-    np.testing.assert_allclose(winding_ride.body_rate(t), frames.so3_log(turn) / (2 * step), atol=1e-8)
+    np.testing.assert_allclose(winding_ride.body_rate(t), rotations.so3_log(turn) / (2 * step), atol=1e-8)
 
 
 def test_signs_on_a_canted_left_curve_uphill(make_line):
@@ -67,7 +67,7 @@ def test_body_rate_of_a_swaying_body(swaying_ride):
     t = (0.5 * (kinks[1:] + kinks[:-1]))[(np.diff(kinks) > 0.01) & (kinks[1:] <= 120.0)]
     step = 1e-4
     turn = np.swapaxes(swaying_ride.rotation(t - step), 1, 2) @ swaying_ride.rotation(t + step)
-    np.testing.assert_allclose(swaying_ride.body_rate(t), frames.so3_log(turn) / (2 * step), atol=1e-7)
+    np.testing.assert_allclose(swaying_ride.body_rate(t), rotations.so3_log(turn) / (2 * step), atol=1e-7)
 
 
 def test_deviations_are_left_up_and_added_to_the_angles(winding_ride):

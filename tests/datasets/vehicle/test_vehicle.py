@@ -5,9 +5,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from trackfg import units
+from trackfg.datasets import tables
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
 from trackfg.datasets.line.track import Track
-from trackfg.datasets.sensors import tables
 from trackfg.datasets.sensors.inertial_sensor import ideal_samples
 from trackfg.datasets.vehicle.flange import Flanging
 from trackfg.datasets.vehicle.motion import Limits, change, motion, rest, run

@@ -11,7 +11,8 @@ from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.numerics.frames import Array, matrix_from_rpy, rpy_from_matrix, so3_exp
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix, so3_exp
 from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY as G

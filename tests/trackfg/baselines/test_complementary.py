@@ -14,7 +14,7 @@ from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.sensors.imu_grades import ADIS16495_1
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
 from trackfg.units import STANDARD_GRAVITY as G

@@ -17,7 +17,7 @@ from trackfg.baselines.result import BaselineResult
 from trackfg.baselines.slip_detection import Cycles, JerkRule, read_cycles, start_point
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Fixes, Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.units import KMH, STANDARD_GRAVITY

@@ -16,7 +16,7 @@ from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.geometry.moving_average import moving_average
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Imu, Laser, RecordingDescription, Tach, Track
 from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.units import KMH, STANDARD_GRAVITY

@@ -24,7 +24,8 @@ from trackfg.checks.diagnosis import (
 from trackfg.checks.diagnosis_axes import AXES, propose_axes
 from trackfg.io.check import check_recording
 from trackfg.io.reader import read_recording
-from trackfg.numerics.frames import axes_matrix, normal_gravity
+from trackfg.numerics.geodesy import normal_gravity
+from trackfg.numerics.rotations import axes_matrix
 from trackfg.recording.model import Recording
 
 Draft = Any

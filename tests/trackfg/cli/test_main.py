@@ -16,8 +16,8 @@ import pytest
 
 import trackfg
 from trackfg.cli import main
+from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
-from trackfg.datasets.sensors.faults import drop_imu
 from trackfg.results.result import Result
 
 COMMANDS = (

@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.scenarios import Simulation
-from trackfg.evaluation.geometry_errors import geometry_errors, spline_at
+from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.scores import quantities, score_run
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.splines import spline_at
 from trackfg.smoothing.smoother import SmoothedStates
 
 STEP_M = 0.25

@@ -8,8 +8,9 @@ import pytest
 
 from trackfg.config import NoiseConfig, SmoothConfig
 from trackfg.datasets.real import kitti
-from trackfg.evaluation.outages import Span, horizontal_errors, score_outages, straight_line_errors, withhold
-from trackfg.results.result import TRAJECTORY_COLUMNS
+from trackfg.evaluation.outages import horizontal_errors, score_outages, straight_line_errors, withhold
+from trackfg.numerics.spans import Span
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.smoothing.smoother import smooth
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from trackfg.evaluation.repeatability import ALIGNED_BY, best_shift, section_repeatability
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
 NOISE_MM = 0.1

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from trackfg.evaluation.scores import score_bands, score_run, score_runs
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
 

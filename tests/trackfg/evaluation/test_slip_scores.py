@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from trackfg.evaluation.slip_scores import score_slips, together
-from trackfg.results.result import EVENT_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS
 
 TRUTH = pd.DataFrame({"t_s": np.arange(0.0, 1000.5, 0.5)})
 

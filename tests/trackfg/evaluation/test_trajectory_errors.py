@@ -8,7 +8,7 @@ import pytest
 
 from trackfg.baselines.result import filled
 from trackfg.evaluation.trajectory_errors import distance_errors, from_the_true_start, trajectory_errors
-from trackfg.results.result import TRAJECTORY_COLUMNS
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import drop_imu, drop_tach
 from trackfg.errors import UnsolvableError
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.graph.build import Problem, build_problem
-from trackfg.numerics.frames import earth_rate_enu, normal_gravity
+from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import increment_starts
 from trackfg.units import STANDARD_GRAVITY

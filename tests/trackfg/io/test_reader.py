@@ -17,10 +17,11 @@ from hypothesis.extra.numpy import arrays
 
 from trackfg.errors import BadInputError
 from trackfg.io.check import check_recording
-from trackfg.io.reader import load, read_recording, read_truth, read_truth_geometry, write_recording
+from trackfg.io.reader import load, read_recording, write_recording
 from trackfg.io.table_file import open_table
+from trackfg.io.truth import read_truth, read_truth_geometry
 from trackfg.io.writer import canonical_description
-from trackfg.numerics import frames
+from trackfg.numerics import rotations
 from trackfg.recording.description import Fixes, Gnss, Imu, Laser, RecordingDescription, Tach
 from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 
@@ -29,7 +30,7 @@ RIGHT_HANDED = [
     axes
     for pairs in itertools.permutations(("FB", "LR", "UD"))
     for letters in itertools.product(*pairs)
-    if np.linalg.det(frames.axes_matrix(axes := "".join(letters))) > 0
+    if np.linalg.det(rotations.axes_matrix(axes := "".join(letters))) > 0
 ]
 TABLES = ("imu", "tach", "fixes", "gnss")
 
@@ -108,7 +109,7 @@ def test_the_residual_rotation_is_from_sensor_to_vehicle(
 ) -> None:
     draft = example_tables["imu"].iloc[:500]
     gyro, accel = draft[["wx", "wy", "wz"]].to_numpy(), draft[["fx", "fy", "fz"]].to_numpy()
-    R = frames.matrix_from_rpy(*np.radians([[roll], [pitch], [yaw]]))[0] @ frames.axes_matrix(axes)
+    R = rotations.matrix_from_rpy(*np.radians([[roll], [pitch], [yaw]]))[0] @ rotations.axes_matrix(axes)
     table = pd.DataFrame(np.column_stack([draft["t"], gyro @ R, accel @ R]), columns=draft.columns)
     table.to_parquet(tmp_path / "imu.parquet")
     (tmp_path / "recording.toml").write_text(

@@ -17,7 +17,7 @@ from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
 from trackfg.mapping import build_map
 from trackfg.maps.feature_map import FeatureMap
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 

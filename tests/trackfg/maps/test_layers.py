@@ -11,7 +11,7 @@ import pytest
 
 from trackfg.maps import FeatureMap
 from trackfg.maps.layers import layers
-from trackfg.numerics.frames import geodetic_to_enu
+from trackfg.numerics.geodesy import geodetic_to_enu
 
 MakeMap = Callable[..., FeatureMap]
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trackfg.numerics.frames import geodetic_to_ecef, geodetic_to_enu
-from trackfg.numerics.geodesy import ecef_to_geodetic, enu_to_geodetic
+from trackfg.numerics.geodesy import ecef_to_geodetic, enu_to_geodetic, geodetic_to_ecef, geodetic_to_enu
 
 METRES_PER_DEGREE = 111e3
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import drop_imu
-from trackfg.numerics.frames import so3_log
+from trackfg.numerics.rotations import so3_log
 from trackfg.output.dense_motion import DenseMotion, dense_motion
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 

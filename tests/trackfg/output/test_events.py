@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import drop_imu, drop_tach
 from trackfg.recording.model import Recording
-from trackfg.results.result import EVENT_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.smoothing.smoother import smooth
 
 TRACK_S = 150.0

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from trackfg.output.place_covariance import PlaceCovariance, interpolation_weights
+from trackfg.results.place_covariance import PlaceCovariance, interpolation_weights
 from trackfg.smoothing.smoother import SmoothedStates
 
 

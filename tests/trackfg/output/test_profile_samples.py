@@ -10,7 +10,7 @@ import pytest
 
 from trackfg.factors.imu import ImuNoise
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, offset_in_keyframe
-from trackfg.numerics.frames import matrix_from_rpy
+from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.output.profile_samples import PointErrors, Points, PosteriorErrors, point_errors
 
 COUNT = 4000

@@ -12,7 +12,7 @@ import pytest
 from trackfg.datasets.scenarios import Simulation
 from trackfg.evaluation.geometry_errors import geometry_errors, quantities
 from trackfg.output.profiles import lateral_of
-from trackfg.results.result import GEOMETRY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.smoothing.smoother import SmoothedStates
 
 RUNS: dict[str, dict[str, Any]] = {

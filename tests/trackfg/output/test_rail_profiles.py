@@ -12,7 +12,7 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.results.result import GEOMETRY_COLUMNS, RAIL_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 OPTIONS = {"seed": 1, "duration_s": 80.0, "noise": False}

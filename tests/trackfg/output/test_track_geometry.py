@@ -13,7 +13,7 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.geometry.twist import twist
 from trackfg.output.track_geometry import conventions
-from trackfg.results.result import GEOMETRY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 
 OPTIONS = {"seed": 3, "duration_s": 150.0}

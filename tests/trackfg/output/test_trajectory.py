@@ -24,7 +24,7 @@ from trackfg.factors.states import (
     offset_in_keyframe,
     retract,
 )
-from trackfg.numerics.frames import matrix_from_rpy, rpy_from_matrix
+from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import QUANTITIES, calibration_table, keyframe_variances, trajectory_table
 from trackfg.solver.covariance import Covariance

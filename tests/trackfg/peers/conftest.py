@@ -9,7 +9,7 @@ import pytest
 
 from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.scenarios import Simulation
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def _error(result: BaselineResult, run: Simulation, column: str) -> Array:

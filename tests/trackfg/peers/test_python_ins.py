@@ -10,7 +10,8 @@ from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
-from trackfg.numerics.frames import Array, geodetic_to_enu
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import geodetic_to_enu
 from trackfg.peers import python_ins
 from trackfg.recording.model import Recording
 

@@ -10,7 +10,7 @@ from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.peers import vqf_offline
 
 ErrorOf = Callable[[BaselineResult, Simulation, str], Array]

@@ -16,7 +16,8 @@ from trackfg.plots.curve_labels import curves, sense_and_radius
 from trackfg.plots.scales import common_zero, extent, with_limits
 from trackfg.plots.sheet import Panel, Sheet, limit_labels
 from trackfg.plots.strip_chart import LimitLine, geometry_sheet
-from trackfg.results.result import RAIL_COLUMNS, Result
+from trackfg.results.columns import RAIL_COLUMNS
+from trackfg.results.result import Result
 
 Make = Callable[..., Result]
 

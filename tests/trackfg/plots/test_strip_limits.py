@@ -9,7 +9,8 @@ import trackfg
 from trackfg.geometry.limits import Limit, cfr_213
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.plots.strip_limits import limit_lines
-from trackfg.results.result import RAIL_COLUMNS, Result
+from trackfg.results.columns import RAIL_COLUMNS
+from trackfg.results.result import Result
 
 
 @pytest.fixture(scope="module")

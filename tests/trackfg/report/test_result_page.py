@@ -18,7 +18,8 @@ from trackfg.report.consistency import coverage_table, error_table, histograms, 
 from trackfg.report.geometry_charts import geometry_strips
 from trackfg.report.result_page import result_page
 from trackfg.report.truth import Against, against
-from trackfg.results.result import RAIL_COLUMNS, Result
+from trackfg.results.columns import RAIL_COLUMNS
+from trackfg.results.result import Result
 
 Make = Callable[..., Result]
 

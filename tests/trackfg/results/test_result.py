@@ -17,16 +17,10 @@ from pydantic import ValidationError
 
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
-from trackfg.output.place_covariance import PlaceCovariance
-from trackfg.results.result import (
-    FILES,
-    RAIL_COLUMNS,
-    RESULT_FOLDER,
-    TRAJECTORY_COLUMNS,
-    Estimate,
-    GeometryConventions,
-    Result,
-)
+from trackfg.results.columns import RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.place_covariance import PlaceCovariance
+from trackfg.results.result import FILES, RESULT_FOLDER, Result
+from trackfg.results.summary import Estimate, GeometryConventions
 
 Make = Callable[..., Result]
 

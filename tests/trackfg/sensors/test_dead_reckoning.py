@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from trackfg.datasets.scenarios import Simulation
-from trackfg.numerics.frames import earth_rate_enu, matrix_from_rpy
+from trackfg.numerics.geodesy import earth_rate_enu
+from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path, rest_bias
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills

@@ -13,7 +13,8 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.passes import passes
 from trackfg.recording.model import Recording
-from trackfg.sensors.displacement import rail_views, tied_by_rails, unit_pairs
+from trackfg.sensors.displacement import rail_views, unit_pairs
+from trackfg.smoothing.rail_ties import tied_by_rails
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 OPTIONS = {"seed": 1, "duration_s": 80.0, "noise": False}

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import drop_imu
-from trackfg.numerics.frames import so3_exp, so3_log
+from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Increments, Intervals, compress, intervals
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackfg.datasets.faults import drop_tach
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import drop_tach
 from trackfg.sensors.standstills import find_standstills
 
 MIN_REST_S = 3.0

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trackfg.datasets import tables
+from trackfg.datasets.faults import drop_tach
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors import tables
-from trackfg.datasets.sensors.faults import drop_tach
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach import read_wheel

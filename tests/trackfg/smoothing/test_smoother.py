@@ -12,13 +12,14 @@ import pandas as pd
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.sensors.faults import drop_imu, drop_tach
 from trackfg.errors import UnsolvableError
 from trackfg.factors.states import Kind
 from trackfg.recording.description import ImuNoise
 from trackfg.recording.model import Recording
-from trackfg.results.result import TRAJECTORY_COLUMNS, Result
+from trackfg.results.columns import TRAJECTORY_COLUMNS
+from trackfg.results.result import Result
 from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.tach import read_wheel

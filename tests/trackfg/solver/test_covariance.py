@@ -18,7 +18,8 @@ from trackfg.factors.marginal_prior import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem, build_problem
 from trackfg.recording.model import Recording
-from trackfg.sensors.displacement import rail_views, tied_by_rails
+from trackfg.sensors.displacement import rail_views
+from trackfg.smoothing.rail_ties import tied_by_rails
 from trackfg.solver.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
 from trackfg.solver.elimination import compressed, eliminate, eliminate_leaving, eliminate_pair, stacked_pair
 from trackfg.solver.square_root import SquareRoot

@@ -16,7 +16,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.prior import prior
 from trackfg.factors.states import ELIMINATION_ORDER, KEYFRAME_DIM, SHARED, Kind, Nav, States, retract
 from trackfg.graph.build import Problem, build_problem
-from trackfg.numerics.frames import so3_log
+from trackfg.numerics.rotations import so3_log
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from trackfg.datasets.scenarios import simulate
-from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.sinks.parquet_parts import read_parts
 
 TRACKFG = [sys.executable, "-m", "trackfg", "stream"]

@@ -13,11 +13,11 @@ import pytest
 from trackfg import smooth
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
+from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import simulate
-from trackfg.datasets.sensors.faults import drop_imu, drop_tach
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.results.result import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource

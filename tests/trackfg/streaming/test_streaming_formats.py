@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.scenarios import simulate
-from trackfg.results.result import TRAJECTORY_COLUMNS
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.streaming.events import LOSS_KINDS, StreamEvent, event_table
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sinks.parquet_parts import ROWS_PER_PART, ParquetParts

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.mapping.changes.overlay import QUANTITIES, Overlay
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 WITHOUT_SLOW_PART = ("cross_level_mm", "gradient_permille")
 """What is compared without its slow difference, see :mod:`trackfg.mapping.changes.changes`."""

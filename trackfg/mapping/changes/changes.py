@@ -30,9 +30,9 @@ import pandas as pd
 from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise, change_noise, stated_sigmas
 from trackfg.mapping.changes.overlay import QUANTITIES, Overlay, overlay
 from trackfg.mapping.changes.residual_shift import remaining_shift
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
-from trackfg.results.result import GeometryConventions
+from trackfg.results.summary import GeometryConventions
 
 Kind = Literal["dip", "kick", "twist", "curvature"]
 CHANGE_COLUMNS = ("from_m", "to_m", "quantity", "change", "change_sd", "sigmas", "before", "after", "kind")

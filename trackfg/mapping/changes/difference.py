@@ -37,8 +37,8 @@ import pandas as pd
 from trackfg.mapping.recognition.conventions import recognised_near
 from trackfg.mapping.recognition.warp import warped
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
-from trackfg.numerics.frames import Array
 
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]
 

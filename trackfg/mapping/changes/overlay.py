@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.evaluation.geometry_errors import spline_through
 from trackfg.geometry.twist import twist
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.splines import spline_through
 
 QUANTITIES = (
     "curvature_1pm",

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from trackfg.mapping.changes.overlay import Overlay
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 ALIGNED_BY = ("twist_mm", "versine_level_mm", "versine_alignment_mm")
 

@@ -24,8 +24,8 @@ import pandas as pd
 from scipy.linalg import cholesky, solve_triangular
 
 from trackfg.maps.feature_map import RunInformation
-from trackfg.numerics.frames import Array
-from trackfg.output.place_covariance import PlaceCovariance
+from trackfg.numerics.arrays import Array
+from trackfg.results.place_covariance import PlaceCovariance
 
 WINDOW_M = 100.0
 """The length of track over which the cross-level of a mark is the mean."""

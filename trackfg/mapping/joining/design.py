@@ -8,7 +8,7 @@ import numpy as np
 
 from trackfg.curves import Curve
 from trackfg.curves.transition_laws import LAWS, rise
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 
 def cant_profile(curves: Sequence[Curve], chainage: Array) -> tuple[Array, Array]:

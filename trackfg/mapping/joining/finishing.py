@@ -16,9 +16,9 @@ from trackfg.mapping.joining.reference_line import drawn_line, moved_line, posit
 from trackfg.mapping.joining.survey import Chainages, Survey, SurveyedRun
 from trackfg.mapping.recognition.warp import Warp, warped
 from trackfg.maps.feature_map import GRID_COLUMNS, RUN_COLUMNS, FeatureMap, RunInformation
-from trackfg.numerics.frames import Array
-from trackfg.output.place_covariance import interpolated_variance, interpolation_weights
-from trackfg.results.result import versions
+from trackfg.numerics.arrays import Array
+from trackfg.results.place_covariance import interpolated_variance, interpolation_weights
+from trackfg.results.summary import versions
 
 
 def finished(survey: Survey) -> FeatureMap:

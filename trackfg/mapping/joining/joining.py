@@ -26,10 +26,11 @@ from trackfg.mapping.recognition.conventions import check_conventions, laid_over
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
 from trackfg.maps.feature_map import MapConventions
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import multiples_between
-from trackfg.numerics.frames import Array
-from trackfg.output.place_covariance import APART_M
-from trackfg.results.result import Result, RunFacts
+from trackfg.results.place_covariance import APART_M
+from trackfg.results.result import Result
+from trackfg.results.summary import RunFacts
 
 _NEAR_SECTION_M = 150.0
 """A mark counts as seen where a recognised section is this near."""

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from trackfg.maps.feature_map import RunInformation
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.frames import Array
 
 _HELD_SD = 1e-3
 """Of the offset of one run, m, where no run knows where on the line it was."""

@@ -25,7 +25,7 @@ import pandas as pd
 from trackfg.curves import POINTS, QUANTITIES, Curve
 from trackfg.mapping.joining.curve_identity import CurveFeatures, paired
 from trackfg.maps.feature_map import CURVE_POINTS, LANDMARK_COLUMNS
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _PREFERRED = (1, 2, 3, 0)
 """Which of a curve's points a landmark is where several coincide: BCC, ECC, ETC, BTC."""

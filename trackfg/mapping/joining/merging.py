@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of, step_of
-from trackfg.numerics.frames import Array
 
 MERGED = ("curvature_1pm", "gradient_permille", "cross_level_mm", "versine_level_mm", "versine_alignment_mm")
 """Each with its ``_sd``."""

@@ -12,9 +12,9 @@ import pandas as pd
 
 from trackfg.mapping.recognition.warp import Warp
 from trackfg.maps.feature_map import LINE_COLUMNS
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import multiples_between
-from trackfg.numerics.frames import Array, geodetic_to_enu
-from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.numerics.geodesy import enu_to_geodetic, geodetic_to_enu
 
 APART_M = 5.0
 

@@ -18,9 +18,9 @@ from trackfg.mapping.joining.anchors import chainage_variable, cross_level_varia
 from trackfg.mapping.joining.joint_solution import Joint, joint_solution
 from trackfg.mapping.joining.reference_line import Origin
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
-from trackfg.numerics.frames import Array
-from trackfg.output.place_covariance import interpolated_variance
-from trackfg.results.result import RunFacts
+from trackfg.numerics.arrays import Array
+from trackfg.results.place_covariance import interpolated_variance
+from trackfg.results.summary import RunFacts
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.recognition.recognition import Recognition, recognise
-from trackfg.results.result import GeometryConventions, Result
+from trackfg.results.result import Result
+from trackfg.results.summary import GeometryConventions
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import MapConventions

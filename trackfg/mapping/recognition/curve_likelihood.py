@@ -24,7 +24,7 @@ from trackfg.mapping.recognition.profiles import (
     sections_of,
 )
 from trackfg.mapping.recognition.short_wave_likelihood import Array32
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _STUDENT_DOF = 5.0
 _RADIUS_CHANGE = 0.03

@@ -43,7 +43,7 @@ from trackfg.mapping.recognition.profiles import (
     forward_mean,
     sections_of,
 )
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _ROUNDS = 4
 _FAR = 3.0

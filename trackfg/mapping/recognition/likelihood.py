@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from trackfg.mapping.recognition.curve_likelihood import Curves, curves_of
 from trackfg.mapping.recognition.profiles import CURVATURE, ROWS_PER_CELL, Profile
 from trackfg.mapping.recognition.short_wave_likelihood import Array32, ShortWaves, short_waves_of
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 PLACE_M = 2
 """The search tells places 2 m apart: a section there begins at one of two cells, the one that fits better."""

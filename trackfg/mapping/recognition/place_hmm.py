@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from trackfg.mapping.recognition.likelihood import PLACE_M
 from trackfg.mapping.recognition.short_wave_likelihood import Array32
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 _ON_REFERENCE = 0.5
 """Prior probability that the run is on the reference at all."""

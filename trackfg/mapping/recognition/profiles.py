@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.grid import window_sums
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
 ROWS_PER_CELL = 4

@@ -27,8 +27,8 @@ from trackfg.mapping.recognition.likelihood import PLACE_M, Scores, scores_of
 from trackfg.mapping.recognition.place_hmm import NEAR, PlaceChain, Places, Windows
 from trackfg.mapping.recognition.profiles import LONG_M, ROWS_PER_CELL, Profile, common_features, profile_of
 from trackfg.mapping.recognition.warp import Warp
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.frames import Array
 
 COLUMNS = (
     "run_m",

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfg.mapping.recognition.profiles import CROSS_LEVEL, Profile, cells, clipped, piece, sections_of, short_waves
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Array32 = NDArray[np.float32]
 

@@ -15,8 +15,8 @@ import pandas as pd
 from trackfg.mapping.recognition.likelihood import PLACE_M, scores_of
 from trackfg.mapping.recognition.place_hmm import PlaceChain, State, Windows
 from trackfg.mapping.recognition.profiles import FEATURES, Profile, profile_of
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.frames import Array
 
 _NEAR_PLACES = 10
 """20 m."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.evaluation.geometry_errors import spline_at
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import multiples_between
-from trackfg.numerics.frames import Array
+from trackfg.numerics.splines import spline_at
 
 
 @dataclass(frozen=True)

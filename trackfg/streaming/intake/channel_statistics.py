@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.streaming.checkpoint.json_numbers import finite_or, finite_or_none
 
 BLOCK_ROWS = 200

@@ -29,8 +29,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
-from trackfg.recording.canonical import median_interval
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.checkpoint.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.events import StreamEvent

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from trackfg.checks.limits import CheckLimits
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.description import Imu
 from trackfg.streaming.events import LossReport

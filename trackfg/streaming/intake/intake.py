@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.events import LossReport, StreamEvent, breaks_of
 from trackfg.streaming.intake.clock_jumps import ClockSteps

@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 
 from trackfg.checks.columns import LARGEST
-from trackfg.numerics.frames import Array
-from trackfg.recording.canonical import median_interval
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.streaming.checkpoint.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.intake.imu_clock import ClockLimits, ImuClock

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.intake.conversion import FASTEST_MPS

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics import spans
+from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.rows import RowTables, described_tables
@@ -52,7 +53,7 @@ class Stamps:
             return None
         waiting = np.concatenate(self._waiting)
         t = canonical.seconds(self._parts["imu"], waiting[:, 0])
-        self._interval_s = canonical.median_interval(np.unique(t[np.isfinite(t)]))
+        self._interval_s = spans.median_interval(np.unique(t[np.isfinite(t)]))
         self._waiting = []
         return waiting
 

@@ -24,7 +24,7 @@ import numpy as np
 from trackfg.factors.family import Family, Loss
 from trackfg.factors.marginal_prior import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import Functions, covariance_given_next
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.window.marginalised import History

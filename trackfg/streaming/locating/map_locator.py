@@ -26,7 +26,7 @@ from trackfg.mapping.recognition.conventions import check_conventions
 from trackfg.mapping.recognition.profiles import FEATURES
 from trackfg.mapping.recognition.recognition import Recognition, recognise
 from trackfg.mapping.recognition.tracker import Follower, reference_of
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.output.track_geometry import conventions
 from trackfg.recording.description import RecordingDescription
 from trackfg.smoothing.localisation import SURE, MapChainage, landmark_loss, landmark_sd

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.mapping.recognition.profiles import FEATURES
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.streaming.tables.smoothed_tables import Sight
 
 SECTION_M = 100

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.streaming.events import StreamEvent

@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import joined_spans
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.events import Event, events

@@ -15,8 +15,8 @@ import pandas as pd
 from trackfg.factors.states import States
 from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
-from trackfg.numerics.frames import Array
 from trackfg.numerics.passes import passes
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.profile_samples import Points

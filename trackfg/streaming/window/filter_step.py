@@ -16,7 +16,7 @@ import numpy as np
 from trackfg.factors.marginal_prior import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step
 from trackfg.graph.inertial import walk_of
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise
 from trackfg.solver.elimination import compressed, eliminate_pair, stacked_pair
 from trackfg.solver.square_root import SquareRoot

@@ -28,7 +28,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.marginal_prior import PAST, past_elsewhere
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.factors.states import Kind, States, offset_in_keyframe
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import Covariance
 from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.window import Interval, Window

@@ -17,7 +17,7 @@ import numpy as np
 from trackfg.factors.family import Family
 from trackfg.factors.marginal_prior import carried
 from trackfg.factors.states import KEYFRAME_DIM, States
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.output.events import TOLD
 from trackfg.solver.elimination import Conditionals

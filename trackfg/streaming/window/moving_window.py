@@ -26,7 +26,7 @@ from trackfg.graph.build import begun_at, build_problem, placeless
 from trackfg.graph.inertial import walk_of
 from trackfg.graph.inputs import world_of
 from trackfg.graph.motion import resting
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import joined_spans, parted
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.sensors.standstills import find_standstills

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 
 from trackfg.factors.family import Family
@@ -22,7 +21,8 @@ from trackfg.graph.motion import along_track
 from trackfg.graph.odometry import rolled, travelled
 from trackfg.graph.positions import positions
 from trackfg.graph.wheel_slip import Rolling
-from trackfg.numerics.frames import Array, rpy_from_matrix
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
@@ -64,7 +64,7 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     response = layout.response[0]
     here = replace(here, bias=here.bias + response @ here.imu[0])
     measured = preintegrated(layout, here.joined(here), speedless=False)[0]
-    nav = _predicted(measured, here)
+    nav = measured.predicted(here.nav, here.bias[0])
     distance = _distance(here.nav, nav, setting.lever_arm)
     layout = _with_motion(layout, here, nav, distance)
     count = here.odo[0, 2] + distance
@@ -127,13 +127,6 @@ def _new(families: list[Family]) -> tuple[Family, ...]:
 def _of_the_later(family: Family) -> Family:
     own = family.last_keyframe == 1
     return family if own.all() else family.take(own)
-
-
-def _predicted(interval: Preintegration, here: States) -> Nav:
-    state = gtsam.NavState(gtsam.Rot3(here.nav.R[0]), here.nav.p[0], here.nav.v[0])
-    bias = gtsam.imuBias.ConstantBias(here.bias[0, :3], here.bias[0, 3:])
-    ahead = interval.measured.predict(state, bias)
-    return Nav(ahead.attitude().matrix()[None], ahead.position()[None], ahead.velocity()[None])
 
 
 def _distance(here: Nav, ahead: Nav, lever_arm: Array) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.graph.motion import RATE_WINDOW_S
-from trackfg.numerics.frames import Array
-from trackfg.recording.canonical import median_interval
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.sensors.displacement import RailView, rail_views

@@ -10,7 +10,7 @@ from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind, States
 from trackfg.graph.build import Problem
 from trackfg.graph.inputs import World, assumed_noise
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.sensors.imu_intervals import Intervals
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackfg.factors.family import Family
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Tach
 from trackfg.sensors.tach import CRAWL_MPS, Wheel, longest_silence_s, silences
 from trackfg.streaming.window.tach_resolution import TachResolution

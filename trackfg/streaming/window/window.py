@@ -18,7 +18,7 @@ from trackfg.factors.imu import Preintegration, linearize_imu_factors
 from trackfg.factors.marginal_prior import PAST, answering, moved_from, past, step_from
 from trackfg.factors.states import States, Step
 from trackfg.graph.inertial import graph_of
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.solver.elimination import Conditionals, eliminate_leaving
 from trackfg.solver.square_root import SquareRoot
 

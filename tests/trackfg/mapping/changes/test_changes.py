@@ -24,8 +24,8 @@ from trackfg.mapping.changes.change_noise import ChangeNoise
 from trackfg.mapping.changes.changes import CHANGE_COLUMNS, Changes, changes
 from trackfg.mapping.changes.overlay import QUANTITIES, overlay
 from trackfg.mapping.changes.residual_shift import ALIGNED_BY, remaining_shift
-from trackfg.numerics.frames import Array
-from trackfg.results.result import GeometryConventions
+from trackfg.numerics.arrays import Array
+from trackfg.results.summary import GeometryConventions
 
 STEP = 0.25
 CONVENTIONS = GeometryConventions(

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from trackfg.errors import BadInputError
-from trackfg.evaluation.geometry_errors import spline_at
 from trackfg.mapping import build_map, with_runs
 from trackfg.maps.feature_map import FeatureMap
+from trackfg.numerics.splines import spline_at
 from trackfg.smoothing.smoother import smooth
 
 Ride = Callable[..., Any]

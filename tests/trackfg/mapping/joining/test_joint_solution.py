@@ -22,9 +22,10 @@ from trackfg.mapping.joining.anchors import (
     seen_by,
 )
 from trackfg.mapping.joining.joint_solution import joint_solution
-from trackfg.numerics.frames import Array
-from trackfg.output.place_covariance import PlaceCovariance, place_functions
+from trackfg.numerics.arrays import Array
+from trackfg.output.place_covariance import place_functions
 from trackfg.output.trajectory import keyframe_jacobian
+from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.smoothing.smoother import SmoothedStates
 from trackfg.solver.square_root import SIZE, SquareRoot
 

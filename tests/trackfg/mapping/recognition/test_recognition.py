@@ -11,7 +11,7 @@ import pytest
 
 from trackfg.errors import BadInputError, TrackfgError
 from trackfg.mapping.recognition.recognition import COLUMNS, SURE, Recognition, recognise
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 
 Line = Any
 """The made-up one of conftest.py."""

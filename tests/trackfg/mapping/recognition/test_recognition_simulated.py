@@ -11,7 +11,7 @@ import pytest
 from trackfg import smooth
 from trackfg.datasets.scenarios import Simulation
 from trackfg.mapping.recognition.recognition import SURE, recognise
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
 
 pytestmark = pytest.mark.slow

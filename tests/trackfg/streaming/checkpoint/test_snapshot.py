@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.factors.marginal_prior import away
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.streaming.checkpoint.snapshot import MADE_AGAIN, Snapshot, attributes_of, taken
 
 

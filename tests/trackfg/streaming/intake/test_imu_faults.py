@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
-from trackfg.numerics.frames import Array, matrix_from_rpy
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import Imu, RecordingDescription, Tach
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.fixed_lag import FixedLagSmoother

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from trackfg.io.reader import read_recording
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.intake.conversion import Conversion

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.reorder_buffer import Arrival

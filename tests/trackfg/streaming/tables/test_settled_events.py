@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 
 from trackfg import smooth
+from trackfg.datasets.faults import drop_imu, drop_tach, slip_wheel
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.datasets.sensors.faults import drop_imu, drop_tach, slip_wheel
 from trackfg.datasets.vehicle.adhesion import SlipEvent
 from trackfg.evaluation.slip_scores import score_slips
-from trackfg.results.result import EVENT_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.streaming.events import StreamEvent
 
 SLIPS = ("slip", "slide")

@@ -1,9 +1,10 @@
-"""Frames and rotations, written over arrays.
+"""Rotations and frames, written over arrays.
 
 Frames: the body frame b is FLU at the vehicle reference point (x forward, y left, z up); the navigation frame n is
 ENU-like and level wherever the vehicle is: z points up along the local plumb line, so n turns as the vehicle travels
-over the round Earth (:func:`transport_rate`), but never about z. ``R_nb`` maps body to navigation and ``R_nb = Rz(yaw)
-Ry(pitch) Rx(roll)``. Roll is positive with the left side up, pitch is positive nose-down, yaw is positive to the left.
+over the round Earth (:func:`~trackfg.numerics.geodesy.transport_rate`), but never about z. ``R_nb`` maps body to
+navigation and ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Roll is positive with the left side up, pitch is positive
+nose-down, yaw is positive to the left.
 
 Rotation vectors are in rad. Every function accepts any number of leading dimensions.
 """
@@ -13,18 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-EARTH_RATE = 7.292115e-5
-"""rad/s, WGS 84."""
-
-EARTH_RADIUS = 6.371e6
-"""m, mean radius."""
-
-_WGS84_A = 6378137.0
-_WGS84_E2 = 6.69437999014e-3
+from trackfg.numerics.arrays import Array
 
 
 def matrices(entries: Sequence[Array]) -> Array:
@@ -203,60 +194,6 @@ def axes_matrix(axes: str) -> Array:
     if abs(abs(np.linalg.det(out)) - 1.0) > 1e-9:
         raise ValueError(f"axes {axes!r}: expected one of F/B, one of L/R and one of U/D, each once")
     return out
-
-
-def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
-    """Gravity on the WGS 84 ellipsoid, m/s^2 (Somigliana's formula with the free-air gradient)."""
-    s2 = np.sin(np.radians(latitude_deg)) ** 2
-    surface = 9.7803253359 * (1.0 + 0.00193185265241 * s2) / np.sqrt(1.0 - _WGS84_E2 * s2)
-    return float(surface - 3.086e-6 * height_m)
-
-
-def earth_rate_enu(latitude_deg: float) -> Array:
-    """The Earth's rotation in ENU, rad/s. Shape (3,)."""
-    latitude = np.radians(latitude_deg)
-    return EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
-
-
-def transport_rate(velocity: Array) -> Array:
-    """How fast the level frame turns under a vehicle with this velocity in n, rad/s; 0.65 deg/h at 20 m/s."""
-    return np.stack([-velocity[..., 1], velocity[..., 0], np.zeros_like(velocity[..., 0])], axis=-1) / EARTH_RADIUS
-
-
-def geodetic_to_ecef(geodetic: Array) -> Array:
-    """WGS 84 (latitude deg, longitude deg, height m) to ECEF in m. Shape (..., 3) to (..., 3)."""
-    lat, lon = np.radians(geodetic[..., 0]), np.radians(geodetic[..., 1])
-    height = geodetic[..., 2]
-    n = _WGS84_A / np.sqrt(1.0 - _WGS84_E2 * np.sin(lat) ** 2)
-    x = (n + height) * np.cos(lat) * np.cos(lon)
-    y = (n + height) * np.cos(lat) * np.sin(lon)
-    z = (n * (1.0 - _WGS84_E2) + height) * np.sin(lat)
-    return np.stack([x, y, z], axis=-1)
-
-
-def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Array:
-    """The rotation that maps ENU vectors at a place to ECEF. Shape (3, 3)."""
-    lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
-    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
-    return np.array(
-        [
-            [-sin_lon, -sin_lat * cos_lon, cos_lat * cos_lon],
-            [cos_lon, -sin_lat * sin_lon, cos_lat * sin_lon],
-            [0.0, cos_lat, sin_lat],
-        ]
-    )
-
-
-def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
-    """WGS 84 positions in the level frame n about ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m.
-
-    East and north on the tangent plane of the origin (short by 6e-5 of the distance at 70 km), up as the difference in
-    height: level stays level.
-    """
-    rotation = ecef_from_enu(float(origin[0]), float(origin[1]))
-    enu: Array = (geodetic_to_ecef(geodetic) - geodetic_to_ecef(origin)) @ rotation
-    enu[..., 2] = geodetic[..., 2] - origin[2]
-    return enu
 
 
 def so3_right_jacobian_inverse(v: Array) -> Array:

@@ -9,14 +9,15 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from trackfg.datasets import tables
 from trackfg.datasets.line.track import Track
 from trackfg.datasets.scenario import Scenario, TableName
-from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning, tables
+from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning
 from trackfg.datasets.sensors.clocks import dropped, stamped
 from trackfg.datasets.sensors.imu_errors import ImuErrors
 from trackfg.datasets.vehicle.adhesion import draw_slip
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.frames import Array
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription, Tach
 from trackfg.recording.description import Track as TrackDescription
 from trackfg.recording.model import Recording

@@ -1,0 +1,50 @@
+"""The columns of a result's tables."""
+
+from __future__ import annotations
+
+_STATES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
+
+
+TRAJECTORY_COLUMNS = ("t_s", *(name for state in _STATES for name in (state, f"{state}_sd")))
+"""``t_s``, then each state followed by its sigma. Chainage and position are those of the vehicle reference point."""
+
+
+_CENTRE_GEOMETRY = (
+    "curvature_1pm",
+    "gradient_permille",
+    "cross_level_mm",
+    "twist_mm",
+    "level_mm",
+    "alignment_mm",
+    "versine_level_mm",
+    "versine_alignment_mm",
+)
+
+
+_RAIL_GEOMETRY = ("level_left_mm", "level_right_mm", "alignment_left_mm", "alignment_right_mm", "gauge_mm")
+
+
+GEOMETRY_COLUMNS = (
+    "chainage_m",
+    "chainage_m_sd",
+    "speed_mps",
+    *(name for quantity in _CENTRE_GEOMETRY for name in (quantity, f"{quantity}_sd")),
+)
+"""The place, its sigma, the speed at which it was measured, then each quantity followed by its sigma."""
+
+
+RAIL_COLUMNS = tuple(name for quantity in _RAIL_GEOMETRY for name in (quantity, f"{quantity}_sd"))
+"""What lasers add: each rail by itself, and the gauge."""
+
+
+EVENT_COLUMNS = (
+    "kind",
+    "start_s",
+    "end_s",
+    "chainage_m",
+    "chainage_m_sd",
+    "distance_removed_m",
+    "distance_removed_m_sd",
+    "detail",
+)
+"""``distance_removed_m`` is the tachometer's error over the event that the smoother took out, else empty."""

@@ -1,0 +1,133 @@
+"""Rail factors of a run: what two units of displacement sensors see of the same rail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trackfg.config import LaserConfig
+from trackfg.factors.family import Family, Loss
+from trackfg.factors.rail import same_rail
+from trackfg.factors.states import States
+from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.hermite import hermite_weights
+from trackfg.numerics.passes import Pass, passes
+from trackfg.numerics.spans import within
+from trackfg.output.dense_motion import DenseMotion, dense_motion
+from trackfg.sensors.displacement import RailView, unit_pairs
+
+_DENSE_STEP_S = 0.02
+
+
+_APART_M = 0.2
+"""Keyframes closer than this see the same place again."""
+
+
+def tied_by_rails(problem: Problem, states: States, views: list[RailView], config: LaserConfig) -> Problem:
+    """The problem with the lasers' factors, places matched and directions taken at ``states``."""
+    others = tuple(family for family in problem.families if family.name not in ("rail within", "rail apart"))
+    motion = dense_motion(problem, states, _DENSE_STEP_S)
+    families = [
+        family
+        for ahead, behind in unit_pairs(views)
+        for stretch in passes(states.odo[:, 0])
+        for family in _pair(problem, states, motion, stretch, ahead, behind, config)
+        if len(family)
+    ]
+    families += [family for view in views for family in _held(problem, states, view, config) if len(family)]
+    return replace(problem, families=(*others, *families))
+
+
+def _pair(
+    problem: Problem,
+    states: States,
+    motion: DenseMotion,
+    stretch: Pass,
+    ahead: RailView,
+    behind: RailView,
+    config: LaserConfig,
+) -> tuple[Family, ...]:
+    leading, trailing = (ahead, behind) if stretch.sense > 0 else (behind, ahead)
+    rows = stretch.rows(problem.t, motion.t)
+    gone = np.maximum.accumulate(stretch.sense * motion.distance[rows])
+    own = np.arange(stretch.first, stretch.last + 1)
+    place = stretch.sense * states.odo[own, 0] + (ahead.along_m - behind.along_m)
+    fresh = np.concatenate([[True], np.floor(place[1:] / _APART_M) > np.floor(place[:-1] / _APART_M)])
+    t = np.interp(place, gone, motion.t[rows], right=np.nan)
+    seen = np.isfinite(t) & fresh
+    k, t = own[seen], t[seen]
+    j = np.clip(np.searchsorted(problem.t, t, side="right") - 1, 0, len(problem.t) - 2)
+    window = config.window_s
+    lead, trail = leading.points(problem.t[k], window), trailing.points(t, window)
+    kept = (j - k < config.max_keyframes) & np.isfinite(lead).all(axis=1) & np.isfinite(trail).all(axis=1)
+    k, t, j, lead, trail = k[kept], t[kept], j[kept], lead[kept], trail[kept]
+    if k.size == 0:
+        return ()
+    h, T = (t - problem.t[j]) / (problem.t[j + 1] - problem.t[j]), problem.t[j + 1] - problem.t[j]
+
+    at = motion.at(t)
+    start, end = states.nav[j], states.nav[j + 1]
+    # Detail and turning are those of the motion at these states, which closes at both ends.
+    back = np.swapaxes(start.R, 1, 2)
+    w0, w1, u0, u1 = hermite_weights(h[:, None], T[:, None])
+    cubic = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v
+    arm = problem.lever_arm
+    pinned = problem.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
+    sigma = np.column_stack(
+        [
+            np.sqrt(a**2 + b**2 + config.match_sd_m**2 + pinned**2)
+            for a, b in zip(leading.sd(window), trailing.sd(window), strict=True)
+        ]
+    )
+    return same_rail(
+        first=k,
+        start=j,
+        across=_across(at.nav.p - states.nav.p[k]),
+        lead=lead - arm,
+        trail=trail - arm,
+        fraction=h,
+        interval=T,
+        turned=back @ at.nav.R,
+        turn=back @ end.R,
+        detail=at.nav.p - cubic,
+        sigma=sigma,
+        loss=Loss("huber", config.robust_width),
+    )
+
+
+def _held(problem: Problem, states: States, view: RailView, config: LaserConfig) -> tuple[Family, ...]:
+    """At rest a unit goes on seeing one place: what the body shifts on its springs shows."""
+    inside = [k[:-1] for k in (np.flatnonzero(within(problem.t, rest[None])) for rest in problem.rests) if k.size > 1]
+    k = np.concatenate([np.zeros(0, dtype=np.int64), *inside])
+    window = config.window_s
+    points = view.points(problem.t, window)
+    k = k[np.isfinite(points[k]).all(axis=1) & np.isfinite(points[k + 1]).all(axis=1)]
+    if k.size == 0:
+        return ()
+    start, end = states.nav[k], states.nav[k + 1]
+    back, m = np.swapaxes(start.R, 1, 2), len(k)
+    noise = np.sqrt(2.0) * np.array(view.sd(window))
+    return same_rail(
+        first=k,
+        start=k,
+        across=_across(start.R[:, :, 0]),
+        lead=points[k] - problem.lever_arm,
+        trail=points[k + 1] - problem.lever_arm,
+        fraction=np.ones(m),
+        interval=problem.t[k + 1] - problem.t[k],
+        turned=back @ end.R,
+        turn=back @ end.R,
+        detail=np.zeros((m, 3)),
+        sigma=np.tile(np.hypot(noise, config.match_sd_m), (m, 1)),
+        loss=Loss("huber", config.robust_width),
+    )
+
+
+def _across(along: Array) -> Array:
+    """Unit vectors to the side and upwards, both square to ``along`` (m, 3). Shape (m, 2, 3)."""
+    forward = along / np.linalg.norm(along, axis=1, keepdims=True)
+    level = np.hypot(forward[:, 0], forward[:, 1])
+    side = np.stack([-forward[:, 1] / level, forward[:, 0] / level, np.zeros(len(level))], axis=1)
+    return np.stack([side, np.cross(forward, side)], axis=1)
