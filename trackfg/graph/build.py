@@ -23,7 +23,7 @@ from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.bias import response_sigmas
 from trackfg.factors.family import Family
-from trackfg.factors.imu import ImuNoise, Preintegration
+from trackfg.factors.imu import Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, States
 from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
@@ -32,6 +32,7 @@ from trackfg.graph.keyframes import nearest, place_keyframes
 from trackfg.graph.motion import motion
 from trackfg.graph.odometry import odometer
 from trackfg.graph.positions import positions
+from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
@@ -50,28 +51,23 @@ _SET_SD_M = 1e-4
 class Problem:
     """A graph to be solved, and what is needed to interpret the solution."""
 
-    t: Array
-    """Keyframe times, s, shape (n,)."""
+    run: RunContext
     measured: tuple[Preintegration, ...]
     """By the inertial sensor, one per interval."""
     families: tuple[Family, ...]
     initial: States
-    world: World
-    lever_arm: Array
     rests: Array
+    """Spans in which the vehicle stands, s, shape (r, 2)."""
     gaps: Array
+    """Holes of the inertial record, s, shape (g, 2)."""
     wheel: Wheel | None
-    inertial: Intervals
-    noise: ImuNoise
-    """White noise of the inertial samples as assumed in the graph."""
-    edges: np.ndarray
-    """The keyframes as indices into ``inertial.edges``, shape (n,)."""
-    mount_roll_sd: float
-    """Uncertainty of the mounting's roll, rad."""
     clock_origin: float
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
-    response: Array
-    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
+
+    @property
+    def t(self) -> Array:
+        """Keyframe times, s, shape (n,)."""
+        return self.run.t
 
     @cached_property
     def native(self) -> gtsam.NonlinearFactorGraph:
@@ -106,22 +102,28 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
     states = layout.initial_states()
     moving = [tilt(layout)] if speedless else motion(layout)
     families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
-    return Problem(
+    description = recording.description
+    run = RunContext(
         t=t,
+        edges=edges,
+        inertial=data,
+        world=world,
+        lever_arm=layout.lever_arm,
+        noise=layout.noise,
+        mount_roll_sd=np.radians(description.imu.mount_roll_sd_deg),
+        response=layout.response,
+        direction=description.track.direction,
+        conventions=geometry_conventions(config.geometry, description.track),
+    )
+    return Problem(
+        run=run,
         measured=preintegrated(layout, states, speedless),
         families=tuple(family for family in families if len(family)),
         initial=states,
-        world=world,
-        lever_arm=layout.lever_arm,
         rests=rests,
         gaps=gaps,
         wheel=wheel,
-        inertial=data,
-        noise=layout.noise,
-        edges=edges,
-        mount_roll_sd=np.radians(recording.description.imu.mount_roll_sd_deg),
         clock_origin=layout.clock_origin,
-        response=layout.response,
     )
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.factors.states import Nav, States
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import transport_rate
 from trackfg.numerics.hermite import hermite_rates, hermite_weights
@@ -82,13 +82,13 @@ def dense_step(states: States, step_m: float) -> float:
     return min(_LONGEST_STEP_S, 0.8 * step_m / max(fastest, 1e-3))
 
 
-def dense_motion(problem: Problem, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
+def dense_motion(run: RunContext, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
     """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
-    starts, first = increment_starts(problem.inertial, problem.edges, step_s, times)
+    starts, first = increment_starts(run.inertial, run.edges, step_s, times)
     bias = states.bias[:, 3:].mean(axis=0)
-    n = len(problem.t) - 1
-    parts = [_between(problem, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
-    t, nav, distance = problem.t[n:], states.nav[n:], states.odo[n:, 0]
+    n = len(run.t) - 1
+    parts = [_between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
+    t, nav, distance = run.t[n:], states.nav[n:], states.odo[n:, 0]
     last = parts[-1].gyro[-1:], parts[-1].gyro_span[-1:]
     parts.append(DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1)))
     return _joined(parts)
@@ -110,7 +110,7 @@ def _joined(parts: list[DenseMotion]) -> DenseMotion:
 
 
 def _between(
-    problem: Problem, states: States, intervals: slice, starts: np.ndarray, first: np.ndarray, gyro_bias: Array
+    run: RunContext, states: States, intervals: slice, starts: np.ndarray, first: np.ndarray, gyro_bias: Array
 ) -> DenseMotion:
     """The rows of some of the intervals between keyframes."""
     begin = first[intervals.start]
@@ -119,14 +119,14 @@ def _between(
     ends = slice(intervals.start + 1, intervals.stop + 1)
     here, there, bias = states.nav[intervals], states.nav[ends], states.bias[intervals]
     i = np.repeat(np.arange(len(here)), np.diff(own))
-    increments = compress(problem.inertial, starts, gyro_bias)
-    dt, span = increments.duration[:, None], np.diff(problem.t[intervals.start : intervals.stop + 1])
-    t = problem.inertial.edges[starts[:-1]]
-    since = t - problem.t[intervals][i]
+    increments = compress(run.inertial, starts, gyro_bias)
+    dt, span = increments.duration[:, None], np.diff(run.t[intervals.start : intervals.stop + 1])
+    t = run.inertial.edges[starts[:-1]]
+    since = t - run.t[intervals][i]
     f = since / span[i]
 
     # The level frame turns as well, in n: Exp(-turning t) R Delta, and what is left at the end in proportion to time.
-    turning = problem.world.earth_rate + transport_rate(0.5 * (here.v + there.v))
+    turning = run.world.earth_rate + transport_rate(0.5 * (here.v + there.v))
     rate = increments.rotation / dt - bias[i, 3:]
     turned, whole = running_turn(own, rate * dt)
     start = quaternion(here.R).T
@@ -135,8 +135,8 @@ def _between(
     attitude = quaternion_product(quaternion_product(quaternion_exp(-turning.T[:, i] * since), start[:, i]), turned)
     R = matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(left[:, i] * f)))
 
-    gravity = np.array([0.0, 0.0, -problem.world.gravity])
-    fall, falls = (gravity - cross(problem.world.earth_rate + turning, side.v) for side in (here, there))
+    gravity = np.array([0.0, 0.0, -run.world.gravity])
+    fall, falls = (gravity - cross(run.world.earth_rate + turning, side.v) for side in (here, there))
     middle = f[:, None] + 0.5 * dt / span[i, None]
     pushed = np.einsum("mij,mj->mi", R, increments.velocity - bias[i, :3] * dt)
     gained = pushed + (fall[i] + (falls - fall)[i] * middle) * dt

@@ -10,8 +10,8 @@ import pandas as pd
 
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States
-from trackfg.graph.build import Problem
 from trackfg.numerics.spans import true_runs
+from trackfg.output.event_sources import EventSources
 from trackfg.output.slip_events import slip_events
 from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.solver.covariance import Covariance
@@ -40,30 +40,28 @@ class Event(NamedTuple):
 
 
 def event_table(
-    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+    sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
 ) -> pd.DataFrame:
     """Events in order of their start, columns :data:`trackfg.results.columns.EVENT_COLUMNS`."""
-    return pd.DataFrame(events(problem, states, covariance, trajectory, direction), columns=list(EVENT_COLUMNS))
+    return pd.DataFrame(events(sources, states, covariance, trajectory), columns=list(EVENT_COLUMNS))
 
 
-def events(
-    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
-) -> list[Event]:
+def events(sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame) -> list[Event]:
     """Events in order of their start; slips and slides over the span of the trajectory."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
     def row(
         kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan
     ) -> Event:
-        chainage = direction * np.interp(start, problem.t, states.odo[:, 0])
-        chainage_sd = float(np.interp(start, problem.t, sd))
+        chainage = sources.direction * np.interp(start, sources.t, states.odo[:, 0])
+        chainage_sd = float(np.interp(start, sources.t, sd))
         return Event(kind, float(start), float(end), float(chainage), chainage_sd, removed, removed_sd, detail)
 
-    rows = [row("standstill", start, end) for start, end in problem.rests]
-    rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in problem.gaps]
-    if problem.wheel is not None:
-        rows += [row("tach gap", start, end) for start, end in problem.wheel.gaps]
-    for event in slip_events(problem, states, covariance, trajectory, direction):
+    rows = [row("standstill", start, end) for start, end in sources.rests]
+    rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in sources.gaps]
+    if sources.wheel is not None:
+        rows += [row("tach gap", start, end) for start, end in sources.wheel.gaps]
+    for event in slip_events(sources, states, covariance, trajectory):
         rows.append(
             row(
                 "slip" if event.removed_m > 0 else "slide",
@@ -75,15 +73,15 @@ def events(
             )
         )
     for name in POSITIONS:
-        family = problem.family(name)
+        family = sources.family(name)
         if family is not None:
-            rows += _positions(problem, family, states, row)
+            rows += _positions(sources, family, states, row)
     return sorted(rows, key=lambda event: event.start_s)
 
 
-def _positions(problem: Problem, family: Family, states: States, row: Callable[..., Event]) -> list[Event]:
+def _positions(sources: EventSources, family: Family, states: States, row: Callable[..., Event]) -> list[Event]:
     """Fixes one by one; GNSS as runs of outliers, since a row per epoch would bury the rest."""
-    t = problem.t[family.slots[0].index]
+    t = sources.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)
     outlier = family.weights(states) < _OUTLIER_WEIGHT
     if family.name != "GNSS position":

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, States
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile
 from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
@@ -21,23 +21,22 @@ _ROWS = [QUANTITIES.index(name) for name in ("chainage_m", "roll_rad")]
 
 
 def place_covariance(
-    problem: Problem,
+    run: RunContext,
     passes: Sequence[Profile],
     states: States,
     root: SquareRoot,
-    direction: int,
-    step_m: float,
-    cross_level_base_m: float,
 ) -> PlaceCovariance:
-    """At whole multiples of :data:`APART_M` and at the ends of the passes. Where a place was passed more than once, the
-    longest pass counts, as in the geometry table.
+    """Return the covariance at whole multiples of :data:`APART_M` and at the ends of the passes.
+
+    Where a place was passed more than once, the longest pass counts, as in the geometry table.
     """
+    step_m = run.conventions.step_m
     cell, keyframe, fraction = _places(passes, round(APART_M / step_m))
     if not len(cell):
         return PlaceCovariance.none()
     order = np.argsort(keyframe, kind="stable")
-    turn = np.array([direction, direction * 1e3 * cross_level_base_m])
-    rows = keyframe_jacobian(states, problem.lever_arm)[:, _ROWS] * turn[:, None]
+    facing = run.direction * np.array([1.0, 1e3 * run.conventions.cross_level_base_m])
+    rows = keyframe_jacobian(states, run.lever_arm)[:, _ROWS] * facing[:, None]
     matrix = joint_covariance(root, place_functions(rows, keyframe[order], fraction[order]))
     by_place = np.argsort(cell[order], kind="stable")
     wanted = np.concatenate([2 * by_place, 2 * by_place + 1])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.factors.states import Kind, States, offset_in_keyframe
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_weights
 
@@ -69,7 +69,7 @@ class PosteriorErrors:
         return cls(position, velocity, attitude, beam, rng)
 
 
-def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> PointErrors:
+def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> PointErrors:
     """The errors of points in order of chainage.
 
     Position is carried between keyframes by the cubic of its end values and slopes, attitude linearly. In between, the
@@ -77,7 +77,7 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
     doubly integrated noise, pinned in value and slope: three modes hold 98 % of it), and the gyro's a Brownian bridge.
     """
     k, f, count = points.keyframe, points.fraction, errors.position.shape[2]
-    span = np.diff(problem.t)[k][:, None]
+    span = np.diff(run.t)[k][:, None]
     left, axle, arm = points.left, points.axle, points.arm
     f1 = f[:, None]
     p, v, a = errors.position, errors.velocity, errors.attitude
@@ -94,11 +94,11 @@ def point_errors(problem: Problem, points: Points, errors: PosteriorErrors) -> P
         return np.asarray(np.einsum("mi,mis->ms", direction, tilted))
 
     def shaken(axis: int) -> Array:
-        modes = problem.noise.accel * span**1.5 * _beam(f)
+        modes = run.noise.accel * span**1.5 * _beam(f)
         return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, axis]))
 
     def turned() -> Array:
-        return np.asarray(problem.noise.gyro * _bridges(problem.t, k, f, count, errors.rng))
+        return np.asarray(run.noise.gyro * _bridges(run.t, k, f, count, errors.rng))
 
     up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
     forward = np.cross(left, up)

@@ -15,7 +15,7 @@ import numpy as np
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import States
 from trackfg.geometry.resampling import resample
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
 from trackfg.output.dense_motion import DenseMotion
@@ -71,9 +71,9 @@ class Profile:
         return len(self.cell)
 
 
-def profiles(problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float) -> list[Profile]:
+def profiles(run: RunContext, motion: DenseMotion, states: States) -> list[Profile]:
     """All passes of a sensor that follows the track; those too short to hold a chord are left out."""
-    found = [_profile(problem, motion, states, direction, step_m, stretch) for stretch in passes(states.odo[:, 0])]
+    found = [_profile(run, motion, states, stretch) for stretch in passes(states.odo[:, 0])]
     return [profile for profile in found if profile is not None]
 
 
@@ -81,17 +81,19 @@ def profiles(problem: Problem, motion: DenseMotion, states: States, direction: i
 class Ascent:
     """A pass's rows of dense motion in order of ascending chainage ``x`` (m,), and how to bring them to the grid."""
 
+    motion: DenseMotion
+    stretch: Pass
     x: Array
     rows: slice
     backwards: bool
 
     @classmethod
-    def of(cls, problem: Problem, motion: DenseMotion, stretch: Pass, direction: int, ahead_m: float = 0.0) -> Ascent:
+    def of(cls, run: RunContext, motion: DenseMotion, stretch: Pass, ahead_m: float = 0.0) -> Ascent:
         """``ahead_m``: how far ahead of the reference point the place is that is passed."""
-        rows = stretch.rows(problem.t, motion.t)
-        x = direction * (motion.distance[rows] + ahead_m)
-        backwards = stretch.sense * direction < 0
-        return cls(x[::-1] if backwards else x, rows, backwards)
+        rows = stretch.rows(run.t, motion.t)
+        x = run.direction * (motion.distance[rows] + ahead_m)
+        backwards = stretch.sense * run.direction < 0
+        return cls(motion, stretch, x[::-1] if backwards else x, rows, backwards)
 
     def sorted(self, values: Array) -> Array:
         """Values of the pass's rows (m, ...) in order of chainage."""
@@ -102,23 +104,31 @@ class Ascent:
         place = np.maximum.accumulate(self.x)
         return np.column_stack([np.interp(grid, place, column) for column in self.sorted(values).T])
 
+    def points(self, grid: Array, left: Array, axle: Array, arm: Array, speed: Array) -> tuple[Points, Array]:
+        """Return when and where each place of the grid was passed, and how fast; the last three are at the pass's
+        rows.
+        """
+        when = self.motion.keyframe[self.rows] + self.motion.fraction[self.rows]
+        at = self.on(grid, np.column_stack([when, speed, axle, arm]))
+        k = np.clip(at[:, 0].astype(np.int64), self.stretch.first, self.stretch.last - 1)
+        return Points(keyframe=k, fraction=at[:, 0] - k, left=left, axle=at[:, 2:5], arm=at[:, 5:8]), at[:, 1]
 
-def _profile(
-    problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float, stretch: Pass
-) -> Profile | None:
-    ascent = Ascent.of(problem, motion, stretch, direction)
+
+def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass) -> Profile | None:
+    step_m = run.conventions.step_m
+    ascent = Ascent.of(run, motion, stretch)
     if ascent.x[-1] - ascent.x[0] < SHORTEST_PASS_M:
         return None
     nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0]
-    forward, axle = nav.R @ R_bt[:, 0], nav.R @ (direction * R_bt[:, 1])
-    arm = nav.R @ problem.lever_arm
+    forward, axle = nav.R @ R_bt[:, 0], nav.R @ (run.direction * R_bt[:, 1])
+    arm = nav.R @ run.lever_arm
     position = nav.p - arm
     heading = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
     shape = np.vstack([position.T, heading, axle[:, 2]])
     grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
     lateral, left = lateral_of(east, north, step_m)
     speed = np.abs(np.einsum("mi,mi->m", nav.v, forward))
-    points, speed = points_at(motion, stretch, ascent, grid, left, axle, arm, speed)
+    points, speed = ascent.points(grid, left, axle, arm, speed)
     none = np.zeros(len(grid))
     return Profile(
         cell=np.rint(grid / step_m).astype(np.int64),
@@ -126,23 +136,6 @@ def _profile(
         shapes=Shapes(height, lateral, tilt, heading),
         views=(View(None, points, none, none),),
     )
-
-
-def points_at(
-    motion: DenseMotion,
-    stretch: Pass,
-    ascent: Ascent,
-    grid: Array,
-    left: Array,
-    axle: Array,
-    arm: Array,
-    speed: Array,
-) -> tuple[Points, Array]:
-    """When and where each place of the grid was passed, and how fast; the last three are at the pass's rows."""
-    when = motion.keyframe[ascent.rows] + motion.fraction[ascent.rows]
-    at = ascent.on(grid, np.column_stack([when, speed, axle, arm]))
-    k = np.clip(at[:, 0].astype(np.int64), stretch.first, stretch.last - 1)
-    return Points(keyframe=k, fraction=at[:, 0] - k, left=left, axle=at[:, 2:5], arm=at[:, 5:8]), at[:, 1]
 
 
 def lateral_of(east: Array, north: Array, step_m: float) -> tuple[Array, Array]:

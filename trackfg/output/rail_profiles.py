@@ -13,11 +13,11 @@ import numpy as np
 from trackfg.factors.states import States
 from trackfg.geometry.curvature import heading_noise, heading_of_lateral
 from trackfg.geometry.resampling import resample
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
 from trackfg.output.dense_motion import DenseMotion
-from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, points_at, profiles
+from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, profiles
 from trackfg.recording.description import RecordingDescription
 from trackfg.sensors.displacement import SIDES, RailView, Side
 
@@ -33,34 +33,29 @@ _SLOPE_M = 1.0
 def seen_profiles(
     description: RecordingDescription,
     views: list[RailView],
-    problem: Problem,
+    run: RunContext,
     motion: DenseMotion,
     states: States,
-    step_m: float,
 ) -> list[Profile]:
     """What a run whose speed is measured says of the track: nothing where the sensor is on springs alone."""
-    direction = description.track.direction
     if {view.side for view in views} == set(SIDES):
-        return rail_profiles(problem, motion, states, direction, step_m, views)
-    return profiles(problem, motion, states, direction, step_m) if description.imu.rigid else []
+        return rail_profiles(run, motion, states, views)
+    return profiles(run, motion, states) if description.imu.rigid else []
 
 
-def rail_profiles(
-    problem: Problem, motion: DenseMotion, states: States, direction: int, step_m: float, views: list[RailView]
-) -> list[Profile]:
+def rail_profiles(run: RunContext, motion: DenseMotion, states: States, views: list[RailView]) -> list[Profile]:
     """All passes on which both rails were seen; those too short to hold a chord are left out."""
     found = [
-        _profile(problem, motion, direction, step_m, views, stretch)
+        _profile(run, motion, views, stretch)
         for stretch in passes(states.odo[:, 0])
-        if problem.t[stretch.last] > problem.t[stretch.first]
+        if run.t[stretch.last] > run.t[stretch.first]
     ]
     return [profile for profile in found if profile is not None]
 
 
-def _profile(
-    problem: Problem, motion: DenseMotion, direction: int, step_m: float, views: list[RailView], stretch: Pass
-) -> Profile | None:
-    seen = [_Sight.of(problem, motion, direction, step_m, view, stretch) for view in views]
+def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretch: Pass) -> Profile | None:
+    step_m = run.conventions.step_m
+    seen = [_Sight.of(run, motion, view, stretch) for view in views]
     first = max(sight.cell[0] for sight in seen)
     last = min(sight.cell[-1] for sight in seen)
     if (last - first) * step_m < SHORTEST_PASS_M:
@@ -72,7 +67,7 @@ def _profile(
         by_side[side] = np.mean(own, axis=0)
     # Facing increasing chainage: against it, what is left of the vehicle is right.
     left, right = by_side["left"], by_side["right"]
-    if direction < 0:
+    if run.direction < 0:
         left, right = right, left
     centre, apart = 0.5 * (left + right), left - right
     gauge = np.linalg.norm(apart, axis=0)
@@ -81,7 +76,7 @@ def _profile(
         "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
         "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
     }
-    made = [_view(motion, direction, step_m, sight, stretch, cell * step_m, leftward) for sight in seen]
+    made = [_view(run, sight, cell * step_m, leftward) for sight in seen]
     return Profile(
         cell=cell,
         speed=made[0][1],
@@ -105,30 +100,27 @@ class _Sight:
     points: Array
 
     @classmethod
-    def of(
-        cls, problem: Problem, motion: DenseMotion, direction: int, step_m: float, view: RailView, stretch: Pass
-    ) -> _Sight:
-        ascent = Ascent.of(problem, motion, stretch, direction, view.along_m)
+    def of(cls, run: RunContext, motion: DenseMotion, view: RailView, stretch: Pass) -> _Sight:
+        step_m = run.conventions.step_m
+        ascent = Ascent.of(run, motion, stretch, view.along_m)
         nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
-        body = view.points(t, _row_s(motion)) - problem.lever_arm
+        body = view.points(t, _row_s(motion)) - run.lever_arm
         points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
         grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
         return cls(view, ascent, body, np.rint(grid / step_m).astype(np.int64), values)
 
 
-def _view(
-    motion: DenseMotion, direction: int, step_m: float, sight: _Sight, stretch: Pass, grid: Array, leftward: Array
-) -> tuple[View, Array]:
-    view, ascent, body = sight.view, sight.ascent, sight.body
-    nav = motion.nav[ascent.rows]
+def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple[View, Array]:
+    view, ascent, body, step_m = sight.view, sight.ascent, sight.body, run.conventions.step_m
+    nav = ascent.motion.nav[ascent.rows]
     body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
     arm = -np.einsum("mij,mj->mi", nav.R, body)
     speed = np.abs(np.sum(nav.v * nav.R[:, :, 0], axis=1))
-    points, speed = points_at(motion, stretch, ascent, grid, leftward, nav.R[:, :, 1] * direction, arm, speed)
+    points, speed = ascent.points(grid, leftward, nav.R[:, :, 1] * run.direction, arm, speed)
     across, up = view.sd(0.0)
     readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
     share = np.sqrt(_KEPT / readings)
-    side: Side = view.side if direction > 0 else ("right" if view.side == "left" else "left")
+    side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
     return View(side, points, across * share, up * share, _KEPT**-0.5, heading_noise(step_m, _SLOPE_M)), speed
 
 

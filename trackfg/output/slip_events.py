@@ -19,9 +19,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
-from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
+from trackfg.output.event_sources import EventSources
 from trackfg.sensors.tach import Wheel
 from trackfg.solver.covariance import Covariance
 
@@ -71,33 +71,33 @@ class Excess(NamedTuple):
         return float(self.t[max(min([last, *starts]), 0)])
 
 
-def wheel_excess(problem: Problem, states: States, trajectory: pd.DataFrame, direction: int) -> Excess | None:
+def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame) -> Excess | None:
     """E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
-    wheel, rolled = problem.wheel, problem.family("tach distance")
+    wheel, rolled = sources.wheel, sources.family("tach distance")
     at = trajectory["t_s"].to_numpy()
     if wheel is None or rolled is None or len(at) < 2:
         return None
-    distance = CubicHermiteSpline(at, direction * trajectory["chainage_m"], trajectory["speed_mps"])
+    distance = CubicHermiteSpline(at, sources.direction * trajectory["chainage_m"], trajectory["speed_mps"])
     t = np.arange(at[0], at[-1], _STEP_S)
-    excess = _rolled(wheel, problem, states, t) - distance(t)
+    excess = _rolled(wheel, sources, states, t) - distance(t)
     explained = np.concatenate([[0.0], np.cumsum(rolled.data[0] @ states.wheel[0])])
-    rate = _rate(t, excess - np.interp(t, problem.t, explained))
+    rate = _rate(t, excess - np.interp(t, sources.t, explained))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
-    count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, problem.t), _WINDOW_S)
+    count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, sources.t), _WINDOW_S)
     noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
     return Excess(t, excess, rate, np.abs(_rate(t, distance(t))), noise, known)
 
 
 def slip_events(
-    problem: Problem, states: States, covariance: Covariance, trajectory: pd.DataFrame, direction: int
+    sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
 ) -> list[SlipEvent]:
     """Slips and slides in order of time; none without a tach."""
-    wheel, rolled = problem.wheel, problem.family("tach distance")
-    grown = wheel_excess(problem, states, trajectory, direction)
+    wheel, rolled = sources.wheel, sources.family("tach distance")
+    grown = wheel_excess(sources, states, trajectory)
     if wheel is None or rolled is None or grown is None:
         return []
     t, excess, rate, speed = grown.t, grown.excess, grown.rate, grown.speed
-    density = _speed_noise(wheel, rolled, problem.t)
+    density = _speed_noise(wheel, rolled, sources.t)
     events = []
     for way in _WAYS:
         for i, j in grown.spans(way):
@@ -105,7 +105,7 @@ def slip_events(
             if not (way * rate[i:j] > _LEAST_CREEP * speed[i:j]).any():
                 continue
             removed = float(excess[j] - excess[i])
-            variance = _moved_variance(problem, states, covariance, t[i], t[j])
+            variance = _moved_variance(sources, states, covariance, t[i], t[j])
             sd = float(np.sqrt(variance + _count_sd(wheel, density, t[j] - t[i]) ** 2))
             if way * removed > _LEAST_SIGMAS * sd:
                 # Where it begins and ends is known to half the window, and up to the edge's creep is added there.
@@ -114,11 +114,11 @@ def slip_events(
     return sorted(events)
 
 
-def _rolled(wheel: Wheel, problem: Problem, states: States, t: Array) -> Array:
+def _rolled(wheel: Wheel, sources: EventSources, states: States, t: Array) -> Array:
     """The integral of S dW up to ``t``."""
     offset, drift = states.clock[0, :2]
-    count = wheel.at(t - offset - drift * (t - problem.clock_origin))
-    scale = np.interp(t, problem.t, states.odo[:, 1])
+    count = wheel.at(t - offset - drift * (t - sources.clock_origin))
+    scale = np.interp(t, sources.t, states.odo[:, 1])
     return np.concatenate([[0.0], np.cumsum(0.5 * (scale[1:] + scale[:-1]) * np.diff(count))])
 
 
@@ -138,10 +138,10 @@ def _joined(runs: np.ndarray) -> list[tuple[int, int]]:
     return joined
 
 
-def _moved_variance(problem: Problem, states: States, covariance: Covariance, start: float, end: float) -> float:
+def _moved_variance(sources: EventSources, states: States, covariance: Covariance, start: float, end: float) -> float:
     """Of ``S (W_j - W_i) - (D_j - D_i)`` where the counts are known; keyframes i and j lie about the event."""
-    i = max(int(np.searchsorted(problem.t, start, side="right")) - 1, 0)
-    j = min(int(np.searchsorted(problem.t, end)), len(problem.t) - 1)
+    i = max(int(np.searchsorted(sources.t, start, side="right")) - 1, 0)
+    j = min(int(np.searchsorted(sources.t, end)), len(sources.t) - 1)
     odo = offset_in_keyframe(Kind.ODO)
     at_i, at_j = np.zeros((2, covariance.marginal.shape[1]))
     at_i[odo], at_j[odo], at_j[odo + 1] = 1.0, -1.0, states.odo[j, 2] - states.odo[i, 2]

@@ -15,19 +15,17 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
-from trackfg.config import GeometryConfig
 from trackfg.factors.states import States
 from trackfg.geometry.bands import Band, band_pass
 from trackfg.geometry.curvature import curvature
 from trackfg.geometry.gradient import gradient
 from trackfg.geometry.twist import twist
 from trackfg.geometry.versines import versine
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.output.profile_samples import PosteriorErrors, point_errors
 from trackfg.output.profiles import Profile, Shapes
 from trackfg.output.trajectory import keyframe_variances
-from trackfg.recording.description import Track
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import SIDES
@@ -50,20 +48,12 @@ _SHORT_WAVES = 0.05
 _TYPICAL_M = 200.0
 
 
-def conventions(config: GeometryConfig, track: Track) -> GeometryConventions:
-    """What the columns will mean."""
-    return GeometryConventions(
-        gauge_m=track.gauge_m, cross_level_base_m=track.cross_level_base_m, **config.model_dump()
-    )
-
-
 def geometry_table(
-    problem: Problem,
+    run: RunContext,
     passes: list[Profile],
     states: States,
     covariance: Covariance,
     root: SquareRoot,
-    meaning: GeometryConventions,
 ) -> pd.DataFrame:
     """One row per step of chainage passed, ascending: columns :data:`trackfg.results.columns.GEOMETRY_COLUMNS`, and
     :data:`~trackfg.results.columns.RAIL_COLUMNS` where the profiles have rails.
@@ -74,13 +64,13 @@ def geometry_table(
         return pd.DataFrame(columns=names, dtype=np.float64)
     rng = np.random.default_rng(0)
     errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
-    variance = keyframe_variances(states, covariance, problem.lever_arm, problem.mount_roll_sd)
+    variance = keyframe_variances(states, covariance, run.lever_arm, run.mount_roll_sd)
     tables: list[pd.DataFrame] = []
     taken = np.zeros(0, dtype=np.int64)
     for profile in sorted(passes, key=len, reverse=True):
         free = ~np.isin(profile.cell, taken)
         if free.any():
-            columns = _Columns(problem, profile, errors, variance, meaning).all()
+            columns = _Columns(run, profile, errors, variance).all()
             tables.append(pd.DataFrame(columns, columns=names)[free])
             taken = np.concatenate([taken, profile.cell[free]])
     return pd.concat(tables, ignore_index=True).sort_values("chainage_m", ignore_index=True)
@@ -90,11 +80,15 @@ def geometry_table(
 class _Columns:
     """The columns of one pass."""
 
-    problem: Problem
+    run: RunContext
     profile: Profile
     errors: PosteriorErrors
     variance: Array
-    meaning: GeometryConventions
+
+    @property
+    def meaning(self) -> GeometryConventions:
+        """What the columns mean."""
+        return self.run.conventions
 
     def all(self) -> dict[str, Array]:
         profile, step = self.profile, self.meaning.step_m
@@ -105,7 +99,7 @@ class _Columns:
             short = np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
             missed = _SHORT_WAVES * short / self.meaning.curvature_base_m
             sigmas["curvature_1pm"] = np.hypot(sigmas["curvature_1pm"], missed)
-            offset = 1e3 * self.meaning.cross_level_base_m * self.problem.mount_roll_sd
+            offset = 1e3 * self.meaning.cross_level_base_m * self.run.mount_roll_sd
             sigmas["cross_level_mm"] = np.hypot(sigmas["cross_level_mm"], offset)
         columns = place | values
         known = {f"{name}_sd": np.where(np.isnan(columns[name]), np.nan, sd) for name, sd in sigmas.items()}
@@ -143,7 +137,7 @@ class _Columns:
         at = self.variance[k] * (1.0 - f[:, None]) + self.variance[k + 1] * f[:, None]
         sigmas = {"chainage_m": np.sqrt(at[:, 0])}
         if not self.profile.shapes.rails:
-            roll = at[:, 5] + self.problem.noise.gyro**2 * np.diff(self.problem.t)[k] * f * (1.0 - f)
+            roll = at[:, 5] + self.run.noise.gyro**2 * np.diff(self.run.t)[k] * f * (1.0 - f)
             sigmas["cross_level_mm"] = 1e3 * self.meaning.cross_level_base_m * np.sqrt(roll)
         return sigmas
 
@@ -182,7 +176,7 @@ class _Columns:
     def _drawn(self, rows: slice) -> tuple[Shapes, Shapes]:
         """Samples of the errors of some rows: what the motion brings, and the white noise of displacement sensors."""
         views, step = self.profile.views, rows.step * self.meaning.step_m
-        moved = [point_errors(self.problem, view.points[rows], self.errors) for view in views]
+        moved = [point_errors(self.run, view.points[rows], self.errors) for view in views]
         if views[0].side is None:
             own = moved[0]
             nothing = np.zeros_like(own.height)

@@ -7,7 +7,7 @@ import pandas as pd
 
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States, offset_in_keyframe
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import euler_rates, rpy_from_matrix, skew
 from trackfg.output.dense_motion import DenseMotion
@@ -16,15 +16,13 @@ from trackfg.solver.covariance import Covariance
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
 
-def trajectory_table(
-    problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
-) -> pd.DataFrame:
+def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
     """The table of :func:`trajectory_columns`."""
-    return pd.DataFrame(trajectory_columns(problem, motion, states, covariance, direction))
+    return pd.DataFrame(trajectory_columns(run, motion, states, covariance))
 
 
 def trajectory_columns(
-    problem: Problem, motion: DenseMotion, states: States, covariance: Covariance, direction: int
+    run: RunContext, motion: DenseMotion, states: States, covariance: Covariance
 ) -> dict[str, Array]:
     """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
 
@@ -36,16 +34,16 @@ def trajectory_columns(
     R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
     rpy = rpy_from_matrix(nav.R @ R_bt)
-    lever_arm, noise = problem.lever_arm, problem.noise
+    lever_arm, noise = run.lever_arm, run.noise
     p = nav.p - nav.R @ lever_arm
     at_reference = nav.own_velocity - motion.gyro @ skew(lever_arm)
-    columns = [direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
+    columns = [run.direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
 
-    variance = keyframe_variances(states, covariance, lever_arm, problem.mount_roll_sd)
+    variance = keyframe_variances(states, covariance, lever_arm, run.mount_roll_sd)
     k, f = motion.keyframe, motion.fraction[:, None]
-    bridge = np.diff(problem.t)[k] * motion.fraction * (1.0 - motion.fraction)
+    bridge = np.diff(run.t)[k] * motion.fraction * (1.0 - motion.fraction)
     between = variance[k] * (1.0 - f) + variance[k + 1] * f
-    span, h = np.diff(problem.t)[k], motion.fraction
+    span, h = np.diff(run.t)[k], motion.fraction
     swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
     between[:, :4] += (noise.accel**2 * bridge**3 / 3.0 + swing)[:, None]
     levered = skew(lever_arm) @ R_bt[:, 0]
@@ -58,14 +56,14 @@ def trajectory_columns(
     return table
 
 
-def calibration_table(problem: Problem, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
+def calibration_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
     """One row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas."""
-    own = states.bias - problem.response @ states.imu[0]
+    own = states.bias - run.response @ states.imu[0]
     J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
     odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
     J[:, 0, odo + 1] = 1.0
     J[:, 1:, bias : bias + 6] = np.eye(6)
-    J[:, 1:, imu : imu + Kind.IMU.dim] = -problem.response
+    J[:, 1:, imu : imu + Kind.IMU.dim] = -run.response
     values = np.column_stack([states.odo[:, 1], own])
     variance = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
     names = ["wheel_scale"]

@@ -28,7 +28,7 @@ from trackfg.mapping.recognition.conventions import check_conventions, recognise
 from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile
 from trackfg.recording.findings import Finding
-from trackfg.results.summary import GeometryConventions, MapUse
+from trackfg.results.summary import MapUse
 from trackfg.solver.covariance import Covariance
 
 if TYPE_CHECKING:
@@ -71,32 +71,37 @@ class Located:
     findings: tuple[Finding, ...]
 
 
-def located(
-    problem: Problem,
-    states: States,
-    geometry: pd.DataFrame,
-    passes: Sequence[Profile],
-    feature_map: FeatureMap,
-    config: PositionConfig,
-    meaning: GeometryConventions,
-    *,
-    run: str,
-    direction: int,
-    anchored: bool,
-    wheel_scale_sd: float,
-    on_springs: bool,
-) -> Located:
-    """``geometry`` is the run's own table, from ``passes``; ``anchored``: fixes told where it was; ``on_springs``: the
-    table is of the body's motion.
+@dataclass(frozen=True)
+class UnlocatedRun:
+    """A run as solved without the map.
+
+    ``geometry`` is its own table, from ``passes``; ``anchored``: fixes told where it was; ``on_springs``: the table is
+    of the body's motion. ``wheel_scale_sd`` is the relative uncertainty of its distances.
+    """
+
+    id: str
+    problem: Problem
+    states: States
+    geometry: pd.DataFrame
+    passes: Sequence[Profile]
+    anchored: bool
+    wheel_scale_sd: float
+    on_springs: bool
+
+
+def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) -> Located:
+    """Recognise the run on the map, and give its problem the landmarks that follow.
 
     Raises :class:`~trackfg.errors.BadInputError` where the map's columns mean something else than the run's.
     """
-    check_conventions(meaning, feature_map.conventions, run)
+    problem, states, anchored = run.problem, run.states, run.anchored
+    direction, meaning = problem.run.direction, problem.run.conventions
+    check_conventions(meaning, feature_map.conventions, run.id)
     grid = feature_map.grid
-    chainage = MapChainage(grid, on_springs)
+    chainage = MapChainage(grid, run.on_springs)
     map_sd = float(grid["chainage_m_sd"].median())
     recognition = recognised_near(
-        geometry, grid, map_sd if anchored else None, rate_sd=wheel_scale_sd, direction=direction
+        run.geometry, grid, map_sd if anchored else None, rate_sd=run.wheel_scale_sd, direction=direction
     )
     used = recognition.used
     if not anchored and recognition.probability < SURE:
@@ -124,7 +129,7 @@ def located(
     families = tuple(
         _less_sure(family, chainage, direction) if family.name == "absolute fix" else family for family in families
     )
-    family = _landmarks(used, passes, states, meaning.step_m, direction, landmark_loss(config))
+    family = _landmarks(used, run.passes, states, meaning.step_m, direction, landmark_loss(config))
     return Located(replace(problem, initial=moved, families=(*families, family)), chainage, use, ())
 
 

@@ -28,7 +28,7 @@ _APART_M = 0.2
 def tied_by_rails(problem: Problem, states: States, views: list[RailView], config: LaserConfig) -> Problem:
     """The problem with the lasers' factors, places matched and directions taken at ``states``."""
     others = tuple(family for family in problem.families if family.name not in ("rail within", "rail apart"))
-    motion = dense_motion(problem, states, _DENSE_STEP_S)
+    motion = dense_motion(problem.run, states, _DENSE_STEP_S)
     families = [
         family
         for ahead, behind in unit_pairs(views)
@@ -73,8 +73,8 @@ def _pair(
     back = np.swapaxes(start.R, 1, 2)
     w0, w1, u0, u1 = hermite_weights(h[:, None], T[:, None])
     cubic = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v
-    arm = problem.lever_arm
-    pinned = problem.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
+    arm = problem.run.lever_arm
+    pinned = problem.run.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
     sigma = np.column_stack(
         [
             np.sqrt(a**2 + b**2 + config.match_sd_m**2 + pinned**2)
@@ -113,8 +113,8 @@ def _held(problem: Problem, states: States, view: RailView, config: LaserConfig)
         first=k,
         start=k,
         across=_across(start.R[:, :, 0]),
-        lead=points[k] - problem.lever_arm,
-        trail=points[k + 1] - problem.lever_arm,
+        lead=points[k] - problem.run.lever_arm,
+        trail=points[k + 1] - problem.run.lever_arm,
         fraction=np.ones(m),
         interval=problem.t[k + 1] - problem.t[k],
         turned=back @ end.R,

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,11 +20,12 @@ from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
+from trackfg.output.event_sources import EventSources
 from trackfg.output.events import event_table
 from trackfg.output.place_covariance import place_covariance
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
-from trackfg.output.track_geometry import conventions, geometry_table
+from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
@@ -32,7 +33,7 @@ from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, RunFacts, Solver, Summary, VectorEstimate
 from trackfg.sensors.displacement import RailView, rail_views
-from trackfg.smoothing.localisation import Located, located
+from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.rail_ties import tied_by_rails
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
@@ -68,32 +69,33 @@ class _Stages:
 
 
 @dataclass(frozen=True)
-class SmoothedStates:
-    """Everything the smoother knows, before it becomes files.
-
-    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
-    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
-    """
+class SolvedRun:
+    """A run's graph and its solution, with covariances and with the ratios of seen to assumed noise."""
 
     config: SmoothConfig
     problem: Problem
     solution: Solution
     covariance: Covariance
     noise_ratios: dict[str, float]
+
+
+@dataclass(frozen=True)
+class SmoothedStates(SolvedRun):
+    """Everything the smoother knows, before it becomes files.
+
+    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
+    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``. ``motion`` and ``passes`` are what the tables were
+    made from.
+    """
+
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
     places: PlaceCovariance
     calibration: pd.DataFrame
+    motion: DenseMotion
+    passes: list[Profile]
     timings_s: dict[str, float]
     located: Located | None = None
-
-
-class _Written(NamedTuple):
-    """The tables, and what they were made from."""
-
-    states: SmoothedStates
-    motion: DenseMotion
-    shapes: list[Profile]
 
 
 def smooth(
@@ -110,10 +112,8 @@ def smooth(
     """
     config = config or SmoothConfig()
     smoothed = smooth_states(recording, config, feature_map=feature_map, progress=progress)
-    direction = recording.description.track.direction
-    events = event_table(
-        smoothed.problem, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, direction
-    )
+    sources = EventSources.of(smoothed.problem)
+    events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
     return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed), smoothed.places)
 
 
@@ -126,98 +126,18 @@ def smooth_states(
 ) -> SmoothedStates:
     """As :func:`smooth`, but give back states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
-    problem, solution, covariance, ratios = _solved(recording, config, views, stages)
+    solved = _solved(recording, config, views, stages)
     for _ in range(config.noise.rounds if config.noise.adapt else 0):
-        before, config = config, adapted(config, ratios)
-        changes = [b / a for a, b in zip(before.noise.factors().values(), config.noise.factors().values(), strict=True)]
+        levels, config = config.noise.factors(), adapted(config, solved.noise_ratios)
+        changes = [after / level for level, after in zip(levels.values(), config.noise.factors().values(), strict=True)]
         if max(abs(np.log(changes))) < _NOISE_SETTLED:
             break
-        problem, solution, covariance, ratios = _solved(recording, config, views, stages)
-    written = _written_out(recording, config, views, stages, problem, solution, covariance, ratios)
-    return written.states if feature_map is None else _on_map(recording, views, stages, written, feature_map)
+        solved = _solved(recording, config, views, stages)
+    smoothed = _with_tables(recording, views, stages, solved)
+    return smoothed if feature_map is None else _on_map(recording, views, stages, smoothed, feature_map)
 
 
-def _written_out(
-    recording: Recording,
-    config: SmoothConfig,
-    views: list[RailView],
-    stages: _Stages,
-    problem: Problem,
-    solution: Solution,
-    covariance: Covariance,
-    ratios: dict[str, float],
-) -> _Written:
-    track = recording.description.track
-    with stages.stage("output"):
-        clock = _clock(problem, config.output.rate_hz)
-        motion = dense_motion(problem, solution.states, dense_step(solution.states, config.geometry.step_m), clock)
-        at_clock = motion.at(clock)
-        trajectory = trajectory_table(problem, at_clock, solution.states, covariance, track.direction)
-        calibration = calibration_table(problem, at_clock, solution.states, covariance)
-    with stages.stage("geometry"):
-        meaning = conventions(config.geometry, track)
-        shapes = []
-        if recording.tach is not None or recording.gnss is not None:
-            shapes = seen_profiles(recording.description, views, problem, motion, solution.states, meaning.step_m)
-        geometry = geometry_table(problem, shapes, solution.states, covariance, solution.root, meaning)
-        places = place_covariance(
-            problem,
-            shapes,
-            solution.states,
-            solution.root,
-            track.direction,
-            meaning.step_m,
-            meaning.cross_level_base_m,
-        )
-    states = SmoothedStates(
-        config, problem, solution, covariance, ratios, trajectory, geometry, places, calibration, stages.timings_s
-    )
-    return _Written(states, motion, shapes)
-
-
-def _on_map(
-    recording: Recording, views: list[RailView], stages: _Stages, written: _Written, feature_map: FeatureMap
-) -> SmoothedStates:
-    """Recognised on the map, and solved again with what that says."""
-    alone, shapes = written.states, written.shapes
-    track, config = recording.description.track, alone.config
-    meaning = conventions(config.geometry, track)
-    problem, states = alone.problem, alone.solution.states
-    with stages.stage("map"):
-        geometry, on_springs = alone.geometry, not shapes
-        if on_springs and (recording.tach is not None or recording.gnss is not None):
-            # On springs alone the motion is not the track's, but curves are seen in it all the same.
-            shapes = profiles(problem, written.motion, states, track.direction, meaning.step_m)
-            geometry = geometry_table(problem, shapes, states, alone.covariance, alone.solution.root, meaning)
-        at = located(
-            problem,
-            states,
-            geometry,
-            shapes,
-            feature_map,
-            config.position,
-            meaning,
-            run=recording.description.id,
-            direction=track.direction,
-            anchored=recording.fixes is not None and len(recording.fixes) > 0,
-            wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
-            on_springs=on_springs,
-        )
-    if not at.use.sections:
-        return replace(alone, located=at)
-    with stages.stage("solve") as report:
-        solution = solve(at.problem, config.solver, report)
-    with stages.stage("covariance"):
-        covariance = posterior_covariance(solution.root)
-        ratios = noise_ratios(at.problem, solution, covariance)
-        covariance = at.chainage.with_uncertainty(covariance, solution.states, track.direction)
-    again = _written_out(recording, config, views, stages, at.problem, solution, covariance, ratios)
-    return replace(again.states, located=at, places=PlaceCovariance.none())
-
-
-def _solved(
-    recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages
-) -> tuple[Problem, Solution, Covariance, dict[str, float]]:
+def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages) -> SolvedRun:
     with stages.stage("graph"):
         problem = build_problem(recording, config)
         if views:
@@ -231,12 +151,80 @@ def _solved(
     with stages.stage("covariance"):
         covariance = posterior_covariance(solution.root)
         ratios = noise_ratios(problem, solution, covariance)
-    return problem, solution, covariance, ratios
+    return SolvedRun(config, problem, solution, covariance, ratios)
 
 
-def _clock(problem: Problem, rate_hz: float) -> Array:
+def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, solved: SolvedRun) -> SmoothedStates:
+    run, states, covariance = solved.problem.run, solved.solution.states, solved.covariance
+    with stages.stage("output"):
+        clock = _clock(run.t, solved.config.output.rate_hz)
+        motion = dense_motion(run, states, dense_step(states, run.conventions.step_m), clock)
+        at_clock = motion.at(clock)
+        trajectory = trajectory_table(run, at_clock, states, covariance)
+        calibration = calibration_table(run, at_clock, states, covariance)
+    with stages.stage("geometry"):
+        passes = []
+        if _speed_is_measured(recording):
+            passes = seen_profiles(recording.description, views, run, motion, states)
+        geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
+        places = place_covariance(run, passes, states, solved.solution.root)
+    return SmoothedStates(
+        solved.config,
+        solved.problem,
+        solved.solution,
+        covariance,
+        solved.noise_ratios,
+        trajectory,
+        geometry,
+        places,
+        calibration,
+        motion,
+        passes,
+        stages.timings_s,
+    )
+
+
+def _on_map(
+    recording: Recording, views: list[RailView], stages: _Stages, alone: SmoothedStates, feature_map: FeatureMap
+) -> SmoothedStates:
+    """Recognise the run on the map, and solve it again with what that says."""
+    config, run, solution = alone.config, alone.problem.run, alone.solution
+    with stages.stage("map"):
+        geometry, passes, on_springs = alone.geometry, alone.passes, not alone.passes
+        if on_springs and _speed_is_measured(recording):
+            # On springs alone the motion is not the track's, but curves are seen in it all the same.
+            passes = profiles(run, alone.motion, solution.states)
+            geometry = geometry_table(run, passes, solution.states, alone.covariance, solution.root)
+        unlocated = UnlocatedRun(
+            id=recording.description.id,
+            problem=alone.problem,
+            states=solution.states,
+            geometry=geometry,
+            passes=passes,
+            anchored=recording.fixes is not None and len(recording.fixes) > 0,
+            wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
+            on_springs=on_springs,
+        )
+        at = located(unlocated, feature_map, config.position)
+    if not at.use.sections:
+        return replace(alone, located=at)
+    with stages.stage("solve") as report:
+        solution = solve(at.problem, config.solver, report)
+    with stages.stage("covariance"):
+        covariance = posterior_covariance(solution.root)
+        ratios = noise_ratios(at.problem, solution, covariance)
+        covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
+    again = _with_tables(recording, views, stages, SolvedRun(config, at.problem, solution, covariance, ratios))
+    return replace(again, located=at, places=PlaceCovariance.none())
+
+
+def _speed_is_measured(recording: Recording) -> bool:
+    return recording.tach is not None or recording.gnss is not None
+
+
+def _clock(t: Array, rate_hz: float) -> Array:
     """A uniform clock over the run: whole multiples of the output interval."""
-    first, last = np.ceil(problem.t[0] * rate_hz), np.floor(problem.t[-1] * rate_hz)
+    first, last = np.ceil(t[0] * rate_hz), np.floor(t[-1] * rate_hz)
     return np.arange(first, last + 1) / rate_hz
 
 
@@ -291,7 +279,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
-        geometry=conventions(smoothed.config.geometry, recording.description.track),
+        geometry=problem.run.conventions,
         findings=(
             *recording.findings,
             *_solver_findings(solution),

@@ -146,6 +146,8 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
 def _add_products(total: Array, parts: list[Array]) -> None:
     """Add Y' Y of parts (r, c) that know only the first c functions."""
     wide = parts[-1].shape[1]
+    if not wide:  # none of these keyframes touches a function
+        return
     stack = np.zeros((len(parts), KEYFRAME_DIM, wide))
     for row, part in zip(stack, parts, strict=True):
         row[:, : part.shape[1]] = part

@@ -64,7 +64,7 @@ def _ratio(squares: float, redundancy: float) -> float:
 
 def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
     """Rows 0-2 of the inertial factors are the gyro's, the rest the accelerometer's; bridged intervals are left out."""
-    used = np.flatnonzero(~problem.inertial.bridged[problem.edges[:-1]])
+    used = np.flatnonzero(~problem.run.inertial.bridged[problem.run.edges[:-1]])
     if used.size == 0:
         return {}
     linear = linearize_imu_factors(problem.native, solution.values)

@@ -174,12 +174,12 @@ class FixedLagSmoother:
             covariance = self._chainage.with_uncertainty(covariance, two, direction)
         data = self._tape.data
         assert data is not None
-        problem = setting.problem_of(window.t[-2:], two, data)
+        run = setting.run_of(window.t[-2:], data)
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
         motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, over, interval, end)
-        return trajectory_columns(problem, motion, two, covariance, direction)
+        return trajectory_columns(run, motion, two, covariance)
 
     def _behind(self, *, at_end: bool = False) -> list[Behind]:
         """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""

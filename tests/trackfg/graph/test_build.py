@@ -60,10 +60,10 @@ def test_truth_of_a_noise_free_run_costs_nothing(simulated: Callable[..., Simula
 
 
 def test_keyframes_lie_on_edges_of_the_samples(problem: Problem) -> None:
-    np.testing.assert_array_equal(problem.t, problem.inertial.edges[problem.edges])
+    np.testing.assert_array_equal(problem.t, problem.run.inertial.edges[problem.run.edges])
     assert (np.diff(problem.t) > 0).all()
-    assert problem.edges[0] == 0
-    assert problem.edges[-1] == len(problem.inertial)
+    assert problem.run.edges[0] == 0
+    assert problem.run.edges[-1] == len(problem.run.inertial)
 
 
 def test_every_position_has_its_keyframe(run: Simulation, problem: Problem) -> None:
@@ -79,14 +79,14 @@ def test_every_position_has_its_keyframe(run: Simulation, problem: Problem) -> N
 def test_world_follows_from_the_recording(
     run: Simulation, problem: Problem, simulated: Callable[..., Simulation]
 ) -> None:
-    np.testing.assert_allclose(problem.world.earth_rate, earth_rate_enu(35.2))
-    assert problem.world.gravity == pytest.approx(normal_gravity(35.2))
-    plain = problem_of(simulated("mainline", seed=1, duration_s=40.0).recording).world
+    np.testing.assert_allclose(problem.run.world.earth_rate, earth_rate_enu(35.2))
+    assert problem.run.world.gravity == pytest.approx(normal_gravity(35.2))
+    plain = problem_of(simulated("mainline", seed=1, duration_s=40.0).recording).run.world
     assert not plain.earth_rate.any()
     assert plain.gravity == STANDARD_GRAVITY
     track = run.recording.description.track.model_copy(update={"heading_deg": None})
     description = run.recording.description.model_copy(update={"track": track})
-    unknown = problem_of(replace(run.recording, description=description, gnss_origin=None, gnss=None)).world
+    unknown = problem_of(replace(run.recording, description=description, gnss_origin=None, gnss=None)).run.world
     # Where north is is not known: only the vertical part of the Earth's rate can be modelled.
     assert unknown.earth_rate[:2].tolist() == [0.0, 0.0]
     assert unknown.earth_rate[2] == pytest.approx(earth_rate_enu(35.2)[2])
@@ -159,10 +159,10 @@ def test_positions_outside_the_record_are_left_out(run: Simulation) -> None:
 
 def test_increments_start_at_keyframes_and_around_times(problem: Problem) -> None:
     times = np.array([12.3456, 50.0, 99.999])
-    starts, first = increment_starts(problem.inertial, problem.edges, 0.02, times)
+    starts, first = increment_starts(problem.run.inertial, problem.run.edges, 0.02, times)
     assert (np.diff(starts) > 0).all()
-    np.testing.assert_array_equal(starts[first], problem.edges)
-    edges = problem.inertial.edges
+    np.testing.assert_array_equal(starts[first], problem.run.edges)
+    edges = problem.run.inertial.edges
     assert np.diff(edges[starts]).max() < 0.0201
     for time in times:
         k = np.searchsorted(edges[starts], time + 1e-9, side="right") - 1

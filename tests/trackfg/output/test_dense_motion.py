@@ -24,7 +24,7 @@ def noisy(smoothed: Callable[..., SmoothedStates]) -> SmoothedStates:
 
 @pytest.fixture(scope="module")
 def noisy_motion(noisy: SmoothedStates) -> DenseMotion:
-    return dense_motion(noisy.problem, noisy.solution.states, STEP_S)
+    return dense_motion(noisy.problem.run, noisy.solution.states, STEP_S)
 
 
 def test_passes_through_every_keyframe(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
@@ -65,7 +65,7 @@ def test_noise_free_run_is_the_truth_between_keyframes(
     run, result = simulated(name, **options), smoothed(name, **options)
     problem, states = result.problem, result.solution.states
     at = np.arange(0.05, 119.9, 0.0537)
-    motion = dense_motion(problem, states, STEP_S, at).at(at)
+    motion = dense_motion(problem.run, states, STEP_S, at).at(at)
     k, f = motion.keyframe, motion.fraction[:, None]
 
     def position_error(t: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -109,8 +109,8 @@ def test_fraction_and_keyframe_say_where_a_time_lies(noisy: SmoothedStates, nois
 def test_asked_times_make_the_motion_there_exact(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
     """Steps as the smoother takes them, with rows around the times asked for, say the same as fine ones."""
     at = np.arange(1.0, 119.0, 0.73)
-    coarse = dense_motion(noisy.problem, noisy.solution.states, STEP_S, at).at(at)
-    fine = dense_motion(noisy.problem, noisy.solution.states, 0.005).at(at)
+    coarse = dense_motion(noisy.problem.run, noisy.solution.states, STEP_S, at).at(at)
+    fine = dense_motion(noisy.problem.run, noisy.solution.states, 0.005).at(at)
     np.testing.assert_allclose(coarse.nav.p, fine.nav.p, atol=2e-4)
     np.testing.assert_allclose(coarse.nav.R, fine.nav.R, atol=2e-6)
     np.testing.assert_allclose(coarse.distance, fine.distance, atol=5e-4)
@@ -119,7 +119,7 @@ def test_asked_times_make_the_motion_there_exact(noisy: SmoothedStates, noisy_mo
 def test_hole_in_the_record_is_crossed_smoothly(simulated: Callable[..., Simulation]) -> None:
     run = simulated("mainline", seed=1, duration_s=120.0)
     result = smooth_states(drop_imu(run.recording, 80.0, 85.0), SmoothConfig())
-    motion = dense_motion(result.problem, result.solution.states, STEP_S)
+    motion = dense_motion(result.problem.run, result.solution.states, STEP_S)
     inside = (motion.t > 79.5) & (motion.t < 85.5)
     error = np.diff((motion.nav.p - run.ride.position(motion.t))[inside], axis=0)
     assert np.linalg.norm(error, axis=1).max() < 0.02

@@ -16,8 +16,8 @@ from trackfg.output.profile_samples import PointErrors, Points, PosteriorErrors,
 COUNT = 4000
 KEYFRAMES, INTERVAL_S = 4, 2.0
 NOISE = ImuNoise(gyro=2e-4, accel=3e-3)
-PROBLEM: Any = SimpleNamespace(t=INTERVAL_S * np.arange(KEYFRAMES), noise=NOISE)
-SILENT: Any = SimpleNamespace(t=PROBLEM.t, noise=ImuNoise(gyro=1e-12, accel=1e-12))
+RUN: Any = SimpleNamespace(t=INTERVAL_S * np.arange(KEYFRAMES), noise=NOISE)
+SILENT: Any = SimpleNamespace(t=RUN.t, noise=ImuNoise(gyro=1e-12, accel=1e-12))
 TOLERANCE = 4.0 / np.sqrt(2 * COUNT)
 NAV = offset_in_keyframe(Kind.NAV)
 AHEAD = 0.4
@@ -58,7 +58,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 
     Its first three modes hold 98 % of the variance in the middle, and less near the ends, where there is little.
     """
-    found = spread(point_errors(PROBLEM, points(FRACTION), drawn()), name)
+    found = spread(point_errors(RUN, points(FRACTION), drawn()), name)
     exact = NOISE.accel * INTERVAL_S**1.5 * np.sqrt((FRACTION * (1.0 - FRACTION)) ** 3 / 3.0)
     assert found[[0, -1]].max() < 1e-3 * exact.max()
     np.testing.assert_allclose(found[2:5], exact[2:5], rtol=0.03 + TOLERANCE)
@@ -68,7 +68,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 @pytest.mark.parametrize("name", ["tilt", "heading"])
 def test_attitude_between_exact_keyframes_is_a_bridge(name: str) -> None:
     """N^2 T f (1 - f)."""
-    found = spread(point_errors(PROBLEM, points(FRACTION), drawn()), name)
+    found = spread(point_errors(RUN, points(FRACTION), drawn()), name)
     exact = NOISE.gyro * np.sqrt(INTERVAL_S * FRACTION * (1.0 - FRACTION))
     np.testing.assert_allclose(found, exact, rtol=TOLERANCE, atol=1e-12)
 
@@ -79,7 +79,7 @@ def test_bridge_is_one_path() -> None:
     both = Points(
         *(np.concatenate([getattr(one, n), getattr(other, n)]) for n in ("keyframe", "fraction", "left", "axle", "arm"))
     )
-    tilt = point_errors(PROBLEM, both, drawn()).tilt
+    tilt = point_errors(RUN, both, drawn()).tilt
     covariance = np.cov(tilt.T) / (NOISE.gyro**2 * INTERVAL_S)
     assert covariance[0, 1] == pytest.approx(0.25 * 0.25, abs=4 * 0.19 / np.sqrt(COUNT))
     assert abs(covariance[0, 2]) < 4 * 0.22 / np.sqrt(COUNT)

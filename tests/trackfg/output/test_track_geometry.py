@@ -12,7 +12,7 @@ from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.geometry.twist import twist
-from trackfg.output.track_geometry import conventions
+from trackfg.graph.run_context import geometry_conventions
 from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 
@@ -31,7 +31,7 @@ def smoothed(smoothed_in_full: Callable[..., SmoothedStates]) -> SmoothedStates:
 
 def test_conventions_are_the_settings_and_the_track(run: Simulation) -> None:
     track = run.recording.description.track
-    meaning = conventions(GeometryConfig(twist_base_m=3.0), track)
+    meaning = geometry_conventions(GeometryConfig(twist_base_m=3.0), track)
     assert meaning.twist_base_m == 3.0
     assert meaning.chord_m == 10.0
     assert (meaning.gauge_m, meaning.cross_level_base_m) == (track.gauge_m, track.cross_level_base_m)

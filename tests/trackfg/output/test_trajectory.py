@@ -31,8 +31,8 @@ from trackfg.solver.covariance import Covariance
 
 N = 7
 LEVER = np.array([1.5, -0.4, 0.8])
-PROBLEM: Any = SimpleNamespace(
-    t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1), mount_roll_sd=0.0
+RUN: Any = SimpleNamespace(
+    t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1), mount_roll_sd=0.0, direction=1
 )
 DIM = KEYFRAME_DIM + SHARED_DIM
 
@@ -70,7 +70,9 @@ def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
 
 
 def quantities(states: States, gyro: np.ndarray, covariance: Covariance, direction: int = 1) -> pd.DataFrame:
-    return trajectory_table(PROBLEM, at_keyframes(states, gyro), states, covariance, direction)
+    return trajectory_table(
+        SimpleNamespace(**{**vars(RUN), "direction": direction}), at_keyframes(states, gyro), states, covariance
+    )
 
 
 def moved(states: States, column: int, step: float) -> States:
@@ -104,24 +106,24 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     variance = keyframe_variances(states, covariance, LEVER)
     keyframes = at_keyframes(states, gyro)
     shifted = replace(keyframes, fraction=np.append(np.full(N - 1, 0.25), 1.0))
-    table = trajectory_table(PROBLEM, shifted, states, covariance, 1)
+    table = trajectory_table(RUN, shifted, states, covariance)
     expected = 0.75 * variance[:-1] + 0.25 * variance[1:]
     # What the white noise of the samples adds at a quarter of 2 s: a Brownian bridge; to places its pinned integral,
     # and what the speeds at both ends do to the cubic between them.
     bridge, swing = 2.0 * 0.25 * 0.75, (2.0 * 0.25 * 0.75) ** 2
     speeds = swing * (0.75**2 * variance[:-1, 4] + 0.25**2 * variance[1:, 4])
-    expected[:, :4] += (PROBLEM.noise.accel**2 * bridge**3 / 3.0 + speeds)[:, None]
-    expected[:, 4] += PROBLEM.noise.accel**2 * 2.0 * 0.25 * 0.75
-    expected[:, 5:] += PROBLEM.noise.gyro**2 * 2.0 * 0.25 * 0.75
+    expected[:, :4] += (RUN.noise.accel**2 * bridge**3 / 3.0 + speeds)[:, None]
+    expected[:, 4] += RUN.noise.accel**2 * 2.0 * 0.25 * 0.75
+    expected[:, 5:] += RUN.noise.gyro**2 * 2.0 * 0.25 * 0.75
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
 
 
 def test_speed_at_the_reference_point_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
     rng, span = np.random.default_rng(11), 0.02
     certain = Covariance(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
-    drawn = gyro + PROBLEM.noise.gyro / np.sqrt(span) * rng.normal(size=(2000, N, 3))
+    drawn = gyro + RUN.noise.gyro / np.sqrt(span) * rng.normal(size=(2000, N, 3))
     motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
-    tables = [trajectory_table(PROBLEM, motion, states, certain, 1) for motion in motions]
+    tables = [trajectory_table(RUN, motion, states, certain) for motion in motions]
     scatter = np.std([table["speed_mps"] for table in tables], axis=0)
     np.testing.assert_allclose(tables[0]["speed_mps_sd"], scatter, rtol=0.06)
 
@@ -130,8 +132,8 @@ def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
     surveyed = quantities(states, gyro, covariance)
-    problem: Any = SimpleNamespace(**{**vars(PROBLEM), "mount_roll_sd": 2e-3})
-    unknown = trajectory_table(problem, at_keyframes(states, gyro), states, covariance, 1)
+    unsure: Any = SimpleNamespace(**{**vars(RUN), "mount_roll_sd": 2e-3})
+    unknown = trajectory_table(unsure, at_keyframes(states, gyro), states, covariance)
     np.testing.assert_allclose(unknown["roll_rad_sd"], np.hypot(surveyed["roll_rad_sd"], 2e-3))
     pd.testing.assert_frame_equal(unknown.drop(columns="roll_rad_sd"), surveyed.drop(columns="roll_rad_sd"))
 

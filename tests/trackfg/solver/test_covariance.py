@@ -260,3 +260,14 @@ def test_functions_far_apart_covary_as_in_the_dense_inverse(solved: Solved) -> N
     ours = joint_covariance(solved.root, Functions(keyframe, first, second, shared))
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((ours - expected) / scale).max() < 1e-6
+
+
+def test_functions_of_late_keyframes_alone(solved: Solved, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long rest puts many keyframes before the first place of a profile: none of them touches a function."""
+    monkeypatch.setattr("trackfg.solver.covariance._STACKED", 2)
+    k, odo = solved.keyframes - 2, offset_in_keyframe(Kind.ODO)
+    by_first = np.zeros((1, KEYFRAME_DIM))
+    by_first[0, odo] = 1.0
+    functions = Functions(np.array([k]), by_first, np.zeros((1, KEYFRAME_DIM)), np.zeros((1, SHARED_DIM)))
+    distance = k * KEYFRAME_DIM + odo
+    np.testing.assert_allclose(joint_covariance(solved.root, functions), solved.dense[distance, distance], rtol=1e-4)

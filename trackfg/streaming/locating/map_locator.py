@@ -22,12 +22,12 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, offset_in_keyframe
+from trackfg.graph.run_context import geometry_conventions
 from trackfg.mapping.recognition.conventions import check_conventions
 from trackfg.mapping.recognition.profiles import FEATURES
 from trackfg.mapping.recognition.recognition import Recognition, recognise
 from trackfg.mapping.recognition.tracker import Follower, reference_of
 from trackfg.numerics.arrays import Array
-from trackfg.output.track_geometry import conventions
 from trackfg.recording.description import RecordingDescription
 from trackfg.smoothing.localisation import SURE, MapChainage, landmark_loss, landmark_sd
 from trackfg.solver.covariance import posterior_covariance
@@ -96,7 +96,7 @@ class MapLocator:
     unrecognised_m: float = 0.0
 
     def __post_init__(self) -> None:
-        meaning = conventions(self.config.geometry, self.description.track)
+        meaning = geometry_conventions(self.config.geometry, self.description.track)
         check_conventions(meaning, self.feature_map.conventions, self.description.id)
         self._step_m = meaning.step_m
         self._grid = self.feature_map.grid

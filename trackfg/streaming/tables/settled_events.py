@@ -12,10 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from trackfg.factors.states import States
-from trackfg.graph.build import Problem
+from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import joined_spans
 from trackfg.output.dense_motion import DenseMotion
+from trackfg.output.event_sources import EventSources
 from trackfg.output.events import Event, events
 from trackfg.output.slip_events import wheel_excess
 from trackfg.output.trajectory import trajectory_table
@@ -59,28 +60,28 @@ class SettledEvents:
 
     def until(
         self,
-        problem: Problem,
+        sources: EventSources,
+        run: RunContext,
         motion: DenseMotion,
         states: States,
         covariance: Covariance,
         settled_s: float,
-        direction: int,
         *,
         at_end: bool,
     ) -> tuple[StreamEvent, ...]:
         """The events that are over before ``settled_s``; at the end of the stream all there are.
 
-        ``problem`` has the families, rests, gaps and the wheel of all keyframes, from :attr:`since_s` or before to
+        ``sources`` has the families, rests, gaps and the wheel of all keyframes, from :attr:`since_s` or before to
         ``settled_s`` or after.
         """
-        problem = self._untold(problem)
+        sources = self._untold(sources)
         clock = np.arange(np.ceil(self.since_s / _STEP_S - 1e-6), np.floor(settled_s / _STEP_S + 1e-6) + 1.0) * _STEP_S
-        trajectory = trajectory_table(problem, motion.at(clock), states, covariance, direction)
-        excess = wheel_excess(problem, states, trajectory, direction)
+        trajectory = trajectory_table(run, motion.at(clock), states, covariance)
+        excess = wheel_excess(sources, states, trajectory)
         rolled_s = settled_s if excess is None else excess.open_since()
         latest = {"standstill": settled_s - _REST_GROWS_S, "slip": rolled_s, "slide": rolled_s}
-        told, waiting, cut = [], [rolled_s - _BEFORE_S, _turned_s(problem, states)], []
-        for event in events(problem, states, covariance, trajectory, direction):
+        told, waiting, cut = [], [rolled_s - _BEFORE_S, _turned_s(sources, states)], []
+        for event in events(sources, states, covariance, trajectory):
             if not self.told_s.get(_thing(event), -np.inf) < event.start_s <= settled_s:
                 continue
             over = event.end_s <= latest.get(event.kind, settled_s)
@@ -96,30 +97,30 @@ class SettledEvents:
         self.since_s = max(self.since_s, min(waiting), settled_s - LONGEST_S, *cut)
         return tuple(_stream_event(event) for event in told)
 
-    def _untold(self, problem: Problem) -> Problem:
+    def _untold(self, sources: EventSources) -> EventSources:
         """With the rests of before, and without the GNSS positions that are told: runs of them are one event."""
-        rests = joined_spans(np.concatenate([self.rests, problem.rests]))
+        rests = joined_spans(np.concatenate([self.rests, sources.rests]))
         self.rests = rests[rests[:, 1] > self.told_s.get("standstill", -np.inf)]
         since = self.told_s.get("gnss set aside", -np.inf)
         families = (
-            family.take(problem.t[family.first_keyframe] > since) if family.name == "GNSS position" else family
-            for family in problem.families
+            family.take(sources.t[family.first_keyframe] > since) if family.name == "GNSS position" else family
+            for family in sources.families
         )
-        return replace(problem, rests=self.rests, families=tuple(families))
+        return replace(sources, rests=self.rests, families=tuple(families))
 
 
 def _thing(event: Event) -> str:
     return _EITHER.get(event.kind, event.kind)
 
 
-def _turned_s(problem: Problem, states: States) -> float:
+def _turned_s(sources: EventSources, states: States) -> float:
     """Since when the wheel has been silent although the vehicle moved; infinite where it is not."""
-    if problem.wheel is None:
+    if sources.wheel is None:
         return np.inf
-    turned = np.flatnonzero(np.diff(problem.wheel.distance))
-    last = float(problem.wheel.t[turned[-1] + 1 if turned.size else 0])
+    turned = np.flatnonzero(np.diff(sources.wheel.distance))
+    last = float(sources.wheel.t[turned[-1] + 1 if turned.size else 0])
     distance = states.odo[:, 0]
-    return last if abs(distance[-1] - np.interp(last, problem.t, distance)) > _MOVED_M else np.inf
+    return last if abs(distance[-1] - np.interp(last, sources.t, distance)) > _MOVED_M else np.inf
 
 
 def _stream_event(event: Event) -> StreamEvent:

@@ -6,7 +6,7 @@ beyond the place that it is of.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +14,15 @@ import pandas as pd
 
 from trackfg.factors.states import States
 from trackfg.geometry.bands import Band, end_margin_m
-from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.numerics.passes import passes
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
+from trackfg.output.event_sources import EventSources
 from trackfg.output.profile_samples import Points
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
-from trackfg.output.track_geometry import conventions, geometry_table
+from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import trajectory_table
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.covariance import posterior_covariance
@@ -108,39 +108,40 @@ class SmoothedTables:
         t, states, whole = self.history.with_window(window, root)
         data = tape.data
         assert data is not None
-        problem = self.setting.problem_of(t, states, data)
-        track, config = self.setting.description.track, self.setting.config
+        run = self.setting.run_of(t, data)
+        track, step_m = self.setting.description.track, run.conventions.step_m
         covariance = posterior_covariance(whole).less_sure_of_distance(doubt_m**2)
         if chainage is not None:
             covariance = chainage.with_uncertainty(covariance, states, track.direction)
-        clock = _clock(self.done_s, settled_s, config.output.rate_hz)
-        meaning = conventions(config.geometry, track)
-        motion = dense_motion(problem, states, dense_step(states, meaning.step_m), clock)
-        told = replace(
-            problem,
+        clock = _clock(self.done_s, settled_s, self.setting.config.output.rate_hz)
+        motion = dense_motion(run, states, dense_step(states, step_m), clock)
+        sources = EventSources(
+            t=t,
+            direction=track.direction,
             rests=rests,
             gaps=data.gaps(),
             wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2], tape.breaks["tach"]),
+            clock_origin=self.setting.clock_origin,
             families=self.history.with_families(window.families),
         )
-        events = self.events.until(told, motion, states, covariance, settled_s, track.direction, at_end=at_end)
-        trajectory = trajectory_table(problem, motion.at(clock), states, covariance, track.direction)
-        seen = seen_profiles(self.setting.description, tape.rails(), problem, motion, states, meaning.step_m)
-        looked = profiles(problem, motion, states, track.direction, meaning.step_m) if self.looks and not seen else []
+        events = self.events.until(sources, run, motion, states, covariance, settled_s, at_end=at_end)
+        trajectory = trajectory_table(run, motion.at(clock), states, covariance)
+        seen = seen_profiles(self.setting.description, tape.rails(), run, motion, states)
+        looked = profiles(run, motion, states) if self.looks and not seen else []
         shapes = seen or looked
-        moved = self._moved(t, states, track.direction * meaning.step_m)
+        moved = self._moved(t, states, track.direction * step_m)
         until = t[-1] if at_end else self._settled_place(t, states, settled_s)
-        geometry = geometry_table(problem, shapes, states, covariance, whole, meaning)
-        passed = [self._passed(problem, profile, until) for profile in shapes]
+        geometry = geometry_table(run, shapes, states, covariance, whole)
+        passed = [self._passed(t, profile, until) for profile in shapes]
         none = np.zeros(0, dtype=np.int64)
-        row = pd.Series(np.arange(len(geometry)), index=cells_of(geometry, meaning.step_m))
+        row = pd.Series(np.arange(len(geometry)), index=cells_of(geometry, step_m))
         cells = np.concatenate([none, *(profile.cell[rows] for profile, rows in zip(shapes, passed, strict=True))])
         own = geometry.iloc[row[cells]].reset_index(drop=True)
         points = [profile.views[0].points for profile in shapes]
         k = np.concatenate([none, *(at.keyframe[rows] for at, rows in zip(points, passed, strict=True))])
         f = np.concatenate([np.zeros(0), *(at.fraction[rows] for at, rows in zip(points, passed, strict=True))])
         distance, following = states.odo[:, 0], k + 1
-        beyond = track.direction * meaning.step_m * cells - (1.0 - f) * distance[k] - f * distance[following]
+        beyond = track.direction * step_m * cells - (1.0 - f) * distance[k] - f * distance[following]
         passed_at = np.concatenate(
             [np.zeros(0), *(_times(t, at)[rows] for at, rows in zip(points, passed, strict=True))]
         )
@@ -149,7 +150,7 @@ class SmoothedTables:
         self.along = np.stack([t, distance])
         own = own if seen else own.iloc[:0]
         if self.setting.description.laser:
-            passed_at = _vehicle_at(track.direction * meaning.step_m * cells, passed_at, t, distance, motion)
+            passed_at = _vehicle_at(track.direction * step_m * cells, passed_at, t, distance, motion)
         own.insert(0, "t_s", passed_at[: len(own)])
         return Tables(trajectory, own, events, sight)
 
@@ -195,10 +196,10 @@ class SmoothedTables:
             return self.passed_s
         return float(min(t[np.flatnonzero(beyond)[-1]], settled_s))
 
-    def _passed(self, problem: Problem, profile: Profile, until: float) -> np.ndarray:
+    def _passed(self, t: Array, profile: Profile, until: float) -> np.ndarray:
         """The rows of a pass that are due, in the order of passing; a pass that goes on does so at the next cell."""
         points, cell = profile.views[0].points, profile.cell
-        when = _times(problem.t, points)
+        when = _times(t, points)
         sense = 1 if when[-1] >= when[0] else -1
         due = when > self.passed_s
         if self.last_cell is not None and when.min() < self.passed_s < when.max():

@@ -22,7 +22,7 @@ from trackfg.config import SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
-from trackfg.graph.build import begun_at, build_problem, placeless
+from trackfg.graph.build import Problem, begun_at, build_problem, placeless
 from trackfg.graph.inertial import walk_of
 from trackfg.graph.inputs import world_of
 from trackfg.graph.motion import resting
@@ -266,7 +266,7 @@ class MovingWindow:
         solution = solve(problem, self.config.solver)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
-        window = Window(problem.t, solution.states, problem.measured, problem.response, problem.families)
+        window = Window(problem.t, solution.states, problem.measured, problem.run.response, problem.families)
         self.window, self.root, self.origin, self.front = window, solution.root, solution.states, window
         self.tip = window.moved({len(window) - 1}).rest(len(window) - 1)
         self.early, self.lost = Pass(window, solution.root, None), None
@@ -424,8 +424,16 @@ class MovingWindow:
         data = self.tape.data
         assert self.setting is not None
         assert data is not None
-        problem = self.setting.problem_of(window.t, window.states, data)
-        problem = replace(problem, measured=window.measured, families=window.families)
+        problem = Problem(
+            run=self.setting.run_of(window.t, data),
+            measured=window.measured,
+            families=window.families,
+            initial=window.states,
+            rests=self.rests,
+            gaps=data.gaps(),
+            wheel=None if self.odometer is None else self.odometer.wheel,
+            clock_origin=self.setting.clock_origin,
+        )
         return replace(window, states=solve(problem, self.config.solver).states)
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:

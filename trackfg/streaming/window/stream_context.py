@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from trackfg.config import SmoothConfig
-from trackfg.factors.states import Kind, States
-from trackfg.graph.build import Problem
+from trackfg.factors.states import Kind
 from trackfg.graph.inputs import World, assumed_noise
+from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
+from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
-
-_NOTHING = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
@@ -31,22 +31,22 @@ class Setting:
         """The IMU's position in the vehicle, m, shape (3,)."""
         return np.array(self.description.imu.lever_arm_m)
 
-    def problem_of(self, t: Array, states: States, data: Intervals) -> Problem:
-        """Keyframes on edges of the inertial ``data``, without factors: what tables are made from."""
-        return Problem(
+    @cached_property
+    def conventions(self) -> GeometryConventions:
+        """What the geometry's columns mean."""
+        return geometry_conventions(self.config.geometry, self.description.track)
+
+    def run_of(self, t: Array, data: Intervals) -> RunContext:
+        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``."""
+        return RunContext(
             t=t,
-            measured=(),
-            families=(),
-            initial=states,
+            edges=np.searchsorted(data.edges, t - 1e-9),
+            inertial=data,
             world=self.world,
             lever_arm=self.lever_arm,
-            rests=_NOTHING,
-            gaps=_NOTHING,
-            wheel=None,
-            inertial=data,
             noise=assumed_noise(self.description, self.config),
-            edges=np.searchsorted(data.edges, t - 1e-9),
             mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
-            clock_origin=self.clock_origin,
             response=np.zeros((len(t), 6, Kind.IMU.dim)),
+            direction=self.description.track.direction,
+            conventions=self.conventions,
         )

@@ -55,7 +55,7 @@ def rows_at(run: SmoothedStates, direction: int, places: Array) -> Array:
     moving = np.flatnonzero(np.diff(D) != 0.0)
     k = moving[np.searchsorted(np.sort(D[moving + 1]), places)]
     f = (places - D[k]) / (D[k + 1] - D[k])
-    jacobian = keyframe_jacobian(states, run.problem.lever_arm)[:, [0, 5]]
+    jacobian = keyframe_jacobian(states, run.problem.run.lever_arm)[:, [0, 5]]
     functions = place_functions(jacobian * np.array([direction, direction * 1e3 * BASE_M])[:, None], k, f)
     n = len(states)
     rows = np.zeros((2 * len(places), n * KEYFRAME_DIM + SHARED_DIM))

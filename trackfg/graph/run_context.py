@@ -1,0 +1,49 @@
+"""The context of a run: what its tables are made from besides the solution.
+
+Batch and stream make the same tables from it. It holds no factors: a stretch of a stream has a context, too, although
+its factors have been marginalised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.config import GeometryConfig
+from trackfg.factors.imu import ImuNoise
+from trackfg.graph.inputs import World
+from trackfg.numerics.arrays import Array
+from trackfg.recording.description import Track
+from trackfg.results.summary import GeometryConventions
+from trackfg.sensors.imu_intervals import Intervals
+
+
+@dataclass(frozen=True)
+class RunContext:
+    """The keyframes of a run or of a stretch of it, its inertial record, and what the columns of its tables mean."""
+
+    t: Array
+    """Keyframe times, s, shape (n,)."""
+    edges: np.ndarray
+    """The keyframes as indices into ``inertial.edges``, shape (n,)."""
+    inertial: Intervals
+    world: World
+    lever_arm: Array
+    """The IMU's position in the vehicle, m, shape (3,)."""
+    noise: ImuNoise
+    """White noise of the inertial samples as assumed in the graph."""
+    mount_roll_sd: float
+    """Uncertainty of the mounting's roll, rad."""
+    response: Array
+    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
+    direction: int
+    """+1 where chainage grows along the run, -1 where it falls."""
+    conventions: GeometryConventions
+
+
+def geometry_conventions(config: GeometryConfig, track: Track) -> GeometryConventions:
+    """Return what the geometry's columns mean under these settings on this track."""
+    return GeometryConventions(
+        gauge_m=track.gauge_m, cross_level_base_m=track.cross_level_base_m, **config.model_dump()
+    )
