@@ -16,8 +16,9 @@ import pytest
 from trackfg.cli import map_file
 from trackfg.cli.map_file import build_map_file
 from trackfg.errors import BadInputError
-from trackfg.io.reader import write_recording
+from trackfg.io.reader import read_recording, write_recording
 from trackfg.maps import read_map, read_versions, write_map
+from trackfg.smoothing.smoother import smooth
 
 Ride = Callable[..., Any]
 
@@ -98,3 +99,47 @@ def test_the_commands(out: Callable[[int], Path], ride: Ride, tmp_path: Path) ->
     refused = trackfg("map", "build", tmp_path / "located", "-o", place)
     assert refused.returncode == 2
     assert "smoothed with a map" in refused.stderr
+
+
+def test_readme(tmp_path: Path) -> None:
+    """The runs' description gives the roll of the mounting without a sigma, as most do."""
+    for run in range(3):
+        simulated = trackfg("simulate", "mainline", "-o", tmp_path / f"run{run}", "--run", run, "--duration", 300)
+        assert simulated.returncode == 0, simulated.stderr
+    for run in range(2):
+        smoothed = trackfg("smooth", tmp_path / f"run{run}", "-o", tmp_path / f"out{run}")
+        assert smoothed.returncode == 0, smoothed.stderr
+    place = tmp_path / "line.gpkg"
+    built = trackfg("map", "build", tmp_path / "out0", tmp_path / "out1", "-o", place)
+    assert (built.returncode, built.stderr) == (0, "")
+    located = trackfg("smooth", tmp_path / "run2", "-o", tmp_path / "located", "--map", place, "--json")
+    assert located.returncode == 0, located.stderr
+    assert json.loads(located.stdout)["map"]["sections"] > 10
+    information = read_map(place).information
+    assert not any(name.startswith("sensor/") for run in information.values() for name in run.variables)
+
+
+def test_runs_of_two_hundred_metres(tmp_path: Path) -> None:
+    for run in range(2):
+        simulated = trackfg("simulate", "trolley", "-o", tmp_path / f"run{run}", "--run", run, "--duration", 300)
+        assert simulated.returncode == 0, simulated.stderr
+        smoothed = trackfg("smooth", tmp_path / f"run{run}", "-o", tmp_path / f"out{run}")
+        assert smoothed.returncode == 0, smoothed.stderr
+    at_once, later = tmp_path / "at_once.gpkg", tmp_path / "later.gpkg"
+    built = trackfg("map", "build", tmp_path / "out0", tmp_path / "out1", "-o", at_once)
+    assert (built.returncode, built.stderr) == (0, "")
+    assert "version 1: 2 runs, 0.2 km" in built.stdout
+    for run in range(2):
+        added = trackfg("map", "build", tmp_path / f"out{run}", "-o", later)
+        assert (added.returncode, added.stderr) == (0, "")
+    pd.testing.assert_frame_equal(read_map(at_once).grid, read_map(later).grid)
+
+    # Recognised, but between two places that the runs before are tied to.
+    made = read_recording(tmp_path / "run1")
+    description = made.description.model_copy(update={"fixes": None})
+    result = smooth(replace(made, description=description, fixes=None))
+    inside = result.geometry["chainage_m"].between(20.0, 200.0)
+    replace(result, geometry=result.geometry[inside].reset_index(drop=True)).write(tmp_path / "inside")
+    refused = trackfg("map", "build", tmp_path / "out0", tmp_path / "inside", "-o", tmp_path / "no.gpkg")
+    assert refused.returncode == 2
+    assert "passes none of the map's places" in refused.stderr

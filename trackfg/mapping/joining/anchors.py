@@ -1,9 +1,9 @@
 """What one run says of a map's variables.
 
 A map's variables are, for marks some 250 m apart, ``M_j``, the chainage at which a mark's stretch of track lies, and
-``C_j``, its mean cross-level; and for each sensor the roll ``b`` of its mounting. A mark is no post: it is the track
-around it, known again by its profile. Facing increasing chainage, a run that saw mark j at its own chainage ``D_j``,
-with mean cross-level ``c_j``, says
+``C_j``, its mean cross-level; and the roll ``b`` of each sensor's mounting that is not known. A mark is no post: it is
+the track around it, known again by its profile. Facing increasing chainage, a run that saw mark j at its own chainage
+``D_j``, with mean cross-level ``c_j``, says
 
     M_j - o        = D_j + (its chainage's error there) + (error of recognising the place),
     C_j + g B b    = c_j + (its cross-level's error there),
@@ -75,8 +75,11 @@ class Sightings:
 
 @dataclass(frozen=True)
 class Sensor:
-    """The name of a sensor in its mounting; how far its roll may be from 0 (rad), None where the map knows already;
-    and what turns a roll of 1 mrad into cross-level facing increasing chainage, mm: direction times base (m).
+    """A sensor whose roll in its mounting is not known, and so a variable of the map.
+
+    ``roll_sd_rad``: prior sigma of the roll about 0, greater than 0; None where an earlier run of the sensor brought it
+    into the map. ``mm_per_mrad``: the cross-level facing increasing chainage that a roll of 1 mrad makes, direction
+    times base (m).
     """
 
     name: str
@@ -85,9 +88,12 @@ class Sensor:
 
 
 def said_of_marks(
-    run_id: str, seen: Sightings, errors: PlaceCovariance, sensor: Sensor, *, anchored: bool
+    run_id: str, seen: Sightings, errors: PlaceCovariance, sensor: Sensor | None, *, anchored: bool
 ) -> RunInformation:
-    """The rows of a run. The first run of a sensor brings along what is known of the mounting's roll."""
+    """Return the rows of a run. ``sensor`` is None where the roll of its mounting is known: ``b`` is then no variable.
+
+    The first run of a sensor brings the prior of its roll.
+    """
     m = len(seen.marks)
     covariance = errors.at(seen.chainage_m)
     covariance[np.diag_indices(2 * m)] += np.r_[seen.match_sd_m**2 + _LEAST_SD_M**2, np.full(m, _LEAST_SD_MM**2)]
@@ -96,7 +102,7 @@ def said_of_marks(
     variables = [chainage_variable(mark) for mark in seen.marks]
     variables += [cross_level_variable(seen.marks[i]) for i in level]
     H = np.eye(len(kept))
-    if level.size:
+    if level.size and sensor is not None:
         variables.append(roll_variable(sensor.name))
         H = np.column_stack([H, np.r_[np.zeros(m), np.full(level.size, sensor.mm_per_mrad)]])
     if not anchored:
@@ -105,7 +111,7 @@ def said_of_marks(
     L = cholesky(covariance[np.ix_(kept, kept)], lower=True)
     values = np.r_[seen.chainage_m, seen.cross_level_mm[level]]
     R, d = solve_triangular(L, H, lower=True), solve_triangular(L, values, lower=True)
-    if level.size and sensor.roll_sd_rad:
+    if level.size and sensor is not None and sensor.roll_sd_rad is not None:
         prior = np.zeros((1, len(variables)))
         prior[0, variables.index(roll_variable(sensor.name))] = 1e-3 / sensor.roll_sd_rad
         R, d = np.concatenate([R, prior]), np.r_[d, 0.0]

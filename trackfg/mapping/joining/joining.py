@@ -77,14 +77,16 @@ def joined(survey: Survey, result: Result) -> Survey:
             there = with_place_noise(there, float(np.hypot(match_sd, _BETWEEN_SECTIONS_SD_M)))
     there = there.assign(cross_level_mm=there["cross_level_mm"] - _offset(survey, old, there["chainage_m"].to_numpy()))
     new, places = _new_marks(survey, there, to_map)
-    sensor = sensor_of(facts.imu_id, run_id)
-    known = roll_variable(sensor) in survey.variables
-    mm_per_mrad = facts.direction * conventions.cross_level_base_m
+    if survey.grid is not None and not old.marks and not (new.marks and facts.anchored and survey.anchored):
+        raise BadInputError(
+            f"run {run_id}: it passes none of the map's places, some {APART_M:g} m apart, that runs are tied to: "
+            "expected a longer run"
+        )
     information = said_of_marks(
         run_id,
         _together(old, replace(new, cross_level_mm=new.cross_level_mm + _offset(survey, old, places))),
         result.covariance,
-        Sensor(sensor, None if known else facts.mount_roll_sd_rad, mm_per_mrad),
+        _sensor(survey, run_id, facts, conventions.cross_level_base_m),
         anchored=facts.anchored,
     )
     line = _line_seen(survey, result, facts, to_map)
@@ -101,6 +103,15 @@ def joined(survey: Survey, result: Result) -> Survey:
         runs={**survey.runs, run_id: SurveyedRun(result.summary.recording_id, facts)},
         configuration={**survey.configuration, run_id: dict(result.summary.configuration)},
     )
+
+
+def _sensor(survey: Survey, run_id: str, facts: RunFacts, cross_level_base_m: float) -> Sensor | None:
+    """Return the run's sensor, None where its description gives the roll of the mounting without a sigma."""
+    if facts.mount_roll_sd_rad == 0.0:
+        return None
+    name = sensor_of(facts.imu_id, run_id)
+    in_map = roll_variable(name) in survey.variables
+    return Sensor(name, None if in_map else facts.mount_roll_sd_rad, facts.direction * cross_level_base_m)
 
 
 def _merged_columns() -> list[str]:
