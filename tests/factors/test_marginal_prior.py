@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackfg.factors.family import check_jacobians
-from trackfg.factors.marginal_prior import moved_from, past, past_elsewhere, step_from
+from trackfg.factors.marginal_prior import answering, moved_from, past, past_elsewhere, step_from
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 
@@ -86,3 +86,25 @@ def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     x = np.concatenate([step.keyframes[0], step.shared])
     there = replace(states, odo=states.odo + np.array([by, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(family.residual(there)[0], A @ x - b, atol=1e-9)
+
+
+def test_yaw_is_measured_the_short_way_round() -> None:
+    """From yaw 3.1 to yaw -3.1 rad a level vehicle has turned left by 2 pi - 6.2 = 0.083 rad, not right by 6.2."""
+    level = one_keyframe(np.random.default_rng(4))
+    before, after = (
+        replace(level, nav=Nav(matrix_from_rpy(np.zeros(1), np.zeros(1), np.full(1, yaw)), *np.zeros((2, 1, 3))))
+        for yaw in (3.1, -3.1)
+    )
+    there, back = (step_from(*ends).of(Kind.NAV)[0, :3] for ends in ((before, after), (after, before)))
+    np.testing.assert_allclose(there, [0.0, 0.0, 2.0 * np.pi - 6.2], atol=1e-12)
+    np.testing.assert_allclose(back, [0.0, 0.0, 6.2 - 2.0 * np.pi], atol=1e-12)
+
+
+def test_bias_of_an_interval_is_the_sensors_own_and_what_the_calibration_adds() -> None:
+    """With b = own + response c the factor says of (b, c) what it said of (own, c): the same residual, whatever c."""
+    rng = np.random.default_rng(5)
+    origin, rows, response = one_keyframe(rng), rng.standard_normal((49, 50)), rng.standard_normal((6, 21))
+    own = moved_from(origin, a_step(rng, 0.2))
+    interval = replace(own, bias=own.bias + own.imu @ response.T)
+    family = past(rows, origin)
+    np.testing.assert_allclose(answering(family, response).residual(interval), family.residual(own), atol=1e-9)
