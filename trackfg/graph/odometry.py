@@ -51,9 +51,13 @@ def rolled(layout: Layout) -> list[Family]:
     """Distance is what the wheel rolls, where there is one."""
     config, k = layout.config.tach, np.arange(len(layout.t) - 1)
     distance = np.abs(layout.distance)
+    loss = None
+    if layout.recording.description.tach is not None:  # also where it is silent: it may start within the same window
+        interval_s = layout.config.keyframes.interval_s
+        loss = Loss("row", config.robust_width, huber_at_start=True, interval_s=interval_s)
     if layout.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
-        return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), None)]
+        return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), loss)]
     force = layout.mean_accel[:, 0] / layout.world.gravity
     variance = (
         config.creep_m_per_sqrt_m**2 * (distance + 0.01)
@@ -68,8 +72,6 @@ def rolled(layout: Layout) -> list[Family]:
     sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
     response = wheel_response(layout.distance, layout.mean_rate[:, 2] * layout.durations, force)
     assert layout.rolling is not None
-    interval_s = layout.config.keyframes.interval_s
-    loss = Loss("row", config.robust_width, huber_at_start=True, interval_s=interval_s)
     wheel = tach_distance(k, response, sigma, loss)
     wheel = replace(wheel, doubtful=layout.rolling.slips_within(layout.t))
     read = _readable(layout)

@@ -83,8 +83,11 @@ class Wheel:
 
 
 def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
-    """The recording's tach, signed; None where there is none. For ``max_gap_s`` see :func:`longest_silence_s`."""
-    if recording.tach is None or recording.description.tach is None:
+    """Return the recording's tach, signed; None where it has fewer than two rows, which measure no speed.
+
+    For ``max_gap_s`` see :func:`longest_silence_s`.
+    """
+    if recording.tach is None or recording.description.tach is None or len(recording.tach) < 2:
         return None
     description, table = recording.description.tach, recording.tach
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()

@@ -47,6 +47,8 @@ NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=["t_s", *GEOMETRY_COLUMNS], dtype=np.float64)
 
 _JUST_S = 1e-6
+KEPT_S = 30.0
+"""Rows so old are let go while nothing measures the speed: no window begins with them."""
 PIECE_S = 10.0
 """Smoothed tables come in pieces about as long."""
 
@@ -131,12 +133,16 @@ class FixedLagSmoother:
             t = self._moving.next_keyframe()
         if t is not None:
             self._moving.prepare(t)
+        elif self._moving.tip is None:  # nothing measures the speed: rows that no window begins with are let go
+            self._tape.forget(self._tape.until - KEPT_S, self._tape.until - KEPT_S)
         return _estimates_of(_table(at_once), behind)
 
     def finish(self) -> Estimates:
         """What is left when no more rows come; nothing where they were too few to begin with."""
         behind, update = self._behind(), self._moving.last()
         behind += self._behind(at_end=True)
+        if self._moving.next_keyframe() is None and self._moving.tip is None and self._tape.data is not None:
+            behind.append(Behind([], (self._moving.without_speed(self._tape.until),)))
         return _estimates_of(_table([] if update is None else [self._filtered(update)]), behind)
 
     def state(self) -> Snapshot:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackfg.checks.limits import CheckLimits
 from trackfg.config import SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import Family
@@ -30,6 +31,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import joined_spans, parted
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import read_wheel
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
@@ -45,6 +47,8 @@ from trackfg.streaming.window.window import Gone, Interval, Stepped, Window
 
 START_S = 10.0
 """What the first window covers."""
+_LATE_S = 1.0
+"""A tach, or GNSS, that sends its first row so much later than the inertial sensor begins late."""
 AFTER_S = 0.3
 """A keyframe needs rows this much younger than itself."""
 BEFORE_S = 10.0
@@ -155,6 +159,9 @@ class MovingWindow:
     """Of the newest keyframe, m/s."""
     lost: Lost | None = None
     """What the window begins after, until it has begun."""
+    begin_s: float | None = None
+    """When the first window begins, as far as is known; ``waiting_since_s``: when it would with all rows there."""
+    waiting_since_s: float = -np.inf
     newly_lost: bool = False
     """Until somebody has taken notice."""
     sparser: float = 1.0
@@ -169,8 +176,8 @@ class MovingWindow:
         if data is None:
             return None
         if tip is None:
-            begin = float(data.edges[0])
-            return START_S + (begin if self.lost is None else max(begin, self.lost.begin_s))
+            begin = self._first_window()
+            return None if begin is None else begin + START_S
         here, config = float(tip.t[0]), self.config.keyframes
         speed = float(np.linalg.norm(tip.states.nav.v[0]))
         due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
@@ -188,6 +195,30 @@ class MovingWindow:
         if due - edges[at - 1] < edges[at] - due and edges[at - 1] > here:
             at -= 1
         return float(edges[at])
+
+    def _first_window(self) -> float | None:
+        """Return when the first window begins, s: where something measures the speed; None while nothing does.
+
+        Stretches of :data:`START_S` without two rows of the tach or GNSS are passed over, and so is what comes before
+        the first of these rows: a tach that has begun within the window would be taken for one that stood.
+        """
+        tape = self.tape
+        if self.begin_s is None:
+            assert tape.data is not None
+            self.begin_s = self.waiting_since_s = float(tape.data.edges[0])
+        while (first := tape.first_speed(self.begin_s)) is not None:
+            if first > self.begin_s + _LATE_S:
+                self.begin_s = first
+            end = self.begin_s + START_S
+            if not self.reaches(end) or tape.measures_speed(self.begin_s, end):
+                return self.begin_s
+            self.begin_s = end
+        return None
+
+    def without_speed(self, until_s: float) -> StreamEvent:
+        """Return the event that nothing measured the speed up to a time."""
+        detail = "nothing measured the speed: expected rows of the tach or of GNSS; estimates begin with these"
+        return StreamEvent("no-speed", t_s=self.waiting_since_s, until_s=until_s, detail=detail)
 
     def reaches(self, t: float) -> bool:
         """Whether the rows that a keyframe at ``t`` needs are there."""
@@ -240,6 +271,7 @@ class MovingWindow:
             distance = float(self.window.states.odo[-1, 0]), float(np.hypot(np.sqrt(variance), self.places.doubt_m))
         self.lost = Lost(begin, reason, left, distance)
         self.newly_lost = True
+        self.begin_s = self.waiting_since_s = begin
         self.window = self.root = self.origin = self.front = self.tip = self.coming = self.early = None
         self.since, self.links, self.rests = [], [], np.zeros((0, 2))
         self.oriented = self.damped = False
@@ -251,7 +283,10 @@ class MovingWindow:
 
     def _begun(self, t: float) -> Update:
         tape = self.tape
-        recording, data = tape.recording(t - START_S, t), tape.intervals(t - START_S, t)
+        begin = t - START_S
+        recording, data = tape.recording(begin, t), tape.intervals(begin, t)
+        if recording.tach is not None and not (len(recording.tach) and recording.tach["t_s"].iloc[0] < begin + _LATE_S):
+            recording = replace(recording, tach=None)
         problem = build_problem(recording, self.config, data)
         told_later = tape.description.fixes is not None or self.on_map
         if told_later and problem.family("absolute fix") is None:
@@ -262,14 +297,17 @@ class MovingWindow:
             self.odometer = Odometer.of(problem.wheel, rows, tape.description.tach, max_gap_s=max_gap_s)
             problem = replace(problem, families=self.odometer.rounded(problem.families))
         if self.lost is not None and self.lost.distance is not None:
-            problem = begun_at(problem, *self.lost.distance)
+            distance, sd = self.lost.distance
+            passed_over_m = CheckLimits().speed_error_mps * (begin - self.lost.begin_s)
+            problem = begun_at(problem, distance, float(np.hypot(sd, passed_over_m)))
         solution = solve(problem, self.config.solver)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
         window = Window(problem.t, solution.states, problem.measured, problem.run.response, problem.families)
         self.window, self.root, self.origin, self.front = window, solution.root, solution.states, window
         self.tip = window.moved({len(window) - 1}).rest(len(window) - 1)
-        self.early, self.lost = Pass(window, solution.root, None), None
+        waited = self.without_speed(begin) if begin > self.waiting_since_s + _LATE_S else None
+        self.early, self.lost = Pass(window, solution.root, None, waited), None
         self.places.begin(problem.family("absolute fix"), solution.states)
         return self._told(Update.of(window, solution.root))
 
@@ -291,6 +329,8 @@ class MovingWindow:
         self.coming = None
         assert tip is not None
         here, wheel = float(tip.t[0]), None
+        if self.odometer is None:
+            self.odometer = self._late_tach(here, float(tip.states.odo[0, 2]))
         if self.odometer is not None:
             newest = tip.states.nav
             speed = float(newest.v[0] @ newest.R[0, :, 0])
@@ -307,6 +347,18 @@ class MovingWindow:
         self.links.append(found.link)
         self.tip = found.tip
         return self._told(Update.of(found.pair, found.root))
+
+    def _late_tach(self, here: float, count: float) -> Odometer | None:
+        """Return the tach that began to send rows after the first window did, :data:`START_S` later."""
+        tach, begin = self.tape.description.tach, here - START_S
+        recording = self.tape.recording(begin, here)
+        if tach is None or recording.tach is None or not len(recording.tach):
+            return None
+        wheel = read_wheel(recording, self.config.tach.max_gap_s)
+        if wheel is None or wheel.t[0] > begin + _LATE_S:
+            return None
+        odometer = Odometer.of(wheel, recording.tach.to_numpy(), tach, max_gap_s=self.config.tach.max_gap_s)
+        return odometer.counting_on(here, count)
 
     def _found(self, begun: Begun, new: Interval) -> Found | None:
         """The next keyframe by a step of its own; None where that is not to be trusted."""
@@ -453,6 +505,8 @@ class MovingWindow:
         recording = self.tape.recording(begin, until)
         if recording.imu.empty:  # within a long gap
             return
+        if self.odometer is None:
+            recording = replace(recording, tach=None)
         silent = self.odometer is not None and self.odometer.silent_at_rest
         found = find_standstills(recording, config.min_rest_s, silent_at_rest=silent)
         if self.odometer is not None:

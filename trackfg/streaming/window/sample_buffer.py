@@ -147,6 +147,15 @@ class Tape:
             tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
         return replace(self.positions_between(begin, end), imu=imu, tach=tach)
 
+    def first_speed(self, since: float) -> float | None:
+        """Return when the first row from ``since`` (s) on was measured that tells of the speed: of the tach or GNSS."""
+        tables = (self.tach, self.positions["gnss"])
+        return min((float(table[i, 0]) for table in tables if (i := _first(table, since)) < len(table)), default=None)
+
+    def measures_speed(self, begin: float, end: float) -> bool:
+        """Return whether the tach or GNSS has two rows between two times, s."""
+        return any(len(_between(table, begin, end)) > 1 for table in (self.tach, self.positions["gnss"]))
+
     def rails(self) -> list[RailView]:
         """What the lasers saw of the rails; nothing until all of them have told something."""
         lasers = {name: pd.DataFrame(rows, columns=list(LASER_COLUMNS)) for name, rows in self.lasers.items()}
@@ -195,6 +204,10 @@ class Tape:
     def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:
         rows = _between(table, begin, end)
         return pd.DataFrame(rows, columns=list(CANONICAL_COLUMNS[name])) if len(rows) else None
+
+
+def _first(table: Array, since: float) -> int:
+    return int(np.searchsorted(table[:, 0], since))
 
 
 def _between(table: Array, begin: float, end: float) -> Array:

@@ -44,6 +44,11 @@ class Odometer:
         odometer._learn(rows[: len(known)])
         return odometer
 
+    def counting_on(self, t: float, count: float) -> Odometer:
+        """Return the same, with distances shifted so that the count at ``t`` (s) is ``count`` (m)."""
+        shift = np.array([0.0, count - float(self.wheel.at(np.array([t]))[0])])
+        return replace(self, rows=self.rows + shift)
+
     def rounded(self, families: tuple[Family, ...]) -> tuple[Family, ...]:
         """The families of the first seconds, with readings as exact as they are known to be."""
         sigma = self.wheel.rounding_sd
