@@ -19,6 +19,7 @@ from trackfg.cli.terminal import progress_bar, show
 from trackfg.errors import BadInputError, TrackfgError
 
 if TYPE_CHECKING:
+    from trackfg.geometry.limits import LimitChoice
     from trackfg.plots.strip_chart import LimitLine
     from trackfg.results.result import Result
 
@@ -27,6 +28,13 @@ app.add_typer(maps, name="map")
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
+_LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
+Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=_LIMITS_HELP, show_default=False)]
+Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)]
+LineSpeed = Annotated[
+    float | None,
+    typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -283,17 +291,9 @@ def plot(
     to_m: Annotated[
         float | None, typer.Option("--to", metavar="M", help="Last chainage, m.", show_default=False)
     ] = None,
-    limits: Annotated[
-        str | None,
-        typer.Option(metavar="L.toml", help="Limits to draw: a file, or cfr-213 for 49 CFR 213.", show_default=False),
-    ] = None,
-    level: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)
-    ] = None,
-    line_speed: Annotated[
-        float | None,
-        typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
-    ] = None,
+    limits: Limits = None,
+    level: Level = None,
+    line_speed: LineSpeed = None,
 ) -> None:
     """Draw the strip chart of a result: its geometry over chainage, with bands of 95 %."""
     from trackfg.plots.draw import picture_path
@@ -302,14 +302,47 @@ def plot(
 
     folder = result.resolve()
     path = picture_path(out or folder.parent / f"{folder.name}.png")
-    if path.resolve().parent == folder:
-        raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
+    _refuse_inside(result, path)
     content = Result.read(result)
-    lines = _limit_lines(content, limits, level, line_speed)
+    lines = _limit_lines(content, _limit_choice(limits, level, line_speed))
     print(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
 
 
-@app.command(epilog="Example: trackfg report out1 --recording run1")
+@app.command(epilog="Example: trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv")
+def limits(
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
+    source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=_LIMITS_HELP, show_default=False)],
+    level: Level = None,
+    line_speed: LineSpeed = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List where the track geometry of a result exceeds limits: place, length, peak and sigma of each exceedance.
+
+    Limits that the geometry does not suffice for are listed with the reason.
+    """
+    from trackfg.cli import limit_tables
+    from trackfg.evaluation.track_limits import judge, write_exceedances
+    from trackfg.geometry.limits import LimitChoice
+    from trackfg.results.result import Result
+
+    if out is not None:
+        _refuse_inside(result, out)
+    judgement = judge(Result.read(result), LimitChoice(source, level).table(), line_speed)
+    if out is not None:
+        write_exceedances(judgement, out)
+    if json:
+        print(limit_tables.judgement_json(judgement))
+        return
+    for table in limit_tables.of_judgement(judgement):
+        show(table)
+    if out is not None:
+        print(f"exceedances: {out}")
+
+
+@app.command(epilog="Example: trackfg report out1 --recording run1 --limits cfr-213-class-4")
 def report(
     folder: Annotated[
         Path, typer.Argument(metavar="OUT", help="Folder of a result or a comparison.", show_default=False)
@@ -324,24 +357,40 @@ def report(
             metavar="REC", help="The recording of the result, to show its truth and the errors.", show_default=False
         ),
     ] = None,
+    limits: Limits = None,
+    level: Level = None,
+    line_speed: LineSpeed = None,
 ) -> None:
     """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
     from trackfg.report import write_report
 
     whole = folder.resolve()
-    print(f"report: {write_report(folder, out or whole.parent / f'{whole.name}.html', recording=recording)}")
+    page = out or whole.parent / f"{whole.name}.html"
+    choice = _limit_choice(limits, level, line_speed)
+    print(f"report: {write_report(folder, page, recording=recording, limits=choice)}")
 
 
-def _limit_lines(result: Result, source: str | None, level: str | None, line_speed: float | None) -> list[LimitLine]:
-    from trackfg.geometry.limits import at_level, cfr_213, read_limits
+def _refuse_inside(result: Path, path: Path) -> None:
+    if path.resolve().parent == result.resolve():
+        raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
+
+
+def _limit_choice(source: str | None, level: str | None, line_speed: float | None) -> LimitChoice | None:
+    from trackfg.geometry.limits import LimitChoice
+
+    if source is not None:
+        return LimitChoice(source, level, line_speed)
+    if level is not None or line_speed is not None:
+        raise BadInputError("--level and --line-speed choose among limits: expected --limits too")
+    return None
+
+
+def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
     from trackfg.plots.strip_limits import limit_lines
 
-    if source is None:
-        if level is not None or line_speed is not None:
-            raise BadInputError("--level and --line-speed choose among limits: expected --limits too")
+    if choice is None:
         return []
-    table = cfr_213() if source == "cfr-213" else read_limits(source)
-    lines, left_out = limit_lines(result, at_level(table, level) if level else table, line_speed)
+    lines, left_out = limit_lines(result, choice.table(), choice.line_speed_kmh)
     for reason, number in left_out.items():
         print(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}", file=sys.stderr)
     return lines

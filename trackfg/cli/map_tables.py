@@ -48,9 +48,9 @@ def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
         "cells": len(feature_map.grid),
         "observations": _fewest_and_most(feature_map),
         "sigmas": _sigma_rows(feature_map),
-        "runs": _records(feature_map.runs),
-        "landmarks": _records(feature_map.landmarks),
-        "versions": _records(versions),
+        "runs": records(feature_map.runs),
+        "landmarks": records(feature_map.landmarks),
+        "versions": records(versions),
         "software": dict(feature_map.software),
     }
     return json.dumps(content, indent=2, ensure_ascii=False)
@@ -82,10 +82,10 @@ def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
         "a": {"name": a.name, "version": a.version},
         "b": {"name": b.name, "version": b.version},
         "relation": found.relation,
-        "moved": _records(found.moved),
-        "added": _records(found.added),
-        "removed": _records(found.removed),
-        "sections": _records(found.sections),
+        "moved": records(found.moved),
+        "added": records(found.added),
+        "removed": records(found.removed),
+        "sections": records(found.sections),
         "cells_added": found.cells_added,
         "cells_removed": found.cells_removed,
     }
@@ -134,7 +134,7 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
 
 def changes_json(changes: Changes) -> str:
     """Changes, thresholds and coverage."""
-    content = {name: _records(getattr(changes, name)) for name in ("table", "thresholds", "coverage")}
+    content = {name: records(getattr(changes, name)) for name in ("table", "thresholds", "coverage")}
     return json.dumps({"changes": content.pop("table"), **content}, indent=2)
 
 
@@ -337,7 +337,7 @@ def _rows(table: pd.DataFrame) -> Iterator[Any]:
     yield from table.itertuples(index=False)
 
 
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as JSON has them: what is not known, and what is infinite, is null."""
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows as JSON has them: what is not known, and what is infinite, is null."""
     plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
     return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense
-from trackfg.geometry.judged_quantities import Quantity, quantities, step_of
+from trackfg.geometry.judged_quantities import ColumnLengths, JudgedQuantity, quantities, step_of
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.statistics import peaks, section_statistics
 from trackfg.numerics.arrays import Array
@@ -23,22 +23,40 @@ COLUMNS = (
     "column",
     "kind",
     "chainage_m",
+    "chainage_m_sd",
     "from_m",
     "to_m",
     "length_m",
     "value_mm",
+    "value_mm_sd",
     "limit_mm",
     "speed_kmh",
 )
+"""An exceedance: the limit, the judged column, the place of the largest value with its 1-sigma, the stretch, the value
+with its 1-sigma, the limit's value and the line's speed. A sigma that the table does not have is NaN."""
+
+
+COLUMN_LENGTHS = ColumnLengths()
+"""D1, a chord of 10 m and twist over 5 m: the defaults of a result's geometry."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """``found``: one row per exceedance with :data:`COLUMNS`, by chainage. ``not_judged``: the limits that the table
-    does not suffice for, with the reason."""
+    """The exceedances, and the limits that could not be judged.
+
+    ``found``: one row per exceedance with :data:`COLUMNS`, by chainage. ``not_judged``: the limits that the table does
+    not suffice for, with the reason.
+    """
 
     found: pd.DataFrame
     not_judged: tuple[tuple[Limit, str], ...]
+
+    def not_judged_levels(self) -> dict[tuple[str, str], list[str]]:
+        """Group the limits that were not judged: (quantity, reason) to the levels that it concerns."""
+        levels: dict[tuple[str, str], list[str]] = {}
+        for limit, reason in self.not_judged:
+            levels.setdefault((limit.quantity, reason), []).append(limit.level)
+        return levels
 
 
 def exceedances(
@@ -48,12 +66,14 @@ def exceedances(
     speed_kmh: float | ArrayLike,
     gauge_m: float | None = None,
     curve_from_1pm: float = CURVED_FROM_1PM,
+    lengths: ColumnLengths = COLUMN_LENGTHS,
 ) -> Judgement:
     """Hold a geometry table against limits.
 
     ``geometry`` has ``chainage_m`` in equal steps and any columns that :mod:`trackfg.geometry.judged_quantities` names.
     ``speed_kmh`` is the line's, one or one per row (NaN: no limit that has a speed applies). ``gauge_m`` is the nominal
     gauge, for limits of gauge. Track is curved where ``curvature_1pm``, averaged over 50 m, exceeds ``curve_from_1pm``.
+    ``lengths`` are the band, the chord and the base of twist of the table's columns.
 
     A peak is one row per run beyond the limit, with its largest value; a standard deviation or mean one row per section
     of which at least half is judged, with the highest speed in it. Raises ``BadInputError`` for a table without
@@ -67,6 +87,9 @@ def exceedances(
     if speed.ndim and speed.shape != chainage.shape:
         raise BadInputError(f"speed_kmh has shape {speed.shape}; expected one number, or one per row ({len(chainage)})")
     speed = np.broadcast_to(speed, chainage.shape)
+    sd = np.full(len(chainage), np.nan)
+    if "chainage_m_sd" in geometry:
+        sd = geometry["chainage_m_sd"].to_numpy(dtype=np.float64)
     to_left = None
     if "curvature_1pm" in geometry:
         to_left = curve_sense(chainage, geometry["curvature_1pm"].to_numpy(dtype=np.float64), curve_from_1pm)
@@ -77,7 +100,7 @@ def exceedances(
             not_judged.append((limit, "needs the column curvature_1pm, to tell curves from tangent track"))
             continue
         sides = np.zeros(len(chainage)) if to_left is None else to_left
-        judged = quantities(geometry, limit, sides, gauge_m)
+        judged = quantities(geometry, limit, sides, gauge_m, lengths)
         if isinstance(judged, str):
             not_judged.append((limit, judged))
             continue
@@ -85,7 +108,7 @@ def exceedances(
             place = np.rint((quantity.chainage_m - chainage[0]) / step).astype(np.int64)
             nearest = np.minimum(place, len(chainage) - 1)
             applies = _applies(limit, speed[nearest], sides[nearest])
-            tables.append(_judge(limit, quantity, applies, speed[nearest]))
+            tables.append(_judge(limit, quantity, applies, speed[nearest], sd[nearest]))
     tables = [table for table in tables if len(table)]
     found = pd.concat(tables) if tables else pd.DataFrame(columns=list(COLUMNS))
     return Judgement(found.sort_values("chainage_m", ignore_index=True, kind="stable"), tuple(not_judged))
@@ -103,15 +126,20 @@ def _applies(limit: Limit, speed: Array, to_left: Array) -> np.ndarray:
     return applies
 
 
-def _judge(limit: Limit, quantity: Quantity, applies: np.ndarray, speed: Array) -> pd.DataFrame:
-    """The exceedances of one quantity."""
+def _judge(
+    limit: Limit, quantity: JudgedQuantity, applies: np.ndarray, speed: Array, chainage_sd: Array
+) -> pd.DataFrame:
+    """Return the exceedances of one quantity."""
     chainage = quantity.chainage_m
     value = np.where(applies, quantity.value_mm, np.nan)
     if limit.kind == "peak":
         if quantity.one_sided:
             value = np.where(value > 0.0, value, np.nan)
         table = peaks(chainage, value, limit.value_mm).rename(columns={"value": "value_mm"})
-        table["speed_kmh"] = speed[np.searchsorted(chainage, table["chainage_m"])]
+        at = np.searchsorted(chainage, table["chainage_m"])
+        table["speed_kmh"] = speed[at]
+        table["chainage_m_sd"] = chainage_sd[at]
+        table["value_mm_sd"] = np.nan if quantity.value_mm_sd is None else quantity.value_mm_sd[at]
     else:
         table = section_statistics(chainage, value, section_m=limit.section_m)
         table["value_mm"] = table["sd" if limit.kind == "sd" else "mean"]
@@ -120,6 +148,7 @@ def _judge(limit: Limit, quantity: Quantity, applies: np.ndarray, speed: Array) 
         table = table[(size > limit.value_mm) & (table["count"] >= half)].copy()
         table["chainage_m"] = 0.5 * (table["from_m"] + table["to_m"])
         table["length_m"] = limit.section_m
+        table["chainage_m_sd"] = table["value_mm_sd"] = np.nan
         table["speed_kmh"] = [
             speed[applies & (chainage >= begin) & (chainage < end)].max()
             for begin, end in zip(table["from_m"], table["to_m"], strict=True)

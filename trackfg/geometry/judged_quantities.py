@@ -1,9 +1,11 @@
 """From the columns of a geometry table to the quantity that a limit speaks of; or why that cannot be had.
 
-Used are the standard columns (``level_mm``, ``versine_level_mm``, ``cross_level_mm``, ``gauge_mm``, ...; each also for
-the rails, ``level_left_mm``), the design's ``cant_mm``, and *profiles*: ``profile_level_m`` and
+Used are the standard columns (``level_mm``, ``versine_level_mm``, ``cross_level_mm``, ``twist_mm``, ``gauge_mm``; each
+also for the rails, ``level_left_mm``), the design's ``cant_mm``, and *profiles*: ``profile_level_m`` and
 ``profile_alignment_m``, height and lateral position, of the centre line or of a rail (``profile_level_left_m``). Only a
-profile has every wavelength: without one there is the D1 band and the 10 m chord and no other.
+profile has every wavelength: without one there is the band and the chord of the columns (:class:`ColumnLengths`) and no
+other. The sigma of a column ``q`` is ``q_sd``; what is computed from several rows has none, because the sigmas of the
+rows do not say how their errors are correlated.
 """
 
 from __future__ import annotations
@@ -14,26 +16,37 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.bands import BANDS, band_pass
+from trackfg.geometry.bands import BANDS, D1, Band, band_pass
 from trackfg.geometry.grid import steps, weighted_neighbours
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.versines import uniformity_deviation, versine
 from trackfg.numerics.arrays import Array
 
 _SIDES = ("", "_left", "_right")
-_CHORD_OF_COLUMNS_M = 10.0
 _STEP_TOLERANCE = 1e-3
 """Of a step: how far a row's chainage may be from its place on the grid."""
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """What is judged: its name, and its values in mm by chainage (n,). Only positive values can exceed where
-    ``one_sided``."""
+class ColumnLengths:
+    """Band, chord and base of twist that the standard columns of a table have, m."""
+
+    band: Band = D1
+    chord_m: float = 10.0
+    twist_base_m: float = 5.0
+
+
+@dataclass(frozen=True)
+class JudgedQuantity:
+    """What is judged: its name, its values in mm by chainage (n,), and their 1-sigma where it is known, else None.
+
+    Only positive values can exceed where ``one_sided``.
+    """
 
     name: str
     chainage_m: Array
     value_mm: Array
+    value_mm_sd: Array | None = None
     one_sided: bool = False
 
 
@@ -50,10 +63,17 @@ def step_of(chainage_m: Array) -> float:
     return round(step, 9)
 
 
-def quantities(table: pd.DataFrame, limit: Limit, curved_to_left: Array, gauge_m: float | None) -> list[Quantity] | str:
-    """What of the table the limit applies to; or in words what is missing.
+def quantities(
+    table: pd.DataFrame,
+    limit: Limit,
+    curved_to_left: Array,
+    gauge_m: float | None,
+    lengths: ColumnLengths,
+) -> list[JudgedQuantity] | str:
+    """Return what of the table the limit applies to; or in words what is missing.
 
-    ``curved_to_left`` (n,) is 1 in left-hand curves, -1 in right-hand ones and 0 on tangent track.
+    ``curved_to_left`` (n,) is 1 in left-hand curves, -1 in right-hand ones and 0 on tangent track. ``lengths`` are
+    those of the standard columns.
     """
     chainage = table["chainage_m"].to_numpy(dtype=np.float64)
     step = step_of(chainage)
@@ -63,7 +83,7 @@ def quantities(table: pd.DataFrame, limit: Limit, curved_to_left: Array, gauge_m
 
     if limit.parameter in ("level", "alignment"):
         try:
-            return _offsets(table, limit, chainage, step)
+            return _offsets(table, limit, chainage, step, lengths)
         except BadInputError as error:
             return str(error)
     if limit.parameter == "runoff":
@@ -73,30 +93,43 @@ def quantities(table: pd.DataFrame, limit: Limit, curved_to_left: Array, gauge_m
         if gauge is None or gauge_m is None:
             return "needs the column gauge_mm and the nominal gauge"
         wide = gauge - 1000.0 * gauge_m
-        return [Quantity("gauge_mm", chainage, wide if limit.parameter == "gauge_wide" else -wide, one_sided=True)]
-    cross_level = column("cross_level_mm")
+        return [
+            JudgedQuantity(
+                "gauge_mm",
+                chainage,
+                wide if limit.parameter == "gauge_wide" else -wide,
+                column("gauge_mm_sd"),
+                one_sided=True,
+            )
+        ]
+    twist = column("twist_mm")
+    if limit.parameter == "twist" and limit.base_m == lengths.twist_base_m and twist is not None:
+        return [JudgedQuantity("twist_mm", chainage, twist, column("twist_mm_sd"))]
+    cross_level, sd = column("cross_level_mm"), column("cross_level_mm_sd")
     if cross_level is None:
         return "needs the column cross_level_mm"
     if limit.parameter == "reverse_cross_level":
-        return [Quantity("cross_level_mm", chainage, cross_level * curved_to_left, one_sided=True)]
+        return [JudgedQuantity("cross_level_mm", chainage, cross_level * curved_to_left, sd, one_sided=True)]
     if limit.parameter == "cross_level":
         cant = column("cant_mm")
         if cant is not None:
-            return [Quantity("cross_level_mm", chainage, cross_level - cant)]
+            return [JudgedQuantity("cross_level_mm", chainage, cross_level - cant, sd)]
         if limit.track == "tangent":
-            return [Quantity("cross_level_mm", chainage, cross_level)]
+            return [JudgedQuantity("cross_level_mm", chainage, cross_level, sd)]
         return "needs the column cant_mm, the design's cross-level"
     assert limit.base_m is not None  # by the schema, for twist and warp
     if limit.parameter == "warp":
-        return [Quantity("cross_level_mm", chainage, _range_within(cross_level, step, limit.base_m))]
+        return [JudgedQuantity("cross_level_mm", chainage, _range_within(cross_level, step, limit.base_m))]
     try:
         base = steps(limit.base_m, step, "base_m")
     except BadInputError as error:
         return str(error)
-    return [Quantity("cross_level_mm", chainage, weighted_neighbours(cross_level, {0: 1.0, -base: -1.0}))]
+    return [JudgedQuantity("cross_level_mm", chainage, weighted_neighbours(cross_level, {0: 1.0, -base: -1.0}))]
 
 
-def _offsets(table: pd.DataFrame, limit: Limit, chainage: Array, step: float) -> list[Quantity] | str:
+def _offsets(
+    table: pd.DataFrame, limit: Limit, chainage: Array, step: float, lengths: ColumnLengths
+) -> list[JudgedQuantity] | str:
     """Level and alignment, in a band or from a chord: of every profile there is, or else of the standard columns."""
     found = []
     for side in _SIDES:
@@ -104,27 +137,28 @@ def _offsets(table: pd.DataFrame, limit: Limit, chainage: Array, step: float) ->
         if name in table:
             profile = table[name].to_numpy(dtype=np.float64)
             if limit.band is not None:
-                found.append(Quantity(name, chainage, 1000.0 * band_pass(profile, step, BANDS[limit.band])))
+                found.append(JudgedQuantity(name, chainage, 1000.0 * band_pass(profile, step, BANDS[limit.band])))
             else:
                 found.append(_chord_offsets(name, chainage, profile, step, limit))
     if found:
         return found
-    if limit.band == "D1":
+    if limit.band is not None and BANDS[limit.band] == lengths.band:
         columns = [f"{limit.parameter}{side}_mm" for side in _SIDES]
-    elif limit.chord_m == _CHORD_OF_COLUMNS_M:
+    elif limit.chord_m == lengths.chord_m:
         columns = [f"versine_{limit.parameter}{side}_mm" for side in _SIDES]
     else:
         return f"needs a column profile_{limit.parameter}_m (or of a rail): the other columns have not all wavelengths"
     for name in columns:
         if name in table:
             value = table[name].to_numpy(dtype=np.float64)
+            sd = table[f"{name}_sd"].to_numpy(dtype=np.float64) if f"{name}_sd" in table else None
             if limit.uniformity:
-                value = uniformity_deviation(value, step, _CHORD_OF_COLUMNS_M)
-            found.append(Quantity(name, chainage, value))
+                value, sd = uniformity_deviation(value, step, lengths.chord_m), None
+            found.append(JudgedQuantity(name, chainage, value, sd))
     return found or f"needs the column {columns[0]} or profile_{limit.parameter}_m"
 
 
-def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limit: Limit) -> Quantity:
+def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limit: Limit) -> JudgedQuantity:
     """Versines, or their deviations from uniformity, of a chord of any length: where a quarter of it is no multiple of
     the step (31 ft is 9.4488 m), on a slightly finer grid of which it is one."""
     assert limit.chord_m is not None
@@ -136,7 +170,7 @@ def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limi
     value = 1000.0 * versine(profile, step, limit.chord_m / 2.0, limit.chord_m / 2.0)
     if limit.uniformity:
         value = uniformity_deviation(value, step, limit.chord_m)
-    return Quantity(name, chainage, value)
+    return JudgedQuantity(name, chainage, value)
 
 
 def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -27,6 +28,11 @@ from pydantic_core import ErrorDetails
 
 from trackfg.errors import BadInputError
 from trackfg.recording.findings import did_you_mean
+
+CFR_213 = "cfr-213"
+"""The name of the built-in table of 49 CFR 213."""
+
+_CFR_213_CLASS = f"{CFR_213}-class-"
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -96,10 +102,17 @@ class Limit(BaseModel):
             raise ValueError("speed_from_kmh: expected below speed_to_kmh")
         return self
 
-    def __str__(self) -> str:
-        where = [self.band, self.chord_m and f"{self.chord_m:g} m chord", self.base_m and f"over {self.base_m:g} m"]
-        words = [self.standard, self.level, self.parameter.replace("_", " "), *(str(w) for w in where if w)]
+    @property
+    def quantity(self) -> str:
+        """The limited quantity in words: parameter, band, chord or base, and kind."""
+        over = [self.band, self.chord_m and f"{self.chord_m:g} m chord", self.base_m and f"over {self.base_m:g} m"]
+        words = [self.parameter.replace("_", " "), *(str(part) for part in over if part)]
+        words += ["uniformity"] if self.uniformity else []
+        words += [] if self.track == "any" else [f"{self.track} track"]
         return ", ".join([*words, self.kind])
+
+    def __str__(self) -> str:
+        return ", ".join([self.standard, self.level, self.quantity])
 
 
 class _LimitFile(BaseModel):
@@ -108,7 +121,7 @@ class _LimitFile(BaseModel):
 
 
 def read_limits(path: Path | str) -> tuple[Limit, ...]:
-    """The limits of a TOML file. Raises ``BadInputError`` that names file, entry, key and what was expected."""
+    """Read the limits of a TOML file. Raises ``BadInputError`` that names file, entry, key and what was expected."""
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
@@ -118,19 +131,68 @@ def read_limits(path: Path | str) -> tuple[Limit, ...]:
 
 
 def cfr_213() -> tuple[Limit, ...]:
-    """Track surface of classes 1 to 5 (49 CFR 213.63) and alinement of classes 6 to 9 (213.327)."""
+    """Return the limits of track surface of classes 1 to 5 (49 CFR 213.63), of alinement of 6 to 9 (213.327)."""
     resource = files("trackfg.geometry").joinpath("cfr_213.toml")
     return _parse(resource.read_text(encoding="utf-8"), resource.name)
 
 
 def at_level(limits: Iterable[Limit], level: str) -> tuple[Limit, ...]:
-    """Those of one level, such as ``"class 4"``. Raises ``BadInputError`` where there are none."""
+    """Return the limits of one level, such as ``"class 4"``. Raises ``BadInputError`` where there are none."""
     limits = tuple(limits)
     chosen = tuple(limit for limit in limits if limit.level == level)
     if not chosen:
         known = ", ".join(dict.fromkeys(limit.level for limit in limits))
         raise BadInputError(f"no limits of level {level!r}; expected one of {known}")
     return chosen
+
+
+def at_line_speed(limits: Iterable[Limit], line_speed_kmh: float | None) -> tuple[Limit, ...]:
+    """Return the limits that hold at the speed that the line is limited for.
+
+    Raises ``BadInputError`` where limits depend on that speed and it is None.
+    """
+    chosen = []
+    for limit in limits:
+        low, high = limit.speed_from_kmh, limit.speed_to_kmh
+        if low is not None or high is not None:
+            if line_speed_kmh is None:
+                raise BadInputError(f"the limit {limit} holds at some speeds only: give the line's speed")
+            if (low is not None and line_speed_kmh <= low) or (high is not None and line_speed_kmh > high):
+                continue
+        chosen.append(limit)
+    return tuple(chosen)
+
+
+@dataclass(frozen=True)
+class LimitChoice:
+    """The limits that a user asks for: a source, one level of it, and the speed that the line is limited for, km/h.
+
+    ``source`` is the path of a TOML file, or the name of a built-in table: ``cfr-213``, or one class of it,
+    ``cfr-213-class-4``.
+    """
+
+    source: str
+    level: str | None = None
+    line_speed_kmh: float | None = None
+
+    def table(self) -> tuple[Limit, ...]:
+        """Return the limits of the source and level, at every speed.
+
+        Raises ``BadInputError`` for a source that cannot be read and a level that it does not have.
+        """
+        if self.source == CFR_213:
+            limits = cfr_213()
+        elif self.source.startswith(_CFR_213_CLASS):
+            limits = at_level(cfr_213(), f"class {self.source.removeprefix(_CFR_213_CLASS)}")
+        else:
+            limits = read_limits(self.source)
+        return limits if self.level is None else at_level(limits, self.level)
+
+    def options(self) -> tuple[str, ...]:
+        """Return the options of a command that ask for these limits."""
+        level = () if self.level is None else ("--level", self.level)
+        speed = () if self.line_speed_kmh is None else ("--line-speed", f"{self.line_speed_kmh:g}")
+        return ("--limits", self.source, *level, *speed)
 
 
 def _parse(text: str, file: str) -> tuple[Limit, ...]:

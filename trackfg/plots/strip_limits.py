@@ -13,10 +13,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS
 from trackfg.geometry.curves import curve_sense
-from trackfg.geometry.limits import Limit
+from trackfg.geometry.limits import Limit, at_line_speed
 from trackfg.numerics.arrays import Array
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.results.result import Result
@@ -40,9 +39,7 @@ def limit_lines(
     lines: list[LimitLine] = []
     left_out: Counter[str] = Counter()
     seen: set[tuple[str, str, float]] = set()
-    for limit in limits:
-        if not _holds_at(limit, line_speed_kmh):
-            continue
+    for limit in at_line_speed(limits, line_speed_kmh):
         reason = _reason_against(limit, result)
         if reason:
             left_out[reason] += 1
@@ -55,15 +52,6 @@ def limit_lines(
                 lines.append(LimitLine(column, label, *_steps(chainage, value)))
                 label = ""
     return lines, left_out
-
-
-def _holds_at(limit: Limit, line_speed_kmh: float | None) -> bool:
-    low, high = limit.speed_from_kmh, limit.speed_to_kmh
-    if low is None and high is None:
-        return True
-    if line_speed_kmh is None:
-        raise BadInputError(f"the limit {limit} holds at some speeds only: give the line's speed")
-    return (low is None or line_speed_kmh > low) and (high is None or line_speed_kmh <= high)
 
 
 def _reason_against(limit: Limit, result: Result) -> str | None:

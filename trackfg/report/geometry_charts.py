@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.geometry.exceedances import Judgement
 from trackfg.numerics.arrays import Array
 from trackfg.plots.curve_labels import curves
 from trackfg.plots.geometry_channels import (
@@ -20,6 +21,7 @@ from trackfg.plots.scales import symmetric, with_margin
 from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import TRUTH_COLOUR, Line, Panel, Strips, whole_range
 from trackfg.report.columns import Column, Difference, packed, packed_sigma, packed_value
+from trackfg.report.exceedances import exceedance_spans
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
 
@@ -41,8 +43,13 @@ def chainage_axis(chainage_m: Array) -> tuple[str, float]:
     return ("km", 1e-3) if np.ptp(chainage_m) > LONG_M else ("m", 1.0)
 
 
-def geometry_strips(result: Result, errors: pd.DataFrame) -> tuple[Strips, Strips | None]:
-    """The chart of the geometry, and that of its errors if ``errors`` has any; the two share their data."""
+def geometry_strips(
+    result: Result, errors: pd.DataFrame, judgement: Judgement | None = None
+) -> tuple[Strips, Strips | None]:
+    """Return the chart of the geometry, and that of its errors if ``errors`` has any; the two share their data.
+
+    Exceedances of ``judgement`` are shaded.
+    """
     table = result.geometry
     chainage = table["chainage_m"].to_numpy()
     unit, scale = chainage_axis(chainage)
@@ -64,7 +71,7 @@ def geometry_strips(result: Result, errors: pd.DataFrame) -> tuple[Strips, Strip
     label = f"chainage, {unit}"
     with_truth = bool(error_panels)
     return (
-        Strips(label, unit, x_range, tuple(panels), legend=with_truth),
+        Strips(label, unit, x_range, tuple(panels), exceedance_spans(judgement, scale), legend=with_truth),
         Strips(label, unit, x_range, tuple(error_panels)) if with_truth else None,
     )
 

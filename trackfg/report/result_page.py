@@ -11,7 +11,9 @@ import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.evaluation.scores import PLACE
+from trackfg.geometry.exceedances import Judgement
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
+from trackfg.report.exceedances import exceedance_section
 from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import channels, geometry_strips
 from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
@@ -27,10 +29,14 @@ _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_le
 _LEVELS = ("error", "warning", "info")
 
 
-def result_page(result: Result, command: str, against: Against | None) -> Page:
-    """``command`` is what made the page; ``against`` the truth, where it is known."""
+def result_page(result: Result, command: str, against: Against | None, judgement: Judgement | None = None) -> Page:
+    """Return the page of a result.
+
+    ``command`` is what made the page; ``against`` the truth, where it is known; ``judgement`` says where the geometry
+    exceeds limits, where any were given.
+    """
     page = result.summary
-    sections = [_summary(result), _findings(result), *_geometry(result, against), _events(result)]
+    sections = [_summary(result), _findings(result), *_geometry(result, against, judgement), _events(result)]
     sections += [_motion(result, against), _consistency(result, against), _map(result, against), _made(result, command)]
     subtitle = f"{length(page.distance_m)} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
     return Page("result", page.recording_id, subtitle, tuple(sections))
@@ -151,13 +157,13 @@ def _measure(value: float, sd: float) -> str:
     return with_sd(value, sd, "") if math.isfinite(value) else NONE
 
 
-def _geometry(result: Result, against: Against | None) -> Iterator[Section]:
+def _geometry(result: Result, against: Against | None, judgement: Judgement | None) -> Iterator[Section]:
     if result.geometry.empty:
         text = "The run says nothing of the track: there is no geometry. docs/results.md says when that is so."
         yield Section("geometry", "Track geometry", (Text(text),))
         return
     errors = _errors(result, against)
-    strips, error_chart = geometry_strips(result, errors)
+    strips, error_chart = geometry_strips(result, errors, judgement)
     c = result.summary.geometry
     sure = digits(float(result.geometry["chainage_m_sd"].max()))
     note = (
@@ -168,6 +174,8 @@ def _geometry(result: Result, against: Against | None) -> Iterator[Section]:
         "is drawn by its extremes, so that no peak is lost; a narrow one shows every row."
     )
     yield Section("geometry", "Track geometry", (Drawing(strips, note=note),))
+    if judgement is not None:
+        yield exceedance_section(judgement)
     if against is None or error_chart is None:
         return
     blocks: tuple[Block, ...] = (

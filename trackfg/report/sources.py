@@ -10,7 +10,9 @@ from pathlib import Path
 
 from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
+from trackfg.evaluation.track_limits import judge
 from trackfg.files.owned_folder import FolderKind
+from trackfg.geometry.limits import LimitChoice
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
@@ -22,20 +24,26 @@ _SUFFIX = ".html"
 
 @dataclass(frozen=True)
 class _Source:
-    """A kind of folder, and the page of one: from the folder, the command that makes the page, and a recording."""
+    """A kind of folder, and the page of one: from folder, the command that makes the page, recording and limits."""
 
     folder: FolderKind
-    page: Callable[[Path, str, Path | None], Page]
+    page: Callable[[Path, str, Path | None, LimitChoice | None], Page]
 
 
 def write_report(
-    folder: str | os.PathLike[str], path: str | os.PathLike[str], *, recording: str | os.PathLike[str] | None = None
+    folder: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    *,
+    recording: str | os.PathLike[str] | None = None,
+    limits: LimitChoice | None = None,
 ) -> Path:
     """Write the page about the result or comparison in ``folder`` into the file ``path``, in one step.
 
-    ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. The same
-    folder gives the same page. Raises :class:`BadInputError` if the folder is neither, if ``path`` does not end in
-    ``.html`` or lies in it, and for a recording without truth, of another result, or beside a comparison.
+    ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. ``limits``
+    are those that a result's geometry is held against. The same folder gives the same page. Raises
+    :class:`BadInputError` if the folder is neither, if ``path`` does not end in ``.html`` or lies in it, for a
+    recording without truth, of another result, or beside a comparison, and for limits that cannot be read or stand
+    beside a comparison.
     """
     folder, path = Path(folder), Path(path)
     if path.suffix != _SUFFIX:
@@ -47,8 +55,9 @@ def write_report(
         what = source.folder.what
         raise BadInputError(f"{path}: lies in the {what}, which holds nothing but its own files: choose another place")
     given = [] if recording is None else ["--recording", os.fspath(recording)]
+    given += [] if limits is None else limits.options()
     command = shlex.join(["trackfg", "report", os.fspath(folder), "-o", os.fspath(path), *given])
-    return source.page(folder, command, None if recording is None else Path(recording)).write(path)
+    return source.page(folder, command, None if recording is None else Path(recording), limits).write(path)
 
 
 def _source_of(folder: Path) -> _Source:
@@ -59,14 +68,17 @@ def _source_of(folder: Path) -> _Source:
     raise BadInputError(f"{folder}: expected a folder that trackfg wrote: {kinds}")
 
 
-def _of_result(folder: Path, command: str, recording: Path | None) -> Page:
+def _of_result(folder: Path, command: str, recording: Path | None, limits: LimitChoice | None) -> Page:
     result = Result.read(folder)
-    return result_page(result, command, None if recording is None else against(result, recording))
+    judgement = None if limits is None else judge(result, limits.table(), limits.line_speed_kmh)
+    return result_page(result, command, None if recording is None else against(result, recording), judgement)
 
 
-def _of_comparison(folder: Path, command: str, recording: Path | None) -> Page:
+def _of_comparison(folder: Path, command: str, recording: Path | None, limits: LimitChoice | None) -> Page:
     if recording is not None:
         raise BadInputError(f"{folder}: holds its own truth; expected a recording beside a result only")
+    if limits is not None:
+        raise BadInputError(f"{folder}: is a comparison; expected limits beside a result only")
     return comparison_page(Comparison.read(folder), command)
 
 

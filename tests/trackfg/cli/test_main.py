@@ -31,6 +31,7 @@ COMMANDS = (
     "baseline",
     "compare",
     "plot",
+    "limits",
     "report",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
@@ -484,6 +485,86 @@ def test_plot_bad_input(
     assert expected in done.err
     assert done.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def limit_file(tmp_path: Path) -> Path:
+    path = tmp_path / "rule.toml"
+    path.write_text(
+        '[[limits]]\nstandard = "rule"\nlevel = "alert"\nparameter = "level"\nband = "D1"\nkind = "peak"\n'
+        "value_mm = 2.9\nspeed_to_kmh = 120\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+def test_limits(result: Path, tmp_path: Path, limit_file: Path) -> None:
+    """By the entry point, as a user runs it."""
+    command = [*MODULE, "limits", result, "--limits", limit_file, "--line-speed", "100", "-o", tmp_path / "a.csv"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    table = pd.read_csv(tmp_path / "a.csv")
+    assert f"Exceedances: {len(table)}" in done.stdout
+    assert table["value_mm"].abs().max() == pytest.approx(3.0)
+    assert (table["value_mm_sd"] == 0.1).all()
+    as_json = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+    content = json.loads(as_json.stdout)
+    assert [row["from_m"] for row in content["exceedances"]] == table["from_m"].tolist()
+    assert content["not_judged"] == []
+
+
+def test_limits_of_the_law(run: Run, result: Path) -> None:
+    done = run("limits", result, "--limits", "cfr-213-class-4")
+    assert (done.status, done.err) == (0, "")
+    assert "No exceedance" in done.out
+    assert "Not judged" in done.out
+    assert "level, 18.8976 m chord, peak" in done.out
+    same = run("limits", result, "--limits", "cfr-213", "--level", "class 4")
+    assert same.out == done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--limits", "nowhere.toml"), "nowhere.toml: cannot be read"),
+        (("--limits", "cfr-213-class-10"), "no limits of level 'class 10'"),
+        (("--limits", "cfr-213", "--level", "alert"), "no limits of level 'alert'"),
+        (("--limits", "rule.toml"), "give the line's speed"),
+    ],
+)
+def test_limits_bad_input(
+    run: Run,
+    result: Path,
+    tmp_path: Path,
+    limit_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[object, ...],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(limit_file.parent)
+    done = run("limits", result, *arguments, "-o", "a.csv")
+    assert (done.status, done.out) == (2, "")
+    assert expected in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_limits_never_into_the_result(run: Run, result: Path) -> None:
+    done = run("limits", result, "--limits", "cfr-213", "-o", result / "a.csv")
+    assert done.status == 2
+    assert "holds nothing but its own files" in done.err
+
+
+def test_report_with_limits(run: Run, result: Path, tmp_path: Path, limit_file: Path) -> None:
+    page = tmp_path / "a.html"
+    done = run("report", result, "-o", page, "--limits", limit_file, "--line-speed", 100)
+    assert (done.status, done.err) == (0, "")
+    text = page.read_text(encoding="utf-8")
+    assert "Exceedances of limits" in text
+    assert f"--limits {limit_file} --line-speed 100" in text
+    without = run("report", result, "-o", page, "--level", "alert")
+    assert without.status == 2
+    assert "expected --limits too" in without.err
 
 
 def test_plot_never_into_the_result(run: Run, result: Path) -> None:

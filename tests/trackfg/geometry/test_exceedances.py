@@ -11,6 +11,7 @@ import pytest
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import D2, band_pass
 from trackfg.geometry.exceedances import COLUMNS, exceedances
+from trackfg.geometry.judged_quantities import ColumnLengths
 from trackfg.geometry.limits import Limit, at_level, cfr_213
 from trackfg.geometry.versines import uniformity_deviation_response, versine_response
 
@@ -45,6 +46,33 @@ def test_a_peak_is_found_with_place_size_and_length() -> None:
     assert found["length_m"].tolist() == [0.5, 0.0, 0.0]
     assert (found["limit_mm"] == 10.0).all()
     assert (found["speed_kmh"] == 100.0).all()
+
+
+def test_an_exceedance_has_the_sigmas_of_its_value_and_place() -> None:
+    sigma = np.where(CHAINAGE < 1300.0, 0.25, 0.5)
+    geometry = table(level_mm=bump(1200.0, 16.0) - bump(1500.0, 11.0), level_mm_sd=sigma, chainage_m_sd=2.0 * sigma)
+    found = exceedances(geometry, [limit()], speed_kmh=100.0).found
+    assert found["value_mm_sd"].tolist() == [0.25, 0.5]
+    assert found["chainage_m_sd"].tolist() == [0.5, 1.0]
+    sections = exceedances(geometry, [limit(kind="sd", value_mm=0.1)], speed_kmh=100.0).found
+    assert sections["value_mm_sd"].isna().all()
+    assert len(sections) == 3  # the first one lies on both sides of 1200 m
+
+
+def test_columns_are_judged_by_the_lengths_that_they_have() -> None:
+    geometry = table(twist_mm=bump(1200.0, 16.0), twist_mm_sd=np.full(N, 0.1), cross_level_mm=np.zeros(N))
+    on_5_m, on_3_m = (limit(parameter="twist", base_m=base) for base in (5.0, 3.0))
+    assert exceedances(geometry, [on_5_m], speed_kmh=0.0).found[["column", "value_mm_sd"]].to_numpy().tolist() == [
+        ["twist_mm", 0.1]
+    ]
+    assert exceedances(geometry, [on_3_m], speed_kmh=0.0).found.empty
+    lengths = ColumnLengths(band=D2, chord_m=20.0, twist_base_m=3.0)
+    assert len(exceedances(geometry, [on_3_m], speed_kmh=0.0, lengths=lengths).found) == 1
+    offsets = table(level_mm=bump(1200.0, 16.0), versine_level_mm=bump(1500.0, 16.0))
+    limits = [limit(band="D2"), limit(band=None, chord_m=20.0), limit(band="D1"), limit(band=None, chord_m=10.0)]
+    judged = exceedances(offsets, limits, speed_kmh=0.0, lengths=lengths)
+    assert judged.found["chainage_m"].tolist() == [1200.0, 1500.0]
+    assert [refused for refused, _ in judged.not_judged] == limits[2:]
 
 
 def test_a_limit_holds_above_its_lower_speed_up_to_its_upper_one() -> None:

@@ -12,6 +12,8 @@ import pytest
 
 import trackfg
 from trackfg.datasets.scenarios import simulate
+from trackfg.evaluation.track_limits import judge
+from trackfg.geometry.limits import Limit, LimitChoice
 from trackfg.report import write_report
 from trackfg.report.charts import Strips
 from trackfg.report.consistency import coverage_table, error_table, histograms, named, noise_bars
@@ -70,6 +72,28 @@ def test_sections(result: Result, run: tuple[Result, Path], known: Against) -> N
     sections = [section.name for section in result_page(result, "", None).sections]
     assert sections == ["summary", "findings", "geometry", "events", "motion", "consistency", "map", "made"]
     assert "errors" in [section.name for section in result_page(run[0], "", known).sections]
+
+
+def test_exceedances_have_a_section_and_are_shaded(result: Result) -> None:
+    limit = Limit(standard="rule <1>", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
+    unjudged = limit.model_copy(update={"parameter": "runoff"})
+    judgement = judge(result, [limit, unjudged])
+    page = result_page(result, "", None, judgement)
+    assert [section.name for section in page.sections][2:4] == ["geometry", "limits"]
+    html = page.html()
+    assert "alert (rule &lt;1&gt;)" in html
+    assert "where the track was raised" in html
+    (strips, _) = geometry_strips(result, pd.DataFrame(), judgement)
+    assert [(span.start, span.end) for span in strips.spans] == list(
+        zip(judgement.found["from_m"], judgement.found["to_m"], strict=True)
+    )
+    nothing = result_page(result, "", None, judge(result, [limit.model_copy(update={"value_mm": 99.0})])).html()
+    assert "No exceedance of the limits that could be judged" in nothing
+
+
+def test_limits_beside_a_comparison_are_refused(comparison_folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(trackfg.BadInputError, match="limits beside a result only"):
+        write_report(comparison_folder, tmp_path / "a.html", limits=LimitChoice("cfr-213"))
 
 
 def test_a_run_that_did_not_converge_says_so(make_result: Make) -> None:

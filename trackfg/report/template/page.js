@@ -230,7 +230,7 @@
         y0: panel.base, y1: panel.base, line: { color: BASE, width: 1 }, layer: "below" });
     });
     for (const [start, end, colour] of chart.spans) layout.shapes.push({ type: "rect", xref: "x", x0: start, x1: end,
-      yref: "paper", y0: 0, y1: 1, fillcolor: colour, opacity: .3, line: { width: 0 }, layer: "below" });
+      yref: "paper", y0: 0, y1: 1, fillcolor: colour, opacity: .3, line: { width: 1, color: colour }, layer: "below" });
     const labels = layout.annotations;
     layout.annotations = [...labels, ...marks(chart, parts, chart.x.range, stretches())];
     await Plotly.newPlot(plot, traces, layout, CONFIG);

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.errors import BadInputError, OutputError
+from trackfg.evaluation.track_limits import judge, write_exceedances
+from trackfg.geometry.limits import Limit, LimitChoice
+from trackfg.results.result import Result
+
+TWIST = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
+FAST = TWIST.model_copy(update={"speed_from_kmh": 80.0, "level": "fast"})
+
+
+def test_a_result_is_judged_by_its_own_conventions(result: Result) -> None:
+    """Twist is 2 mm times a sine of 20 m, and has a sigma of 0.1 mm."""
+    found = judge(result, [TWIST]).found
+    assert len(found) == pytest.approx(2 * result.geometry["chainage_m"].iloc[-1] / 20.0, abs=1.0)
+    assert found["value_mm"].abs().to_numpy() == pytest.approx(2.0)
+    assert (found["value_mm_sd"] == 0.1).all()
+    other = result.summary.model_copy(
+        update={"geometry": result.summary.geometry.model_copy(update={"twist_base_m": 3.0})}
+    )
+    recomputed = judge(replace(result, summary=other), [TWIST]).found
+    assert recomputed["column"].unique().tolist() == ["cross_level_mm"]
+    assert recomputed["value_mm_sd"].isna().all()
+
+
+def test_a_hole_in_the_chainage_ends_an_exceedance(result: Result) -> None:
+    geometry = result.geometry.assign(twist_mm=3.0)
+    kept = geometry[(geometry["chainage_m"] < 500.0) | (geometry["chainage_m"] > 600.0)].reset_index(drop=True)
+    found = judge(replace(result, geometry=kept), [TWIST]).found
+    assert found[["from_m", "to_m"]].to_numpy().tolist() == [[0.0, 499.75], [600.25, geometry["chainage_m"].iloc[-1]]]
+
+
+def test_limits_by_speed_need_the_speed_of_the_line(result: Result) -> None:
+    assert judge(result, [TWIST, FAST], 80.0).found["level"].unique().tolist() == ["alert"]
+    assert set(judge(result, [TWIST, FAST], 81.0).found["level"]) == {"alert", "fast"}
+    with pytest.raises(BadInputError, match="give the line's speed"):
+        judge(result, [FAST])
+
+
+def test_a_result_without_geometry_cannot_be_judged(result: Result) -> None:
+    with pytest.raises(BadInputError, match="no geometry to judge"):
+        judge(replace(result, geometry=result.geometry.iloc[:0]), [TWIST])
+
+
+def test_the_file_holds_the_table(result: Result, tmp_path: Path) -> None:
+    judgement = judge(result, LimitChoice("cfr-213-class-4").table())
+    write_exceedances(judgement, tmp_path / "a.csv")
+    assert tuple(pd.read_csv(tmp_path / "a.csv").columns) == tuple(judgement.found.columns)
+    judgement = judge(result, [TWIST])
+    write_exceedances(judgement, tmp_path / "a.csv")
+    written = pd.read_csv(tmp_path / "a.csv")
+    assert np.array_equal(written["value_mm"], judgement.found["value_mm"])
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_exceedances(judgement, tmp_path / "nowhere" / "a.csv")

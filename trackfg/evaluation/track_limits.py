@@ -1,0 +1,55 @@
+"""Hold the geometry of a result against limits of track geometry.
+
+The table of a result may have holes in its chainage, and columns of other lengths than the usual ones; both are taken
+from the result before :func:`trackfg.geometry.exceedances.exceedances` judges it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.files.atomic_file import write_whole
+from trackfg.geometry.bands import Band
+from trackfg.geometry.exceedances import Judgement, exceedances
+from trackfg.geometry.judged_quantities import ColumnLengths
+from trackfg.geometry.limits import Limit, at_line_speed
+from trackfg.numerics.chainage_grid import cells_of
+from trackfg.results.result import Result
+
+
+def judge(result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None) -> Judgement:
+    """Return where the geometry of a result exceeds limits, and which limits it does not suffice for.
+
+    ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. Raises ``BadInputError`` for a
+    result without geometry, and where limits depend on the line's speed and it is None.
+    """
+    if len(result.geometry) < 2:
+        raise BadInputError("the result has no geometry to judge")
+    conventions = result.summary.geometry
+    return exceedances(
+        _without_holes(result.geometry, conventions.step_m),
+        at_line_speed(limits, line_speed_kmh),
+        speed_kmh=np.nan if line_speed_kmh is None else line_speed_kmh,
+        gauge_m=conventions.gauge_m,
+        lengths=ColumnLengths(Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m),
+    )
+
+
+def write_exceedances(judgement: Judgement, path: Path) -> None:
+    """Write the exceedances as CSV, in one step. Raises ``OutputError`` where the file cannot be written."""
+    write_whole(path, judgement.found.to_csv(index=False).encode("utf-8"))
+
+
+def _without_holes(geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
+    """The table with a row at every step: NaN where the run did not pass."""
+    cells = cells_of(geometry, step_m)
+    every = np.arange(cells[0], cells[-1] + 1)
+    if len(every) == len(cells):
+        return geometry
+    table = geometry.set_index(cells).reindex(every).reset_index(drop=True)
+    return table.assign(chainage_m=every * step_m)
