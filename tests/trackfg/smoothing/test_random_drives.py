@@ -1,0 +1,79 @@
+"""Any drive to and fro at walking pace, with stops of any length, is smoothed to whole tables with honest sigmas."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from trackfg import smooth
+from trackfg.datasets.catalogue import scenario
+from trackfg.datasets.scenarios import simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+
+
+def assert_a_drive_is_smoothed(
+    name: str, seed: int, speed_mps: float, shortest_m: float, dwell_s: float, fixes_m: float, start_rest_s: float
+) -> None:
+    base = scenario(name)
+    driver = replace(
+        base.driver,
+        speed_mps=(speed_mps, speed_mps + 0.7),
+        near_m=20.0,
+        far_m=20.0 + 4.0 * shortest_m,
+        shortest_m=shortest_m,
+        start_rest_s=start_rest_s,
+        dwell_s=(dwell_s, dwell_s + 2.0),
+    )
+    drive = replace(base, driver=driver, balises=BaliseModel(spacing_m=fixes_m, sd_m=0.1))
+    run = simulate(drive, seed=seed, duration_s=90.0)
+    result = smooth(run.recording)
+    trajectory = result.trajectory
+    assert np.isfinite(trajectory.to_numpy()).all()
+    assert (trajectory.filter(like="_sd") > 0.0).all().all()
+    assert result.summary.solver.converged
+    if run.recording.fixes is None or len(run.recording.fixes) == 0:
+        return
+    for column in ("chainage_m", "speed_mps"):
+        true = np.interp(trajectory["t_s"], run.truth["t_s"], run.truth[column])
+        z = (trajectory[column] - true) / trajectory[f"{column}_sd"]
+        assert np.abs(z).max() < 7.0, column
+
+
+DRIVES = {
+    "name": st.sampled_from(["shunting", "shunting-unsigned"]),
+    "seed": st.integers(0, 10_000),
+    "speed_mps": st.floats(0.4, 2.5),
+    "shortest_m": st.floats(10.0, 40.0),
+    "dwell_s": st.floats(0.5, 6.0),
+    "fixes_m": st.sampled_from([2.0, 5.0, 20.0]),
+    "start_rest_s": st.sampled_from([0.5, 3.0, 20.0]),
+}
+
+
+@settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(**DRIVES)
+def test_a_few_drives(**drive: object) -> None:
+    assert_a_drive_is_smoothed(**drive)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(**DRIVES)
+def test_many_drives(**drive: object) -> None:
+    assert_a_drive_is_smoothed(**drive)  # type: ignore[arg-type]
+
+
+def test_a_rest_with_a_fix_every_fifth_of_a_second() -> None:
+    """Each fix makes a keyframe: 64 of them pass before the first place of the geometry does."""
+    base = scenario("shunting")
+    run = simulate(replace(base, driver=replace(base.driver, start_rest_s=40.0)), seed=0, duration_s=120.0).recording
+    t = np.arange(1.0, 35.0, 0.2)
+    fixes = pd.DataFrame({"t_s": t, "chainage_m": base.driver.near_m, "sd_m": 0.3})
+    result = smooth(replace(run, fixes=fixes))
+    assert result.summary.solver.converged
+    assert len(result.geometry) > 10
