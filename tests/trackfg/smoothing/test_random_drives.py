@@ -73,7 +73,7 @@ def test_a_rest_with_a_fix_every_fifth_of_a_second() -> None:
     base = scenario("shunting")
     run = simulate(replace(base, driver=replace(base.driver, start_rest_s=40.0)), seed=0, duration_s=120.0).recording
     t = np.arange(1.0, 35.0, 0.2)
-    fixes = pd.DataFrame({"t_s": t, "chainage_m": base.driver.near_m, "sd_m": 0.3})
+    fixes = pd.DataFrame({"t_s": t, "chainage_m": base.driver.near_m, "chainage_sd_m": 0.3})
     result = smooth(replace(run, fixes=fixes))
     assert result.summary.solver.converged
     assert len(result.geometry) > 10
