@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,6 +9,8 @@ import pytest
 from trackfg.config import GeometryConfig
 from trackfg.factors.imu import ImuNoise
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Nav, States
+from trackfg.graph.inputs import World
+from trackfg.graph.run_context import RunContext
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profile_samples import Points
 from trackfg.output.profiles import Profile, Shapes, View
@@ -20,6 +19,7 @@ from trackfg.output.track_geometry import geometry_table
 from trackfg.recording.description import Laser
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import Channel, RailView, Side
+from trackfg.sensors.imu_intervals import Intervals
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.square_root import SquareRoot
 
@@ -41,12 +41,21 @@ def straight_run() -> States:
     return States(nav, np.zeros((KEYFRAMES, 6)), odo, np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
 
 
-def problem(gyro: float = 1e-12) -> Any:
-    return SimpleNamespace(
-        t=INTERVAL_S * np.arange(KEYFRAMES),
-        noise=ImuNoise(gyro=gyro, accel=1e-12),
+def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:
+    """Of the straight run, by an inertial sensor at the reference point with this white noise."""
+    t = INTERVAL_S * np.arange(KEYFRAMES)
+    samples = Intervals(t, *np.zeros((2, KEYFRAMES - 1, 3)), np.zeros(KEYFRAMES - 1, dtype=bool))
+    return RunContext(
+        t=t,
+        edges=np.arange(KEYFRAMES),
+        inertial=samples,
+        world=World(9.8, np.zeros(3), 0.0),
         lever_arm=np.zeros(3),
+        noise=ImuNoise(gyro=gyro, accel=1e-12),
         mount_roll_sd=0.0,
+        response=np.zeros((KEYFRAMES, 6, 21)),
+        direction=direction,
+        conventions=MEANING,
     )
 
 
@@ -74,7 +83,7 @@ def table_of(sides: tuple[Side, ...] = (), gyro: float = 1e-12) -> pd.DataFrame:
         np.zeros(KEYFRAMES, dtype=np.int64),
     )
     covariance = Covariance(np.zeros((KEYFRAMES, size, size)), np.zeros((KEYFRAMES - 1, size, size)))
-    return geometry_table(problem(gyro), [profile], straight_run(), covariance, exact, MEANING)
+    return geometry_table(context(gyro), [profile], straight_run(), covariance, exact)
 
 
 def test_cross_level_between_exact_keyframes_is_a_bridge() -> None:
@@ -142,14 +151,14 @@ def test_the_left_rail_up_is_positive_facing_increasing_chainage(direction: int,
     """Rails 1.2 m apart across and 0.5 m in height, the left one up: the gauge along the slope is 1.3 m, the sine of
     the roll 0.5 / 1.3. Down the line the vehicle's left rail is the right one.
     """
-    states, given = straight_run(), problem()
-    t = np.linspace(0.0, given.t[-1], 50 * (KEYFRAMES - 1) + 1)
+    states, run = straight_run(), context(direction=direction)
+    t = np.linspace(0.0, run.t[-1], 50 * (KEYFRAMES - 1) + 1)
     n, along = len(t), np.stack([SPEED_MPS * t, 0.0 * t, 0.0 * t], axis=1)
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), along, np.tile([SPEED_MPS, 0.0, 0.0], (n, 1)))
     k = np.minimum((t / INTERVAL_S).astype(np.int64), KEYFRAMES - 2)
     motion = DenseMotion(t, nav, along[:, 0], np.zeros((n, 3)), np.full(n, 0.04), k, t / INTERVAL_S - k)
     views = [seen("left", 0.6, -0.35), seen("right", -0.6, -0.85)]
-    (profile,) = rail_profiles(given, motion, states, direction, STEP_M, views)
+    (profile,) = rail_profiles(run, motion, states, views)
     shapes = profile.shapes
     assert shapes.gauge is not None
     middle = slice(40, -40)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from trackfg.factors.odometry import tach_distance
 from trackfg.factors.states import Nav, States
+from trackfg.output.event_sources import EventSources
 from trackfg.output.slip_events import Excess, wheel_excess
 from trackfg.sensors.tach import Wheel
 
@@ -40,13 +38,12 @@ def excess_of(offset_s: float, drift: float) -> Excess:
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), *np.zeros((2, n, 3)))
     clock = np.array([[offset_s, drift, 0.0]])
     states = States(nav, np.zeros((n, 6)), odo, np.zeros((1, 2)), clock, np.zeros((1, 21)))
-    problem: Any = SimpleNamespace(
-        t=keyframes, wheel=wheel, families=(rolled,), clock_origin=MIDDLE_S, family=lambda *_: rolled
-    )
+    nothing = np.zeros((0, 2))
+    sources = EventSources(keyframes, 1, nothing, nothing, wheel, MIDDLE_S, (rolled,))
     trajectory = pd.DataFrame(
         {"t_s": at, "chainage_m": distance(at), "speed_mps": ACCELERATION_MPS2 * at, "speed_mps_sd": 1e-3}
     )
-    excess = wheel_excess(problem, states, trajectory, 1)
+    excess = wheel_excess(sources, states, trajectory)
     assert excess is not None
     return excess
 
