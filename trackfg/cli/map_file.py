@@ -1,7 +1,6 @@
-"""Maps at a place where they are kept: begun there, or made longer and better by more runs.
+"""Maps in files and databases: started there, or extended by more runs.
 
-What several people do at once is done one after the other: a map that somebody else has added to meanwhile is read
-again, and the runs are joined to that.
+Concurrent writers are serialised: on a version conflict the newest map is read again and the runs are joined to that.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from trackfg.errors import BadInputError
 from trackfg.io.reader import read_recording
 from trackfg.mapping.joining.build import build_map, with_runs
 from trackfg.maps.feature_map import FeatureMap
+from trackfg.maps.location import locate
 from trackfg.maps.store import MapConflictError, newest_version, read_map, write_map
 from trackfg.results.result import RESULT_FOLDER, Result
 from trackfg.smoothing.smoother import smooth
@@ -30,15 +30,16 @@ def build_map_file(
     config: SmoothConfig | None = None,
     progress: Progress | None = None,
 ) -> FeatureMap:
-    """Join runs, results or recordings (which are smoothed first), to the map at ``location``, or begin one there.
+    """Join runs, results or recordings (which are smoothed first), to the map at ``location``, or start one there.
 
-    Gives back the version written. ``name`` is the line's, for a new map: the location's own if absent. Raises
-    :class:`~trackfg.errors.BadInputError` as :func:`trackfg.mapping.joining.build.build_map` and where a name is given
-    for a map that has another.
+    Returns the version written. ``name`` is the line's, for a new map; if absent, that of the file or of the database
+    schema. Raises :class:`~trackfg.errors.BadInputError` as :func:`trackfg.mapping.joining.build.build_map` and where a
+    name is given for a map that has another.
     """
+    place = locate(location)
     known = newest_version(location)
     if known is not None and name is not None and (there := read_map(location).name) != name:
-        raise BadInputError(f"{location}: is the map {there!r}; expected no other name, or another place")
+        raise BadInputError(f"{place.shown}: is the map {there!r}; expected no other name, or another place")
     show = progress or (lambda what, done: None)
     share = 0.9
     results = [
@@ -52,7 +53,7 @@ def build_map_file(
     while True:
         known = newest_version(location)
         if known is None:
-            joined = build_map(results, name=name or Path(str(location)).stem, progress=joining)
+            joined = build_map(results, name=name or place.name, progress=joining)
         else:
             joined = with_runs(read_map(location, known), results, progress=joining)
         try:

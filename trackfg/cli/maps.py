@@ -40,13 +40,14 @@ def build(
     """
     from trackfg.cli.map_file import build_map_file
     from trackfg.config import SmoothConfig
+    from trackfg.maps.location import locate
 
     settings = SmoothConfig.from_toml(config) if config else None
     with progress_bar() as progress:
         built = build_map_file(runs, place, name=name, config=settings, progress=progress)
     curves = built.landmarks["curve_id"].replace("", None).nunique()
     km = 1e-3 * len(built.grid) * built.conventions.step_m
-    print(f"map: {place} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
+    print(f"map: {locate(place).shown} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
 
 
 @maps.command(epilog="Example: trackfg map changes out5 line.gpkg -o changes.csv")

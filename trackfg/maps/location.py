@@ -25,16 +25,22 @@ DEFAULT_SCHEMA = "trackfg"
 
 Purpose = Literal["read", "write", "create"]
 
+_EXPECTED = "expected the path of a .gpkg file or a postgresql:// URL"
 _LOCK_WAIT_S = 120.0
+"""How long a connection waits for another writer of the same file, s: longer than any write takes."""
 _POSTGRESQL = {"postgresql", "postgres", "postgresql+psycopg"}
 _SQLITE_MAGIC = b"SQLite format 3\0"
 
 
 @dataclass(frozen=True)
 class Location:
-    """``shown`` names it in messages, without a password. ``path`` is None for a database, ``url`` for a file."""
+    """A map's place. ``shown`` names it in messages, without a password; ``name`` is what a map made here is called.
+
+    ``path`` is None for a database, ``url`` for a file.
+    """
 
     shown: str
+    name: str
     schema: Schema
     path: Path | None = None
     url: sa.URL | None = None
@@ -91,29 +97,38 @@ class Location:
 
 
 def locate(location: str | os.PathLike[str]) -> Location:
-    """Which of the two it is. Raises :class:`BadInputError` if it is neither; nothing is opened."""
+    """Return where a map is; nothing is opened.
+
+    Raises :class:`BadInputError` for anything but the path of a ``.gpkg`` and the URL of a PostgreSQL database. Its
+    message repeats a path, of anything that may hold a password only what comes before its first colon.
+    """
     text = os.fspath(location)
     if scheme := re.match(r"([A-Za-z][A-Za-z0-9+.-]*)://", text):
         if scheme[1] not in _POSTGRESQL:
-            raise BadInputError(f"{scheme[0]}...: expected the path of a .gpkg file or a postgresql:// URL")
+            raise BadInputError(f"{scheme[0]}...: {_EXPECTED}")
         return _database(text)
     path = Path(text)
-    if path.suffix.lower() != ".gpkg" or "\0" in text:
-        raise BadInputError(f"{text!r}: expected the path of a .gpkg file or a postgresql:// URL")
-    return Location(str(path), map_schema(None), path=path)
+    scheme = re.match(r"\s*([A-Za-z][A-Za-z0-9+.-]*)\s*:", text)
+    if path.suffix.lower() != ".gpkg" or "\0" in text or (scheme and scheme[1].lower() in _POSTGRESQL):
+        shown = f"{scheme[1]}:..." if scheme else repr(text) if re.fullmatch(r"[^@=?]*", text) else "the map"
+        raise BadInputError(f"{shown}: {_EXPECTED}")
+    return Location(str(path), path.stem, map_schema(None), path=path)
 
 
 def _database(text: str) -> Location:
+    expected = "expected postgresql://USER@HOST/DATABASE?schema=NAME"
     try:
         url = sa.make_url(text)
     except (sa.exc.ArgumentError, ValueError) as error:
-        raise BadInputError("not a URL of a database: expected postgresql://USER@HOST/DATABASE?schema=NAME") from error
+        raise BadInputError(f"not a URL of a database: {expected}") from error
+    if "@" in f"{url.host}{url.database}":  # a password with an @ or a / in it, part of which is taken for these
+        raise BadInputError(f"not a URL of a database: {expected}. Hint: write @ as %40 and / as %2F in a password")
     schema = url.query.get("schema", DEFAULT_SCHEMA)
     if not isinstance(schema, str) or not re.fullmatch(r"[a-z_][a-z0-9_]{0,62}", schema) or schema.startswith("pg_"):
         raise BadInputError(f"schema {schema!r}: expected one name of small letters, digits and underscores")
     shown = url.set(drivername="postgresql", query={"schema": schema}).render_as_string(hide_password=True)
     driver = url.set(drivername="postgresql+psycopg").difference_update_query(["schema"])
-    return Location(shown, map_schema(schema), url=driver)
+    return Location(shown, schema, map_schema(schema), url=driver)
 
 
 def _refuse_unless_sqlite(path: Path, may_be_absent: bool) -> None:

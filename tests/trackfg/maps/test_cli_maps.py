@@ -8,6 +8,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,8 +16,10 @@ import pytest
 from rich.console import Console, RenderableType
 
 from trackfg.cli import main, map_tables
+from trackfg.datasets.scenarios import simulate
 from trackfg.mapping.changes.changes import Changes
-from trackfg.maps import FeatureMap, write_map
+from trackfg.maps import FeatureMap, read_map, write_map
+from trackfg.smoothing.smoother import smooth
 
 MakeMap = Callable[..., FeatureMap]
 Run = Callable[..., tuple[int, str, str]]
@@ -24,8 +27,8 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["trackfg", "map", *map(str, arguments)])
+    def run(*arguments: object, command: tuple[str, ...] = ("map",)) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["trackfg", *command, *map(str, arguments)])
         with pytest.raises(SystemExit) as exit_:
             main.main()
         captured = capsys.readouterr()
@@ -166,3 +169,75 @@ def test_changes_are_shown() -> None:
     assert content["coverage"][1]["versine_level_mm"] is None
     none = dataclasses.replace(found, table=found.table.iloc[:0])
     assert "No change" in shown(map_tables.of_changes(none))
+
+
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording of 200 m and, in ``out``, its result."""
+    folder = tmp_path_factory.mktemp("short")
+    simulation = simulate("trolley", seed=0, duration_s=300.0)
+    simulation.write(folder / "rec")
+    smooth(simulation.recording).write(folder / "out")
+    return folder
+
+
+@pytest.mark.parametrize("where", ["before the host", "in the query"])
+def test_no_command_shows_or_stores_a_password(
+    run: Run, short_run: Path, server: Any, tmp_path: Path, where: str
+) -> None:
+    schema = where.replace(" ", "_")
+    place = f"postgresql://trackfg@/plain?host={server.folder}&password=s3cr3t&schema={schema}"
+    if where == "before the host":
+        place = f"postgresql://trackfg:s3cr3t@/plain?host={server.folder}&schema={schema}"
+    result = short_run / "out"
+    said = []
+    for arguments, expected in (
+        (("map", "build", result, "-o", place), 0),
+        (("map", "build", result, "-o", place), 2),
+        (("map", "build", result, "-o", place, "--name", "another"), 2),
+        (("map", "show", place), 0),
+        (("map", "show", place, "--json"), 0),
+        (("map", "show", place, "--version", 9), 2),
+        (("map", "show", place.replace("/plain", "/absent")), 2),
+        (("map", "diff", place), 2),
+        (("map", "diff", place, "--from-version", 1), 0),
+        (("map", "changes", result, place), 0),
+        (("smooth", short_run / "rec", "-o", tmp_path / "located", "--map", place), 0),
+        (("stream", short_run / "rec", "-o", tmp_path / "live", "--lag", 5, "--map", place), 0),
+    ):
+        status, out, err = run(*arguments[1:]) if arguments[0] == "map" else run(*arguments, command=())
+        assert status == expected, (arguments, out, err)
+        said.append(out + err)
+    assert "s3cr3t" not in "".join(said)
+    assert said[0].startswith(f"map: postgresql://trackfg{':***' if where == 'before the host' else ''}@/plain?schema=")
+    feature_map = read_map(place)
+    assert feature_map.name == schema
+    stored = server.sql("plain", f"SELECT string_agg(v::text, ' ') FROM {schema}.map_versions v")
+    assert "s3cr3t" not in stored
+    written = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
+    assert written
+    assert not any(b"s3cr3t" in content for content in written)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "postgresql:admin:s3cr3t@host/tracks",
+        " postgresql://admin:s3cr3t@host/tracks",
+        " postgresql://admin:s3cr3t@host/tracks.gpkg",
+        "POSTGRESQL://admin:s3cr3t@host/tracks.gpkg",
+        "postgresql://admin:one@s3cr3t@host/tracks",
+        "postgresql://ad/min:s3cr3t@host/tracks",
+        "postgresql://admin:s3cr3t@host:port/tracks",
+        "mysql://admin:s3cr3t@host/tracks",
+        "host=db password=s3cr3t dbname=tracks",
+        "admin:s3cr3t@host/tracks",
+    ],
+)
+def test_no_password_is_shown_of_what_is_no_url(run: Run, place: str, short_run: Path) -> None:
+    for arguments in (("show", place), ("build", short_run / "out", "-o", place)):
+        status, out, err = run(*arguments)
+        assert status == 2
+        assert "s3cr3t" not in out + err
+        assert "expected" in err
+        assert len(err.splitlines()) == 1
