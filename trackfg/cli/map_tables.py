@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
+from rich.table import Table
 from rich.text import Text
 
 from trackfg.cli.tables import named_values, titled
@@ -31,7 +33,7 @@ def of_map(feature_map: FeatureMap, versions: pd.DataFrame) -> Iterator[Renderab
     yield _overview(feature_map)
     yield _sigmas(feature_map)
     yield _runs(feature_map)
-    yield _landmarks(feature_map)
+    yield _landmarks("Landmarks", feature_map.landmarks)
     yield _versions(versions)
 
 
@@ -69,9 +71,9 @@ def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[R
         },
     )
     if len(found.added):
-        yield _marks("Landmarks added", found.added)
+        yield _landmarks("Landmarks added", found.added)
     if len(found.removed):
-        yield _marks("Landmarks removed", found.removed)
+        yield _landmarks("Landmarks removed", found.removed)
     yield _moved(found.moved)
     yield _sections(found.sections)
 
@@ -95,33 +97,32 @@ def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
 def of_changes(changes: Changes) -> Iterator[RenderableType]:
     """What changed, and what would have been found."""
     if len(changes.table):
-        table = titled("Changes, the run less the map")
+        table = _compact("Changes, the run less the map")
         for heading in ("from m", "to m"):
-            table.add_column(heading, justify="right")
-        for heading in ("kind", "quantity"):
-            table.add_column(heading)
+            table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column("kind", no_wrap=True)
+        table.add_column("quantity")
         for heading in ("before", "after", "change", "sigmas"):
-            table.add_column(heading, justify="right")
+            table.add_column(heading, justify="right", no_wrap=True)
         for row in _rows(changes.table):
             scale, unit = _shown_in(row.quantity)
-            numbers = (f"{scale * value:.2f}" for value in (row.before, row.after))
-            change = f"{scale * row.change:+.2f} ± {scale * row.change_sd:.2f}"
             table.add_row(
                 f"{row.from_m:.2f}",
                 f"{row.to_m:.2f}",
                 row.kind,
                 _label(row.quantity, unit),
-                *numbers,
-                change,
+                f"{scale * row.before:.2f}",
+                f"{scale * row.after:.2f}",
+                _with_sd(scale * row.change, scale * row.change_sd, 2),
                 f"{row.sigmas:.1f}",
             )
         yield table
     else:
         yield Text("No change: the track is as the map has it.")
-    table = titled("What would have been found")
+    table = _compact("What would have been found")
     table.add_column("quantity")
-    for heading in ("compared, m", "noise, times stated", "threshold, sigmas", "least change: median", "largest"):
-        table.add_column(heading, justify="right")
+    for heading in ("compared,\nm", "noise,\ntimes stated", "threshold,\nsigmas", "least change:\nmedian", "\nlargest"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in _rows(changes.thresholds):
         scale, unit = _shown_in(row.quantity)
         least = changes.coverage[row.quantity].dropna()
@@ -196,7 +197,7 @@ def _sigma_rows(feature_map: FeatureMap) -> list[dict[str, Any]]:
 
 
 def _sigmas(feature_map: FeatureMap) -> RenderableType:
-    table = titled("Sigmas")
+    table = _compact("Sigmas")
     table.add_column("")
     for heading in ("median", "95 % are below"):
         table.add_column(heading, justify="right")
@@ -208,16 +209,15 @@ def _sigmas(feature_map: FeatureMap) -> RenderableType:
 
 
 def _runs(feature_map: FeatureMap) -> RenderableType:
-    table = titled("Runs")
-    for heading in ("run", "recording", "start", "way"):
-        table.add_column(heading, overflow="fold")
-    for heading in ("offset, m", "scale - 1, ppm", "cross-level bias, mm"):
-        table.add_column(heading, justify="right")
+    table = _compact("Runs")
+    table.add_column("run", overflow="fold")
+    table.add_column("way")
+    for heading in ("offset, m", "scale - 1,\nppm", "cross-level\nbias, mm"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in _rows(feature_map.runs):
+        recording = row.recording_id if row.recording_id != row.run_id else ""
         table.add_row(
-            Text(row.run_id),
-            Text(row.recording_id),
-            Text(row.start),
+            Text("\n".join(filter(None, (row.run_id, recording, row.start)))),
             "up" if row.direction > 0 else "down",
             _with_sd(row.offset_m, row.offset_m_sd, 2),
             _with_sd(1e6 * (row.scale - 1.0), 1e6 * row.scale_sd, 0),
@@ -226,34 +226,34 @@ def _runs(feature_map: FeatureMap) -> RenderableType:
     return table
 
 
-def _landmarks(feature_map: FeatureMap) -> RenderableType:
-    return _marks("Landmarks", feature_map.landmarks)
-
-
-def _marks(title: str, landmarks: pd.DataFrame) -> RenderableType:
-    table = titled(title)
-    for heading in ("id", "kind"):
-        table.add_column(heading, overflow="fold")
-    for heading in ("chainage, m", "radius, m", "transition, m", "cant, mm"):
+def _landmarks(title: str, landmarks: pd.DataFrame) -> RenderableType:
+    table = _compact(title)
+    table.add_column("landmark,\nleft, right", overflow="fold")
+    for heading in ("chainage, m", "radius, m", "cant, mm", "transition,\nm"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("law", overflow="fold")
-    table.add_column("runs", justify="right")
+    table.add_column("law", no_wrap=True)
+    table.add_column("runs", justify="right", no_wrap=True)
     for row in _rows(landmarks):
+        kind = "" if row.landmark_id.endswith(row.kind) else row.kind
         table.add_row(
-            Text(row.landmark_id),
-            Text(f"{row.kind} {row.name or row.sense}"),
+            Text(" ".join(filter(None, (row.landmark_id, kind, row.name, row.sense[:1].upper())))),
             _with_sd(row.chainage_m, row.chainage_m_sd, 2),
             _with_sd(row.radius_m, row.radius_m_sd, 1),
-            _with_sd(row.transition_length_m, row.transition_length_m_sd, 1),
             _with_sd(row.cant_mm, row.cant_mm_sd, 1),
+            _with_sd(row.transition_length_m, row.transition_length_m_sd, 1),
             Text(row.law),
             str(row.observations),
         )
     return table
 
 
+def _compact(title: str) -> Table:
+    """Return an empty table with one space between its columns: seven columns of numbers fit into 80 characters."""
+    return titled(title, box=SIMPLE_HEAD, show_edge=False, padding=0)
+
+
 def _versions(versions: pd.DataFrame) -> RenderableType:
-    table = titled("Versions")
+    table = _compact("Versions")
     for heading in ("version", "made from", "written", "runs", "trackfg"):
         table.add_column(heading)
     for row in _rows(versions):
@@ -270,11 +270,11 @@ def _moved(moved: pd.DataFrame) -> RenderableType:
         text += f"; of {unknown} the sigma is not known"
     if not len(shown):
         return Text(text)
-    table = titled(text)
+    table = _compact(text)
     for heading in ("id", "kind", "quantity"):
         table.add_column(heading, overflow="fold")
     for heading in ("first", "second", "difference", "sigmas"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in _rows(shown):
         _, unit = _shown_in(row.quantity)
         table.add_row(
@@ -291,10 +291,10 @@ def _moved(moved: pd.DataFrame) -> RenderableType:
 
 def _sections(sections: pd.DataFrame) -> RenderableType:
     """One row per quantity: over all, and where it differs most."""
-    table = titled("Grid")
+    table = _compact("Grid")
     table.add_column("quantity")
-    for heading in ("cells", "mean", "rms", "rms, sigmas", "largest", "at m"):
-        table.add_column(heading, justify="right")
+    for heading in ("cells", "mean", "rms", "rms,\nsigmas", "largest", "at m"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for quantity, rows in sections.groupby("quantity", sort=False):
         scale, unit = _shown_in(str(quantity))
         cells = rows["cells"].to_numpy()
@@ -305,7 +305,7 @@ def _sections(sections: pd.DataFrame) -> RenderableType:
             str(cells.sum()),
             f"{scale * mean:+.3g}",
             f"{scale * _rms(rows['rms'].to_numpy(), cells):.3g}",
-            f"{_rms(rows['rms_sigmas'].to_numpy(), cells):.2f}",
+            _with_sd(_rms(rows["rms_sigmas"].to_numpy(), cells), np.nan, 2),
             f"{scale * worst['largest']:+.3g}",
             f"{worst['largest_at_m']:.2f}",
         )
@@ -327,6 +327,7 @@ def _label(quantity: str, unit: str) -> str:
 
 
 def _with_sd(value: float, sd: float, digits: int) -> str:
+    """Return both with so many digits after the point; nothing of what is not known."""
     if not np.isfinite(value):
         return ""
     return f"{value:.{digits}f}" + (f" ± {sd:.{digits}f}" if np.isfinite(sd) else "")

@@ -18,7 +18,7 @@ from rich.console import Console, RenderableType
 from trackfg.cli import main, map_tables
 from trackfg.datasets.scenarios import simulate
 from trackfg.mapping.changes.changes import Changes
-from trackfg.maps import FeatureMap, read_map, write_map
+from trackfg.maps import FeatureMap, read_map, read_versions, write_map
 from trackfg.smoothing.smoother import smooth
 
 MakeMap = Callable[..., FeatureMap]
@@ -133,11 +133,26 @@ def test_what_cannot_be_done(run: Run, line: Path, make_map: MakeMap, tmp_path: 
         assert out == ""
 
 
-def shown(tables: Iterable[RenderableType]) -> str:
-    console = Console(width=120, file=io.StringIO(), record=True)
+def shown(tables: Iterable[RenderableType], width: int = 120) -> str:
+    console = Console(width=width, file=io.StringIO(), record=True)
     for table in tables:
         console.print(table)
     return console.export_text()
+
+
+def test_a_landmark_and_a_run_take_one_line_of_eighty_characters(line: Path) -> None:
+    found = read_map(line)
+    places = found.landmarks.assign(chainage_m=123456.789, radius_m=1234.56, transition_length_m=123.4, cant_mm=123.4)
+    runs = found.runs.assign(offset_m=-123.45, offset_m_sd=1.23, scale=0.99, cross_level_bias_mm=-1.234, start="")
+    runs = runs.assign(recording_id=runs["run_id"])
+    text = shown(map_tables.of_map(dataclasses.replace(found, landmarks=places, runs=runs), read_versions(line)), 80)
+    assert max(len(row) for row in text.splitlines()) <= 80
+    for row in places.itertuples():
+        of_landmark = next(part for part in text.splitlines() if part.startswith(row.landmark_id))
+        assert "123456.79 ± " in of_landmark
+        assert "clothoid" in of_landmark
+    for row in runs.itertuples():
+        assert "-123.45 ± 1.23" in next(part for part in text.splitlines() if part.startswith(row.run_id))
 
 
 def test_changes_are_shown() -> None:
