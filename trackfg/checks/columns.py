@@ -1,10 +1,11 @@
 """Faults of a single column that make its table unusable: each function takes an array and returns findings.
 
-Common arguments: ``file`` and ``column`` say where the array comes from; ``t`` is the time of each row in s, used for
-the message only. Rows in findings count from 1.
+``place`` says where the array comes from. Rows in findings count from 1.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,31 @@ LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
 
 
-def not_finite(values: Array, file: str, column: str, t: Array | None = None) -> list[Finding]:
+@dataclass(frozen=True)
+class ColumnPlace:
+    """The file and the name of a column, and the time of each row (n,), s, for the message; None if not known."""
+
+    file: str
+    column: str
+    t: Array | None = None
+
+    def error(self, code: str, message: str, row: int, *, expected: str | None, mend: str | None) -> Finding:
+        """An error in the row of that index."""
+        time = float(self.t[row]) if self.t is not None and np.isfinite(self.t[row]) else None
+        return Finding(
+            "error",
+            code,
+            message,
+            file=self.file,
+            column=self.column,
+            row=row + 1,
+            time_s=time,
+            expected=expected,
+            mend=mend,
+        )
+
+
+def not_finite(values: Array, place: ColumnPlace) -> list[Finding]:
     """Empty cells, NaN, infinities, and numbers that no quantity here can have; one finding for each kind."""
     magnitude = np.abs(values)
     if (magnitude <= LARGEST).all():
@@ -24,39 +49,31 @@ def not_finite(values: Array, file: str, column: str, t: Array | None = None) ->
     empty = np.isnan(values)
     mend = "remove the row, or write the value"
     return [
-        *_at_first(empty, "nan", "empty or NaN", file, column, t, expected="a finite number", mend=mend),
-        *_at_first(
-            magnitude > LARGEST,
-            "infinite",
-            f"infinite, or above {LARGEST:g}",
-            file,
-            column,
-            t,
-            expected="a finite number",
-            mend=mend,
-        ),
+        *_at_first(empty, place, "nan", "empty or NaN", "a finite number", mend),
+        *_at_first(magnitude > LARGEST, place, "infinite", f"infinite, or above {LARGEST:g}", "a finite number", mend),
     ]
 
 
-def not_increasing(t: Array, file: str, column: str) -> list[Finding]:
+def not_increasing(t: Array, place: ColumnPlace) -> list[Finding]:
     """Times that repeat or fall from one row to the next."""
     steps = np.diff(t, prepend=-np.inf)
     if (steps > 0).all():
         return []
     expected = "times that grow from row to row"
+    place = replace(place, t=t)
     return [
         *_at_first(
-            steps == 0, "time-repeated", "the time of the row before again", file, column, t,
-            expected=expected, mend="remove the repeated rows, or give the time more digits",
+            steps == 0, place, "time-repeated", "the time of the row before again",
+            expected, "remove the repeated rows, or give the time more digits",
         ),
         *_at_first(
-            steps < 0, "time-falls", "earlier than the row before", file, column, t,
-            expected=expected, mend="sort the rows by time; repair a clock that was set while recording",
+            steps < 0, place, "time-falls", "earlier than the row before",
+            expected, "sort the rows by time; repair a clock that was set while recording",
         ),
     ]  # fmt: skip
 
 
-def gaps(t: Array, file: str, column: str, warning_s: float, error_s: float | None) -> list[Finding]:
+def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) -> list[Finding]:
     """Times without rows longer than the limits; the finding names the longest and where it ends."""
     if t.size < 2:
         return []
@@ -76,57 +93,53 @@ def gaps(t: Array, file: str, column: str, warning_s: float, error_s: float | No
             "error" if is_error else "warning",
             "gap",
             f"no rows for {gap:.4g} s before this one{more}",
-            file,
-            column,
-            longest + 2,
-            float(t[longest + 1]),
-            f"at most {limit:.3g} s",
-            "recover the missing rows, or cut the recording in two here" if is_error else None,
+            file=place.file,
+            column=place.column,
+            row=longest + 2,
+            time_s=float(t[longest + 1]),
+            expected=f"at most {limit:.3g} s",
+            mend="recover the missing rows, or cut the recording in two here" if is_error else None,
         )
     ]
 
 
-def not_positive(sd: Array, file: str, column: str, t: Array | None = None) -> list[Finding]:
+def not_positive(sd: Array, place: ColumnPlace) -> list[Finding]:
     """Sigmas that are zero or negative."""
     mend = "write the 1-sigma error in m"
-    return _at_first(
-        sd <= 0, "bad-sigma", "a sigma that is zero or negative", file, column, t, sd, "a number above 0", mend
-    )
+    return _at_first(sd <= 0, place, "bad-sigma", "a sigma that is zero or negative", "a number above 0", mend, sd)
 
 
-def falling(distance: Array, file: str, column: str, t: Array | None = None) -> list[Finding]:
+def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
     """A cumulative count or distance that falls although the tach is declared unsigned."""
     mend = "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first"
+    expected = "a value that never falls, as tach.signed = false"
     back = np.diff(distance, prepend=-np.inf) < 0
-    return _at_first(back, "tach-backwards", "the tach runs backwards", file, column, t, distance,
-                     "a value that never falls, as tach.signed = false", mend)  # fmt: skip
+    return _at_first(back, place, "tach-backwards", "the tach runs backwards", expected, mend, distance)
 
 
-def negative_speed(speed: Array, file: str, column: str, t: Array | None = None) -> list[Finding]:
+def negative_speed(speed: Array, place: ColumnPlace) -> list[Finding]:
     """A speed below zero although the tach is declared unsigned."""
     mend = "set tach.signed = true if the vehicle rolled back"
-    return _at_first(speed < 0, "tach-backwards", "the tach runs backwards", file, column, t, speed,
-                     "a speed of zero or more, as tach.signed = false", mend)  # fmt: skip
+    expected = "a speed of zero or more, as tach.signed = false"
+    return _at_first(speed < 0, place, "tach-backwards", "the tach runs backwards", expected, mend, speed)
 
 
-def outside(values: Array, low: float, high: float, file: str, column: str, t: Array | None = None) -> list[Finding]:
+def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[Finding]:
     """Latitudes or longitudes (deg) that do not exist."""
     wrong = (values < low) | (values > high)
     mend = 'check the order in gnss.position: latitude, longitude, height; for east, north, up set frame = "local"'
-    return _at_first(wrong, "position-range", "no such position on the Earth", file, column, t, values,
-                     f"{low:g} to {high:g} deg", mend)  # fmt: skip
+    expected = f"{low:g} to {high:g} deg"
+    return _at_first(wrong, place, "position-range", "no such position on the Earth", expected, mend, values)
 
 
 def _at_first(
     wrong: NDArray[np.bool_],
+    place: ColumnPlace,
     code: str,
     message: str,
-    file: str,
-    column: str,
-    t: Array | None,
+    expected: str,
+    mend: str,
     values: Array | None = None,
-    expected: str | None = None,
-    mend: str | None = None,
 ) -> list[Finding]:
     """One error for the first row marked in ``wrong``, with its value if ``values`` are given; none if no row is."""
     count = int(np.count_nonzero(wrong))
@@ -137,5 +150,4 @@ def _at_first(
         message = f"{values[i]:.9g}: {message}"
     if count > 1:
         message += f" ({count} such rows)"
-    time = float(t[i]) if t is not None and np.isfinite(t[i]) else None
-    return [Finding("error", code, message, file, column, i + 1, time, expected, mend)]
+    return [place.error(code, message, i, expected=expected, mend=mend)]

@@ -102,7 +102,7 @@ def estimates_of(recording: Recording) -> Estimates:
 def compare(recording: Recording, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
     """Where the estimates contradict the description."""
     return [
-        *_axes(recording, estimates.axes, limits),
+        *_axes(estimates.axes, limits),
         *_clock(recording, estimates.clock_offset),
         *_bias(recording, estimates.static_bias),
         *_noise(estimates.noise_density, limits),
@@ -111,7 +111,7 @@ def compare(recording: Recording, estimates: Estimates, limits: CheckLimits) -> 
     ]
 
 
-def _axes(recording: Recording, axes: AxesEstimate, limits: CheckLimits) -> list[Finding]:
+def _axes(axes: AxesEstimate, limits: CheckLimits) -> list[Finding]:
     found = []
     strong = axes.best_forward_correlation is not None and axes.best_forward_correlation >= limits.axis_correlation
     if strong and axes.best_forward != "+x" and axes.proposed != axes.declared:
@@ -120,18 +120,24 @@ def _axes(recording: Recording, axes: AxesEstimate, limits: CheckLimits) -> list
             f"(correlation {axes.best_forward_correlation:.2f}; forward {axes.forward_correlation:.2f})"
         )
         mend = f'set imu.axes = "{axes.proposed}", or reverse the vehicle frame if the run was backwards'
-        found.append(Finding("warning", "forward-axis", message, _TOML, "imu.axes", expected="+x", mend=mend))
+        found.append(
+            Finding("warning", "forward-axis", message, file=_TOML, column="imu.axes", expected="+x", mend=mend)
+        )
     slope, correlation = axes.gyro_slope, axes.lateral_correlation
     if slope is None or correlation is None or abs(correlation) < limits.axis_correlation:
         return found
     if slope < 0 and not (strong and axes.best_forward != "+x"):
         message = f"lateral specific force falls where speed x yaw rate grows (correlation {correlation:.2f})"
         mend = "check the signs of the gyro's columns, and of imu.axes: gyro and accelerometer share it"
-        found.append(Finding("warning", "gyro-sign", message, _TOML, "imu.axes", expected="it to grow", mend=mend))
+        found.append(
+            Finding("warning", "gyro-sign", message, file=_TOML, column="imu.axes", expected="it to grow", mend=mend)
+        )
     if abs(correlation) > 0.8 and not 0.5 < abs(slope) < 2.0:
         message = f"lateral specific force is {abs(slope):.3g} times what speed and gyro imply"
         mend = "check the units and scales of gyro, accelerometer and tach"
-        found.append(Finding("warning", "gyro-scale", message, _TOML, "imu.gyro_unit", expected="about 1", mend=mend))
+        found.append(
+            Finding("warning", "gyro-scale", message, file=_TOML, column="imu.gyro_unit", expected="about 1", mend=mend)
+        )
     return found
 
 
@@ -141,7 +147,9 @@ def _clock(recording: Recording, offset: ClockOffset | None) -> list[Finding]:
         return []
     message = f"the tach's clock is off by {offset.offset_s:+.3f} s (sd {offset.sd_s:.3f} s)"
     mend = f"set tach.time_offset_s = {tach.time_offset_s + offset.offset_s:.3f}, or have it estimated"
-    return [Finding("warning", "clock-offset", message, _TOML, "tach.time_offset_s", expected="0", mend=mend)]
+    return [
+        Finding("warning", "clock-offset", message, file=_TOML, column="tach.time_offset_s", expected="0", mend=mend)
+    ]
 
 
 def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
@@ -153,14 +161,14 @@ def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
     if gyro > 4.0 * noise.gyro_bias_sd + 1e-4:
         message = f"the gyro shows {gyro:.3g} rad/s at rest, declared sigma {noise.gyro_bias_sd:.3g}"
         mend = f"set gyro_bias_sd = {gyro:.2g}"
-        found.append(Finding("warning", "gyro-bias", message, _TOML, "imu.noise.gyro_bias_sd", mend=mend))
+        found.append(Finding("warning", "gyro-bias", message, file=_TOML, column="imu.noise.gyro_bias_sd", mend=mend))
     accel = abs(bias.accel_excess_mps2)
     if accel > 4.0 * float(np.hypot(noise.accel_bias_sd, bias.accel_excess_sd_mps2)):
         message = (
             f"specific force at rest is off gravity by {accel:.3g} m/s^2, declared sigma {noise.accel_bias_sd:.3g}"
         )
         mend = f"set accel_bias_sd = {accel:.2g}, or calibrate the accelerometer's scale"
-        found.append(Finding("warning", "accel-bias", message, _TOML, "imu.noise.accel_bias_sd", mend=mend))
+        found.append(Finding("warning", "accel-bias", message, file=_TOML, column="imu.noise.accel_bias_sd", mend=mend))
     return found
 
 
@@ -176,10 +184,14 @@ def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
         key = f"imu.noise.{name}"
         if ratio > limits.noise_ratio_warning:
             message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared"
-            found.append(Finding("warning", "noise-low", message, _TOML, key, mend=f"set {name} = {value:.2g} or more"))
+            found.append(
+                Finding(
+                    "warning", "noise-low", message, file=_TOML, column=key, mend=f"set {name} = {value:.2g} or more"
+                )
+            )
         elif ratio < 1.0 / limits.noise_ratio_warning:
             message = f"the noise at rest is {value:.3g}, {ratio:.2g} of what is declared"
-            found.append(Finding("info", "noise-high", message, _TOML, key))
+            found.append(Finding("info", "noise-high", message, file=_TOML, column=key))
     return found
 
 
@@ -193,4 +205,4 @@ def _wheel(recording: Recording, wheel: WheelScale | None) -> list[Finding]:
         key = "tach.wheel_diameter_m"
         mend = f"set tach.wheel_diameter_m = {tach.wheel_diameter_m * wheel.scale:.4f}"
     expected = f"1 within {3.0 * tach.scale_sd:.3g}"
-    return [Finding("warning", "wheel-scale", message, _TOML, key, expected=expected, mend=mend)]
+    return [Finding("warning", "wheel-scale", message, file=_TOML, column=key, expected=expected, mend=mend)]

@@ -50,7 +50,18 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
         f"all six channels repeat the row before in {share:.1%} of the rows, at worst for {seconds:.3g} s from here"
     )
     mend = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
-    return [Finding("warning", "rows-repeated", message, imu.file, None, start + 1, float(t[start]), "samples", mend)]
+    return [
+        Finding(
+            "warning",
+            "rows-repeated",
+            message,
+            file=imu.file,
+            row=start + 1,
+            time_s=float(t[start]),
+            expected="samples",
+            mend=mend,
+        )
+    ]
 
 
 def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -> list[Finding]:
@@ -61,7 +72,19 @@ def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -
     message = "constant over the whole recording" if whole else f"constant for {t[start + length] - t[start]:.4g} s"
     mend = "check the sensor and the logger's resolution"
     expected = "a signal with noise"
-    return [Finding("warning", "stuck-channel", message, imu.file, name, start + 1, float(t[start]), expected, mend)]
+    return [
+        Finding(
+            "warning",
+            "stuck-channel",
+            message,
+            file=imu.file,
+            column=name,
+            row=start + 1,
+            time_s=float(t[start]),
+            expected=expected,
+            mend=mend,
+        )
+    ]
 
 
 def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
@@ -75,7 +98,18 @@ def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
             i = int(np.argmax(at_end))
             message = f"stays at its extreme {end:.6g} (SI) in {np.count_nonzero(at_end)} rows: saturated"
             mend = "use a wider range; until then the rows near these are not to be trusted"
-            return [Finding("warning", "saturated-channel", message, imu.file, name, i + 1, float(t[i]), None, mend)]
+            return [
+                Finding(
+                    "warning",
+                    "saturated-channel",
+                    message,
+                    file=imu.file,
+                    column=name,
+                    row=i + 1,
+                    time_s=float(t[i]),
+                    mend=mend,
+                )
+            ]
     return []
 
 
@@ -87,7 +121,19 @@ def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit
     message = f"{channel[i]:.6g} {unit}" + (f", and {count - 1} more such values" if count > 1 else "")
     mend = "remove the rows: a short gap is bridged"
     expected = f"at most {most:g} {unit}"
-    return [Finding("warning", "impossible-value", message, imu.file, name, i + 1, float(t[i]), expected, mend)]
+    return [
+        Finding(
+            "warning",
+            "impossible-value",
+            message,
+            file=imu.file,
+            column=name,
+            row=i + 1,
+            time_s=float(t[i]),
+            expected=expected,
+            mend=mend,
+        )
+    ]
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu, Laser, Model, Table, Tach, Track
-from trackfg.recording.findings import Finding, Level
+from trackfg.recording.findings import Finding, Level, Section
 from trackfg.sensors.averages import Motion, averaged
 from trackfg.units import STANDARD_GRAVITY, known_units, to_si
 
@@ -38,21 +38,15 @@ def findings(
     if isinstance(track, Track):
         found += _track(track, toml, gnss_origin)
     if isinstance(imu, Imu) and imu_table is not None:
-        rate = _imu_interval(imu, imu_table, toml, limits)
+        rate = _imu_interval(imu, imu_table, limits)
         found += rate
         found += _gravity(imu, imu_table, toml, limits)
         if not rate:
             if tach_table is not None and (tach_motion := averaged(imu_table, tach_table, _STEP_S)) is not None:
-                found += _gyro_unit(imu, tach_motion, toml, limits)
+                found += _gyro_unit(imu, tach_motion, limits)
             elif (motion := averaged(imu_table, None, _STEP_S)) is not None:
-                found += _gyro_unit(imu, motion, toml, limits)
+                found += _gyro_unit(imu, motion, limits)
             found += _overlaps(imu_table, parts, tables, limits)
-    for name, table in tables.items():
-        part = parts[name]
-        if isinstance(part, Tach):
-            found += _tach(part, table, toml, limits)
-        if isinstance(part, Laser):
-            found += _laser(part, name, table, toml, limits)
     return found
 
 
@@ -63,17 +57,25 @@ def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
         if not 0.3 <= value <= 4.0:
             mend = f"write {value / 1000:g}" if 300 <= value <= 4000 else None
             found.append(
-                Finding("error", "track-size", f"is {value:g} m", toml, f"track.{key}", None, None, "0.3 to 4 m", mend)
+                Finding(
+                    "error",
+                    "track-size",
+                    f"is {value:g} m",
+                    file=toml,
+                    column=f"track.{key}",
+                    expected="0.3 to 4 m",
+                    mend=mend,
+                )
             )
     latitude = track.latitude_deg
     if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > 0.5:
         message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"
         mend = f"write {gnss_origin[0]:.3f}"
-        found.append(Finding("warning", "latitude", message, toml, "track.latitude_deg", mend=mend))
+        found.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", mend=mend))
     return found
 
 
-def _imu_interval(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
     interval = float(np.median(np.diff(table["t_s"])))
     low, high = limits.imu_interval_s
     if low <= interval <= high:
@@ -83,7 +85,9 @@ def _imu_interval(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits)
     mend = f'set imu.time_unit = "{units[0]}"' if units else "check the time column and imu.time_unit"
     message = f"rows are {interval:.4g} s apart (median)"
     return [
-        Finding("error", "time-unit", message, imu.file, imu.time, None, None, f"{low:g} to {high:g} s", mend),
+        Finding(
+            "error", "time-unit", message, file=imu.file, column=imu.time, expected=f"{low:g} to {high:g} s", mend=mend
+        ),
     ]
 
 
@@ -105,7 +109,7 @@ def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> l
         elif magnitude < 1.0:
             mend = "gravity seems to have been removed: record specific force, as the sensor gives it"
         expected = f"{g:.2f} m/s^2 within {limits.gravity_error_mps2:g}"
-        return [Finding("error", "accel-unit", message, imu.file, columns, None, None, expected, mend)]
+        return [Finding("error", "accel-unit", message, file=imu.file, column=columns, expected=expected, mend=mend)]
     up = force / magnitude
     tilt = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
     if tilt <= limits.tilt_warning_deg:
@@ -116,7 +120,7 @@ def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> l
         message = f"gravity is {tilt:.0f} deg off the vertical of the declared axes"
         mend = f"if the sensor is mounted so, turn imu.mount_rpy_deg by roll {roll:.1f}, pitch {pitch:.1f} deg"
         level: Level = "warning" if tilt <= limits.tilt_error_deg else "error"
-        return [Finding(level, "gravity-tilt", message, toml, "imu.axes", None, None, expected, mend)]
+        return [Finding(level, "gravity-tilt", message, file=toml, column="imu.axes", expected=expected, mend=mend)]
     sensor = imu_rotation(imu).T @ force
     i = int(np.argmax(np.abs(sensor)))
     message = (
@@ -124,17 +128,17 @@ def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> l
         f"holds {sensor[i]:+.2f} m/s^2, so it points {'up' if sensor[i] > 0 else 'down'}"
     )
     mend = f'set imu.axes = "{diagnosis_axes.propose_axes(imu.axes, up, None)}" if the other columns are right'
-    return [Finding("error", "gravity-axis", message, imu.file, imu.accel[i], None, None, expected, mend)]
+    return [Finding("error", "gravity-axis", message, file=imu.file, column=imu.accel[i], expected=expected, mend=mend)]
 
 
-def _gyro_unit(imu: Imu, motion: Motion, toml: str, limits: CheckLimits) -> list[Finding]:
+def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
     """Angular rates that no vehicle has, or that do not fit the lateral specific force."""
     columns = ", ".join(imu.gyro)
     other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
     mend = f'the data look like {other}: set imu.gyro_unit = "{other}"'
 
     def wrong(message: str, expected: str) -> list[Finding]:
-        return [Finding("error", "gyro-unit", message, imu.file, columns, None, None, expected, mend)]
+        return [Finding("error", "gyro-unit", message, file=imu.file, column=columns, expected=expected, mend=mend)]
 
     if not motion.valid.any():
         return []
@@ -164,7 +168,8 @@ def _gyro_unit(imu: Imu, motion: Motion, toml: str, limits: CheckLimits) -> list
     )
 
 
-def _tach(tach: Tach, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
+    """Speeds that no vehicle has, and a wheel of no usual size."""
     found = []
     mend: str | None
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
@@ -173,21 +178,19 @@ def _tach(tach: Tach, table: pd.DataFrame, toml: str, limits: CheckLimits) -> li
     fastest = float(np.quantile(speed, 0.99)) if speed.size else 0.0
     if fastest > limits.speed_error_mps:
         mend = (
-            "check tach.wheel_diameter_m (in m) and tach.pulses_per_rev"
+            f"check {section.name}.wheel_diameter_m (in m) and {section.name}.pulses_per_rev"
             if tach.kind == "pulses"
-            else ("check tach.kind and tach.unit")
+            else f"check {section.name}.kind and {section.name}.unit"
         )
         found.append(
             Finding(
                 "error",
                 "tach-unit",
                 f"speeds of {fastest:.4g} m/s as declared",
-                tach.file,
-                tach.column,
-                None,
-                None,
-                f"at most {limits.speed_error_mps:g} m/s",
-                mend,
+                file=tach.file,
+                column=tach.column,
+                expected=f"at most {limits.speed_error_mps:g} m/s",
+                mend=mend,
             )
         )
     diameter = tach.wheel_diameter_m
@@ -198,21 +201,18 @@ def _tach(tach: Tach, table: pd.DataFrame, toml: str, limits: CheckLimits) -> li
                 "warning",
                 "wheel-diameter",
                 f"is {diameter:g} m",
-                toml,
-                "tach.wheel_diameter_m",
-                None,
-                None,
-                "0.2 to 2 m",
-                mend,
+                file=section.file,
+                column=f"{section.name}.wheel_diameter_m",
+                expected="0.2 to 2 m",
+                mend=mend,
             )
         )
     return found
 
 
-def _laser(laser: Laser, name: str, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
     """A unit off by 1000: too large to be true, or moving less than a hundredth of its own noise."""
     displacement = table["displacement_m"].to_numpy()
-    key = f"laser[{name.removeprefix('laser ')}].unit"
     largest = float(np.quantile(np.abs(displacement), 0.9))
     low, high = np.quantile(displacement, [0.05, 0.95])
     message = None
@@ -226,7 +226,17 @@ def _laser(laser: Laser, name: str, table: pd.DataFrame, toml: str, limits: Chec
         expected = f"a variation above {laser.sd_m:g} m"
     if message is None:
         return []
-    return [Finding("error", "laser-unit", f"{message} ({key})", laser.file, laser.column, None, None, expected, mend)]
+    return [
+        Finding(
+            "error",
+            "laser-unit",
+            f"{message} ({section.name}.unit)",
+            file=laser.file,
+            column=laser.column,
+            expected=expected,
+            mend=mend,
+        )
+    ]
 
 
 def _overlaps(
@@ -245,18 +255,16 @@ def _overlaps(
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
         is_error = share == 0.0 and (t[0] > end or t[-1] < begin)
-        section = "[[laser]]" if isinstance(part, Laser) else f"[{name}]"
+        section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
         found.append(
             Finding(
                 "error" if is_error else "warning",
                 "clocks-apart",
                 message + (": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"),
-                part.file,
-                part.time,
-                None,
-                None,
-                "times within those of the IMU",
-                f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit",
+                file=part.file,
+                column=part.time,
+                expected="times within those of the IMU",
+                mend=f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit",
             )
         )
     return found

@@ -69,4 +69,16 @@ def _fix_order(recording: Recording) -> list[Finding]:
         mend = mend.replace("-1", "1").replace("falls", "grows")
     time = float(fixes["t_s"].iloc[i])
     expected = "chainages in the order of the run"
-    return [Finding("warning", "fix-order", message, part.file, part.chainage, i + 1, time, expected, mend)]
+    return [
+        Finding(
+            "warning",
+            "fix-order",
+            message,
+            file=part.file,
+            column=part.chainage,
+            row=i + 1,
+            time_s=time,
+            expected=expected,
+            mend=mend,
+        )
+    ]

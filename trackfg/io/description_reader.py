@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,20 +16,18 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, RecordingDescription, Tach, Track, Truth
+from trackfg.io.formats.registry import FORMATS
+from trackfg.recording.description import Imu, Model, RecordingDescription, Table, Track, Truth
 from trackfg.recording.findings import Finding, did_you_mean
 
 FILE_NAME = "recording.toml"
 FORMAT = "trackfg-recording/1"
 
-_TABLE_PARTS: dict[str, type[Model]] = {
-    "track": Track,
-    "imu": Imu,
-    "tach": Tach,
-    "fixes": Fixes,
-    "gnss": Gnss,
-    "truth": Truth,
-}
+_OTHER_PARTS: dict[str, type[Model]] = {"track": Track, "truth": Truth}
+"""Besides the sensors."""
+_LISTS = tuple(sensor.key for sensor in FORMATS if sensor.several)
+_PARTS = {**_OTHER_PARTS, **{sensor.key: sensor.model for sensor in FORMATS}}
+
 _STRUCTURE_KEYS = ("file", "time", "column", "kind", "gyro", "accel", "position", "sd", "chainage", "name")
 """Keys without which a table's structure cannot be checked."""
 
@@ -45,13 +43,24 @@ _LENGTH_ERRORS = ("too_long", "too_short", "tuple_type", "list_type")
 
 @dataclass(frozen=True)
 class ReadDescription:
-    """``description`` is None where anything is wrong. ``parts`` holds what can be used of each part: ``"imu"``,
-    ``"tach"``, ..., ``"laser 1"``; those in ``doubtful`` have a fault."""
+    """``description`` is None where anything is wrong. ``parts`` holds what can be used of each part: ``"track"``,
+    ``"imu"``, ``"tach"``, ..., ``"laser[1]"``, the sensors in the order of the registry; those in ``doubtful`` have a
+    fault.
+    """
 
     findings: tuple[Finding, ...]
     description: RecordingDescription | None = None
     parts: Mapping[str, Model] = field(default_factory=dict)
     doubtful: frozenset[str] = frozenset()
+
+    @property
+    def sensors(self) -> dict[str, Table]:
+        """The parts that are sensors."""
+        return {
+            name: part
+            for name, part in self.parts.items()
+            if isinstance(part, Table) and name.partition("[")[0] not in _OTHER_PARTS
+        }
 
 
 def locate(path: Path | str) -> tuple[Path, Path]:
@@ -91,24 +100,19 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
     doubtful: set[str] = set()
     findings += _top_level(data, file)
 
-    named: list[tuple[str, str, type[Model], Any]] = [
-        (key, key, model, data[key]) for key, model in _TABLE_PARTS.items() if key in data
-    ]
-    lasers = data.get("laser", [])
-    if isinstance(lasers, list):
-        named += [(f"laser {i}", f"laser[{i}]", Laser, raw) for i, raw in enumerate(lasers, start=1)]
-    else:
-        findings.append(_not_a_table("laser", file, "[[laser]], one table per laser"))
-    for part, key, model, raw in named:
+    for key, model, raw in _named_parts(data):
+        if key in _LISTS:
+            findings.append(_not_a_table(key, file, f"[[{key}]], one table per {key}"))
+            continue
         if not isinstance(raw, dict):
             findings.append(_not_a_table(key, file, f"a table [{key}]"))
             continue
         value, faults = _part(model, raw, key, file)
         findings += faults
         if value is not None:
-            parts[part] = value
+            parts[key] = value
         if faults:
-            doubtful.add(part)
+            doubtful.add(key)
 
     description = None
     if not findings:
@@ -117,6 +121,15 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
         except ValidationError as error:
             findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()]
     return ReadDescription(tuple(findings), description, parts, frozenset(doubtful))
+
+
+def _named_parts(data: Mapping[str, Any]) -> Iterator[tuple[str, type[Model], Any]]:
+    """Each part's key, its class, and what the file has there: of a list one by one, ``"laser[1]"``, if it is one."""
+    for key, model in _PARTS.items():
+        if key in _LISTS and isinstance(data.get(key), list):
+            yield from ((f"{key}[{i}]", model, raw) for i, raw in enumerate(data[key], start=1))
+        elif key in data:
+            yield key, model, data[key]
 
 
 def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
@@ -129,7 +142,7 @@ def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
         if isinstance(declared, str) and declared.startswith("trackfg-recording/"):
             mend = "this version of trackfg reads version 1 only: convert the recording, or update trackfg"
         findings.append(Finding("error", "format", what, file=file, column="format", expected=repr(FORMAT), mend=mend))
-    rest = {key: value for key, value in data.items() if key not in _TABLE_PARTS and key not in ("format", "laser")}
+    rest = {key: value for key, value in data.items() if key not in _PARTS and key != "format"}
     try:
         RecordingDescription.model_validate({**rest, "imu": _ANY_IMU} if "imu" in data else rest)
     except ValidationError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -17,14 +17,15 @@ from trackfg.checks import plausibility
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
-from trackfg.io import tables
 from trackfg.io.description_reader import ReadDescription, locate, read_description
+from trackfg.io.formats.gnss import GnssConverter
+from trackfg.io.formats.registry import format_of, sensors_of
 from trackfg.io.table_file import resolve_inside
-from trackfg.io.tables import Columns, Tables
+from trackfg.io.tables import Tables, canonical_table
 from trackfg.io.writer import write_recording
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, Tach, Truth
-from trackfg.recording.findings import Finding, errors
+from trackfg.recording.description import Truth
+from trackfg.recording.findings import Finding, Section, errors
 from trackfg.recording.model import Recording
 
 __all__ = [
@@ -69,37 +70,24 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
         atomic_folder.recover(folder)
     read = read_description(path)
     findings = list(read.findings)
+    sensors = read.sensors
+    reader = Tables(folder, sensors.values())
     tables: dict[str, pd.DataFrame] = {}
-    reader = Tables(folder, read.parts.values())
     gnss_origin = None
-    for name, part in read.parts.items():
-        match part:
-            case Imu() | Tach() | Fixes() | Gnss() | Laser():
-                columns, faults = reader.columns(part, limits)
-                findings += faults
-                if columns is not None and name not in read.doubtful:
-                    tables[name], origin = _canonical(part, columns)
-                    gnss_origin = gnss_origin if origin is None else origin
-            case Truth():
-                findings += _truth_files(folder, part)
+    for name, part in sensors.items():
+        columns, faults = reader.columns(part, limits)
+        findings += faults
+        if columns is not None and name not in read.doubtful:
+            tables[name], converter = canonical_table(part, columns)
+            if isinstance(converter, GnssConverter):
+                gnss_origin = converter.origin
+    if isinstance(truth := read.parts.get("truth"), Truth):
+        findings += _truth_files(folder, truth)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
+    for name, table in tables.items():
+        findings += format_of(sensors[name]).doubts(sensors[name], Section(toml.name, name), table, limits)
     distinct = tuple(dict.fromkeys(findings))
     return LoadedRecording(distinct, _assemble(read, tables, gnss_origin, folder, distinct))
-
-
-def _canonical(part: Model, columns: Columns) -> tuple[pd.DataFrame, Array | None]:
-    match part:
-        case Imu():
-            return tables.imu_table(part, columns), None
-        case Tach():
-            return tables.tach_table(part, columns), None
-        case Fixes():
-            return tables.fix_table(part, columns), None
-        case Laser():
-            return tables.laser_table(part, columns), None
-        case Gnss():
-            return tables.gnss_table(part, columns)
-    raise TypeError(type(part))
 
 
 def _assemble(
@@ -111,21 +99,12 @@ def _assemble(
 ) -> Recording | None:
     """The recording, if its description and all of its tables are sound."""
     description = read.description
-    expected = {name for name in read.parts if name not in ("track", "truth")}
-    if description is None or set(tables) != expected:
+    if description is None or set(tables) != set(read.sensors):
         return None
-    lasers = {laser.name: tables[f"laser {i}"] for i, laser in enumerate(description.laser, start=1)}
-    return Recording(
-        description=description,
-        imu=tables["imu"],
-        tach=tables.get("tach"),
-        fixes=tables.get("fixes"),
-        gnss=tables.get("gnss"),
-        lasers=lasers,
-        gnss_origin=gnss_origin,
-        folder=folder,
-        findings=findings,
-    )
+    # Both are in the order of the registry.
+    named = {name: tables[key] for (name, _), key in zip(sensors_of(description), read.sensors, strict=True)}
+    recording = Recording.of_tables(description, named)
+    return replace(recording, gnss_origin=gnss_origin, folder=folder, findings=findings)
 
 
 def _truth_files(folder: Path, truth: Truth) -> list[Finding]:

@@ -46,7 +46,9 @@ class TableFile:
             mend = "separate the cells by commas"
         expected = f"one of {', '.join(self.columns[:30])}" if self.columns else "a header: the file is empty"
         return None, [
-            Finding("error", "missing-column", "no such column", self.name, column, expected=expected, mend=mend)
+            Finding(
+                "error", "missing-column", "no such column", file=self.name, column=column, expected=expected, mend=mend
+            )
         ]
 
 
@@ -113,7 +115,7 @@ def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
         else:
             mend = "store seconds since the start as numbers" if pa.types.is_temporal(kind) else "store it as numbers"
             faults[column] = Finding(
-                "error", "not-numeric", f"has type {kind}", name, column, None, None, "numbers", mend
+                "error", "not-numeric", f"has type {kind}", file=name, column=column, expected="numbers", mend=mend
             )
     faults |= _repeated(schema.names, wanted, name)
     return TableFile(name, tuple(schema.names), values, faults)
@@ -154,7 +156,7 @@ def _search_csv(
             number += 1
             if len(row) != len(header):
                 message, expected = f"{len(row)} cells", f"{len(header)}, as in the header"
-                return None, [Finding("error", "row-length", message, name, None, number, None, expected)]
+                return None, [Finding("error", "row-length", message, file=name, row=number, expected=expected)]
             for column, i in places:
                 value = _parse(row[i])
                 if value is None:
@@ -166,7 +168,16 @@ def _search_csv(
             more = f" ({len(found)} such cells)" if len(found) > 1 else ""
             message = f"{text[:40]!r} is not a number{more}"
             mend = "write decimals with a point, without units or thousands separators"
-            faults[column] = Finding("error", "not-numeric", message, name, column, row_number, None, "a number", mend)
+            faults[column] = Finding(
+                "error",
+                "not-numeric",
+                message,
+                file=name,
+                column=column,
+                row=row_number,
+                expected="a number",
+                mend=mend,
+            )
     values = {column: np.array(cells[column]) for column in present if not wrong[column]}
     return TableFile(name, tuple(header), values, faults), []
 
@@ -184,7 +195,9 @@ def _parse(cell: str) -> float | None:
 
 def _repeated(names: list[str], wanted: list[str], file: str) -> dict[str, Finding]:
     return {
-        column: Finding("error", "repeated-column", "appears more than once", file, column, expected="each name once")
+        column: Finding(
+            "error", "repeated-column", "appears more than once", file=file, column=column, expected="each name once"
+        )
         for column in wanted
         if names.count(column) > 1
     }

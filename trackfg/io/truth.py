@@ -9,6 +9,7 @@ import pandas as pd
 
 from trackfg import units
 from trackfg.checks import columns
+from trackfg.checks.columns import ColumnPlace
 from trackfg.errors import BadInputError
 from trackfg.io.description_reader import locate, read_description
 from trackfg.io.table_file import TableFile, open_table
@@ -33,8 +34,8 @@ def read_truth(path: Path | str) -> pd.DataFrame:
     table = _all_columns(folder, truth.file, truth.time)
     t = table.pop(truth.time).to_numpy() * units.to_si("time", truth.time_unit) + truth.time_offset_s
     raise_first([
-        *columns.not_finite(t, truth.file, truth.time),
-        *columns.not_increasing(t, truth.file, truth.time),
+        *columns.not_finite(t, ColumnPlace(truth.file, truth.time)),
+        *columns.not_increasing(t, ColumnPlace(truth.file, truth.time)),
     ])  # fmt: skip
     table.insert(0, "t_s", t)
     return table
@@ -49,7 +50,7 @@ def read_truth_geometry(path: Path | str) -> pd.DataFrame | None:
     if truth.geometry is None:
         return None
     table = _all_columns(folder, truth.geometry, "chainage_m")
-    raise_first(columns.not_finite(table["chainage_m"].to_numpy(), truth.geometry, "chainage_m"))
+    raise_first(columns.not_finite(table["chainage_m"].to_numpy(), ColumnPlace(truth.geometry, "chainage_m")))
     return table
 
 

@@ -6,8 +6,9 @@ digits as identify the double.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,10 @@ import tomli_w
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.io.description_reader import FILE_NAME, read_description
-from trackfg.recording.canonical import pulse_m
-from trackfg.recording.description import Gnss, RecordingDescription, Table, Tach, Truth
-from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
+from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
+from trackfg.recording.description import RecordingDescription, Table, Truth
+from trackfg.recording.model import Recording
 
 TableFormat = Literal["parquet", "csv"]
 
@@ -45,131 +47,95 @@ def write_recording(
     _refuse_to_destroy(folder, recording)
     if truth_geometry is not None and truth is None:
         raise BadInputError("truth_geometry without truth: expected both")
-    tables = _tables(recording, table_format)
-    description = canonical_description(recording, table_format)
+    description, tables = _written(recording, table_format)
     if truth is not None:
         geometry_file = None if truth_geometry is None else f"truth_geometry.{table_format}"
         answer = Truth(file=f"truth.{table_format}", time="t_s", geometry=geometry_file)
         description = description.model_copy(update={"truth": answer})
-        tables[answer.file] = (("t_s",), truth)
+        tables[answer.file] = _having(truth, "t_s", answer.file)
         if geometry_file is not None and truth_geometry is not None:
-            tables[geometry_file] = (("chainage_m",), truth_geometry)
-    for file, (columns, table) in tables.items():
-        if missing := [column for column in columns if column not in table.columns]:
-            raise BadInputError(f"{file}: the table to write lacks {', '.join(missing)}; expected {', '.join(columns)}")
+            tables[geometry_file] = _having(truth_geometry, "chainage_m", geometry_file)
     with replaced_folder(folder) as new:
-        for file, (columns, table) in tables.items():
-            _write_table(table if file.startswith("truth") else table[list(columns)], new / file)
+        for file, table in tables.items():
+            _write_table(table, new / file)
         (new / FILE_NAME).write_text(tomli_w.dumps(_without_none(description.model_dump())), encoding="utf-8")
     return folder
 
 
+def _having(table: pd.DataFrame, column: str, file: str) -> pd.DataFrame:
+    if column not in table.columns:
+        raise BadInputError(f"{file}: the table to write lacks {column}; expected {column}")
+    return table
+
+
 def canonical_description(recording: Recording, table_format: TableFormat = "parquet") -> RecordingDescription:
     """The description of the canonical tables: ``recording``'s, but for files, columns and units."""
-    given = recording.description
-    clock = {"time": "t_s", "time_unit": "s", "time_offset_s": 0.0}
-    changes: dict[str, Any] = {"truth": None}
-    changes["imu"] = given.imu.model_copy(
-        update={
-            **clock,
-            "file": f"imu.{table_format}",
-            "stamp": "centre",
-            "gyro": IMU_COLUMNS[1:4],
-            "gyro_unit": "rad/s",
-            "accel": IMU_COLUMNS[4:7],
-            "accel_unit": "m/s^2",
-            "axes": "FLU",
-            "mount_rpy_deg": (0.0, 0.0, 0.0),
-        }
-    )
-    if recording.tach is not None:
-        tach = _described(given.tach, "tach")
-        kind = {"kind": "distance", "unit": "m", "column": TACH_COLUMNS[1], "integrated": tach.integrates_speed}
-        if _pulse_counts(recording) is not None:
-            kind = {"kind": "pulses", "unit": "1", "column": "count"}
-        changes["tach"] = tach.model_copy(update={**clock, **kind, "file": f"tach.{table_format}"})
-    if recording.fixes is not None:
-        names = {"chainage": FIX_COLUMNS[1], "sd": FIX_COLUMNS[2]}
-        fixes = _described(given.fixes, "fixes")
-        changes["fixes"] = fixes.model_copy(update={**clock, **names, "file": f"fixes.{table_format}"})
-    if recording.gnss is not None:
-        gnss: Gnss = _described(given.gnss, "gnss")
-        origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
-        frame = {"position": GNSS_COLUMNS[1:4], "sd": GNSS_COLUMNS[4:7], "frame": "local", "origin": origin}
-        changes["gnss"] = gnss.model_copy(update={**clock, **frame, "file": f"gnss.{table_format}"})
-    places = _laser_places(recording, table_format)
-    changes["laser"] = tuple(
-        laser.model_copy(update={**clock, "file": places[laser.name][0], "column": places[laser.name][1], "unit": "m"})
-        for laser in given.laser
-    )
-    return given.model_copy(update=changes)
+    return _written(recording, table_format)[0]
 
 
-_Part = TypeVar("_Part", bound=Table)
-
-
-def _described(part: _Part | None, name: str) -> _Part:
-    if part is None:
-        raise BadInputError(f"the recording has a {name} table but its description has no [{name}]")
-    return part
-
-
-def _laser_places(recording: Recording, table_format: str) -> dict[str, tuple[str, str]]:
-    """By name, in the description's order: file and column of each laser. Lasers of the same times share a file."""
-    names = [laser.name for laser in recording.description.laser]
-    if set(names) != set(recording.lasers):
-        raise BadInputError(f"the recording has the lasers {sorted(recording.lasers)} but describes others")
-    together: list[list[str]] = []
-    for name in names:
-        table = recording.lasers[name]
-        if missing := [column for column in LASER_COLUMNS if column not in table.columns]:
-            raise BadInputError(f"laser {name!r}: the table to write lacks {', '.join(missing)}")
-        times = table["t_s"].to_numpy()
-        for others in together:
-            if np.array_equal(times, recording.lasers[others[0]]["t_s"].to_numpy()):
-                others.append(name)
-                break
-        else:
-            together.append([name])
-    places = {}
-    for number, group in enumerate(together, start=1):
-        for i, name in enumerate(group, start=1):
-            column = LASER_COLUMNS[1] if len(group) == 1 else f"displacement_{i}_m"
-            places[name] = (f"laser_{number}.{table_format}", column)
-    return {name: places[name] for name in names}
-
-
-def _pulse_counts(recording: Recording) -> pd.DataFrame | None:
-    """The tach table as pulse counts, if it came from pulses and counts reproduce its distances to the last bit."""
-    tach: Tach | None = recording.description.tach
-    if tach is None or tach.kind != "pulses" or recording.tach is None:
-        return None
-    pulse = pulse_m(tach)
-    distance = recording.tach["distance_m"].to_numpy()
-    count = np.rint(distance / pulse)
-    if not np.array_equal(count * pulse, distance):
-        return None
-    return pd.DataFrame({"t_s": recording.tach["t_s"], "count": count})
-
-
-def _tables(recording: Recording, table_format: str) -> dict[str, tuple[tuple[str, ...], pd.DataFrame]]:
-    """By file name: the columns to write, and the table."""
-    tables: dict[str, tuple[tuple[str, ...], pd.DataFrame]] = {f"imu.{table_format}": (IMU_COLUMNS, recording.imu)}
-    if recording.tach is not None:
-        counts = _pulse_counts(recording)
-        tables[f"tach.{table_format}"] = (
-            (TACH_COLUMNS, recording.tach) if counts is None else (("t_s", "count"), counts)
+def _written(recording: Recording, table_format: str) -> tuple[RecordingDescription, dict[str, pd.DataFrame]]:
+    """The description of what is written, and by file name the tables."""
+    description, tables = recording.description, recording.tables
+    files: dict[str, pd.DataFrame] = {}
+    described = dict(sensors_of(description))
+    if unknown := sorted(set(tables) - set(described)):
+        raise BadInputError(
+            f"the recording has a {unknown[0]} table but its description has no [{unknown[0].partition('/')[0]}]"
         )
-    if recording.fixes is not None:
-        tables[f"fixes.{table_format}"] = (FIX_COLUMNS, recording.fixes)
-    if recording.gnss is not None:
-        tables[f"gnss.{table_format}"] = (GNSS_COLUMNS, recording.gnss)
-    for name, (file, column) in _laser_places(recording, table_format).items():
-        time, displacement = LASER_COLUMNS
-        laser = recording.lasers[name]
-        columns, table = tables.get(file, ((time,), laser[[time]]))
-        tables[file] = ((*columns, column), table.assign(**{column: laser[displacement].to_numpy()}))
-    return tables
+    missing = [name for name, part in described.items() if name not in tables and format_of(part).several]
+    if missing:
+        raise BadInputError(f"the recording describes {missing[0].partition('/')[0]}s without a table: {missing}")
+    changes: dict[str, Any] = {"truth": None}
+    for sensor in FORMATS:
+        names = [name for name, part in described.items() if format_of(part) is sensor and name in tables]
+        written = [sensor.written(described[name], _complete(sensor, name, tables[name])) for name in names]
+        places = _places(sensor, written, table_format)
+        parts = []
+        for name, (keys, table), (file, column) in zip(names, written, places, strict=True):
+            _add(files, file, table, column)
+            clock = {"file": file, "time": TIME_COLUMN, "time_unit": "s", "time_offset_s": 0.0}
+            shared = {} if column is None else {"column": column}
+            parts.append(described[name].model_copy(update={**keys, **clock, **shared}))
+        changes[sensor.key] = tuple(parts) if sensor.several else parts[0] if parts else None
+    if changes["gnss"] is not None:
+        origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
+        changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})
+    return description.model_copy(update=changes), files
+
+
+def _complete(sensor: SensorFormat[Any], name: str, table: pd.DataFrame) -> pd.DataFrame:
+    """The canonical columns of a table. Raises :class:`BadInputError` where it lacks one."""
+    if missing := [column for column in sensor.canonical if column not in table.columns]:
+        _, _, own = name.partition("/")
+        which = f"{sensor.key} {own!r}" if own else f"{name}.parquet"
+        expected = ", ".join(sensor.canonical)
+        raise BadInputError(f"{which}: the table to write lacks {', '.join(missing)}; expected {expected}")
+    return table[list(sensor.canonical)]
+
+
+def _places(
+    sensor: SensorFormat[Any], written: Sequence[WrittenTable], table_format: str
+) -> list[tuple[str, str | None]]:
+    """The file of each table, and its column where sensors of the same times share a file."""
+    if not sensor.several:
+        return [(f"{sensor.key}.{table_format}", None) for _ in written]
+    times = [table[TIME_COLUMN].to_numpy() for _, table in written]
+    first = [next(j for j, t in enumerate(times) if np.array_equal(t, own)) for own in times]
+    groups = list(dict.fromkeys(first))
+    places = []
+    for i, (leader, (keys, _)) in enumerate(zip(first, written, strict=True)):
+        quantity, _, unit = str(keys["column"]).rpartition("_")
+        column = f"{quantity}_{first[: i + 1].count(leader)}_{unit}" if first.count(leader) > 1 else None
+        places.append((f"{sensor.key}_{groups.index(leader) + 1}.{table_format}", column))
+    return places
+
+
+def _add(files: dict[str, pd.DataFrame], file: str, table: pd.DataFrame, column: str | None) -> None:
+    """Add a table to those that are written, or its data column to the file that it shares."""
+    if column is None:
+        files[file] = table
+    else:
+        files[file] = files.get(file, table[[TIME_COLUMN]]).assign(**{column: table.iloc[:, 1].to_numpy()})
 
 
 def _write_table(table: pd.DataFrame, path: Path) -> None:

@@ -6,9 +6,8 @@
 * tach: pulses to ``count * pi * wheel_diameter_m / pulses_per_rev``; speed by the trapezoid rule, from 0;
 * GNSS: geodetic to ENU about ``gnss.origin``, or the first row.
 
-Recordings use them on whole tables (:mod:`trackfg.io.tables`), streams on a few rows at a time
-(:mod:`trackfg.streaming.intake.conversion`). A column that a formula does not change is handed back as it is, bit by
-bit.
+The formats of the sensors use them (:mod:`trackfg.io.formats`), on whole tables and on a few rows of a stream at a
+time. A column that a formula does not change is handed back as it is, bit by bit.
 """
 
 from __future__ import annotations
@@ -21,23 +20,9 @@ import numpy as np
 from trackfg import units
 from trackfg.numerics import geodesy, rotations
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Fixes, Gnss, Imu, Laser, Model, Table, Tach
+from trackfg.recording.description import Gnss, Imu, Laser, Table, Tach
 
 Columns = Sequence[Array]
-
-
-def data_columns(part: Model) -> tuple[str, ...]:
-    """The columns that a part of the description refers to, without the time."""
-    match part:
-        case Imu():
-            return (*part.gyro, *part.accel)
-        case Tach() | Laser():
-            return (part.column,)
-        case Fixes():
-            return (part.chainage, part.sd)
-        case Gnss():
-            return (*part.position, *part.sd)
-    return ()
 
 
 def seconds(part: Table, raw: Array) -> Array:

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import KW_ONLY, dataclass
+from typing import Literal, NamedTuple
 
 from trackfg.errors import BadInputError
 
 Level = Literal["error", "warning", "info"]
+
+
+class Section(NamedTuple):
+    """A table of the description: the ``file`` it is in and its ``name`` there, ``"tach"`` or ``"laser[1]"``."""
+
+    file: str
+    name: str
 
 
 @dataclass(frozen=True)
@@ -23,6 +30,7 @@ class Finding:
     level: Level
     code: str
     message: str
+    _: KW_ONLY
     file: str | None = None
     column: str | None = None
     row: int | None = None

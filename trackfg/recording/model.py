@@ -21,6 +21,7 @@ the tables came from, and must not be applied again. Truth is not here: estimato
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -36,6 +37,9 @@ TACH_COLUMNS = ("t_s", "distance_m")
 FIX_COLUMNS = ("t_s", "chainage_m", "chainage_sd_m")
 GNSS_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "east_sd_m", "north_sd_m", "up_sd_m")
 LASER_COLUMNS = ("t_s", "displacement_m")
+
+LASER_TABLE = "laser/"
+"""The table of a laser is called so, and by the laser's name."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,19 @@ class Recording:
     gnss_origin: Array | None = None
     folder: Path | None = None
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The tables that there are, by name: ``imu``, ``tach``, ``fixes``, ``gnss``, ``laser/NAME``."""
+        single = {"imu": self.imu, "tach": self.tach, "fixes": self.fixes, "gnss": self.gnss}
+        lasers = {f"{LASER_TABLE}{name}": table for name, table in self.lasers.items()}
+        return {name: table for name, table in single.items() if table is not None} | lasers
+
+    @classmethod
+    def of_tables(cls, description: RecordingDescription, tables: Mapping[str, pd.DataFrame]) -> Recording:
+        """From :attr:`tables`."""
+        lasers = {name.removeprefix(LASER_TABLE): t for name, t in tables.items() if name.startswith(LASER_TABLE)}
+        return cls(description, tables["imu"], tables.get("tach"), tables.get("fixes"), tables.get("gnss"), lasers)
 
     @property
     def gyro(self) -> Array:

@@ -4,7 +4,7 @@ A table is an array of shape (n, columns) whose first column is the time; what t
 
 ==================  =================================================================================================
 raw                 the recording's description: columns, units and axes as the sensor sends them (:func:`raw_columns`)
-canonical           :mod:`trackfg.recording.model`: SI, FLU, one clock (:data:`CANONICAL_COLUMNS`)
+canonical           :mod:`trackfg.recording.model`: SI, FLU, one clock (:func:`canonical_columns`)
 ==================  =================================================================================================
 
 Tables are called ``imu``, ``tach``, ``fixes``, ``gnss`` and, for each laser, ``laser/NAME``.
@@ -14,22 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 
+from trackfg.io.formats.registry import format_of, format_of_table, sensors_of
 from trackfg.numerics.arrays import Array
-from trackfg.recording.canonical import data_columns
 from trackfg.recording.description import RecordingDescription, Table
-from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.recording.model import IMU_COLUMNS, LASER_TABLE, Recording
 
-LASER = "laser/"
+LASER = LASER_TABLE
 
-CANONICAL_COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"imu": IMU_COLUMNS, "tach": TACH_COLUMNS, "fixes": FIX_COLUMNS, "gnss": GNSS_COLUMNS}
-)
-"""Of the four tables; a laser's are :data:`trackfg.recording.model.LASER_COLUMNS`."""
+_SINGLE = ("imu", "tach", "fixes", "gnss")
+"""Tables of which there is one."""
 
 RowTables = Mapping[str, Array]
 """Rows by table, raw or canonical; tables without rows may be left out."""
@@ -37,24 +34,17 @@ RowTables = Mapping[str, Array]
 
 def described_tables(description: RecordingDescription) -> dict[str, Table]:
     """The parts of a description that have rows, by the table's name; the IMU first."""
-    parts: dict[str, Table | None] = {
-        "imu": description.imu,
-        "tach": description.tach,
-        "fixes": description.fixes,
-        "gnss": description.gnss,
-        **{f"{LASER}{laser.name}": laser for laser in description.laser},
-    }
-    return {name: part for name, part in parts.items() if part is not None}
+    return dict(sensors_of(description))
 
 
 def raw_columns(description: RecordingDescription) -> dict[str, tuple[str, ...]]:
     """The columns of each table as the sensors send them, the time first."""
-    return {name: (part.time, *data_columns(part)) for name, part in described_tables(description).items()}
+    return {name: (part.time, *format_of(part).columns(part)) for name, part in sensors_of(description)}
 
 
 def canonical_columns(table: str) -> tuple[str, ...]:
     """The columns of a table in canonical form, the time first."""
-    return LASER_COLUMNS if table.startswith(LASER) else CANONICAL_COLUMNS[table]
+    return format_of_table(table).canonical
 
 
 NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
@@ -102,7 +92,7 @@ class Rows:
     def of(cls, tables: RowTables, until_s: float, origin: Array | None = None) -> Rows:
         """From canonical tables by name."""
         lasers = {name.removeprefix(LASER): table for name, table in tables.items() if name.startswith(LASER)}
-        imu, tach, fixes, gnss = (tables.get(name, no_rows(name)) for name in CANONICAL_COLUMNS)
+        imu, tach, fixes, gnss = (tables.get(name, no_rows(name)) for name in _SINGLE)
         return cls(imu, tach, fixes, gnss, lasers, until_s, origin)
 
     def frame(self, table: str) -> pd.DataFrame:
@@ -113,9 +103,5 @@ class Rows:
 
 def recording_rows(recording: Recording) -> Rows:
     """All of a recording at once."""
-    tables = {"imu": recording.imu, "tach": recording.tach, "fixes": recording.fixes, "gnss": recording.gnss}
-    tables |= {f"{LASER}{name}": table for name, table in recording.lasers.items()}
-    arrays = {
-        name: table[list(canonical_columns(name))].to_numpy() for name, table in tables.items() if table is not None
-    }
+    arrays = {name: table[list(canonical_columns(name))].to_numpy() for name, table in recording.tables.items()}
     return Rows.of(arrays, np.inf, recording.gnss_origin)

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfg.io.formats.tach import FASTEST_MPS
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.events import LossReport, StreamEvent
-from trackfg.streaming.intake.conversion import FASTEST_MPS
 
 RESET_ROWS = 10
 COARSEST_STEP_M = 10.0

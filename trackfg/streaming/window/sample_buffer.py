@@ -18,7 +18,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
-from trackfg.streaming.rows import CANONICAL_COLUMNS, NO_SAMPLES, Rows, no_rows
+from trackfg.streaming.rows import NO_SAMPLES, Rows, canonical_columns, no_rows
 from trackfg.streaming.window.growable_array import Growing, GrowingIntervals
 
 _FIRST_SAMPLES = 10
@@ -203,7 +203,7 @@ class Tape:
     @staticmethod
     def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:
         rows = _between(table, begin, end)
-        return pd.DataFrame(rows, columns=list(CANONICAL_COLUMNS[name])) if len(rows) else None
+        return pd.DataFrame(rows, columns=list(canonical_columns(name))) if len(rows) else None
 
 
 def _first(table: Array, since: float) -> int:

@@ -1,0 +1,47 @@
+"""The table of balises, RFID tags and mile posts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from trackfg.checks.columns import ColumnPlace, not_positive
+from trackfg.io.formats.sensor_format import Converter, ReadColumns, SensorFormat, WrittenTable
+from trackfg.numerics.arrays import Array
+from trackfg.recording.description import Fixes
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import FIX_COLUMNS
+
+
+class FixConverter(Converter):
+    """Changes nothing: fixes are recorded in metres."""
+
+    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
+        """Chainage and sigma, m."""
+        return tuple(columns)
+
+
+class FixesFormat(SensorFormat[Fixes]):
+    """Chainages with their sigmas."""
+
+    key = "fixes"
+    model = Fixes
+    canonical = FIX_COLUMNS
+
+    def columns(self, part: Fixes) -> tuple[str, ...]:
+        """Chainage and its sigma."""
+        return (part.chainage, part.sd)
+
+    def converter(self, part: Fixes) -> FixConverter:
+        """None is needed."""
+        return FixConverter()
+
+    def value_faults(self, part: Fixes, read: ReadColumns) -> list[Finding]:
+        """Sigmas that are not positive."""
+        sd = read.named[part.sd]
+        return [] if sd is None else not_positive(sd, ColumnPlace(part.file, part.sd, read.t))
+
+    def written(self, part: Fixes, table: pd.DataFrame) -> WrittenTable:
+        """As it is in memory."""
+        return WrittenTable({"chainage": FIX_COLUMNS[1], "sd": FIX_COLUMNS[2]}, table)

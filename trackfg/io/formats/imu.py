@@ -1,0 +1,64 @@
+"""The table of the inertial sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from trackfg.checks.limits import CheckLimits
+from trackfg.io.formats.sensor_format import Converter, SensorFormat, WrittenTable
+from trackfg.numerics import spans
+from trackfg.numerics.arrays import Array
+from trackfg.recording import canonical
+from trackfg.recording.description import Imu
+from trackfg.recording.model import IMU_COLUMNS
+
+
+class ImuConverter(Converter):
+    """Turns the columns into vehicle axes, rad/s and m/s^2."""
+
+    def __init__(self, part: Imu) -> None:
+        self._part, self._R = part, canonical.imu_rotation(part)
+
+    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
+        """Angular rates and specific forces, six columns."""
+        return canonical.imu_in_body(self._part, self._R, columns)
+
+
+class ImuFormat(SensorFormat[Imu]):
+    """Angular rates and specific forces. Stamps are moved to the centre of a sample's interval."""
+
+    key = "imu"
+    model = Imu
+    canonical = IMU_COLUMNS
+    min_rows = 10
+
+    def columns(self, part: Imu) -> tuple[str, ...]:
+        """Three of the gyro, three of the accelerometer."""
+        return (*part.gyro, *part.accel)
+
+    def converter(self, part: Imu) -> ImuConverter:
+        """To vehicle axes."""
+        return ImuConverter(part)
+
+    def on_common_clock(self, part: Imu, t: Array) -> Array:
+        """With half a median interval for stamps at the start or end of a sample."""
+        return canonical.on_common_clock(part, t, spans.median_interval(t))
+
+    def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
+        """An error where attitude is lost."""
+        return limits.imu_gap_warning_s, limits.imu_gap_error_s
+
+    def written(self, part: Imu, table: pd.DataFrame) -> WrittenTable:
+        """In vehicle axes and SI, stamped at the centre."""
+        keys = {
+            "stamp": "centre",
+            "gyro": IMU_COLUMNS[1:4],
+            "gyro_unit": "rad/s",
+            "accel": IMU_COLUMNS[4:7],
+            "accel_unit": "m/s^2",
+            "axes": "FLU",
+            "mount_rpy_deg": (0.0, 0.0, 0.0),
+        }
+        return WrittenTable(keys, table)

@@ -1,0 +1,116 @@
+"""What files, checks, streams and memory must know of the table of one kind of sensor.
+
+A sensor is a part of ``recording.toml`` (a model of :mod:`trackfg.recording.description`) and a :class:`SensorFormat`:
+its columns as recorded and in memory, what they must satisfy, and the conversion from the one to the other. Reader,
+writer, ``trackfg check`` and the intake of streams go through :data:`trackfg.io.formats.registry.FORMATS` and know no
+sensor by name. The same conversion makes a whole table and the rows of a stream, a few at a time.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from trackfg.checks.limits import CheckLimits
+from trackfg.numerics.arrays import Array
+from trackfg.recording import canonical
+from trackfg.recording.description import Table
+from trackfg.recording.findings import Finding, Section
+
+Part = TypeVar("Part", bound=Table)
+
+TIME_COLUMN = "t_s"
+"""Of every table in memory: seconds on the recording's clock."""
+
+
+class ReadColumns(NamedTuple):
+    """The columns of a table as far as they could be read: ``t`` (n,), s on the sensor's clock, and by name."""
+
+    t: Array | None
+    named: Mapping[str, Array | None]
+
+
+class Impossible(NamedTuple):
+    """Rows of a stream that no vehicle can produce, marked in ``rows`` (n,), and the ``code`` they are reported by."""
+
+    code: str
+    rows: np.ndarray
+
+
+class WrittenTable(NamedTuple):
+    """A table to be written, and the keys of the part that then describe it (its file and time are the writer's)."""
+
+    keys: Mapping[str, Any]
+    table: pd.DataFrame
+
+
+class Converter(ABC):
+    """The conversion of one sensor's rows, in order, to SI, body axes and metres."""
+
+    @abstractmethod
+    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
+        """The data columns in canonical form, from times on the common clock (n,), s, and the columns as recorded."""
+
+    def state(self) -> Any:
+        """What carries over from batch to batch, as JSON values; None where each row stands for itself."""
+        return None
+
+    def restore(self, state: Any) -> None:
+        """Go on from a :meth:`state`. Raises ``ValueError`` where the rows stand for themselves."""
+        if state is not None:
+            raise ValueError(f"{type(self).__name__} carries nothing over, but the state has {state!r}")
+
+
+class SensorFormat(ABC, Generic[Part]):
+    """The table of one kind of sensor.
+
+    ``key`` is the part's name in ``recording.toml``, ``model`` its class, ``canonical`` the columns in memory, the time
+    first. With ``several`` the key holds a list, one table per sensor. A table of fewer than ``min_rows`` rows says
+    nothing.
+    """
+
+    key: ClassVar[str]
+    model: ClassVar[type[Table]]
+    canonical: ClassVar[tuple[str, ...]]
+    several: ClassVar[bool] = False
+    min_rows: ClassVar[int] = 1
+
+    @abstractmethod
+    def columns(self, part: Part) -> tuple[str, ...]:
+        """The columns as recorded, without the time."""
+
+    @abstractmethod
+    def converter(self, part: Part) -> Converter:
+        """A conversion that has seen no row yet."""
+
+    @abstractmethod
+    def written(self, part: Part, table: pd.DataFrame) -> WrittenTable:
+        """How the canonical ``table`` is written so that reading gives the same values."""
+
+    def table_name(self, part: Part, number: int) -> str:
+        """The name of the sensor's table in memory and in a stream; ``number`` counts from 1 in a list."""
+        return f"{self.key}/{number}" if self.several else self.key
+
+    def on_common_clock(self, part: Part, t: Array) -> Array:
+        """Times on the sensor's clock (n,), s, on that of the recording."""
+        return canonical.on_common_clock(part, t)
+
+    def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
+        """Above which silence between rows is doubtful, and above which an error; None where rows come as they do."""
+        return None
+
+    def value_faults(self, part: Part, read: ReadColumns) -> list[Finding]:
+        """Values that make the table unusable. By default none."""
+        return []
+
+    def doubts(self, part: Part, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
+        """What cannot be true in the canonical ``table``; ``section`` is the part's in the file. By default nothing."""
+        return []
+
+    def impossible(self, part: Part, columns: Sequence[Array]) -> Impossible | None:
+        """Rows of a stream to be left out before the conversion, or None where nothing can be said."""
+        return None
