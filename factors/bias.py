@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 
@@ -48,4 +50,4 @@ def bias_walk(first: np.ndarray, change: Array, sigma: Array) -> Family:
     (m, 6, 21) is how :func:`response_terms` change from interval k to k + 1. sigma (m, 6).
     """
     slots = (Slot(Kind.BIAS, first), Slot(Kind.BIAS, first + 1), Slot(Kind.IMU, np.zeros_like(first)))
-    return Family("bias walk", _walk, slots, (change,), sigma)
+    return Family(FactorType.BIAS_WALK, _walk, slots, {"change": change}, sigma)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import skew
 
 
 def _position(
-    nav: Nav, clock: Array, measured: Array, lever_arm: Array, delay: Array
+    nav: Nav, clock: Array, position: Array, lever_arm: Array, delay: Array
 ) -> tuple[Array, tuple[Array, ...]]:
     late = delay + clock[:, 2:]
-    residual = nav.p + np.einsum("mij,mj->mi", nav.R, lever_arm) + nav.v * late - measured
+    residual = nav.p + np.einsum("mij,mj->mi", nav.R, lever_arm) + nav.v * late - position
     d_nav = np.concatenate([-nav.R @ skew(lever_arm), nav.R, nav.R * late[:, :, None]], axis=2)
     d_clock = np.zeros((len(nav), 3, 3))
     d_clock[:, :, 2] = nav.v
@@ -22,7 +25,7 @@ def _position(
 
 
 def gnss_position(
-    index: np.ndarray, measured: Array, lever_arm: Array, delay: Array, sigma: Array, loss: Loss | None
+    index: np.ndarray, position: Array, lever_arm: Array, delay: Array, sigma: Array, loss: Loss | None
 ) -> Family:
     """The antenna is where the receiver says.
 
@@ -30,6 +33,6 @@ def gnss_position(
     from the IMU in body axes, ``dt`` (m,) the seconds from the keyframe to the measurement's stamp and ``T`` the
     receiver's clock offset, the seconds to add to its stamps. sigma (m, 3).
     """
-    data = (measured, np.tile(lever_arm, (len(index), 1)), delay[:, None])
+    data = {"position": position, "lever_arm": np.tile(lever_arm, (len(index), 1)), "delay": delay[:, None]}
     slots = (Slot(Kind.NAV, index), Slot(Kind.CLOCK, np.zeros_like(index)))
-    return Family("GNSS position", _position, slots, data, sigma, loss)
+    return Family(FactorType.GNSS_POSITION, _position, slots, data, sigma, loss)

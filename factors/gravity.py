@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import skew
@@ -27,5 +29,5 @@ def gravity_tilt(index: np.ndarray, specific_force: Array, gravity: float, sigma
     The samples behind ``f`` must not be preintegrated as well: this factor belongs to graphs in which the inertial
     factors give the accelerometer no weight (runs on which nothing measures speed).
     """
-    data = (specific_force, np.full(len(index), gravity)[:, None])
-    return Family("gravity tilt", _tilt, (Slot(Kind.NAV, index), Slot(Kind.BIAS, index)), data, sigma)
+    data = {"specific_force": specific_force, "gravity": np.full(len(index), gravity)[:, None]}
+    return Family(FactorType.GRAVITY_TILT, _tilt, (Slot(Kind.NAV, index), Slot(Kind.BIAS, index)), data, sigma)

@@ -14,7 +14,7 @@ from functools import cached_property
 import gtsam
 import numpy as np
 
-from trackfg.factors.family import LinearFactors, Slot
+from trackfg.factors.linear import LinearFactors, Slot
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 
 
-def _passed(first: Array, second: Array, fraction: Array, rest: Array) -> tuple[Array, tuple[Array, ...]]:
+def _passed(first: Array, second: Array, fraction: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
     f = fraction[:, 0]
     d_first, d_second = np.zeros((2, len(first), 1, 4))
     d_first[:, 0, 0], d_second[:, 0, 0] = 1.0 - f, f
-    residual = (1.0 - f) * first[:, 0] + f * second[:, 0] - rest[:, 0]
+    residual = (1.0 - f) * first[:, 0] + f * second[:, 0] - distance[:, 0]
     return residual[:, None], (d_first, d_second)
 
 
@@ -24,4 +27,5 @@ def landmark(first: np.ndarray, fraction: Array, distance: Array, sigma: Array, 
     the distance at that time is beyond the straight line between the keyframes. sigma (m, 1): of recognising it.
     """
     slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1))
-    return Family("landmark", _passed, slots, (fraction[:, None], distance[:, None]), sigma, loss)
+    data = {"fraction": fraction[:, None], "distance": distance[:, None]}
+    return Family(FactorType.LANDMARK, _passed, slots, data, sigma, loss)

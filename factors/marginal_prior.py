@@ -20,13 +20,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.factors.family import Family, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
-
-PAST = "past"
-"""The family's name."""
 
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
 _OTHERS = tuple(kind for kind in _KINDS if kind is not Kind.NAV)
@@ -80,9 +79,9 @@ def moved_from(origin: States, step: Step) -> States:
     return replace(states, nav=Nav(R, states.nav.p, v))
 
 
-def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
-    values, (R, p, v, *others, A, b) = parts[: len(_KINDS)], (np.asarray(part) for part in parts[len(_KINDS) :])
-    origins: dict[Kind, Array] = dict(zip(_OTHERS, others, strict=True))
+def _past(
+    *values: Value, R: Array, p: Array, v: Array, A: Array, b: Array, **origins: Array
+) -> tuple[Array, tuple[Array, ...]]:
     tangents, jacobians = [], []
     for kind, value in zip(_KINDS, values, strict=True):
         at = offset_in_keyframe(kind)
@@ -93,7 +92,7 @@ def _past(*parts: Value) -> tuple[Array, tuple[Array, ...]]:
             tangents.append(_nav_away(value, origin, rpy, rpy_origin, rates))
             block = block @ _by_nav(value, origin, rpy, rates)
         else:
-            tangents.append(np.asarray(value) - origins[kind])
+            tangents.append(np.asarray(value) - origins[kind.attribute])
         jacobians.append(block)
     x = np.concatenate(tangents, axis=1)
     return (A @ x[:, :, None])[:, :, 0] - b, tuple(jacobians)
@@ -116,22 +115,26 @@ def past(rows: Array, origin: States) -> Family:
     """
     zero = np.zeros(1, dtype=np.int64)
     nav = origin.nav
-    others = [np.asarray(origin.of(kind)) for kind in _OTHERS]
-    data = (nav.R, nav.p, nav.v, *others, rows[None, :, :-1], rows[None, :, -1])
-    return Family(PAST, _past, tuple(Slot(kind, zero) for kind in _KINDS), data, np.ones((1, len(rows))))
+    others = {kind.attribute: np.asarray(origin.of(kind)) for kind in _OTHERS}
+    data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "A": rows[None, :, :-1], "b": rows[None, :, -1]}
+    slots = tuple(Slot(kind, zero) for kind in _KINDS)
+    return Family(FactorType.MARGINAL_PRIOR, _past, slots, data, np.ones((1, len(rows))))
+
+
+def delayed_position(rows: Array, origin: States) -> Family:
+    """Return what a position passed before the first keyframe tells about it, in the form of :func:`past`."""
+    return replace(past(rows, origin), type=FactorType.DELAYED_POSITION)
 
 
 def answering(family: Family, response: Array) -> Family:
     """The past of a keyframe from which an interval begins now: its bias b is no longer the sensor's own one but that
     of the interval, ``own + response c`` with the calibration c, and ``response`` (6, 21).
     """
-    R, p, v, *others, A, b = family.data
-    origins = dict(zip(_OTHERS, others, strict=True))
+    bias, imu = (family.data[kind.attribute] for kind in (Kind.BIAS, Kind.IMU))
     at_bias, at_imu = (offset_in_keyframe(kind) for kind in (Kind.BIAS, Kind.IMU))
-    A = A.copy()
+    A = family.data["A"].copy()
     A[:, :, at_imu : at_imu + Kind.IMU.dim] -= A[:, :, at_bias : at_bias + Kind.BIAS.dim] @ response
-    origins[Kind.BIAS] = origins[Kind.BIAS] + origins[Kind.IMU] @ response.T
-    return family.with_data((R, p, v, *origins.values(), A, b))
+    return family.with_data(A=A, bias=bias + imu @ response.T)
 
 
 def past_elsewhere(family: Family, by_m: float, sd_m: float) -> Family:
@@ -140,11 +143,11 @@ def past_elsewhere(family: Family, by_m: float, sd_m: float) -> Family:
     What it said of the distance D was wrong by e ~ N(by, sd^2): the rows ``A (x - u e) = b`` with u the direction of D
     and ``e / sd = 0``, counted from D + by, and e eliminated.
     """
-    *parts, A, b = family.data
-    at, odo = offset_in_keyframe(Kind.ODO), 3 + _OTHERS.index(Kind.ODO)
-    parts[odo] = parts[odo] + np.array([by_m, 0.0, 0.0, 0.0])
+    A, b, at = family.data["A"], family.data["b"], offset_in_keyframe(Kind.ODO)
+    odo = family.data["odo"] + np.array([by_m, 0.0, 0.0, 0.0])
     rows = np.column_stack([-A[0, :, at], A[0], b[0]])
     error = np.zeros((1, rows.shape[1]))
     error[0, 0] = 1.0 / sd_m
     left = np.asarray(np.linalg.qr(np.concatenate([error, rows]), mode="r"))[1:, 1:]
-    return replace(family, data=(*parts, left[None, :, :-1], left[None, :, -1]), sigma=np.ones((1, len(left))))
+    data = {**family.data, "odo": odo, "A": left[None, :, :-1], "b": left[None, :, -1]}
+    return replace(family, data=data, sigma=np.ones((1, len(left))))

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrices, skew, so3_log, so3_right_jacobian_inverse
@@ -55,7 +58,7 @@ def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigm
     """
     swing = angular_rate @ skew(lever_arm)
     slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))
-    return Family("non-holonomic", _sideways, slots, (swing,), sigma, loss)
+    return Family(FactorType.NON_HOLONOMIC, _sideways, slots, {"swing": swing}, sigma, loss)
 
 
 def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:
@@ -65,7 +68,8 @@ def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:
 
 def at_rest(index: np.ndarray, sigma_mps: float, loss: Loss | None) -> Family:
     """Zero velocity at a keyframe. Residual: ``v`` in n, m/s."""
-    return Family("at rest", _velocity, (Slot(Kind.NAV, index),), (), np.full((len(index), 3), sigma_mps), loss)
+    sigma = np.full((len(index), 3), sigma_mps)
+    return Family(FactorType.AT_REST, _velocity, (Slot(Kind.NAV, index),), {}, sigma, loss)
 
 
 def _displacement(first: Nav, second: Nav) -> tuple[Array, tuple[Array, ...]]:
@@ -90,4 +94,5 @@ def stays(first: np.ndarray, turn_sigma_rad: float, shift_sigma_m: float, loss: 
     sensor sample, so the preintegrated ones are counted once.
     """
     sigma = np.tile(np.repeat([turn_sigma_rad, shift_sigma_m], 3), (len(first), 1))
-    return Family("standstill", _displacement, (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1)), (), sigma, loss)
+    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1))
+    return Family(FactorType.STANDSTILL, _displacement, slots, {}, sigma, loss)

@@ -12,7 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import skew
@@ -31,7 +34,7 @@ def distance_chain(first: np.ndarray, sigma: Array) -> Family:
 
     Residual: ``D_k+1 - D_k - a_k+1`` (m) and ``S_k+1 - S_k``. sigma (m, 2).
     """
-    return Family("distance chain", _chain, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), (), sigma)
+    return Family(FactorType.DISTANCE_CHAIN, _chain, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), {}, sigma)
 
 
 def wheel_response(distance: Array, turned: Array, force: Array) -> Array:
@@ -65,7 +68,7 @@ def tach_distance(first: np.ndarray, response: Array, sigma: Array, loss: Loss |
     ``WHEEL`` variable w. sigma (m, 1) covers creep, not rounding.
     """
     slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1), Slot(Kind.WHEEL, np.zeros_like(first)))
-    return Family("tach distance", _wheel, slots, (response,), sigma, loss)
+    return Family(FactorType.TACH_DISTANCE, _wheel, slots, {"response": response}, sigma, loss)
 
 
 def _reading(odo: Array, clock: Array, count: Array, rate: Array, since: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -84,7 +87,8 @@ def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sig
     ``since`` (m,), the seconds since the middle of the run. sigma (m, 1): rounding.
     """
     slots = (Slot(Kind.ODO, index), Slot(Kind.CLOCK, np.zeros_like(index)))
-    return Family("tach reading", _reading, slots, (count[:, None], rate[:, None], since[:, None]), sigma)
+    data = {"count": count[:, None], "rate": rate[:, None], "since": since[:, None]}
+    return Family(FactorType.TACH_READING, _reading, slots, data, sigma)
 
 
 def _arc(first: Nav, second: Nav, odo: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -138,7 +142,7 @@ def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
     sigma (m, 1).
     """
     slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.ODO, first + 1))
-    return Family("arc length", _arc, slots, (np.tile(lever_arm, (len(first), 1)),), sigma)
+    return Family(FactorType.ARC_LENGTH, _arc, slots, {"lever_arm": np.tile(lever_arm, (len(first), 1))}, sigma)
 
 
 def _fix(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -153,7 +157,8 @@ def absolute_fix(index: np.ndarray, distance: Array, sigma: Array, loss: Loss | 
     Residual (m): ``D_k - d_k``; ``d`` (m,) is the place's distance in the sense of running, carried to the keyframe's
     time by the tach. sigma (m, 1).
     """
-    return Family("absolute fix", _fix, (Slot(Kind.ODO, index),), (distance[:, None],), sigma, loss)
+    data = {"distance": distance[:, None]}
+    return Family(FactorType.ABSOLUTE_FIX, _fix, (Slot(Kind.ODO, index),), data, sigma, loss)
 
 
 def _seen(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -162,9 +167,9 @@ def _seen(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
 
 def withheld_fix(fixes: Family) -> Family:
     """Fixes that are not believed: their residuals are known, but nothing follows them."""
-    return replace(fixes, name="withheld fix", evaluate=_seen)
+    return replace(fixes, type=FactorType.WITHHELD_FIX, evaluate=_seen)
 
 
 def followed_fix(fixes: Family) -> Family:
     """Fixes as :func:`absolute_fix` has them, whether they were withheld or not."""
-    return replace(fixes, name="absolute fix", evaluate=_fix)
+    return replace(fixes, type=FactorType.ABSOLUTE_FIX, evaluate=_fix)

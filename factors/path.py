@@ -16,7 +16,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Loss
 from trackfg.factors.motion import mount_derivative, mount_matrix
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
@@ -67,5 +70,10 @@ def follows_path(
     ``lever_arm`` (3,) m. sigma (m, 2), m.
     """
     slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.MOUNT, np.zeros_like(first)))
-    data = (turn, mean, mean_by_time, np.tile(lever_arm, (len(first), 1)))
-    return Family("path", _path, slots, data, sigma, loss)
+    data = {
+        "turn": turn,
+        "mean": mean,
+        "mean_by_time": mean_by_time,
+        "lever_arm": np.tile(lever_arm, (len(first), 1)),
+    }
+    return Family(FactorType.PATH, _path, slots, data, sigma, loss)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.family import Family, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import so3_log, so3_right_jacobian_inverse
@@ -16,7 +18,7 @@ def _vector(value: Array, mean: Array) -> tuple[Array, tuple[Array, ...]]:
 
 def prior(kind: Kind, index: np.ndarray, mean: Array, sigma: Array) -> Family:
     """A vector variable is near ``mean`` (m, dim). Residual: value less mean. sigma (m, dim)."""
-    return Family(f"prior on {kind.name.lower()}", _vector, (Slot(kind, index),), (mean,), sigma)
+    return Family(FactorType[f"PRIOR_{kind.name}"], _vector, (Slot(kind, index),), {"mean": mean}, sigma)
 
 
 def _nav(nav: Nav, R: Array, p: Array, v: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -35,4 +37,5 @@ def nav_prior(index: np.ndarray, mean: Nav, sigma: Array) -> Family:
     Residual: ``Log(R R0')`` (rad; its third component is the yaw error, about n's vertical), ``p - p0`` (m) and
     ``v - v0`` (m/s), all in n. sigma (m, 9).
     """
-    return Family("prior on nav", _nav, (Slot(Kind.NAV, index),), (mean.R, mean.p, mean.v), sigma)
+    data = {"R": mean.R, "p": mean.p, "v": mean.v}
+    return Family(FactorType.PRIOR_NAV, _nav, (Slot(Kind.NAV, index),), data, sigma)

@@ -18,9 +18,14 @@ method cited in docs/geometry.md.)
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_weights
@@ -28,9 +33,10 @@ from trackfg.numerics.rotations import skew, so3_exp, so3_log, so3_right_jacobia
 
 
 def _trailing(
-    start: Nav, end: Nav, h: Array, T: Array, A: Array, A_T: Array, detail: Array, b: Array
+    start: Nav, end: Nav, h: Array, T: Array, *, turned: Array, turn: Array, detail: Array, trail: Array
 ) -> tuple[Array, Array, Array]:
-    """The point p(h) + R(h) b (m, 3), and its derivatives by both ends (m, 3, 9)."""
+    """Return the point p(h) + R(h) b (m, 3), and its derivatives by both ends (m, 3, 9)."""
+    A, A_T, b = turned, turn, trail
     h1, T1 = h[:, None], T[:, None]
     w0, w1, u0, u1 = hermite_weights(h1, T1)
     p = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v + detail
@@ -44,9 +50,9 @@ def _trailing(
     # R(h) Exp(d): d by both ends' own rotations.
     by_e = h[:, None, None] * np.linalg.solve(so3_right_jacobian_inverse(h1 * e), so3_right_jacobian_inverse(e))
     d_start = np.swapaxes(A @ late, 1, 2) - by_e @ np.swapaxes(relative, 1, 2)
-    turned = -R @ skew(b)
-    by_start = np.concatenate([turned @ d_start, w0[:, :, None] * start.R, u0[:, :, None] * start.R], axis=2)
-    by_end = np.concatenate([turned @ by_e, w1[:, :, None] * end.R, u1[:, :, None] * end.R], axis=2)
+    by_turn = -R @ skew(b)
+    by_start = np.concatenate([by_turn @ d_start, w0[:, :, None] * start.R, u0[:, :, None] * start.R], axis=2)
+    by_end = np.concatenate([by_turn @ by_e, w1[:, :, None] * end.R, u1[:, :, None] * end.R], axis=2)
     return point, by_start, by_end
 
 
@@ -56,42 +62,63 @@ def _leading(nav: Nav, b: Array) -> tuple[Array, Array]:
 
 
 def _apart(
-    first: Nav, start: Nav, end: Nav, N: Array, b_first: Array, *trailing: Array
+    first: Nav, start: Nav, end: Nav, *, across: Array, lead: Array, fraction: Array, interval: Array, **trailing: Array
 ) -> tuple[Array, tuple[Array, ...]]:
-    lead, by_first = _leading(first, b_first)
-    trail, by_start, by_end = _trailing(start, end, trailing[0][:, 0], trailing[1][:, 0], *trailing[2:])
-    return np.einsum("mdi,mi->md", N, lead - trail), (N @ by_first, -N @ by_start, -N @ by_end)
+    ahead, by_first = _leading(first, lead)
+    behind, by_start, by_end = _trailing(start, end, fraction[:, 0], interval[:, 0], **trailing)
+    return np.einsum("mdi,mi->md", across, ahead - behind), (across @ by_first, -across @ by_start, -across @ by_end)
 
 
-def _within(start: Nav, end: Nav, N: Array, b_first: Array, *trailing: Array) -> tuple[Array, tuple[Array, ...]]:
-    residual, (by_first, by_start, by_end) = _apart(start, start, end, N, b_first, *trailing)
+def _within(start: Nav, end: Nav, **data: Array) -> tuple[Array, tuple[Array, ...]]:
+    residual, (by_first, by_start, by_end) = _apart(start, start, end, **data)
     return residual, (by_first + by_start, by_end)
 
 
-def same_rail(
-    first: np.ndarray,
-    start: np.ndarray,
-    across: Array,
-    lead: Array,
-    trail: Array,
-    fraction: Array,
-    interval: Array,
-    turned: Array,
-    turn: Array,
-    detail: Array,
-    sigma: Array,
-    loss: Loss | None,
-) -> tuple[Family, Family]:
-    """Both units saw one point. Two families: where keyframe ``first`` begins the interval ``start``, and the rest.
+@dataclass(frozen=True)
+class RailSightings:
+    """Both units of a pair saw one point of a rail, m times.
 
-    ``across`` (m, d, 3): unit vectors across the rail, in n; ``lead``, ``trail`` (m, 3): the points in body axes from
-    the IMU, m; ``fraction``, ``interval`` (m,): h and T (s); ``turned``, ``turn`` (m, 3, 3): A and A_T; ``detail``
-    (m, 3): c, m. Residual (m, d) and sigma (m, d) in m.
+    ``first`` (m,): the keyframe at which the leading unit saw it; ``start`` (m,): the keyframe that begins the interval
+    in which the trailing one did, at the share ``fraction`` (m,) of its length ``interval`` (m,), s. ``across``
+    (m, d, 3): unit vectors across the rail, in n. ``lead`` and ``trail`` (m, 3): the point in body axes from the IMU,
+    m, as the units saw it. ``turned`` and ``turn`` (m, 3, 3): the gyro's rotation from the start until then, and over
+    the whole interval. ``detail`` (m, 3): what the accelerometer saw of the path besides the cubic, m.
     """
-    data = (across, lead, fraction[:, None], interval[:, None], turned, turn, detail, trail)
-    near = first == start
 
-    ends = (Slot(Kind.NAV, start), Slot(Kind.NAV, start + 1))
-    within = Family("rail within", _within, ends, data, sigma, loss)
-    apart = Family("rail apart", _apart, (Slot(Kind.NAV, first), *ends), data, sigma, loss)
+    first: np.ndarray
+    start: np.ndarray
+    fraction: Array
+    interval: Array
+    across: Array
+    lead: Array
+    trail: Array
+    turned: Array
+    turn: Array
+    detail: Array
+
+    @property
+    def data(self) -> dict[str, Array]:
+        """The measurements by name, as the factors take them."""
+        return {
+            "across": self.across,
+            "lead": self.lead,
+            "fraction": self.fraction[:, None],
+            "interval": self.interval[:, None],
+            "turned": self.turned,
+            "turn": self.turn,
+            "detail": self.detail,
+            "trail": self.trail,
+        }
+
+
+def same_rail(seen: RailSightings, sigma: Array, loss: Loss | None) -> tuple[Family, Family]:
+    """Return the factors of sightings as two families.
+
+    In the first one the keyframe ``first`` begins the interval ``start``, in the second the others are. Residual and
+    sigma (m, d) in m.
+    """
+    near = seen.first == seen.start
+    ends = (Slot(Kind.NAV, seen.start), Slot(Kind.NAV, seen.start + 1))
+    within = Family(FactorType.RAIL_WITHIN, _within, ends, seen.data, sigma, loss)
+    apart = Family(FactorType.RAIL_APART, _apart, (Slot(Kind.NAV, seen.first), *ends), seen.data, sigma, loss)
     return within.take(np.flatnonzero(near)), apart.take(np.flatnonzero(~near))

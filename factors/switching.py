@@ -1,4 +1,4 @@
-"""Measurements in a row that come from one of two states, and stay in it for some time.
+"""A chain of measurements each comes from one of two states, inlier or outlier, and stays in it for some time.
 
 A wheel rolls or slips; the error z of each interval, in sigmas, is then normal or anything. With a chain of two states
 from interval to interval the likelihood of all errors together is a product of 2 by 2 matrices,
@@ -24,7 +24,8 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 
 OUTLIER_SIGMAS = 1e3
-"""How wide the errors of the second state spread: finite, lest nothing hold what they measure."""
+"""Sigma of the outlier state, in inlier sigmas. Finite, so that a variable measured only by outliers stays determined.
+"""
 
 _LASTS_S = 2.8
 """A slip lasts as long."""
@@ -36,35 +37,35 @@ ones show less each, and together the same.
 
 class Chain(NamedTuple):
     """``width``, above 2.5: a lone error of this size, in sigmas, is as likely in the second state as in the first.
-    ``interval_s``: how long an interval is; more than 1 s counts as 1 s. ``before``: the probability that the interval
-    before belonged to the first state.
+    ``interval_s``: how long an interval is; more than 1 s counts as 1 s. ``inlier_before``: the probability that the
+    interval before belonged to the first state.
     """
 
     width: float
     interval_s: float = 1.0
-    before: float = 1.0
+    inlier_before: float = 1.0
 
 
-def row_cost(z: Array, chain: Chain) -> float:
-    """``-log L`` of errors z (n,) in sigmas, less its value where all are 0."""
+def chain_cost(z: Array, chain: Chain) -> float:
+    """Return ``-log L`` of errors z (n,) in sigmas, less its value where all are 0."""
     return _cost(z, chain) - _least_cost(len(z), chain)
 
 
-def row_weights(z: Array, chain: Chain) -> Array:
-    """The derivative of :func:`row_cost` by each error, over the error: 1 where it counts in full. Shape (n,)."""
+def chain_weights(z: Array, chain: Chain) -> Array:
+    """Return the derivative of :func:`chain_cost` by each error, over the error: 1 where it counts in full. (n,)."""
     return np.asarray(1.0 - (1.0 - OUTLIER_SIGMAS**-2) * (1.0 - first_state_probability(z, chain)))
 
 
-def after_row(z: Array, chain: Chain) -> Chain:
-    """The same for a row that goes on after errors z (n,), as far as these tell."""
+def chain_after(z: Array, chain: Chain) -> Chain:
+    """Return the chain that goes on after errors z (n,), as far as these tell."""
     if len(z) == 0:
         return chain
     first, second = _forward(_matrices(z, chain)[0], chain)[:, -1]
-    return chain._replace(before=float(first / (first + second)))
+    return chain._replace(inlier_before=float(first / (first + second)))
 
 
 def first_state_probability(z: Array, chain: Chain) -> Array:
-    """The probability that each error belongs to the first state, given all of them. Shape (n,)."""
+    """Return the probability that each error belongs to the first state, given all of them. Shape (n,)."""
     matrices = _matrices(z, chain)[0]
     before = _forward(matrices, chain)
     reversed_ = np.swapaxes(matrices[:, :, ::-1], 0, 1)
@@ -82,14 +83,14 @@ def _least_cost(n: int, chain: Chain) -> float:
 def _cost(z: Array, chain: Chain) -> float:
     matrices, scale = _matrices(z, chain)
     products, scales = _prefix_products(matrices)
-    at_end = chain.before * products[0, :, -1] + (1.0 - chain.before) * products[1, :, -1]
+    at_end = chain.inlier_before * products[0, :, -1] + (1.0 - chain.inlier_before) * products[1, :, -1]
     return float(-np.log(at_end.sum()) - scales[-1] - scale.sum())
 
 
 def _forward(matrices: Array, chain: Chain) -> Array:
     """``p' M_1 ... M_k``, up to a factor. Shape (2, n)."""
     products = _prefix_products(matrices)[0]
-    return np.asarray(chain.before * products[0] + (1.0 - chain.before) * products[1])
+    return np.asarray(chain.inlier_before * products[0] + (1.0 - chain.inlier_before) * products[1])
 
 
 def _matrices(z: Array, chain: Chain) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from trackfg.baselines.attitude import motion_of
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED
+from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.arrays import Array
 from trackfg.peers.installed import is_installed
@@ -103,20 +103,9 @@ def gtsam_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
     """All factors as GTSAM sees them: its own, and a ``CustomFactor`` for each of ours."""
     graph = gtsam.NonlinearFactorGraph(problem.native)
     for family in problem.families:
-        for factor in family.custom_factors():
+        for factor in custom_factors(family):
             graph.push_back(factor)
     return graph
-
-
-def chain_ordering(keyframes: int) -> gtsam.Ordering:
-    """Keyframe by keyframe along the chain, shared variables last."""
-    ordering = gtsam.Ordering()
-    index = np.arange(keyframes)
-    for key in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).ravel().tolist():
-        ordering.push_back(key)
-    for kind in SHARED:
-        ordering.push_back(int(kind.keys(np.array([0]))[0]))
-    return ordering
 
 
 def compare_optimisers(problem: Problem, repeats: int) -> OptimiserTimes:

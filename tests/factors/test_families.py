@@ -7,16 +7,21 @@ import numpy as np
 import pytest
 
 from trackfg.factors.bias import bias_walk
-from trackfg.factors.family import OUTLIER_SIGMAS, Family, Loss, check_jacobians
+from trackfg.factors.checking import check_jacobians
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
+from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
 from trackfg.factors.landmark import landmark
+from trackfg.factors.loss import Cauchy, Huber, Loss, Switch, SwitchChain
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
 from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
-from trackfg.factors.rail import same_rail
+from trackfg.factors.rail import RailSightings, same_rail
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, Step
+from trackfg.factors.switching import OUTLIER_SIGMAS
 from trackfg.numerics.rotations import so3_exp
 
 KEYFRAMES = 6
@@ -51,9 +56,19 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
 
     def rail_pairs(lead: np.ndarray, start: np.ndarray) -> tuple[Family, Family]:
         m = len(lead)
-        share, seconds = rng.uniform(0.0, 1.0, m), rng.uniform(0.5, 2.0, m)
-        points, turns, detail = (normal(m, 3), normal(m, 3)), (near_one(m), near_one(m)), 0.01 * normal(m, 3)
-        return same_rail(lead, start, normal(m, 2, 3), *points, share, seconds, *turns, detail, sigma(m, 2), loss)
+        seen = RailSightings(
+            first=lead,
+            start=start,
+            fraction=rng.uniform(0.0, 1.0, m),
+            interval=rng.uniform(0.5, 2.0, m),
+            across=normal(m, 2, 3),
+            lead=normal(m, 3),
+            trail=normal(m, 3),
+            turned=near_one(m),
+            turn=near_one(m),
+            detail=0.01 * normal(m, 3),
+        )
+        return same_rail(seen, sigma(m, 2), loss)
 
     return [
         non_holonomic(all_k, normal(n, 3), lever, sigma(n, 2), loss),
@@ -88,7 +103,7 @@ NAMES = [family.name for family in families(0)]
 @pytest.mark.parametrize("spread", [0.0, 1e-4, 0.02, 0.5])
 def test_jacobians_match_numerical_ones(i: int, seed: int, spread: float) -> None:
     family = families(seed)[i]
-    if family.name == "prior on nav":
+    if family.type is FactorType.PRIOR_NAV:
         spread = min(spread, 0.5)
     check_jacobians(family, random_states(seed, spread), rtol=1e-5, atol=1e-6)
 
@@ -96,18 +111,18 @@ def test_jacobians_match_numerical_ones(i: int, seed: int, spread: float) -> Non
 def test_checker_finds_a_wrong_jacobian() -> None:
     good = families(0)[0]
 
-    def wrong(*args: object) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        residual, jacobians = good.evaluate(*args)
+    def wrong(*values: object, **data: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        residual, jacobians = good.evaluate(*values, **data)
         return residual, (jacobians[0] * 1.001, jacobians[1])
 
     with pytest.raises(AssertionError, match=r"non-holonomic: d residual\[\d\] / d NAV\[\d\] of factor 0"):
-        check_jacobians(Family(good.name, wrong, good.slots, good.data, good.sigma), random_states(0))
+        check_jacobians(Family(good.type, wrong, good.slots, good.data, good.sigma), random_states(0))
 
 
-LOSSES = (Loss("huber", 1.3), Loss("cauchy", 2.0), Loss("switch", 2.0))
+LOSSES = (Huber(1.3), Cauchy(2.0), Switch(2.0))
 
 
-@pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: loss.kind)
+@pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: type(loss).__name__)
 def test_weight_is_the_slope_of_the_loss_over_the_error_and_1_for_small_ones(loss: Loss) -> None:
     error, step = np.concatenate([np.linspace(0.05, 10.0, 200), [50.0, 500.0]]), 1e-5
     slope = (loss.cost(error + step) - loss.cost(error - step)) / (2.0 * step)
@@ -116,14 +131,14 @@ def test_weight_is_the_slope_of_the_loss_over_the_error_and_1_for_small_ones(los
 
 
 def test_switch_leaves_outliers_no_pull_but_holds_what_they_measure() -> None:
-    loss = Loss("switch", 3.0)
+    loss = Switch(3.0)
     assert loss.weight(np.array([3.0]))[0] == pytest.approx(0.5, abs=1e-4)
     assert loss.weight(np.array([1.0]))[0] > 0.97
     assert 40.0 * loss.weight(np.array([40.0]))[0] < 1e-4
     np.testing.assert_allclose(loss.weight(np.array([10.0, 1e3, 1e6])), OUTLIER_SIGMAS**-2)
 
 
-@pytest.mark.parametrize("loss", [None, *LOSSES], ids=lambda loss: "plain" if loss is None else loss.kind)
+@pytest.mark.parametrize("loss", [None, *LOSSES], ids=lambda loss: "plain" if loss is None else type(loss).__name__)
 @pytest.mark.parametrize("i", range(len(NAMES)), ids=NAMES)
 def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
     states = random_states(3, 0.3)
@@ -131,7 +146,7 @@ def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
     linear = family.linearize(states)
     values = states.to_gtsam()
     graph = gtsam.NonlinearFactorGraph()
-    for factor in family.custom_factors():
+    for factor in custom_factors(family):
         graph.push_back(factor)
     single = graph.linearize(values)
     assert len(linear.rows) == single.size() == len(family)
@@ -141,6 +156,19 @@ def test_array_form_equals_per_factor_form(i: int, loss: Loss | None) -> None:
     ours = [*linear.jacobians, linear.b[:, :, None]]
     np.testing.assert_array_equal(np.concatenate(ours, axis=2), linear.rows)
     assert family.cost(states) == pytest.approx(graph.error(values), rel=1e-9)
+
+
+def test_a_chained_loss_is_frozen_before_gtsam_sees_it() -> None:
+    """Each factor then has the weight that the whole chain gives it."""
+    states, chain = random_states(4, 0.3), SwitchChain(3.0, 0.5)
+    first = np.arange(KEYFRAMES - 1)
+    family = tach_distance(first, np.zeros((len(first), 4)), np.full((len(first), 1), 2.0), chain)
+    with pytest.raises(ValueError, match="chained loss"):
+        custom_factors(family)
+    frozen = with_frozen_chain(family, states)
+    assert np.ptp(family.weights(states)) > 0.1
+    np.testing.assert_allclose(frozen.linearize(states).rows, family.linearize(states).rows, rtol=1e-12)
+    assert len(custom_factors(frozen)) == len(family)
 
 
 def assert_same(values: gtsam.Values, states: States, rounding: float) -> None:
@@ -190,11 +218,11 @@ def test_bad_measurements_are_refused(change: object, message: str) -> None:
 def test_wrong_shapes_never_reach_gtsam() -> None:
     good = families(0)[4]
 
-    def wrong(*args: object) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        residual, jacobians = good.evaluate(*args)
+    def wrong(*values: object, **data: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        residual, jacobians = good.evaluate(*values, **data)
         return residual, tuple(jacobian[:, :, :2] for jacobian in jacobians)
 
-    bad = Family(good.name, wrong, good.slots, good.data, good.sigma)
+    bad = Family(good.type, wrong, good.slots, good.data, good.sigma)
     with pytest.raises(ValueError, match="Jacobian of ODO"):
         bad.linearize(random_states(0))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.factors.family import check_jacobians
+from trackfg.factors.checking import check_jacobians
 from trackfg.factors.marginal_prior import answering, moved_from, past, past_elsewhere, step_from
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
@@ -74,7 +74,7 @@ def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     rng = np.random.default_rng(3)
     origin, rows, by, sd = one_keyframe(rng), rng.standard_normal((49, 50)), 40.0, 25.0
     family = past_elsewhere(past(rows, origin), by, sd)
-    A, b = family.data[-2][0], family.data[-1][0]
+    A, b = family.data["A"][0], family.data["b"][0]
     at = offset_in_keyframe(Kind.ODO)
     before, after = np.linalg.inv(rows[:, :-1].T @ rows[:, :-1]), np.linalg.inv(A.T @ A)
     before[at, at] += sd**2

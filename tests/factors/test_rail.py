@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from trackfg.factors.family import Family
-from trackfg.factors.rail import same_rail
+from trackfg.factors.rail import RailSightings, same_rail
 from trackfg.factors.states import Nav, States
 from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 
@@ -73,21 +73,19 @@ class Pairs:
         if gyro_bias is not None:
             turned, turn = (R @ so3_exp(gyro_bias * T1 * s) for R, s in ((turned, h), (turn, np.ones_like(h))))
         across = np.tile([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], (len(self.first), 1, 1))
-        detail, sigma = position(late) - cubic, np.ones((len(self.first), 2))
-        return same_rail(
-            self.first,
-            self.start,
-            across,
-            self.lead,
-            self.trail,
-            self.fraction,
-            T,
-            turned,
-            turn,
-            detail,
-            sigma,
-            None,
+        seen = RailSightings(
+            first=self.first,
+            start=self.start,
+            fraction=self.fraction,
+            interval=T,
+            across=across,
+            lead=self.lead,
+            trail=self.trail,
+            turned=turned,
+            turn=turn,
+            detail=position(late) - cubic,
         )
+        return same_rail(seen, np.ones((len(self.first), 2)), None)
 
 
 def pairs(trail_m: float) -> Pairs:

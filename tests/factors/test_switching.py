@@ -9,10 +9,10 @@ from trackfg.factors.switching import (
     OUTLIER_SIGMAS,
     Chain,
     _matrices,
-    after_row,
+    chain_after,
+    chain_cost,
+    chain_weights,
     first_state_probability,
-    row_cost,
-    row_weights,
 )
 
 WIDTH = 3.5
@@ -46,7 +46,7 @@ def test_doubling_equals_the_recursions(n: int) -> None:
     z = errors(n)
     cost, probability = by_loops(z)
     at_zero, _ = by_loops(np.zeros(n))
-    assert row_cost(z, CHAIN) == pytest.approx(cost - at_zero, abs=1e-8)
+    assert chain_cost(z, CHAIN) == pytest.approx(cost - at_zero, abs=1e-8)
     np.testing.assert_allclose(first_state_probability(z, CHAIN), probability, atol=1e-12)
 
 
@@ -55,15 +55,15 @@ def test_weight_is_the_slope_of_the_cost_over_the_error() -> None:
     for k in range(0, 60, 7):
         moved = np.zeros(60)
         moved[k] = step
-        slope = (row_cost(z + moved, CHAIN) - row_cost(z - moved, CHAIN)) / (2.0 * step)
-        assert slope == pytest.approx(row_weights(z, CHAIN)[k] * z[k], rel=1e-4, abs=1e-6)
+        slope = (chain_cost(z + moved, CHAIN) - chain_cost(z - moved, CHAIN)) / (2.0 * step)
+        assert slope == pytest.approx(chain_weights(z, CHAIN)[k] * z[k], rel=1e-4, abs=1e-6)
 
 
 def test_a_lone_error_at_the_width_is_as_likely_an_outlier() -> None:
     def weight(size: float) -> float:
         z = np.zeros(101)
         z[50] = size
-        return float(row_weights(z, CHAIN)[50])
+        return float(chain_weights(z, CHAIN)[50])
 
     assert weight(2.0) > 0.9
     assert 0.3 < weight(WIDTH) < 0.7
@@ -74,29 +74,29 @@ def test_a_lone_error_at_the_width_is_as_likely_an_outlier() -> None:
 def test_errors_that_last_need_not_be_large_and_make_neighbours_doubtful() -> None:
     z = np.zeros(101)
     z[40:60] = 2.5
-    weight = row_weights(z, CHAIN)
+    weight = chain_weights(z, CHAIN)
     assert weight[50] < 0.05
     assert weight[20] > 0.99
     z[40:60] = 1.0
-    assert row_weights(z, CHAIN)[50] > 0.95
+    assert chain_weights(z, CHAIN)[50] > 0.95
     beside = np.zeros(101)
     beside[[40, 41, 43, 44]] = 50.0
-    assert row_weights(beside, CHAIN)[42] < row_weights(beside, CHAIN)[60] - 0.2
+    assert chain_weights(beside, CHAIN)[42] < chain_weights(beside, CHAIN)[60] - 0.2
 
 
 def test_noise_is_not_doubted() -> None:
-    assert row_weights(np.random.default_rng(1).normal(size=20_000), CHAIN).mean() > 0.98
+    assert chain_weights(np.random.default_rng(1).normal(size=20_000), CHAIN).mean() > 0.98
 
 
 @pytest.mark.parametrize("cut", [1, 20, 59])
 def test_a_row_goes_on_where_another_ended(cut: int) -> None:
     z = errors(60, 3)
-    rest = after_row(z[:cut], CHAIN)
-    assert 0.0 <= rest.before <= 1.0
+    rest = chain_after(z[:cut], CHAIN)
+    assert 0.0 <= rest.inlier_before <= 1.0
     np.testing.assert_allclose(
-        after_row(z[cut:], rest).before, first_state_probability(z, CHAIN)[-1], rtol=1e-9, atol=1e-12
+        chain_after(z[cut:], rest).inlier_before, first_state_probability(z, CHAIN)[-1], rtol=1e-9, atol=1e-12
     )
-    assert after_row(z[:0], CHAIN) == CHAIN
+    assert chain_after(z[:0], CHAIN) == CHAIN
 
 
 def test_errors_that_last_are_doubted_alike_however_long_the_intervals() -> None:
@@ -104,6 +104,6 @@ def test_errors_that_last_are_doubted_alike_however_long_the_intervals() -> None
     for size in (1.5, 2.0, 2.5, 3.0):
         whole, halves = np.zeros(80), np.zeros(160)
         whole[40:50], halves[80:100] = size, size / np.sqrt(2.0)
-        by_whole = row_weights(whole, CHAIN)[40:50].mean()
-        by_halves = row_weights(halves, Chain(WIDTH, interval_s=0.5))[80:100].mean()
+        by_whole = chain_weights(whole, CHAIN)[40:50].mean()
+        by_halves = chain_weights(halves, Chain(WIDTH, interval_s=0.5))[80:100].mean()
         assert by_halves == pytest.approx(by_whole, abs=0.25)

@@ -20,7 +20,8 @@ from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.datasets.sensors.imu_errors import ImuResponse
 from trackfg.datasets.vehicle.vehicle import Rigid
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED, States
+from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors, with_frozen_chain
+from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
@@ -328,26 +329,16 @@ def _smoothing(simulated: Callable[..., Simulation]) -> Callable[..., SmoothedSt
 @pytest.fixture(scope="session")
 def linearized() -> Callable[[Problem, States], tuple[Array, Array]]:
     """``A d = b`` of a problem's graph at given states, every factor on its own and linearised by GTSAM: A dense, its
-    columns keyframe by keyframe, shared variables last. Losses of rows, which GTSAM does not know, as the weights that
-    they are at these states.
+    columns keyframe by keyframe, shared variables last. A chained loss, which GTSAM does not know, stands as its
+    weights at these states.
     """
 
     def linearize(problem: Problem, states: States) -> tuple[Array, Array]:
         graph = gtsam.NonlinearFactorGraph(problem.native)
-        for given in problem.families:
-            family = given
-            if family.loss is not None and family.loss.kind == "row":
-                sigma = family.sigma / np.sqrt(family.weights(states))[:, None]
-                family = replace(family, loss=None, sigma=sigma)
-            for factor in family.custom_factors():
+        for family in problem.families:
+            for factor in custom_factors(with_frozen_chain(family, states)):
                 graph.push_back(factor)
-        ordering = gtsam.Ordering()
-        index = np.arange(len(problem.t))
-        for key in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).ravel().tolist():
-            ordering.push_back(key)
-        for kind in SHARED:
-            ordering.push_back(int(kind.keys(np.array([0]))[0]))
-        A, b = graph.linearize(states.to_gtsam()).jacobian(ordering)
+        A, b = graph.linearize(states.to_gtsam()).jacobian(chain_ordering(len(problem.t)))
         return A, b
 
     return linearize

@@ -22,7 +22,8 @@ import pandas as pd
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
 from trackfg.factors.bias import response_sigmas
-from trackfg.factors.family import Family
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, States
@@ -74,9 +75,9 @@ class Problem:
         """The inertial factors."""
         return graph_of(self.measured)
 
-    def family(self, name: str) -> Family | None:
-        """The family of that name, if the graph has it."""
-        return next((f for f in self.families if f.name == name), None)
+    def family(self, kind: FactorType) -> Family | None:
+        """Return the first family of that type; None where the graph has none."""
+        return family_of(self.families, kind)
 
 
 def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | None = None) -> Problem:
@@ -180,7 +181,7 @@ def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
         sigma[:, 0] = _ANYWHERE_SD_M
         return replace(family, sigma=sigma)
 
-    return tuple(anywhere(family) if family.name == "prior on odo" else family for family in families)
+    return changed(families, FactorType.PRIOR_ODO, anywhere)
 
 
 def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
@@ -188,14 +189,12 @@ def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
     shift = np.array([distance - problem.initial.odo[0, 0], 0.0, 0.0, 0.0])
 
     def moved(family: Family) -> Family:
-        if family.name != "prior on odo":
-            return family
         sigma = family.sigma.copy()
         sigma[:, 0] = max(sd, _SET_SD_M)
-        return replace(family, data=(family.data[0] + shift,), sigma=sigma)
+        return replace(family, data={"mean": family.data["mean"] + shift}, sigma=sigma)
 
     initial = replace(problem.initial, odo=problem.initial.odo + shift)
-    return replace(problem, initial=initial, families=tuple(moved(family) for family in problem.families))
+    return replace(problem, initial=initial, families=changed(problem.families, FactorType.PRIOR_ODO, moved))
 
 
 def _priors(layout: Layout, states: States) -> list[Family]:

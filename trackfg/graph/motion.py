@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.config import MotionConfig
-from trackfg.factors.family import Family, Loss
+from trackfg.factors.family import Family
+from trackfg.factors.loss import Huber, Loss
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.path import follows_path
 from trackfg.graph.inputs import Layout, still_between
@@ -29,7 +30,7 @@ def along_track(layout: Layout) -> list[Family]:
     speed = np.abs(np.interp(layout.t, layout.path.t, layout.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
     sigma = sigma * layout.config.noise.motion
-    huber = Loss("huber", config.robust_width)
+    huber = Huber(config.robust_width)
     return [
         _path(layout, huber),
         non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
@@ -41,7 +42,7 @@ def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> lis
     still = (config.rest_speed_sd_mps, config.rest_turn_sd_rad, config.rest_shift_sd_m)
     if rigid:
         still = (config.rigid_rest_speed_sd_mps, config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
-    huber = Loss("huber", config.robust_width)
+    huber = Huber(config.robust_width)
     return [
         at_rest(np.flatnonzero(within(t, rests)), still[0], huber),
         stays(np.flatnonzero(still_between(t, rests)), *still[1:], huber),

@@ -18,7 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss
+from trackfg.factors.family import Family
+from trackfg.factors.loss import SwitchChain
 from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading, wheel_response
 from trackfg.factors.states import Kind
 from trackfg.graph.inputs import Layout
@@ -53,8 +54,7 @@ def rolled(layout: Layout) -> list[Family]:
     distance = np.abs(layout.distance)
     loss = None
     if layout.recording.description.tach is not None:  # also where it is silent: it may start within the same window
-        interval_s = layout.config.keyframes.interval_s
-        loss = Loss("row", config.robust_width, huber_at_start=True, interval_s=interval_s)
+        loss = SwitchChain(config.robust_width, layout.config.keyframes.interval_s)
     if layout.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
         return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), loss)]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.factors.family import Family, Loss
+from trackfg.factors.family import Family
 from trackfg.factors.gnss import gnss_position
+from trackfg.factors.loss import Cauchy, Huber, Loss
 from trackfg.factors.odometry import absolute_fix
 from trackfg.graph.inputs import Layout
 from trackfg.graph.keyframes import nearest
@@ -19,9 +20,9 @@ def positions(layout: Layout) -> list[Family]:
     families = []
     fixes, gnss = layout.recording.fixes, layout.recording.gnss
     if fixes is not None:
-        families.append(_fixes(layout, Loss("cauchy", config.fix_width) if config.robust else None))
+        families.append(_fixes(layout, Cauchy(config.fix_width) if config.robust else None))
     if gnss is not None and len(gnss) and description.gnss is not None:
-        loss = Loss("huber", config.gnss_width) if config.robust else None
+        loss = Huber(config.gnss_width) if config.robust else None
         families.append(_gnss(layout, gnss, description.gnss, loss))
     return families
 

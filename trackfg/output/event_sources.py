@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from trackfg.factors.family import Family
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, family_of
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.sensors.tach import Wheel
@@ -39,6 +40,6 @@ class EventSources:
             families=problem.families,
         )
 
-    def family(self, name: str) -> Family | None:
-        """Return the family of that name, if the graph has it."""
-        return next((family for family in self.families if family.name == name), None)
+    def family(self, kind: FactorType) -> Family | None:
+        """Return the first family of that type; None where there is none."""
+        return family_of(self.families, kind)

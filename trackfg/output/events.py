@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States
 from trackfg.numerics.spans import true_runs
@@ -16,10 +17,15 @@ from trackfg.output.slip_events import slip_events
 from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.solver.covariance import Covariance
 
-POSITIONS = ("absolute fix", "withheld fix", "landmark", "GNSS position")
+POSITIONS = (
+    FactorType.ABSOLUTE_FIX,
+    FactorType.WITHHELD_FIX,
+    FactorType.LANDMARK,
+    FactorType.GNSS_POSITION,
+)
 """Families whose measurements are told one by one, or as runs of outliers."""
 
-TOLD = ("tach distance", *POSITIONS)
+TOLD = (FactorType.TACH_DISTANCE, *POSITIONS)
 """All families that events are told by."""
 
 _OUTLIER_WEIGHT = 0.5
@@ -72,8 +78,8 @@ def events(sources: EventSources, states: States, covariance: Covariance, trajec
                 event.removed_m_sd,
             )
         )
-    for name in POSITIONS:
-        family = sources.family(name)
+    for kind in POSITIONS:
+        family = sources.family(kind)
         if family is not None:
             rows += _positions(sources, family, states, row)
     return sorted(rows, key=lambda event: event.start_s)
@@ -84,8 +90,8 @@ def _positions(sources: EventSources, family: Family, states: States, row: Calla
     t = sources.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)
     outlier = family.weights(states) < _OUTLIER_WEIGHT
-    if family.name != "GNSS position":
-        what = "landmark" if family.name == "landmark" else "fix"
+    if family.type is not FactorType.GNSS_POSITION:
+        what = "landmark" if family.type is FactorType.LANDMARK else "fix"
         return [
             row(f"{what} set aside" if bad else f"{what} used", at, at, f"residual {r:.2f} m")
             for at, r, bad in zip(t, size, outlier, strict=True)

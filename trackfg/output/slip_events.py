@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicHermiteSpline
 
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
@@ -73,14 +74,14 @@ class Excess(NamedTuple):
 
 def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame) -> Excess | None:
     """E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
-    wheel, rolled = sources.wheel, sources.family("tach distance")
+    wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
     at = trajectory["t_s"].to_numpy()
     if wheel is None or rolled is None or len(at) < 2:
         return None
     distance = CubicHermiteSpline(at, sources.direction * trajectory["chainage_m"], trajectory["speed_mps"])
     t = np.arange(at[0], at[-1], _STEP_S)
     excess = _rolled(wheel, sources, states, t) - distance(t)
-    explained = np.concatenate([[0.0], np.cumsum(rolled.data[0] @ states.wheel[0])])
+    explained = np.concatenate([[0.0], np.cumsum(rolled.data["response"] @ states.wheel[0])])
     rate = _rate(t, excess - np.interp(t, sources.t, explained))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
     count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, sources.t), _WINDOW_S)
@@ -92,7 +93,7 @@ def slip_events(
     sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
 ) -> list[SlipEvent]:
     """Slips and slides in order of time; none without a tach."""
-    wheel, rolled = sources.wheel, sources.family("tach distance")
+    wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
     grown = wheel_excess(sources, states, trajectory)
     if wheel is None or rolled is None or grown is None:
         return []

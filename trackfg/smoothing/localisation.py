@@ -20,8 +20,10 @@ import numpy as np
 import pandas as pd
 
 from trackfg.config import PositionConfig
-from trackfg.factors.family import Family, Loss
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
 from trackfg.factors.landmark import landmark
+from trackfg.factors.loss import Cauchy, Loss
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem, placeless
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_near
@@ -126,16 +128,14 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
         offset = direction * float((used["reference_m"] - used["run_m"]).mean())
         moved = replace(states, odo=states.odo + np.array([offset, 0.0, 0.0, 0.0]))
         families = placeless(families)
-    families = tuple(
-        _less_sure(family, chainage, direction) if family.name == "absolute fix" else family for family in families
-    )
+    families = changed(families, FactorType.ABSOLUTE_FIX, lambda fixes: _less_sure(fixes, chainage, direction))
     family = _landmarks(used, run.passes, states, meaning.step_m, direction, landmark_loss(config))
     return Located(replace(problem, initial=moved, families=(*families, family)), chainage, use, ())
 
 
 def landmark_loss(config: PositionConfig) -> Loss | None:
     """The loss of matches."""
-    return Loss("cauchy", config.fix_width) if config.robust else None
+    return Cauchy(config.fix_width) if config.robust else None
 
 
 def landmark_sd(used: pd.DataFrame) -> Array:
@@ -147,7 +147,7 @@ def landmark_sd(used: pd.DataFrame) -> Array:
 
 def _less_sure(family: Family, chainage: MapChainage, direction: int) -> Family:
     """Fixes by the map's chainage, which errs by itself."""
-    place = direction * family.data[0][:, 0]
+    place = direction * family.data["distance"][:, 0]
     return replace(family, sigma=np.hypot(family.sigma, chainage.sd_m(place)[:, None]))
 
 

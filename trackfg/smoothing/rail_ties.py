@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from trackfg.config import LaserConfig
-from trackfg.factors.family import Family, Loss
-from trackfg.factors.rail import same_rail
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.loss import Huber
+from trackfg.factors.rail import RailSightings, same_rail
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
@@ -19,7 +21,7 @@ from trackfg.output.dense_motion import DenseMotion, dense_motion
 from trackfg.sensors.displacement import RailView, unit_pairs
 
 _DENSE_STEP_S = 0.02
-
+_RAIL = (FactorType.RAIL_WITHIN, FactorType.RAIL_APART)
 
 _APART_M = 0.2
 """Keyframes closer than this see the same place again."""
@@ -27,7 +29,7 @@ _APART_M = 0.2
 
 def tied_by_rails(problem: Problem, states: States, views: list[RailView], config: LaserConfig) -> Problem:
     """The problem with the lasers' factors, places matched and directions taken at ``states``."""
-    others = tuple(family for family in problem.families if family.name not in ("rail within", "rail apart"))
+    others = tuple(family for family in problem.families if family.type not in _RAIL)
     motion = dense_motion(problem.run, states, _DENSE_STEP_S)
     families = [
         family
@@ -81,7 +83,7 @@ def _pair(
             for a, b in zip(leading.sd(window), trailing.sd(window), strict=True)
         ]
     )
-    return same_rail(
+    seen = RailSightings(
         first=k,
         start=j,
         across=_across(at.nav.p - states.nav.p[k]),
@@ -92,9 +94,8 @@ def _pair(
         turned=back @ at.nav.R,
         turn=back @ end.R,
         detail=at.nav.p - cubic,
-        sigma=sigma,
-        loss=Loss("huber", config.robust_width),
     )
+    return same_rail(seen, sigma, Huber(config.robust_width))
 
 
 def _held(problem: Problem, states: States, view: RailView, config: LaserConfig) -> tuple[Family, ...]:
@@ -109,7 +110,7 @@ def _held(problem: Problem, states: States, view: RailView, config: LaserConfig)
     start, end = states.nav[k], states.nav[k + 1]
     back, m = np.swapaxes(start.R, 1, 2), len(k)
     noise = np.sqrt(2.0) * np.array(view.sd(window))
-    return same_rail(
+    seen = RailSightings(
         first=k,
         start=k,
         across=_across(start.R[:, :, 0]),
@@ -120,9 +121,8 @@ def _held(problem: Problem, states: States, view: RailView, config: LaserConfig)
         turned=back @ end.R,
         turn=back @ end.R,
         detail=np.zeros((m, 3)),
-        sigma=np.tile(np.hypot(noise, config.match_sd_m), (m, 1)),
-        loss=Loss("huber", config.robust_width),
     )
+    return same_rail(seen, np.tile(np.hypot(noise, config.match_sd_m), (m, 1)), Huber(config.robust_width))
 
 
 def _across(along: Array) -> Array:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from trackfg.errors import UnsolvableError
-from trackfg.factors.family import LinearFactors, Slot, first_keyframe, last_keyframe
+from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread

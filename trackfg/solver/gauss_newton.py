@@ -62,7 +62,7 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM
     values = problem.initial.to_gtsam()
     states = problem.initial
-    families = tuple(family.at_start() for family in problem.families)
+    families = tuple(family.convex_start() for family in problem.families)
     robust = False
     cost = initial_cost = _cost(problem, families, states, values)
     stop = None

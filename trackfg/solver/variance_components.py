@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.config import SmoothConfig
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import Kind, States, offset_in_keyframe
@@ -25,7 +26,12 @@ _LEAST_REDUNDANCY = 20.0
 
 _FAR_OFF = 2.0
 
-GROUPS = {"non-holonomic": "motion", "path": "path", "tach distance": "tach", "GNSS position": "gnss"}
+GROUPS = {
+    FactorType.NON_HOLONOMIC: "motion",
+    FactorType.PATH: "path",
+    FactorType.TACH_DISTANCE: "tach",
+    FactorType.GNSS_POSITION: "gnss",
+}
 """Families whose level is judged, and the name of their group; the inertial factors are "gyro" and "accel"."""
 
 
@@ -33,8 +39,8 @@ def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -
     """Actual over assumed noise of each group that can be judged."""
     ratios = _inertial_ratios(problem, solution, covariance)
     for family in problem.families:
-        if family.name in GROUPS:
-            ratios[GROUPS[family.name]] = _ratio(*_family_sums(family, solution.states, covariance))
+        if family.type in GROUPS:
+            ratios[GROUPS[family.type]] = _ratio(*_family_sums(family, solution.states, covariance))
     return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
 
 

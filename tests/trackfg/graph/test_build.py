@@ -12,6 +12,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
@@ -53,10 +54,12 @@ def test_truth_of_a_noise_free_run_costs_nothing(simulated: Callable[..., Simula
     states = truth_at(run, problem)
     assert problem.native.error(states.to_gtsam()) < 1e-2 * 7.5 * len(problem.t)
     for family in problem.families:
-        if family.name in ("prior on odo", "absolute fix"):
+        if family.type in (FactorType.PRIOR_ODO, FactorType.ABSOLUTE_FIX):
             continue  # their origin of distance is the first fix
         # The yaw of the start is 0 to 1e-6 rad by convention, about an axis that is as rough as the roll there.
-        assert np.abs(family.whitened(states)).max() < (5.0 if family.name == "prior on nav" else 0.5), family.name
+        assert np.abs(family.whitened(states)).max() < (5.0 if family.type is FactorType.PRIOR_NAV else 0.5), (
+            family.name
+        )
 
 
 def test_keyframes_lie_on_edges_of_the_samples(problem: Problem) -> None:
@@ -68,7 +71,7 @@ def test_keyframes_lie_on_edges_of_the_samples(problem: Problem) -> None:
 
 def test_every_position_has_its_keyframe(run: Simulation, problem: Problem) -> None:
     assert run.recording.gnss is not None
-    family = problem.family("GNSS position")
+    family = problem.family(FactorType.GNSS_POSITION)
     assert family is not None
     moving = run.recording.gnss["t_s"].to_numpy()
     moving = moving[moving > problem.rests[0, 1]]
@@ -94,9 +97,9 @@ def test_world_follows_from_the_recording(
 
 def test_each_accelerometer_sample_is_counted_once(run: Simulation, problem: Problem) -> None:
     """Gravity tilt only where nothing measures speed; the inertial factors give the accelerometer no weight there."""
-    assert problem.family("gravity tilt") is None
+    assert problem.family(FactorType.GRAVITY_TILT) is None
     speedless = problem_of(replace(run.recording, tach=None, gnss=None))
-    tilt = speedless.family("gravity tilt")
+    tilt = speedless.family(FactorType.GRAVITY_TILT)
     assert tilt is not None
     assert len(tilt) == len(speedless.t)
     push = speedless.initial
@@ -107,18 +110,25 @@ def test_each_accelerometer_sample_is_counted_once(run: Simulation, problem: Pro
 
 
 def test_families_are_those_that_the_sensors_give(run: Simulation, problem: Problem) -> None:
-    names = {family.name for family in problem.families}
-    assert {"tach reading", "GNSS position", "non-holonomic", "at rest", "standstill", "arc length"} <= names
-    assert problem.family("absolute fix") is None
+    types = {family.type for family in problem.families}
+    assert {
+        FactorType.TACH_READING,
+        FactorType.GNSS_POSITION,
+        FactorType.NON_HOLONOMIC,
+        FactorType.AT_REST,
+        FactorType.STANDSTILL,
+        FactorType.ARC_LENGTH,
+    } <= types
+    assert problem.family(FactorType.ABSOLUTE_FIX) is None
     blind = problem_of(replace(run.recording, tach=None))
-    assert blind.family("tach reading") is None
+    assert blind.family(FactorType.TACH_READING) is None
     assert blind.wheel is None
 
 
 def test_silent_tach_reads_nothing_and_says_nothing(run: Simulation) -> None:
     """A slope across a silence of 40 s is no reading, and a straight line through it costs the wheel nothing."""
     problem = problem_of(drop_tach(run.recording, 60.0, 100.0))
-    reading = problem.family("tach reading")
+    reading = problem.family(FactorType.TACH_READING)
     assert reading is not None
     at = problem.t[reading.slots[0].index]
     assert not ((at > 60.1) & (at < 99.9)).any()
@@ -134,7 +144,7 @@ def test_hole_in_the_imu_lies_between_keyframes(run: Simulation) -> None:
 def test_distances_before_the_first_fix(simulated: Callable[..., Simulation]) -> None:
     run = simulated("shunting", seed=0, duration_s=240.0)
     problem = problem_of(run.recording)
-    fix = problem.family("absolute fix")
+    fix = problem.family(FactorType.ABSOLUTE_FIX)
     assert fix is not None
     assert run.recording.fixes is not None
     np.testing.assert_allclose(fix.residual(problem.initial)[0], 0.0, atol=0.1)
@@ -152,7 +162,7 @@ def test_positions_outside_the_record_are_left_out(run: Simulation) -> None:
     assert run.recording.gnss is not None
     gnss = run.recording.gnss.copy()
     gnss["t_s"] -= 20.5
-    family = problem_of(replace(run.recording, gnss=gnss)).family("GNSS position")
+    family = problem_of(replace(run.recording, gnss=gnss)).family(FactorType.GNSS_POSITION)
     assert family is not None
     assert len(family) == (gnss["t_s"] >= 0).sum()
 

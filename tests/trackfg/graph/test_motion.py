@@ -10,6 +10,7 @@ import pytest
 
 from trackfg.config import MotionConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.graph.build import Problem, build_problem
 
@@ -27,8 +28,8 @@ def problem(simulated: Callable[..., Simulation]) -> Problem:
     return build_problem(noisy, SmoothConfig(motion=MotionConfig(path_sd_m=1e-9, path_sd_relative=1e-12)))
 
 
-def family_of(problem: Problem, name: str) -> Family:
-    return next(family for family in problem.families if family.name == name)
+def family_of(problem: Problem, kind: FactorType) -> Family:
+    return next(family for family in problem.families if family.type is kind)
 
 
 def test_path_may_leave_the_direction_of_travel_by_the_gyros_bridge(problem: Problem) -> None:
@@ -36,7 +37,7 @@ def test_path_may_leave_the_direction_of_travel_by_the_gyros_bridge(problem: Pro
     N^2 s (T - t) / T of times s < t. Its integral over the way L, in proportion to time, has the variance
     (L / T)^2 N^2 T^3 / 12 = N^2 L^2 T / 12.
     """
-    path = family_of(problem, "path")
+    path = family_of(problem, FactorType.PATH)
     first = path.first_keyframe
     way, duration = np.diff(problem.initial.odo[:, 0])[first], np.diff(problem.t)[first]
     moving = way > 1.0
@@ -50,7 +51,7 @@ def test_a_clock_that_drifts_is_right_in_the_middle_of_the_run(problem: Problem)
     """There the offset is what CLOCK says: drift for a time t - t_middle does what an offset drift x (t - t_middle)
     does, so the first readings move one way and the last ones the other.
     """
-    reading, states = family_of(problem, "tach reading"), problem.initial
+    reading, states = family_of(problem, FactorType.TACH_READING), problem.initial
     zero, offset, drift = (
         reading.residual(replace(states, clock=np.array([clock])))[:, 0]
         for clock in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])

@@ -13,6 +13,7 @@ from trackfg.config import SmoothConfig, TachConfig
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.odometer import TachModel, rolled_distance
 from trackfg.datasets.vehicle.vehicle import Rigid
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.odometry import wheel_response
 from trackfg.factors.states import Kind
@@ -24,7 +25,7 @@ from trackfg.units import STANDARD_GRAVITY
 def wheel_of(run: Simulation, **tach: float) -> tuple[Family, np.ndarray]:
     """The factors of the rolling wheel, and the keyframes' times."""
     problem = build_problem(run.recording, SmoothConfig(tach=TachConfig(**tach)))
-    family = problem.family("tach distance")
+    family = problem.family(FactorType.TACH_DISTANCE)
     assert family is not None
     return family, problem.t
 

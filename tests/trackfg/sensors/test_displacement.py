@@ -10,6 +10,7 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.factor_type import FactorType
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.passes import passes
 from trackfg.recording.model import Recording
@@ -78,8 +79,8 @@ def test_pairs_fit_the_smoothed_run(smoothed: SmoothedStates) -> None:
     """Without noise both units saw one rail to some 10 um, at rest and on the way, where it is roughest to 0.1 mm."""
     states = smoothed.solution.states
     within, apart = (
-        [family for family in smoothed.problem.families if family.name == name]
-        for name in ("rail within", "rail apart")
+        [family for family in smoothed.problem.families if family.type is kind]
+        for kind in (FactorType.RAIL_WITHIN, FactorType.RAIL_APART)
     )
     assert within
     assert apart
@@ -98,7 +99,7 @@ def test_keyframes_at_one_place_are_used_once(run: Simulation) -> None:
     tied = tied_by_rails(problem, problem.initial, rail_views(run.recording), config.laser)
     resting = problem.t < problem.rests[0, 1]
     for family in tied.families:
-        if family.name == "rail apart":
+        if family.type is FactorType.RAIL_APART:
             assert resting[family.slots[0].index].sum() <= 1
 
 
@@ -122,7 +123,9 @@ def test_silence_of_one_sensor_ties_nothing(run: Simulation) -> None:
     config, views = SmoothConfig(), rail_views(cut)
     problem = build_problem(cut, config)
     tied = tied_by_rails(problem, problem.initial, views, config.laser)
-    (_, late), *_ = [(pair, family) for pair, family in enumerate(tied.families) if family.name == "rail apart"]
+    (_, late), *_ = [
+        (pair, family) for pair, family in enumerate(tied.families) if family.type is FactorType.RAIL_APART
+    ]
     assert problem.t[late.slots[0].index].max() < 50.0
 
 
@@ -131,8 +134,8 @@ def test_one_unit_alone_ties_only_rests(run: Simulation) -> None:
     config = SmoothConfig()
     problem = build_problem(alone, config)
     tied = tied_by_rails(problem, problem.initial, rail_views(alone), config.laser)
-    assert tied.family("rail apart") is None
-    held = [family for family in tied.families if family.name == "rail within"]
+    assert tied.family(FactorType.RAIL_APART) is None
+    held = [family for family in tied.families if family.type is FactorType.RAIL_WITHIN]
     assert len(held) == 2
     for family in held:
         assert (problem.t[family.slots[1].index] <= problem.rests[-1, 1] + 1e-6).all()

@@ -12,8 +12,8 @@ from scipy.linalg import solve_triangular
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
-from trackfg.factors.family import LinearFactors, Slot, last_keyframe
 from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.linear import LinearFactors, Slot, last_keyframe
 from trackfg.factors.marginal_prior import past
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem, build_problem

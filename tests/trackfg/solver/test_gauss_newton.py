@@ -12,6 +12,7 @@ from scipy.linalg import solve_triangular
 from trackfg.config import SmoothConfig, SolverConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.prior import prior
 from trackfg.factors.states import ELIMINATION_ORDER, KEYFRAME_DIM, SHARED, Kind, Nav, States, retract
@@ -26,7 +27,7 @@ Linearized = Callable[[Problem, States], tuple[np.ndarray, np.ndarray]]
 
 
 def without_loss(problem: Problem) -> Problem:
-    plain = tuple(Family(f.name, f.evaluate, f.slots, f.data, f.sigma) for f in problem.families)
+    plain = tuple(Family(f.type, f.evaluate, f.slots, f.data, f.sigma) for f in problem.families)
     return replace(problem, families=plain)
 
 
@@ -170,7 +171,7 @@ def test_wrong_fix_is_set_aside(simulated: Callable[..., Simulation]) -> None:
         problem = build_problem(replace(recording, fixes=fixes), SmoothConfig())
         bad = solve(problem, TIGHT)
         assert bad.converged
-        family = problem.family("absolute fix")
+        family = problem.family(FactorType.ABSOLUTE_FIX)
         assert family is not None
         assert np.argmin(family.weights(bad.states)) == wrong_row
         assert np.abs(bad.states.odo[:, 0] - good.states.odo[:, 0]).max() < 1.0
@@ -203,7 +204,7 @@ def test_undetermined_graph_is_refused(problem: Problem) -> None:
         prior(kind, index, np.zeros((index.size, kind.dim)), np.ones((index.size, kind.dim)))
         for kind, index in ((Kind.ODO, np.arange(n)), *((kind, shared) for kind in SHARED))
     )
-    walk = problem.family("bias walk")
+    walk = problem.family(FactorType.BIAS_WALK)
     assert walk is not None
     afloat = (*afloat, walk)
     with pytest.raises(UnsolvableError, match="do not determine the states"):

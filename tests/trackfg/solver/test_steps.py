@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from trackfg.config import SolverConfig
-from trackfg.factors.family import Family, Loss, Slot
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.linear import Slot
+from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Nav, States
@@ -51,7 +54,7 @@ def of_distance(value: Callable[[np.ndarray], np.ndarray], slope: Callable[[np.n
         jacobian[:, 0, 0] = slope(odo[:, 0])
         return value(odo[:, :1]), (jacobian,)
 
-    return Family("of the distance", evaluate, (Slot(Kind.ODO, np.array([0])),), (), np.ones((1, 1)))
+    return Family(FactorType.CUSTOM, evaluate, (Slot(Kind.ODO, np.array([0])),), {}, np.ones((1, 1)))
 
 
 def test_a_step_that_raises_the_cost_is_halved() -> None:
@@ -81,7 +84,7 @@ def test_the_minimum_of_plain_squares_is_not_the_end() -> None:
     and the step from there is nothing. With it the wrong one lets go: 2 x / (1 + x^2) = (30 - x) / (1 + (30 - x)^2)
     at x = 0.0167.
     """
-    fixes = absolute_fix(np.zeros(3, dtype=np.int64), np.array([0.0, 0.0, 30.0]), np.ones((3, 1)), Loss("cauchy", 1.0))
+    fixes = absolute_fix(np.zeros(3, dtype=np.int64), np.array([0.0, 0.0, 30.0]), np.ones((3, 1)), Cauchy(1.0))
     solution = solve(one_keyframe(10.0, fixes), TIGHT)
     x = solution.states.odo[0, 0]
     assert solution.converged
@@ -91,6 +94,6 @@ def test_the_minimum_of_plain_squares_is_not_the_end() -> None:
 
 def test_losses_are_on_once_a_step_is_short_or_none_helps() -> None:
     """A start at the minimum of plain squares, two iterations: the second one has the losses already."""
-    fixes = absolute_fix(np.zeros(3, dtype=np.int64), np.array([0.0, 0.0, 30.0]), np.ones((3, 1)), Loss("cauchy", 1.0))
+    fixes = absolute_fix(np.zeros(3, dtype=np.int64), np.array([0.0, 0.0, 30.0]), np.ones((3, 1)), Cauchy(1.0))
     solution = solve(one_keyframe(10.0, fixes), TIGHT.model_copy(update={"max_iterations": 2}))
     assert solution.states.odo[0, 0] < 9.0

@@ -21,6 +21,7 @@ enumeration                     the member's name
 ``Callable``                    module and name of a function of :mod:`trackfg.factors`
 array                           number of the object: type, shape, strides, where in the bytes it begins
 dataclass, named tuple          number of the object: ``{field: value}``
+abstract class                  name of one of its subclasses, and that one's form
 a class that is *given*         ``null``: whoever takes up the snapshot has the same one
 ==============================  ======================================================================================
 """
@@ -164,6 +165,8 @@ def _form(annotation: Any) -> _Form:
     if origin in (dict, collections.abc.Mapping):
         return _Pairs(_Fixed(tuple(_form(one) for one in arguments)))
     if inspect.isclass(origin):
+        if inspect.isabstract(origin):
+            return _Variants(origin)
         return _Members(origin) if issubclass(origin, Enum) else _Structure(origin)
     raise TypeError(f"{annotation}: a snapshot has no form for it")
 
@@ -329,6 +332,22 @@ class _Structure:
             return source.given[self.kind]
         forms = _fields(self.kind, tuple(source.given))
         return source.object(node, self.kind, lambda one: self.kind(**source.fields(one, forms)))
+
+
+class _Variants:
+    """Values of one of the subclasses of an abstract class."""
+
+    def __init__(self, kind: type) -> None:
+        variants: list[type] = kind.__subclasses__()
+        self.forms = {variant.__name__: _Structure(variant) for variant in variants}
+
+    def write(self, value: Any, to: _Writer) -> Any:
+        name = type(value).__name__
+        return [name, self.forms[name].write(value, to)]
+
+    def read(self, node: Any, source: _Reader) -> Any:
+        name, inner = node
+        return self.forms[name].read(inner, source)
 
 
 @cache

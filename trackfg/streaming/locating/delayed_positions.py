@@ -21,8 +21,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.factors.family import Family, Loss
-from trackfg.factors.marginal_prior import past
+from trackfg.factors.family import Family
+from trackfg.factors.loss import Loss
+from trackfg.factors.marginal_prior import delayed_position
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import Functions, covariance_given_next
@@ -97,8 +98,7 @@ def told_late(
     left = noise @ np.linalg.solve(known + noise, known)
     whitening = np.linalg.cholesky(between + noise)
     rows = np.linalg.solve(whitening, np.column_stack([G.T, -residual]))
-    name = f"places passed until {places.t[-1]:.3f} s"  # of its own: the one before may still be there
-    family = replace(past(rows, states.take(slice(n, n + 1))), name=name)
+    family = delayed_position(rows, states.take(slice(n, n + 1)))
     return ToldLate(places, residual, weight, np.sqrt(np.diag(left)), family)
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import changed
 from trackfg.factors.states import States
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -102,11 +104,12 @@ class SettledEvents:
         rests = joined_spans(np.concatenate([self.rests, sources.rests]))
         self.rests = rests[rests[:, 1] > self.told_s.get("standstill", -np.inf)]
         since = self.told_s.get("gnss set aside", -np.inf)
-        families = (
-            family.take(sources.t[family.first_keyframe] > since) if family.name == "GNSS position" else family
-            for family in sources.families
+        families = changed(
+            sources.families,
+            FactorType.GNSS_POSITION,
+            lambda family: family.take(sources.t[family.first_keyframe] > since),
         )
-        return replace(sources, rests=self.rests, families=tuple(families))
+        return replace(sources, rests=self.rests, families=families)
 
 
 def _thing(event: Event) -> str:

@@ -57,11 +57,15 @@ class Begun:
         pair = self.pair.joined(interval.families[len(self.ahead.interval.families) :])
         there = pair.states.take(slice(0, 1)).joined(interval.ahead)
         shift = _between(self.ahead.interval, interval)
-        others = [one.linearize(there).seen_from(shift) for one in pair.families if one.name in OTHER_ROWS and len(one)]
+        others = [
+            one.linearize(there).relative_to_step_start(shift)
+            for one in pair.families
+            if one.type in OTHER_ROWS and len(one)
+        ]
         root, left = eliminate_pair(np.concatenate([self.rows, stacked_pair(others)]))
         found = pair.by(root)
         nothing = np.zeros(1, dtype=bool)
-        rolls = (one.following(nothing, found.states).shifted(-1) for one in pair.families if one.in_a_row)
+        rolls = (one.tail_of_chain(nothing, found.states).shifted(-1) for one in pair.families if one.is_chained)
         known = (past(left, pair.states.take(slice(1, 2))), *rolls)
         tip = Window(pair.t[1:], found.states.take(slice(1, 2)), (), pair.response[1:], known)
         return Found(found, root, tip, Gone.of(pair.t, root, pair.states, 1))

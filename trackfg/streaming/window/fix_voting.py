@@ -24,8 +24,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from trackfg.factors.family import Family
-from trackfg.factors.marginal_prior import PAST, past_elsewhere
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, family_of
+from trackfg.factors.marginal_prior import past_elsewhere
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
@@ -41,7 +42,7 @@ _CREEP = 0.01
 """By which share of an interval's distance the wheel may be wrong, besides its scale."""
 _USED = 0.5
 """The weight of a fix that a solution follows."""
-_FIX, _WITHHELD = "absolute fix", "withheld fix"
+_FIXES = (FactorType.ABSOLUTE_FIX, FactorType.WITHHELD_FIX)
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class PlaceVotes:
         """The interval after ``here``, its fixes that contradict withheld; and by how much the believed place changes
         by them, m, which the interval is not moved by yet.
         """
-        fixes = next((family for family in new.families if family.name == _FIX), None)
+        fixes = family_of(new.families, FactorType.ABSOLUTE_FIX)
         if fixes is None or fixes.loss is None:
             return new, 0.0
         moved, withheld = 0.0, np.zeros(len(fixes), dtype=bool)
@@ -109,7 +110,7 @@ class PlaceVotes:
         for i, at in enumerate(fixes.slots[0].index.tolist()):
             along = np.array([1.0, gone if at else 0.0])
             variance = float(along @ self.known @ along) + (_CREEP * along[1]) ** 2
-            place, sigma = float(fixes.data[0][i, 0]), float(fixes.sigma[i, 0])
+            place, sigma = float(fixes.data["distance"][i, 0]), float(fixes.sigma[i, 0])
             further, sd = place - ends[at] - moved, float(np.hypot(sigma, np.sqrt(variance)))
             again = self.newest_m is not None and abs(place - self.newest_m) <= sigma
             self.newest_m = place
@@ -178,8 +179,8 @@ def moved_window(window: Window, by_m: float) -> Window:
     the window's fixes those are followed that agree.
     """
     states = moved_states(window.states, by_m)
-    families = [_moved(family, by_m) for family in window.families if family.name not in (_FIX, _WITHHELD)]
-    fixes = [family for family in window.families if family.name in (_FIX, _WITHHELD)]
+    families = [_moved(family, by_m) for family in window.families if family.type not in _FIXES]
+    fixes = [family for family in window.families if family.type in _FIXES]
     followed, withheld = [], []
     for family in fixes:
         near = np.abs(family.residual(states)[:, 0]) < 0.5 * abs(by_m)
@@ -192,9 +193,9 @@ def moved_window(window: Window, by_m: float) -> Window:
 
 
 def _moved(family: Family, by_m: float) -> Family:
-    if family.name == PAST:
+    if family.type is FactorType.MARGINAL_PRIOR:
         return past_elsewhere(family, by_m, abs(by_m))
-    if family.name == "prior on odo":
+    if family.type is FactorType.PRIOR_ODO:
         sigma = np.hypot(family.sigma, np.array([abs(by_m), 0.0, 0.0, 0.0]))
-        return replace(family, data=(family.data[0] + np.array([by_m, 0.0, 0.0, 0.0]),), sigma=sigma)
+        return replace(family, data={"mean": family.data["mean"] + np.array([by_m, 0.0, 0.0, 0.0])}, sigma=sigma)
     return family

@@ -73,11 +73,11 @@ class History:
 
     def with_families(self, later: Iterable[Family]) -> tuple[Family, ...]:
         """Those of these keyframes, and the same ones of keyframes that follow, in a row."""
-        known = {family.name: family for family in self.families}
+        known = {family.type: family for family in self.families}
         for family in later:
-            if family.name in TOLD:
+            if family.type in TOLD:
                 own = family.shifted(len(self.parts))
-                known[family.name] = known[family.name].joined(own) if family.name in known else own
+                known[family.type] = known[family.type].joined(own) if family.type in known else own
         return tuple(known.values())
 
     def with_window(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:

@@ -21,6 +21,7 @@ import numpy as np
 from trackfg.checks.limits import CheckLimits
 from trackfg.config import SmoothConfig
 from trackfg.errors import UnsolvableError
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem, begun_at, build_problem, placeless
@@ -279,7 +280,7 @@ class MovingWindow:
     def tell(self, family: Family) -> None:
         """Something about the first keyframe that stays."""
         assert self.window is not None
-        self.window = self.window.with_families(family)
+        self.window = self.window.joined([family])
 
     def _begun(self, t: float) -> Update:
         tape = self.tape
@@ -289,7 +290,7 @@ class MovingWindow:
             recording = replace(recording, tach=None)
         problem = build_problem(recording, self.config, data)
         told_later = tape.description.fixes is not None or self.on_map
-        if told_later and problem.family("absolute fix") is None:
+        if told_later and problem.family(FactorType.ABSOLUTE_FIX) is None:
             problem = replace(problem, families=placeless(problem.families))
         self.odometer = None
         if problem.wheel is not None and recording.tach is not None and tape.description.tach is not None:
@@ -308,7 +309,7 @@ class MovingWindow:
         self.tip = window.moved({len(window) - 1}).rest(len(window) - 1)
         waited = self.without_speed(begin) if begin > self.waiting_since_s + _LATE_S else None
         self.early, self.lost = Pass(window, solution.root, None, waited), None
-        self.places.begin(problem.family("absolute fix"), solution.states)
+        self.places.begin(problem.family(FactorType.ABSOLUTE_FIX), solution.states)
         return self._told(Update.of(window, solution.root))
 
     def _begin(self, t: float) -> Begun:

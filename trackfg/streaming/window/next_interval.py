@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.factors.family import Family
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import ImuNoise, Preintegration
 from trackfg.factors.states import Nav, States
 from trackfg.graph.inertial import preintegrated
@@ -35,9 +36,9 @@ _NO_RESTS = np.zeros((0, 2))
 OFF_S = 60.0
 """A device that was off was so for about as long."""
 _BELIEVED_SIGMAS = 4.0
-_OF_THE_INTERVAL = ("absolute fix", "GNSS position")
+_OF_THE_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
 """Families that may touch the older keyframe alone, and are new all the same."""
-OTHER_ROWS = ("tach distance", "tach reading", *_OF_THE_INTERVAL, "withheld fix")
+OTHER_ROWS = (FactorType.TACH_DISTANCE, FactorType.TACH_READING, *_OF_THE_INTERVAL, FactorType.WITHHELD_FIX)
 """Families of other rows than the inertial sensor's."""
 
 
@@ -110,17 +111,17 @@ def _across_break(
     noise = ImuNoise(
         config.bridge_gyro_white * longer, config.bridge_accel_white * longer, gone / float(np.sqrt(lasting))
     )
-    loose = tuple(
-        replace(family, sigma=np.full_like(family.sigma, gone)) if family.name == "arc length" else family
-        for family in families
-        if family.name != "path"
+    loose = changed(
+        (family for family in families if family.type is not FactorType.PATH),
+        FactorType.ARC_LENGTH,
+        lambda family: replace(family, sigma=np.full_like(family.sigma, gone)),
     )
     return replace(measured, noise=noise), loose
 
 
 def _new(families: list[Family]) -> tuple[Family, ...]:
     """Without what the interval before has said already: factors of the older keyframe alone."""
-    new = (family if family.name in _OF_THE_INTERVAL else _of_the_later(family) for family in families)
+    new = (family if family.type in _OF_THE_INTERVAL else _of_the_later(family) for family in families)
     return tuple(family for family in new if len(family))
 
 

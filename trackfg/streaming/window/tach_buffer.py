@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.factors.family import Family
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Tach
 from trackfg.sensors.tach import CRAWL_MPS, Wheel, longest_silence_s, silences
@@ -52,9 +53,8 @@ class Odometer:
     def rounded(self, families: tuple[Family, ...]) -> tuple[Family, ...]:
         """The families of the first seconds, with readings as exact as they are known to be."""
         sigma = self.wheel.rounding_sd
-        return tuple(
-            replace(family, sigma=np.full_like(family.sigma, sigma)) if family.name == "tach reading" else family
-            for family in families
+        return changed(
+            families, FactorType.TACH_READING, lambda family: replace(family, sigma=np.full_like(family.sigma, sigma))
         )
 
     @property

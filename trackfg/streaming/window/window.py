@@ -13,9 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from trackfg.factors.family import Family, LinearFactors
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration, linearize_imu_factors
-from trackfg.factors.marginal_prior import PAST, answering, moved_from, past, step_from
+from trackfg.factors.linear import LinearFactors
+from trackfg.factors.loss import SwitchChain
+from trackfg.factors.marginal_prior import answering, moved_from, past, step_from
 from trackfg.factors.states import States, Step
 from trackfg.graph.inertial import graph_of
 from trackfg.numerics.arrays import Array
@@ -94,36 +97,35 @@ class Window:
     @property
     def doubts_wheel(self) -> bool:
         """Whether it is as likely as not that the wheel slipped somewhere."""
-        return any((family.weights(self.states) < 0.5).any() for family in self.families if family.in_a_row)
+        return any((family.weights(self.states) < 0.5).any() for family in self.families if family.is_chained)
 
     @property
     def wheel_belief(self) -> float:
         """How likely it is, after the last interval, that the wheel rolls; 1 where there is none."""
-        rolling = (family.loss for family in self.families if family.in_a_row)
-        return min((loss.before for loss in rolling if loss is not None), default=1.0)
+        losses = (family.loss for family in self.families)
+        return min((loss.inlier_before for loss in losses if isinstance(loss, SwitchChain)), default=1.0)
 
     def with_families(self, *families: Family) -> Window:
-        """With these in the place of those of the same names."""
-        names = {family.name for family in families}
-        kept = (family for family in self.families if family.name not in names)
+        """With these in the place of those of the same types."""
+        types = {family.type for family in families}
+        kept = (family for family in self.families if family.type not in types)
         return replace(self, families=(*kept, *(family for family in families if len(family))))
 
     def extended(self, *intervals: Interval) -> Window:
         """With the next keyframes."""
         families = self.families
         if len(self) == 1:  # what is known of the keyframe is known of its bias as no interval has it
-            families = tuple(
-                answering(family, intervals[0].response) if family.name == PAST else family for family in families
-            )
+            response = intervals[0].response
+            families = changed(families, FactorType.MARGINAL_PRIOR, lambda family: answering(family, response))
         later = [family.shifted(last) for last, new in enumerate(intervals, len(self) - 1) for family in new.families]
-        response = [self.response[:-1], *(interval.response[None] for interval in intervals)]
+        responses = [self.response[:-1], *(interval.response[None] for interval in intervals)]
         bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
         states = self.states.joined(*(interval.ahead for interval in intervals))
         return Window(
             np.append(self.t, [interval.t for interval in intervals]),
             replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
             (*self.measured, *(interval.measured for interval in intervals)),
-            np.concatenate([*response, np.zeros_like(self.response[:1])]),
+            np.concatenate([*responses, np.zeros_like(self.response[:1])]),
             _joined([*families, *later]),
         )
 
@@ -131,10 +133,10 @@ class Window:
         """With these factors too."""
         return replace(self, families=_joined([*self.families, *families]))
 
-    def linearized(self, left_out: Collection[str] = ()) -> list[LinearFactors]:
-        """All factors at the window's states, but families of the names ``left_out``."""
+    def linearized(self, left_out: Collection[FactorType] = ()) -> list[LinearFactors]:
+        """All factors at the window's states, but families of the types ``left_out``."""
         inertial = linearize_imu_factors(graph_of(self.measured), self.states.inertial_to_gtsam())
-        return [inertial, *(one.linearize(self.states) for one in self.families if one.name not in left_out)]
+        return [inertial, *(one.linearize(self.states) for one in self.families if one.type not in left_out)]
 
     def moved(self, gone: Collection[int] = ()) -> Stepped:
         """One Gauss-Newton step on; for each of ``gone`` so many of the first keyframes can be left behind then.
@@ -152,11 +154,11 @@ class Window:
 
 
 def _joined(families: Sequence[Family]) -> tuple[Family, ...]:
-    """Those of one name as one."""
-    by_name: dict[str, list[Family]] = {}
+    """Those of one type as one, if they can be stacked."""
+    groups: dict[FactorType | int, list[Family]] = {}
     for family in families:
-        by_name.setdefault(family.name, []).append(family)
-    return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in by_name.values())
+        groups.setdefault(family.type if family.type.stackable else id(family), []).append(family)
+    return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in groups.values())
 
 
 class Stepped(NamedTuple):
@@ -178,9 +180,9 @@ class Stepped(NamedTuple):
             return self.window
         window = self.window
         kept = [
-            family.following(later, window.states).shifted(-gone)
+            family.tail_of_chain(later, window.states).shifted(-gone)
             for family in window.families
-            if (later := family.first_keyframe >= gone).any() or family.in_a_row
+            if (later := family.first_keyframe >= gone).any() or family.is_chained
         ]
         return Window(
             window.t[gone:],

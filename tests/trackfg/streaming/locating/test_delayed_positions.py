@@ -9,8 +9,8 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
-from trackfg.factors.family import Loss
 from trackfg.factors.landmark import landmark
+from trackfg.factors.loss import Cauchy, Loss
 from trackfg.factors.states import Kind
 from trackfg.graph.build import build_problem, placeless
 from trackfg.solver.covariance import posterior_covariance
@@ -66,7 +66,7 @@ def test_it_is_what_the_whole_window_would_have_said(step: Stepped) -> None:
 
 
 def test_a_wrong_one_is_set_aside(step: Stepped) -> None:
-    _, weight = told(step, places(step, [0.0, 25.0, 0.0], 0.05), Loss("cauchy", 3.0))
+    _, weight = told(step, places(step, [0.0, 25.0, 0.0], 0.05), Cauchy(3.0))
     assert weight[1] < 1e-3
     assert weight[[0, 2]] == pytest.approx(1.0, abs=0.2)
 

@@ -13,8 +13,9 @@ from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.driving import Service
-from trackfg.factors.family import Loss
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import Preintegration
+from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix
 from trackfg.factors.states import Nav, States
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
@@ -36,7 +37,7 @@ def at(distance: float) -> States:
 def passing(distance: float, fix: float) -> Interval:
     """Of 10 m, with a fix at its end."""
     sigma = np.array([[SD_M]])
-    family = absolute_fix(np.array([1]), np.array([fix]), sigma, Loss("cauchy", 4.0))
+    family = absolute_fix(np.array([1]), np.array([fix]), sigma, Cauchy(4.0))
     return Interval(0.0, np.zeros(6), at(distance), cast(Preintegration, None), np.zeros((6, 21)), (family,))
 
 
@@ -52,7 +53,7 @@ def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[PlaceVotes, fl
             believed = off  # who knows nothing believes the first
         new, moved = votes.judged(passing(true + believed, true + off), at(true - 10.0 + believed))
         believed += moved
-        became += [family.name for family in new.families]
+        became += [family.type for family in new.families]
     return votes, believed, became
 
 
@@ -60,7 +61,7 @@ def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[PlaceVotes, fl
 def test_whom_one_has_believed_first_is_outvoted(wrong: int) -> None:
     votes, believed, became = after([WRONG] * wrong + [RIGHT] * (wrong + 1))
     assert believed == pytest.approx(RIGHT)
-    assert became == ["absolute fix"] * wrong + ["withheld fix"] * wrong + ["absolute fix"]
+    assert became == [FactorType.ABSOLUTE_FIX] * wrong + [FactorType.WITHHELD_FIX] * wrong + [FactorType.ABSOLUTE_FIX]
     assert [event.kind for event in votes.told()] == ["place-changed"]
     assert not votes.told()
 
@@ -69,7 +70,7 @@ def test_whom_one_has_believed_first_is_outvoted(wrong: int) -> None:
 def test_a_few_that_are_wrong_alike_are_not_believed(wrong: int) -> None:
     votes, believed, became = after([RIGHT] * 5 + [WRONG] * wrong)
     assert believed == RIGHT
-    assert became == ["absolute fix"] * 5 + ["withheld fix"] * wrong
+    assert became == [FactorType.ABSOLUTE_FIX] * 5 + [FactorType.WITHHELD_FIX] * wrong
     assert not votes.told()
     assert after([RIGHT] * 5 + [WRONG] * wrong + [RIGHT] * 4)[0].rivals == ()
 
@@ -99,7 +100,7 @@ def test_the_place_is_as_sure_as_the_vote(offsets: list[float], probability: flo
 
 
 def test_who_is_not_sure_where_he_is_follows() -> None:
-    assert after([RIGHT, WRONG], known_m=20.0)[2] == ["absolute fix"] * 2
+    assert after([RIGHT, WRONG], known_m=20.0)[2] == [FactorType.ABSOLUTE_FIX] * 2
 
 
 def test_a_fix_read_again_is_no_second_vote() -> None:

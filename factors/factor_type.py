@@ -1,0 +1,43 @@
+"""The types of factors of a graph: what reports call them, and by what a program finds them."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class FactorType(Enum):
+    """What a factor measures or assumes. The value is its label in reports, tables and messages."""
+
+    INERTIAL = "inertial"
+    BIAS_WALK = "bias walk"
+    DISTANCE_CHAIN = "distance chain"
+    TACH_DISTANCE = "tach distance"
+    TACH_READING = "tach reading"
+    ARC_LENGTH = "arc length"
+    NON_HOLONOMIC = "non-holonomic"
+    PATH = "path"
+    AT_REST = "at rest"
+    STANDSTILL = "standstill"
+    RAIL_WITHIN = "rail within"
+    RAIL_APART = "rail apart"
+    ABSOLUTE_FIX = "absolute fix"
+    WITHHELD_FIX = "withheld fix"
+    LANDMARK = "landmark"
+    GNSS_POSITION = "GNSS position"
+    GRAVITY_TILT = "gravity tilt"
+    PRIOR_NAV = "prior on nav"
+    PRIOR_BIAS = "prior on bias"
+    PRIOR_ODO = "prior on odo"
+    PRIOR_MOUNT = "prior on mount"
+    PRIOR_CLOCK = "prior on clock"
+    PRIOR_IMU = "prior on imu"
+    PRIOR_WHEEL = "prior on wheel"
+    MARGINAL_PRIOR = "past"
+    DELAYED_POSITION = "delayed position"
+    CUSTOM = "custom"
+    """A user's own; :attr:`trackfg.factors.family.Family.label` tells one from another."""
+
+    @property
+    def stackable(self) -> bool:
+        """Whether families of this type may be stacked into one. A marginal's number of rows is its own."""
+        return self not in (FactorType.MARGINAL_PRIOR, FactorType.DELAYED_POSITION)
