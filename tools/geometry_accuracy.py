@@ -28,7 +28,7 @@ import pandas as pd
 from side_by_side import Call, side_by_side
 
 from trackfg.config import GeometryConfig, SmoothConfig
-from trackfg.datasets.line.truth_geometry import truth_geometry
+from trackfg.datasets.line.truth_geometry import OperatorLengths, truth_geometry
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.repeatability import section_repeatability
@@ -95,7 +95,7 @@ def _short_curvature(run: Simulation) -> pd.DataFrame:
         direction=direction,
         s_from=float(s[0]),
         s_to=float(s[1]),
-        curvature_base_m=SHORT_BASE_M,
+        lengths=OperatorLengths(curvature_base_m=SHORT_BASE_M),
     )
     errors = geometry_errors(smoothed.geometry, smoothed.trajectory, run.truth, true[["chainage_m", "curvature_1pm"]])
     names = {"curvature_1pm": SHORT_CURVATURE, "curvature_1pm_sd": f"{SHORT_CURVATURE}_sd"}

@@ -56,6 +56,20 @@ class _Paths:
     lateral: Array
 
 
+@dataclass(frozen=True)
+class OperatorLengths:
+    """Bases and chord of the true geometry, m; the defaults are those of a result."""
+
+    twist_base_m: float = 5.0
+    chord_m: float = 10.0
+    curvature_base_m: float = 10.0
+    gradient_base_m: float = 25.0
+
+
+OPERATOR_LENGTHS = OperatorLengths()
+"""The lengths that the recordings' truth has."""
+
+
 def truth_geometry(
     track: Track,
     *,
@@ -63,10 +77,7 @@ def truth_geometry(
     direction: Literal[1, -1],
     s_from: float,
     s_to: float,
-    twist_base_m: float = 5.0,
-    chord_m: float = 10.0,
-    curvature_base_m: float = 10.0,
-    gradient_base_m: float = 25.0,
+    lengths: OperatorLengths = OPERATOR_LENGTHS,
 ) -> pd.DataFrame:
     """The geometry table of the stretch from ``s_from`` to ``s_to``, where chainage is ``origin + direction s``.
 
@@ -75,8 +86,9 @@ def truth_geometry(
     gauge_mm``. Raises ``ValueError`` for a twist base that is not a multiple of 0.25 m, and for another base or chord
     that is not one of 0.5 m.
     """
-    twist = _rows(twist_base_m)
-    chord, bend, slope = (_rows(0.5 * length) for length in (chord_m, curvature_base_m, gradient_base_m))
+    twist = _rows(lengths.twist_base_m)
+    chord = _rows(0.5 * lengths.chord_m)
+    bend, slope = _rows(0.5 * lengths.curvature_base_m), _rows(0.5 * lengths.gradient_base_m)
     around = max(s_from - _SURROUNDINGS_M, 0.0), min(s_to + _SURROUNDINGS_M, track.line.length_m)
     paths = _facing_chainage(track, chainage_origin_m, direction, *around)
     z, u = paths.height[:, 0], paths.lateral[:, 0]
@@ -84,8 +96,8 @@ def truth_geometry(
     far = _rows(LONGEST_M)
     # Per column: how many rows its operator reaches back and ahead, and the values.
     columns: dict[str, tuple[int, int, Array]] = {
-        "curvature_1pm": (bend, bend, _rise(paths.heading, -bend, bend) / curvature_base_m),
-        "gradient_permille": (slope, slope, 1e3 * _rise(z, -slope, slope) / gradient_base_m),
+        "curvature_1pm": (bend, bend, _rise(paths.heading, -bend, bend) / lengths.curvature_base_m),
+        "gradient_permille": (slope, slope, 1e3 * _rise(z, -slope, slope) / lengths.gradient_base_m),
         "cross_level_mm": (0, 0, 1e3 * paths.cross_level),
         "twist_mm": (twist, 0, 1e3 * _rise(paths.cross_level, -twist, 0)),
         "level_mm": (far, far, level[0]),

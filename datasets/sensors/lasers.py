@@ -70,16 +70,12 @@ def two_units(
     rear_m: float,
     half_width_m: float,
     height_m: float,
-    *,
-    rate_hz: float = 200.0,
-    noise_sd_m: float = 1e-4,
-    offset_sd_m: float = 0.0,
-    quantum_m: float = 0.0,
+    **sensor: float,
 ) -> tuple[LaserModel, ...]:
-    """Unit A at x = ``front_m`` and B at ``rear_m``, each with a vertical and a lateral sensor over both rails.
+    """Return unit A at x = ``front_m`` and B at ``rear_m``, each with a vertical and a lateral sensor over both rails.
 
     They sit ``half_width_m`` beside the middle and ``height_m`` above the reference point, and are named
-    ``A-left-vertical`` and so on.
+    ``A-left-vertical`` and so on. ``sensor`` are rate, noise, offset and quantum of a :class:`LaserModel`.
     """
     return tuple(
         LaserModel(
@@ -87,10 +83,7 @@ def two_units(
             position_m=(x, half_width_m if side == "left" else -half_width_m, height_m),
             axis=axis,
             rail=side,
-            rate_hz=rate_hz,
-            noise_sd_m=noise_sd_m,
-            offset_sd_m=offset_sd_m,
-            quantum_m=quantum_m,
+            **sensor,
         )
         for (unit, x), side, axis in product((("A", front_m), ("B", rear_m)), _SIDES, _AXES)
     )

@@ -48,13 +48,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pitch, tables
-from trackfg.baselines.result import BaselineResult
+from trackfg.baselines.result import BaselineResult, recorded
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.arrays import Array
@@ -79,58 +80,58 @@ _BLOCK = 50_000
 """Samples that are plain numbers at a time: these take ten times the memory."""
 
 
-def run(
-    recording: Recording,
-    *,
-    adaptive: bool = True,
-    F_space_1pm: float = 1.0,
-    R0_rad2: float = 1e-6,
-    T_c_s: float = 12.5,
-    remove_static_bias: bool = True,
-    centripetal: bool | None = None,
-    as_printed: bool = False,
-) -> BaselineResult:
-    """Roll, pitch, cross-level and twist of a recording.
+@dataclass(frozen=True)
+class AdaptiveEkfParameters:
+    """The parameters of the filter. Raises ``BadInputError`` for those that are not above 0.
 
-    ``adaptive=False`` is the patent's comparison, R = R0. ``remove_static_bias``: what the standstill at the start
+    ``adaptive = False`` is the patent's comparison, R = R0. ``remove_static_bias``: what the standstill at the start
     shows of it (:mod:`trackfg.baselines.attitude`); the patent says nothing of it. ``centripetal``: take ``w x v`` out
-    of the specific force; by default unless ``as_printed``. Raises ``BadInputError`` without a tachometer, and for
+    of the specific force; None: unless ``as_printed``.
+    """
+
+    adaptive: bool = True
+    F_space_1pm: float = 1.0
+    R0_rad2: float = 1e-6
+    T_c_s: float = 12.5
+    remove_static_bias: bool = True
+    centripetal: bool | None = None
+    as_printed: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("F_space_1pm", "R0_rad2", "T_c_s"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise BadInputError(f"{name} is {getattr(self, name)!r}; expected a number above 0")
+        if self.centripetal is None:
+            object.__setattr__(self, "centripetal", not self.as_printed)
+
+
+def run(recording: Recording, **parameters: Any) -> BaselineResult:
+    """Estimate roll, pitch, cross-level and twist of a recording.
+
+    ``parameters`` are fields of :class:`AdaptiveEkfParameters`. Raises ``BadInputError`` without a tachometer, and for
     parameters that are not above 0.
     """
-    for name, value in (("F_space_1pm", F_space_1pm), ("R0_rad2", R0_rad2), ("T_c_s", T_c_s)):
-        if not 0.0 < value < np.inf:
-            raise BadInputError(f"{name} is {value!r}; expected a number above 0")
-    motion = motion_of(recording, remove_static_bias=remove_static_bias)
-    centripetal = not as_printed if centripetal is None else centripetal
-    force = motion.without_centripetal() if centripetal else motion.accel
-    smoothing = in_time(motion, F_space_1pm) if as_printed else along_the_track(motion, F_space_1pm)
+    p = AdaptiveEkfParameters(**parameters)
+    motion = motion_of(recording, remove_static_bias=p.remove_static_bias)
+    force = motion.without_centripetal() if p.centripetal else motion.accel
+    smoothing = in_time(motion, p.F_space_1pm) if p.as_printed else along_the_track(motion, p.F_space_1pm)
     y = np.stack(roll_and_pitch(smoothing.low_passed(force)), axis=1)
-    R = np.full_like(y, R0_rad2)
-    if adaptive:
+    R = np.full_like(y, p.R0_rad2)
+    if p.adaptive:
         index = smoothing.vibration(motion.accel[:, :2])
-        R += (K_PRINTED if as_printed else K) * index[:, ::-1]  # roll hangs on ay, pitch on ax
-    q = process_noise(R0_rad2, motion.sampling_s, T_c_s)
+        R += (K_PRINTED if p.as_printed else K) * index[:, ::-1]  # roll hangs on ay, pitch on ax
+    q = process_noise(p.R0_rad2, motion.sampling_s, p.T_c_s)
     x, variance = kalman_filter(motion.gyro, motion.dt, y, R, q)
     roll, sd = x[:, 0], np.sqrt(variance)
     base = recording.description.track.cross_level_base_m
     attitude = Attitude(
         roll=roll,
-        cross_level=base * np.tan(roll) if as_printed else cross_level(roll, base),
+        cross_level=base * np.tan(roll) if p.as_printed else cross_level(roll, base),
         pitch=x[:, 1],
         roll_sd=sd[:, 0],
         pitch_sd=sd[:, 1],
     )
-    parameters: dict[str, float | str | bool] = {
-        "adaptive": adaptive,
-        "F_space_1pm": F_space_1pm,
-        "R0_rad2": R0_rad2,
-        "T_c_s": T_c_s,
-        "q_rad2": q,
-        "remove_static_bias": remove_static_bias,
-        "centripetal": centripetal,
-        "as_printed": as_printed,
-    }
-    return tables("adaptive-ekf", recording, motion, attitude, parameters)
+    return tables("adaptive-ekf", recording, motion, attitude, recorded(p) | {"q_rad2": q})
 
 
 def process_noise(R0_rad2: float, dt: float, T_c_s: float) -> float:

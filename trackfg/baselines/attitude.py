@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.result import BaselineResult, filled, no_events
+from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events
 from trackfg.errors import BadInputError
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
@@ -31,7 +31,6 @@ from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel
 from trackfg.units import STANDARD_GRAVITY
 
-STEP_M = 0.25
 TWIST_BASE_M = 5.0
 _TRAJECTORY_S = 0.1
 _PLACE_OVER_S = 0.5

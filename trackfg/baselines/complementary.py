@@ -27,13 +27,14 @@ only; on a gradient ``i`` in a curve roll is off by ``T v i / R``. The accelerom
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy.signal import butter, detrend, lfilter, sosfiltfilt
 
 from trackfg.baselines.attitude import Attitude, motion_of, tables
-from trackfg.baselines.result import BaselineResult
+from trackfg.baselines.result import BaselineResult, recorded
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.arrays import Array
@@ -42,55 +43,58 @@ from trackfg.recording.model import Recording
 Method = Literal["complementary", "accelerometer", "gyro"]
 
 
-def run(
-    recording: Recording,
-    *,
-    method: Method = "complementary",
-    T_s: float = 12.5,
-    low_pass_hz: float | None = 0.5,
-    detrended: bool = True,
-    remove_static_bias: bool = True,
-    centripetal: bool | None = None,
-    as_printed: bool = False,
-) -> BaselineResult:
-    """Roll, cross-level and twist of a recording.
+@dataclass(frozen=True)
+class ComplementaryParameters:
+    """The method and its filters. Raises ``BadInputError`` for parameters that make no filter.
 
     ``T_s`` is for the complementary filter, ``low_pass_hz`` for the accelerometer alone (None: unfiltered),
-    ``detrended`` for the gyro alone. ``centripetal``: take ``v omega_z`` out of a_y; by default unless ``as_printed``.
-    Raises ``BadInputError`` without a tachometer and for parameters that make no filter.
+    ``detrended`` for the gyro alone. ``centripetal``: take ``v omega_z`` out of a_y; None: unless ``as_printed``.
     """
-    centripetal = not as_printed if centripetal is None else centripetal
-    motion = motion_of(recording, remove_static_bias=remove_static_bias)
-    dt = motion.sampling_s
-    if method not in get_args(Method):
-        raise BadInputError(f"method is {method!r}; expected {', '.join(get_args(Method))}")
-    if not 0.0 < T_s < np.inf:
-        raise BadInputError(f"T_s is {T_s!r}; expected a time above 0")
-    if low_pass_hz is not None and not 0.0 < low_pass_hz < 0.5 / dt:
-        raise BadInputError(f"low_pass_hz is {low_pass_hz!r}; expected a frequency below {0.5 / dt:g} Hz, or None")
 
-    force = motion.without_centripetal() if centripetal else motion.accel
+    method: Method = "complementary"
+    T_s: float = 12.5
+    low_pass_hz: float | None = 0.5
+    detrended: bool = True
+    remove_static_bias: bool = True
+    centripetal: bool | None = None
+    as_printed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.method not in get_args(Method):
+            raise BadInputError(f"method is {self.method!r}; expected {', '.join(get_args(Method))}")
+        if not 0.0 < self.T_s < np.inf:
+            raise BadInputError(f"T_s is {self.T_s!r}; expected a time above 0")
+        if self.centripetal is None:
+            object.__setattr__(self, "centripetal", not self.as_printed)
+
+
+def run(recording: Recording, **parameters: Any) -> BaselineResult:
+    """Estimate roll, cross-level and twist of a recording.
+
+    ``parameters`` are fields of :class:`ComplementaryParameters`. Raises ``BadInputError`` without a tachometer and for
+    parameters that make no filter.
+    """
+    p = ComplementaryParameters(**parameters)
+    motion = motion_of(recording, remove_static_bias=p.remove_static_bias)
+    dt = motion.sampling_s
+    if p.low_pass_hz is not None and not 0.0 < p.low_pass_hz < 0.5 / dt:
+        raise BadInputError(f"low_pass_hz is {p.low_pass_hz!r}; expected a frequency below {0.5 / dt:g} Hz, or None")
+
+    force = motion.without_centripetal() if p.centripetal else motion.accel
     r = accelerometer_roll(force)
     turned = motion.gyro[:, 0] * motion.dt
     start = float(accelerometer_roll(force[motion.start].mean(axis=0)))
-    parameters: dict[str, float | str | bool] = {
-        "method": method,
-        "remove_static_bias": remove_static_bias,
-        "as_printed": as_printed,
-    }
-    if method == "complementary":
-        roll = complementary_roll(r, turned, smoothing(T_s, dt), start)
-        parameters |= {"T_s": T_s, "alpha": smoothing(T_s, dt), "centripetal": centripetal}
-    elif method == "accelerometer":
-        roll = r if low_pass_hz is None else _low_passed(r, low_pass_hz, dt)
-        parameters |= {"low_pass_hz": np.inf if low_pass_hz is None else low_pass_hz, "centripetal": centripetal}
+    alpha = smoothing(p.T_s, dt)
+    if p.method == "complementary":
+        roll = complementary_roll(r, turned, alpha, start)
+    elif p.method == "accelerometer":
+        roll = r if p.low_pass_hz is None else _low_passed(r, p.low_pass_hz, dt)
     else:
         roll = start + np.cumsum(turned)
-        roll = detrend(roll) if detrended else roll
-        parameters |= {"detrended": detrended}
+        roll = detrend(roll) if p.detrended else roll
     base = recording.description.track.cross_level_base_m
     attitude = Attitude(roll=roll, cross_level=cross_level(roll, base))
-    return tables("complementary", recording, motion, attitude, parameters)
+    return tables("complementary", recording, motion, attitude, recorded(p) | {"alpha": alpha})
 
 
 def smoothing(T_s: float, dt: float) -> float:

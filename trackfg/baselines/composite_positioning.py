@@ -21,65 +21,92 @@ own distance on runs without slip.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from trackfg.baselines.curve_points import CurvePoints, Diagnostics, Sighting, find_curve
-from trackfg.baselines.gravity_compensated import Coasting, Start, coast, readhesion, start_state
-from trackfg.baselines.result import BaselineResult, filled, no_events
+from trackfg.baselines.gravity_compensated import Coasting, VehicleState, coast, readhesion, start_state
+from trackfg.baselines.result import BaselineResult, filled, no_events, recorded
 from trackfg.baselines.slip_detection import Cycles, JerkRule, detections, read_cycles, start_point
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 
 _SEARCH_S = 10.0
-"""How far back a start point may lie; where there is none, it is the setback itself."""
+"""How far back a start point may lie, s; where there is none, it is the setback itself. Assumed: the paper says no
+limit, and 10 s is as long as its bound of the error is for."""
+
+DIAGNOSTICS = Diagnostics()
+"""The paper's limits of a curve's sighting."""
+
+
+@dataclass(frozen=True)
+class CompositeParameters:
+    """The parameters of composite positioning; the defaults are the paper's.
+
+    ``setback_s = 0`` searches the start point from the detection backwards. ``pitch_correction = False`` is the paper's
+    comparison, which integrates the pitch rate as measured. ``as_printed`` takes (5), (6), (11) and, unless ``eq12``
+    says otherwise, (12) as they are printed. ``reset_at_fixes = False`` sets the chainage at the first balise only. The
+    safety margin is ``margin_of_distance`` times the distance, and ``margin_of_slip_m``.
+    """
+
+    cycle_s: float = 0.1
+    average_s: float = 3.0
+    threshold_kmhps: float = 1.23
+    jerk: JerkRule = field(default_factory=JerkRule)
+    setback_s: float = 2.1
+    speed_tolerance_kmhps: float = 0.41
+    longest_s: float = 10.0
+    pitch_correction: bool = True
+    eq12: bool | None = None
+    reset_at_fixes: bool = True
+    margin_of_distance: float = 0.02
+    margin_of_slip_m: float = 20.0
+    as_printed: bool = False
+
+    def coast(self, cycles: Cycles, start: VehicleState) -> Coasting:
+        """Integrate the inertial sensor from a state."""
+        eq12 = self.as_printed if self.eq12 is None else self.eq12
+        return coast(
+            cycles,
+            start,
+            self.longest_s,
+            pitch_correction=self.pitch_correction,
+            eq12=eq12,
+            as_printed=self.as_printed,
+        )
 
 
 def run(
     recording: Recording,
     *,
-    curve_points: Sequence[CurvePoints] | None = None,
-    diagnostics: Diagnostics | None = None,
-    reset_at_fixes: bool = True,
-    cycle_s: float = 0.1,
-    average_s: float = 3.0,
-    threshold_kmhps: float = 1.23,
-    jerk: JerkRule | None = None,
-    setback_s: float = 2.1,
-    speed_tolerance_kmhps: float = 0.41,
-    longest_s: float = 10.0,
-    pitch_correction: bool = True,
-    eq12: bool | None = None,
-    margin_of_distance: float = 0.02,
-    margin_of_slip_m: float = 20.0,
-    as_printed: bool = False,
+    curve_points: Sequence[CurvePoints] = (),
+    diagnostics: Diagnostics = DIAGNOSTICS,
+    **parameters: Any,
 ) -> BaselineResult:
-    """Chainage, speed and slips, ten rows a second; the column ``margin_m`` of the trajectory is the safety margin.
+    """Estimate chainage, speed and slips, ten rows a second; the trajectory's ``margin_m`` is the safety margin.
 
-    ``setback_s = 0`` searches the start point from the detection backwards. ``pitch_correction = False`` is the paper's
-    comparison, which integrates the pitch rate as measured. ``as_printed`` takes (5), (6), (11) and, unless ``eq12``
-    says otherwise, (12) as they are printed. Chainage starts so that the first balise comes out right, with
-    ``reset_at_fixes`` or without it, and at 0 where there are none. Events are slips and slides with the distance taken
-    off, balises, and the curves of the table that were passed, used or refused.
+    ``parameters`` are fields of :class:`CompositeParameters`. Chainage starts so that the first balise comes out right,
+    with ``reset_at_fixes`` or without it, and at 0 where there are none. Events are slips and slides with the distance
+    taken off, balises, and the curves of the table that were passed, used or refused.
 
     Raises ``BadInputError`` without a tachometer, or where the record is shorter than an average.
     """
-    jerk, diagnostics = jerk or JerkRule(), diagnostics or Diagnostics()
-    eq12 = as_printed if eq12 is None else eq12
-    cycles = read_cycles(recording, cycle_s=cycle_s, average_s=average_s)
-    steady = jerk.steady(cycles)
-    beyond = np.flatnonzero(detections(cycles, threshold_kmhps))
+    p = CompositeParameters(**parameters)
+    cycles = read_cycles(recording, cycle_s=p.cycle_s, average_s=p.average_s)
+    steady = p.jerk.steady(cycles)
+    beyond = np.flatnonzero(detections(cycles, p.threshold_kmhps))
     slips: list[_Slip] = []
     n = 0
     while n < len(beyond):
         detected = int(beyond[n])
-        start, found = _start(cycles, steady, detected, slips, setback_s, as_printed)
-        way = coast(cycles, start, longest_s, pitch_correction=pitch_correction, eq12=eq12, as_printed=as_printed)
+        start, found = _start(cycles, steady, detected, slips, p)
+        way = p.coast(cycles, start)
         end = readhesion(
-            cycles, way, detected, threshold_kmhps=threshold_kmhps, speed_tolerance_kmhps=speed_tolerance_kmhps
+            cycles, way, detected, threshold_kmhps=p.threshold_kmhps, speed_tolerance_kmhps=p.speed_tolerance_kmhps
         )
         slip = _Slip.until(cycles, way, detected, found, end)
         if slips and start.cycle == slips[-1].final.cycle:
@@ -90,39 +117,23 @@ def run(
 
     direction = recording.description.track.direction
     distance, speed = _corrected(cycles, slips)
-    position = _Position.begin(cycles.t, direction * distance, recording, reset_at_fixes)
+    position = _Position.begin(cycles.t, direction * distance, recording, p.reset_at_fixes)
     slipping = np.zeros(len(cycles), dtype=bool)
     for slip in slips:
         slipping[slip.start : slip.final.cycle + 1] = True
-    for curve in sorted(curve_points or (), key=lambda curve: direction * curve.enter_m):
+    for curve in sorted(curve_points, key=lambda curve: direction * curve.enter_m):
         position.look_for(curve, cycles, slipping, direction, diagnostics)
 
     since = np.abs(distance - distance[position.set_at])
     trajectory = filled(
         TRAJECTORY_COLUMNS, {"t_s": cycles.t, "chainage_m": position.chainage, "speed_mps": speed}
-    ).assign(margin_m=margin_of_distance * since + margin_of_slip_m)
+    ).assign(margin_m=p.margin_of_distance * since + p.margin_of_slip_m)
     return BaselineResult(
         name="composite positioning",
         trajectory=trajectory,
         geometry=filled(GEOMETRY_COLUMNS, {}),
         events=_events(cycles, slips, position),
-        parameters={
-            "cycle_s": cycle_s,
-            "average_s": average_s,
-            "threshold_kmhps": threshold_kmhps,
-            "jerk_pulse": jerk.pulse,
-            "jerk_inertial": jerk.inertial,
-            "jerk_between": jerk.between,
-            "setback_s": setback_s,
-            "speed_tolerance_kmhps": speed_tolerance_kmhps,
-            "longest_s": longest_s,
-            "pitch_correction": pitch_correction,
-            "eq12": eq12,
-            "reset_at_fixes": reset_at_fixes,
-            "margin_of_distance": margin_of_distance,
-            "margin_of_slip_m": margin_of_slip_m,
-            "as_printed": as_printed,
-        },
+        parameters=recorded(p),
     )
 
 
@@ -159,7 +170,7 @@ class _Slip:
     readhered: bool
     speed: Array
     distance: Array
-    final: Start
+    final: VehicleState
 
     @classmethod
     def until(cls, cycles: Cycles, way: Coasting, detected: int, found: bool, end: int | None) -> _Slip:
@@ -173,7 +184,7 @@ class _Slip:
             readhered=end is not None,
             speed=way.speed[: n + 1],
             distance=way.distance[: n + 1],
-            final=Start(way.start + n, float(way.speed[n]), float(way.pitch[n]), float(way.roll[n])),
+            final=VehicleState(way.start + n, float(way.speed[n]), float(way.pitch[n]), float(way.roll[n])),
         )
 
     def followed_by(self, other: _Slip) -> _Slip:
@@ -188,20 +199,20 @@ class _Slip:
 
 
 def _start(
-    cycles: Cycles, steady: np.ndarray, detected: int, slips: list[_Slip], setback_s: float, as_printed: bool
-) -> tuple[Start, bool]:
+    cycles: Cycles, steady: np.ndarray, detected: int, slips: list[_Slip], p: CompositeParameters
+) -> tuple[VehicleState, bool]:
     """Where to begin, and whether the jerk rule found it."""
     half = cycles.window // 2
     earliest = max(detected - round(_SEARCH_S / cycles.step_s), 1)
     if slips:
         earliest = max(earliest, slips[-1].final.cycle + half)
-    picked = start_point(cycles, steady, detected, setback_s, earliest)
+    picked = start_point(cycles, steady, detected, p.setback_s, earliest)
     if picked is not None:
-        return start_state(cycles, picked, as_printed=as_printed), True
-    setback = detected - round(setback_s / cycles.step_s)
+        return start_state(cycles, picked, as_printed=p.as_printed), True
+    setback = detected - round(p.setback_s / cycles.step_s)
     if slips and setback < slips[-1].final.cycle + half:
         return slips[-1].final, False
-    return start_state(cycles, max(setback, 1), as_printed=as_printed), False
+    return start_state(cycles, max(setback, 1), as_printed=p.as_printed), False
 
 
 def _corrected(cycles: Cycles, slips: list[_Slip]) -> tuple[Array, Array]:

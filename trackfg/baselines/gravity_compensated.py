@@ -19,10 +19,10 @@ of the centripetal one too. ``as_printed`` restores all three.
 rate. No such term is in the kinematics of Euler's angles: as long as the cant fits the curve it adds ``|sin psi| w_x``,
 a pitch of ``1 - cos psi`` (4.8 mrad at 5.6 degrees) that is there in the curve and gone after it. Off unless asked for.
 
-*Bound.* What 10 s of this may be wrong by (13), with 0.0615 km/h/s per s from the gyro (0.1 deg/s), 0.1 km/h/s from the
-accelerometer and 1.23 km/h/s from a start point at which the wheel slipped already. The gyro's part grows with time:
-its share of the distance is ``c t^3 / 6``; the paper takes the mean of its acceleration, ``c t^3 / 4``, and 22.8 m in
-all for 21.3.
+*Bound.* The error of the distance after t = 10 s is bounded by (13), ``a t^2 / 2 + c t^3 / 6``, with a = 0.1 km/h/s
+from the accelerometer and 1.23 km/h/s from a start point at which the wheel slipped already, and c = 0.0615 km/h/s per
+s from the gyro (0.1 deg/s): 18.5 m + 2.8 m = 21.3 m. The paper takes the mean of the gyro's acceleration,
+``c t^3 / 4``, and has 22.8 m.
 
 Source: Iwata, Yamamichi, Sugiyama and Kitano, section 3.1.
 """
@@ -52,7 +52,7 @@ class Coasting:
 
 
 @dataclass(frozen=True)
-class Start:
+class VehicleState:
     """The state at the end of cycle ``cycle``: speed, m/s; pitch nose-up and roll left up, rad."""
 
     cycle: int
@@ -61,13 +61,13 @@ class Start:
     roll: float
 
 
-def start_state(cycles: Cycles, picked: int, *, as_printed: bool) -> Start:
+def start_state(cycles: Cycles, picked: int, *, as_printed: bool) -> VehicleState:
     """(3) and (11) from the averages at cycle ``picked``, for the middle of the time that they are over."""
     a_x, a_y, a_z = cycles.mean_accel[picked]
     along = (a_x - cycles.wheel_acceleration[picked]) / STANDARD_GRAVITY
     across = a_y - cycles.mean_speed[picked] * cycles.mean_gyro[picked, 2]
     roll = np.arctan(across / a_z) if as_printed else np.arcsin(np.clip(across / STANDARD_GRAVITY, -1.0, 1.0))
-    return Start(
+    return VehicleState(
         cycle=max(picked - cycles.window // 2, 0),
         speed=float(cycles.mean_speed[picked]),
         pitch=float(np.arcsin(np.clip(along, -1.0, 1.0))),
@@ -77,7 +77,7 @@ def start_state(cycles: Cycles, picked: int, *, as_printed: bool) -> Start:
 
 def coast(
     cycles: Cycles,
-    start: Start,
+    start: VehicleState,
     longest_s: float,
     *,
     pitch_correction: bool = True,
@@ -123,17 +123,3 @@ def readhesion(
     close = np.abs(coasting.speed - cycles.speed[cycle]) < speed_tolerance_kmhps * KMH * since
     found = np.flatnonzero(alike & close & (cycle >= detected))
     return int(cycle[found[0]]) if found.size else None
-
-
-def worst_case_m(
-    time_s: float,
-    *,
-    gyro_kmhps_per_s: float = 0.0615,
-    accel_kmhps: float = 0.1,
-    start_kmhps: float = 1.23,
-    as_printed: bool = False,
-) -> float:
-    """The bound (13) of the error of the distance after ``time_s``, m: 21.3 after 10 s, as printed 22.8."""
-    constant = 0.5 * (accel_kmhps + start_kmhps) * time_s**2
-    share = 4.0 if as_printed else 6.0
-    return (constant + gyro_kmhps_per_s * time_s**3 / share) * KMH

@@ -30,14 +30,14 @@ and speed are the tachometer's with the nominal wheel. Only places reached runni
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
 
 from trackfg.baselines.mid_chord_motion import UnitMotion, unit_motion
 from trackfg.baselines.mixed_waveform import blended, mixed_waveform
-from trackfg.baselines.result import BaselineResult, filled, no_events
+from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events, recorded
 from trackfg.errors import BadInputError
 from trackfg.geometry.design_versine import design_versine
 from trackfg.geometry.grid import steps, weighted_neighbours
@@ -60,78 +60,76 @@ VERSINE_COLUMNS = (
 )
 """What the geometry table has beside the usual columns: each rail's versines. The centre line's are their means."""
 
-_STEP_M = 0.25
 _HALF_CHORD_M = 5.0
 _BASE_TOLERANCE_M = 0.05
 _TRAJECTORY_S = 0.1
 
 
-def run(
-    recording: Recording,
-    *,
-    method: Method = "developed",
-    conventional_band_kmh: tuple[float, float] = (30.0, 45.0),
-    difference_band_kmh: tuple[float, float] = (25.0, 30.0),
-    inertial_band_kmh: tuple[float, float] = (60.0, 65.0),
-    level_windows_m: tuple[float, ...] = LEVEL_WINDOWS_M,
-    alignment_windows_m: tuple[float, ...] = ALIGNMENT_WINDOWS_M,
-    attitude_time_s: float = 12.5,
-    speed_window_s: float = 1.0,
-    slowest_kmh: float = 1.0,
-) -> BaselineResult:
-    """Versines of both rails and of the centre line, on whole multiples of 0.25 m.
+@dataclass(frozen=True)
+class MidChordParameters:
+    """The method, its transitions between speeds, and the filters. Raises ``BadInputError`` for an unknown method.
 
     ``difference_band_kmh`` is the developed method's transition between difference method and mixed waveform,
     ``inertial_band_kmh`` that to the inertial method. Assumed, not the paper's: ``attitude_time_s``, the complementary
     filter's; ``speed_window_s``, over which the tachometer is averaged; ``slowest_kmh``, below which the inertial
-    method divides by this speed, so that it stays finite at a stop. That method needs one unit, all others two.
+    method divides by this speed, so that it stays finite at a stop.
+    """
+
+    method: Method = "developed"
+    conventional_band_kmh: tuple[float, float] = (30.0, 45.0)
+    difference_band_kmh: tuple[float, float] = (25.0, 30.0)
+    inertial_band_kmh: tuple[float, float] = (60.0, 65.0)
+    level_windows_m: tuple[float, ...] = LEVEL_WINDOWS_M
+    alignment_windows_m: tuple[float, ...] = ALIGNMENT_WINDOWS_M
+    attitude_time_s: float = 12.5
+    speed_window_s: float = 1.0
+    slowest_kmh: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.method not in get_args(Method):
+            raise BadInputError(f"method is {self.method!r}; expected {', '.join(get_args(Method))}")
+
+
+def run(recording: Recording, **parameters: Any) -> BaselineResult:
+    """Measure versines of both rails and of the centre line, on whole multiples of 0.25 m.
+
+    ``parameters`` are fields of :class:`MidChordParameters`. The inertial method needs one unit, all others two.
 
     Raises ``BadInputError`` for an unknown method, and where there is no tachometer, no unit that sees both rails both
     ways, or the foremost and the rearmost are not 5 m apart.
     """
-    if method not in get_args(Method):
-        raise BadInputError(f"method is {method!r}; expected {', '.join(get_args(Method))}")
-    motion = unit_motion(recording, attitude_time_s=attitude_time_s, speed_window_s=speed_window_s)
+    p = MidChordParameters(**parameters)
+    motion = unit_motion(recording, attitude_time_s=p.attitude_time_s, speed_window_s=p.speed_window_s)
     units = _units(recording)
     lever_arm = np.array(recording.description.imu.lever_arm_m)
     grid = _Grid.of(motion, recording.description.track.direction)
 
     def inertial() -> Array:
         nearest = min(units, key=lambda unit: abs(unit[0].along_m - lever_arm[0]))
-        return _inertial(motion, nearest, lever_arm, grid, slowest_kmh * KMH)
+        return _inertial(motion, nearest, lever_arm, grid, p.slowest_kmh * KMH)
 
     def difference() -> Array:
         return _difference(motion, *_five_metres_apart(recording, units), grid)
 
-    match method:
+    match p.method:
         case "inertial":
             versines = inertial()
         case "difference":
             versines = difference()
         case "conventional":
-            versines = blended(difference(), inertial(), grid.speed / KMH, conventional_band_kmh)
+            versines = blended(difference(), inertial(), grid.speed / KMH, p.conventional_band_kmh)
         case "developed":
             low, high = difference(), inertial()
-            windows = (level_windows_m, level_windows_m, alignment_windows_m, alignment_windows_m)
-            mixed = np.stack([mixed_waveform(high[i], low[i], _STEP_M, window) for i, window in enumerate(windows)])
-            slow = blended(low, mixed, grid.speed / KMH, difference_band_kmh)
-            versines = blended(slow, high, grid.speed / KMH, inertial_band_kmh)
+            windows = (p.level_windows_m, p.level_windows_m, p.alignment_windows_m, p.alignment_windows_m)
+            mixed = np.stack([mixed_waveform(high[i], low[i], STEP_M, window) for i, window in enumerate(windows)])
+            slow = blended(low, mixed, grid.speed / KMH, p.difference_band_kmh)
+            versines = blended(slow, high, grid.speed / KMH, p.inertial_band_kmh)
     return BaselineResult(
-        name=f"mid-chord {method}",
+        name=f"mid-chord {p.method}",
         trajectory=_trajectory(motion, recording.description.track.direction),
         geometry=_geometry(grid, versines),
         events=no_events(),
-        parameters={
-            "method": method,
-            "conventional_band_kmh": "{}-{}".format(*conventional_band_kmh),
-            "difference_band_kmh": "{}-{}".format(*difference_band_kmh),
-            "inertial_band_kmh": "{}-{}".format(*inertial_band_kmh),
-            "level_windows_m": "-".join(map(str, level_windows_m)),
-            "alignment_windows_m": "-".join(map(str, alignment_windows_m)),
-            "attitude_time_s": attitude_time_s,
-            "speed_window_s": speed_window_s,
-            "slowest_kmh": slowest_kmh,
-        },
+        parameters=recorded(p),
     )
 
 
@@ -152,16 +150,16 @@ class _Grid:
     def of(cls, motion: UnitMotion, direction: int) -> _Grid:
         rows = np.flatnonzero(motion.distance >= np.maximum.accumulate(motion.distance))
         place = motion.distance[rows]
-        distance, _ = resample(place, motion.speed[rows], _STEP_M)
+        distance, _ = resample(place, motion.speed[rows], STEP_M)
         return cls(distance, np.interp(distance, place, motion.speed[rows]), rows, place, direction)
 
     def bring(self, values: Array) -> Array:
         """Values at the motion's samples (..., n) at the grid's places."""
-        return resample(self.place, values[..., self.rows], _STEP_M)[1]
+        return resample(self.place, values[..., self.rows], STEP_M)[1]
 
     def shifted(self, values: Array, by_m: float) -> Array:
         """What was measured with the car at ``x`` and belongs to ``x + by_m``: at its own place, to the nearest row."""
-        count = round(by_m / _STEP_M)
+        count = round(by_m / STEP_M)
         return weighted_neighbours(values, {-count: 1.0})
 
 
@@ -212,8 +210,8 @@ def _inertial(
 ) -> Array:
     """Versines of the rails, m, rows as in :func:`_seen`."""
     curvature = np.stack([motion.up, motion.left]) / np.maximum(motion.speed, slowest_mps) ** 2
-    path = design_versine(grid.bring(curvature), _STEP_M, _HALF_CHORD_M, _HALF_CHORD_M)
-    to_rail = versine(grid.bring(_seen(motion, unit, lever_arm)), _STEP_M, _HALF_CHORD_M, _HALF_CHORD_M)
+    path = design_versine(grid.bring(curvature), STEP_M, _HALF_CHORD_M, _HALF_CHORD_M)
+    to_rail = versine(grid.bring(_seen(motion, unit, lever_arm)), STEP_M, _HALF_CHORD_M, _HALF_CHORD_M)
     return grid.shifted(path[[0, 0, 1, 1]] + to_rail, unit[0].along_m)
 
 
@@ -222,7 +220,7 @@ def _difference(
 ) -> Array:
     """Versines of the rails, m, rows as in :func:`_seen`."""
     base = grid.bring(_seen(motion, front, np.zeros(3)) - _seen(motion, rear, np.zeros(3)))
-    half = steps(0.5 * _HALF_CHORD_M, _STEP_M, "half the distance of the units")
+    half = steps(0.5 * _HALF_CHORD_M, STEP_M, "half the distance of the units")
     about_middle = weighted_neighbours(base, {-half: 0.5, half: -0.5})
     return grid.shifted(about_middle, 0.5 * (front[0].along_m + rear[0].along_m))
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -15,12 +16,18 @@ from trackfg.files.owned_folder import FolderKind
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.summary import versions
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 _TRAJECTORY, _GEOMETRY, _EVENTS, _HEAD = FILES = (
     "trajectory.parquet",
     "geometry.parquet",
     "events.csv",
     "baseline.json",
 )
+STEP_M = 0.25
+"""The step of a baseline's geometry, m: that of the smoother's unless it is set, so that rows can be compared."""
+
 _FORMAT = "trackfg-baseline/1"
 BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FILES)
 
@@ -62,6 +69,23 @@ class BaselineResult:
             self.events.to_csv(new / _EVENTS, index=False)
             (new / _HEAD).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
         return folder
+
+
+def recorded(parameters: DataclassInstance) -> dict[str, float | str | bool]:
+    """Return the parameters of a run as ``baseline.json`` has them.
+
+    Fields of a nested dataclass are joined to its name by ``_``, items of a tuple by ``-``; None is left out.
+    """
+    flat: dict[str, float | str | bool] = {}
+    for field_ in fields(parameters):
+        value = getattr(parameters, field_.name)
+        if is_dataclass(value) and not isinstance(value, type):
+            flat |= {f"{field_.name}_{name}": part for name, part in recorded(value).items()}
+        elif isinstance(value, tuple):
+            flat[field_.name] = "-".join(map(str, value))
+        elif value is not None:
+            flat[field_.name] = value
+    return flat
 
 
 def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFrame:

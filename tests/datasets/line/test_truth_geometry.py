@@ -6,7 +6,7 @@ from scipy import signal
 
 from trackfg.datasets.line.irregularities import KNOT_M, Irregularities, IrregularityModel, draw_irregularities
 from trackfg.datasets.line.track import Track
-from trackfg.datasets.line.truth_geometry import truth_geometry
+from trackfg.datasets.line.truth_geometry import OperatorLengths, truth_geometry
 from trackfg.datasets.line.wavelength_band import d1_gain
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
 
@@ -27,7 +27,10 @@ def perfect(line):
 
 def geometry(track, direction=1, origin=0.0, s_from=0.0, s_to=None, **conventions):
     s_to = track.line.length_m if s_to is None else s_to
-    return truth_geometry(track, chainage_origin_m=origin, direction=direction, s_from=s_from, s_to=s_to, **conventions)
+    lengths = OperatorLengths(**conventions)
+    return truth_geometry(
+        track, chainage_origin_m=origin, direction=direction, s_from=s_from, s_to=s_to, lengths=lengths
+    )
 
 
 @pytest.fixture(scope="module")
