@@ -1,0 +1,42 @@
+"""The layout of the code stays as docs/architecture.md has it; import-linter (`make layers`) holds who imports whom."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOT_MODULES = {
+    "__init__.py",
+    "__main__.py",
+    "_version.py",
+    "config.py",
+    "errors.py",
+    "lazy_imports.py",
+    "units.py",
+}
+MOST_FILES = 20
+FOLDERS = sorted(
+    folder
+    for top in ("trackfg", "factors", "datasets", "tools")
+    for folder in (ROOT / top, *(ROOT / top).rglob("*"))
+    if folder.is_dir() and folder.name != "__pycache__"
+)
+
+
+def test_the_root_holds_what_every_package_uses() -> None:
+    assert {path.name for path in (ROOT / "trackfg").glob("*.py")} == ROOT_MODULES
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(ROOT)))
+def test_a_package_has_few_modules(folder: Path) -> None:
+    assert len(list(folder.glob("*.py"))) <= MOST_FILES
+
+
+@pytest.mark.parametrize(
+    "folder", [f for f in FOLDERS if f.parts[-1] != "tools"], ids=lambda f: str(f.relative_to(ROOT))
+)
+def test_a_package_says_what_it_is(folder: Path) -> None:
+    if list(folder.glob("*.py")):
+        assert (folder / "__init__.py").read_text().startswith('"""')
