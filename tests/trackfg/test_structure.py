@@ -19,7 +19,7 @@ ROOT_MODULES = {
 MOST_FILES = 20
 FOLDERS = sorted(
     folder
-    for top in ("trackfg", "factors", "datasets", "tools")
+    for top in ("trackfg", "factors", "datasets")
     for folder in (ROOT / top, *(ROOT / top).rglob("*"))
     if folder.is_dir() and folder.name != "__pycache__"
 )
@@ -34,9 +34,7 @@ def test_a_package_has_few_modules(folder: Path) -> None:
     assert len(list(folder.glob("*.py"))) <= MOST_FILES
 
 
-@pytest.mark.parametrize(
-    "folder", [f for f in FOLDERS if f.parts[-1] != "tools"], ids=lambda f: str(f.relative_to(ROOT))
-)
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(ROOT)))
 def test_a_package_says_what_it_is(folder: Path) -> None:
     if list(folder.glob("*.py")):
         assert (folder / "__init__.py").read_text().startswith('"""')
