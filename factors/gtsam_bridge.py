@@ -17,7 +17,7 @@ import numpy as np
 
 from trackfg.factors.family import Family
 from trackfg.factors.loss import Cauchy, Huber, Loss
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Value
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, Odo, States, Value
 from trackfg.numerics.arrays import Array
 
 
@@ -74,7 +74,8 @@ def value_at(kind: Kind, values: gtsam.Values, key: int) -> Value:
         return Nav(state.attitude().matrix()[None], state.position()[None], state.velocity()[None])
     if kind is Kind.BIAS:
         return np.asarray(values.atConstantBias(key).vector())[None]
-    return np.asarray(values.atVector(key))[None]
+    vector = np.asarray(values.atVector(key))[None]
+    return Odo(vector) if kind is Kind.ODO else vector
 
 
 def chain_ordering(keyframes: int) -> gtsam.Ordering:

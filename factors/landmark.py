@@ -8,15 +8,15 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
-from trackfg.factors.states import Kind
+from trackfg.factors.states import Kind, Odo
 from trackfg.numerics.arrays import Array
 
 
-def _passed(first: Array, second: Array, fraction: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
+def _passed(first: Odo, second: Odo, fraction: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
     f = fraction[:, 0]
-    d_first, d_second = np.zeros((2, len(first), 1, 4))
-    d_first[:, 0, 0], d_second[:, 0, 0] = 1.0 - f, f
-    residual = (1.0 - f) * first[:, 0] + f * second[:, 0] - distance[:, 0]
+    d_first, d_second = np.zeros((2, len(first), 1, Kind.ODO.dim))
+    d_first[:, 0, Odo.DISTANCE], d_second[:, 0, Odo.DISTANCE] = 1.0 - f, f
+    residual = (1.0 - f) * first.distance + f * second.distance - distance[:, 0]
     return residual[:, None], (d_first, d_second)
 
 

@@ -23,7 +23,18 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, States, Step, Value, offset_in_keyframe
+from trackfg.factors.states import (
+    ELIMINATION_ORDER,
+    SHARED,
+    Kind,
+    Nav,
+    Odo,
+    States,
+    Step,
+    Value,
+    offset_in_keyframe,
+    vectors,
+)
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
 
@@ -35,7 +46,7 @@ _IN_KEYFRAME = len(ELIMINATION_ORDER)
 def away(value: Value, origin: Value) -> Array:
     """The tangents (m, dim) from ``origin`` to ``value``, in this module's chart."""
     if not (isinstance(value, Nav) and isinstance(origin, Nav)):
-        return np.asarray(value, dtype=np.float64) - np.asarray(origin, dtype=np.float64)
+        return vectors(value) - vectors(origin)
     rpy = rpy_from_matrix(origin.R)
     return _nav_away(value, origin, rpy_from_matrix(value.R), rpy, body_rates(rpy))
 
@@ -92,7 +103,7 @@ def _past(
             tangents.append(_nav_away(value, origin, rpy, rpy_origin, rates))
             block = block @ _by_nav(value, origin, rpy, rates)
         else:
-            tangents.append(np.asarray(value) - origins[kind.attribute])
+            tangents.append(vectors(value) - origins[kind.attribute])
         jacobians.append(block)
     x = np.concatenate(tangents, axis=1)
     return (A @ x[:, :, None])[:, :, 0] - b, tuple(jacobians)
@@ -115,7 +126,7 @@ def past(rows: Array, origin: States) -> Family:
     """
     zero = np.zeros(1, dtype=np.int64)
     nav = origin.nav
-    others = {kind.attribute: np.asarray(origin.of(kind)) for kind in _OTHERS}
+    others = {kind.attribute: vectors(origin.of(kind)) for kind in _OTHERS}
     data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "A": rows[None, :, :-1], "b": rows[None, :, -1]}
     slots = tuple(Slot(kind, zero) for kind in _KINDS)
     return Family(FactorType.MARGINAL_PRIOR, _past, slots, data, np.ones((1, len(rows))))
@@ -144,7 +155,7 @@ def past_elsewhere(family: Family, by_m: float, sd_m: float) -> Family:
     and ``e / sd = 0``, counted from D + by, and e eliminated.
     """
     A, b, at = family.data["A"], family.data["b"], offset_in_keyframe(Kind.ODO)
-    odo = family.data["odo"] + np.array([by_m, 0.0, 0.0, 0.0])
+    odo = Odo(family.data["odo"]).moved_along(by_m).array
     rows = np.column_stack([-A[0, :, at], A[0], b[0]])
     error = np.zeros((1, rows.shape[1]))
     error[0, 0] = 1.0 / sd_m

@@ -16,16 +16,16 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
-from trackfg.factors.states import Kind, Nav
+from trackfg.factors.states import Kind, Nav, Odo
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import skew
 
 
-def _chain(first: Array, second: Array) -> tuple[Array, tuple[Array, ...]]:
-    residual = np.stack([second[:, 0] - first[:, 0] - second[:, 3], second[:, 1] - first[:, 1]], axis=1)
-    d_first, d_second = np.zeros((2, len(first), 2, 4))
-    d_first[:, 0, 0], d_first[:, 1, 1] = -1.0, -1.0
-    d_second[:, 0, 0], d_second[:, 0, 3], d_second[:, 1, 1] = 1.0, -1.0, 1.0
+def _chain(first: Odo, second: Odo) -> tuple[Array, tuple[Array, ...]]:
+    residual = np.stack([second.distance - first.distance - second.step, second.scale - first.scale], axis=1)
+    d_first, d_second = np.zeros((2, len(first), 2, Kind.ODO.dim))
+    d_first[:, 0, Odo.DISTANCE], d_first[:, 1, Odo.SCALE] = -1.0, -1.0
+    d_second[:, 0, Odo.DISTANCE], d_second[:, 0, Odo.STEP], d_second[:, 1, Odo.SCALE] = 1.0, -1.0, 1.0
     return residual, (d_first, d_second)
 
 
@@ -51,12 +51,12 @@ def wheel_response(distance: Array, turned: Array, force: Array) -> Array:
     )
 
 
-def _wheel(first: Array, second: Array, wheel: Array, response: Array) -> tuple[Array, tuple[Array, ...]]:
-    turned = second[:, 2] - first[:, 2]
-    d_first, d_second = np.zeros((2, len(first), 1, 4))
-    d_first[:, 0, 1], d_first[:, 0, 2] = turned, -first[:, 1]
-    d_second[:, 0, 2], d_second[:, 0, 3] = first[:, 1], -1.0
-    residual = first[:, 1] * turned - second[:, 3] - np.sum(response * wheel, axis=1)
+def _wheel(first: Odo, second: Odo, wheel: Array, response: Array) -> tuple[Array, tuple[Array, ...]]:
+    turned = second.count - first.count
+    d_first, d_second = np.zeros((2, len(first), 1, Kind.ODO.dim))
+    d_first[:, 0, Odo.SCALE], d_first[:, 0, Odo.COUNT] = turned, -first.scale
+    d_second[:, 0, Odo.COUNT], d_second[:, 0, Odo.STEP] = first.scale, -1.0
+    residual = first.scale * turned - second.step - np.sum(response * wheel, axis=1)
     return residual[:, None], (d_first, d_second, -response[:, None, :])
 
 
@@ -71,12 +71,12 @@ def tach_distance(first: np.ndarray, response: Array, sigma: Array, loss: Loss |
     return Family(FactorType.TACH_DISTANCE, _wheel, slots, {"response": response}, sigma, loss)
 
 
-def _reading(odo: Array, clock: Array, count: Array, rate: Array, since: Array) -> tuple[Array, tuple[Array, ...]]:
+def _reading(odo: Odo, clock: Array, count: Array, rate: Array, since: Array) -> tuple[Array, tuple[Array, ...]]:
     offset = clock[:, 0] + clock[:, 1] * since[:, 0]
-    d_odo, d_clock = np.zeros((len(odo), 1, 4)), np.zeros((len(odo), 1, 3))
-    d_odo[:, 0, 2] = 1.0
+    d_odo, d_clock = np.zeros((len(odo), 1, Kind.ODO.dim)), np.zeros((len(odo), 1, Kind.CLOCK.dim))
+    d_odo[:, 0, Odo.COUNT] = 1.0
     d_clock[:, 0, 0], d_clock[:, 0, 1] = rate[:, 0], rate[:, 0] * since[:, 0]
-    return (odo[:, 2] - (count[:, 0] - rate[:, 0] * offset))[:, None], (d_odo, d_clock)
+    return (odo.count - (count[:, 0] - rate[:, 0] * offset))[:, None], (d_odo, d_clock)
 
 
 def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sigma: Array) -> Family:
@@ -91,7 +91,7 @@ def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sig
     return Family(FactorType.TACH_READING, _reading, slots, data, sigma)
 
 
-def _arc(first: Nav, second: Nav, odo: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
+def _arc(first: Nav, second: Nav, odo: Odo, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
     chord = (second.p - np.einsum("mij,mj->mi", second.R, lever_arm)) - (
         first.p - np.einsum("mij,mj->mi", first.R, lever_arm)
     )
@@ -115,9 +115,9 @@ def _arc(first: Nav, second: Nav, odo: Array, lever_arm: Array) -> tuple[Array, 
 
     by_t0 = 0.5 * ratio[:, None] * chord + (along * d_ratio)[:, None] * t1
     by_t1 = 0.5 * ratio[:, None] * chord + (along * d_ratio)[:, None] * t0
-    d_odo = np.zeros((len(odo), 1, 4))
-    d_odo[:, 0, 3] = -1.0
-    residual = ratio * along - odo[:, 3]
+    d_odo = np.zeros((len(odo), 1, Kind.ODO.dim))
+    d_odo[:, 0, Odo.STEP] = -1.0
+    residual = ratio * along - odo.step
     return residual[:, None], (jacobian(first.R, by_t0, -1.0), jacobian(second.R, by_t1, 1.0), d_odo)
 
 
@@ -145,10 +145,10 @@ def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
     return Family(FactorType.ARC_LENGTH, _arc, slots, {"lever_arm": np.tile(lever_arm, (len(first), 1))}, sigma)
 
 
-def _fix(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
-    jacobian = np.zeros((len(odo), 1, 4))
-    jacobian[:, 0, 0] = 1.0
-    return odo[:, :1] - distance, (jacobian,)
+def _fix(odo: Odo, distance: Array) -> tuple[Array, tuple[Array, ...]]:
+    jacobian = np.zeros((len(odo), 1, Kind.ODO.dim))
+    jacobian[:, 0, Odo.DISTANCE] = 1.0
+    return odo.distance[:, None] - distance, (jacobian,)
 
 
 def absolute_fix(index: np.ndarray, distance: Array, sigma: Array, loss: Loss | None) -> Family:
@@ -161,8 +161,8 @@ def absolute_fix(index: np.ndarray, distance: Array, sigma: Array, loss: Loss | 
     return Family(FactorType.ABSOLUTE_FIX, _fix, (Slot(Kind.ODO, index),), data, sigma, loss)
 
 
-def _seen(odo: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
-    return odo[:, :1] - distance, (np.zeros((len(odo), 1, 4)),)
+def _seen(odo: Odo, distance: Array) -> tuple[Array, tuple[Array, ...]]:
+    return odo.distance[:, None] - distance, (np.zeros((len(odo), 1, Kind.ODO.dim)),)
 
 
 def withheld_fix(fixes: Family) -> Family:

@@ -7,13 +7,13 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
-from trackfg.factors.states import Kind, Nav
+from trackfg.factors.states import Kind, Nav, Odo, vectors
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import so3_log, so3_right_jacobian_inverse
 
 
-def _vector(value: Array, mean: Array) -> tuple[Array, tuple[Array, ...]]:
-    return value - mean, (np.tile(np.eye(value.shape[1]), (len(value), 1, 1)),)
+def _vector(value: Odo | Array, mean: Array) -> tuple[Array, tuple[Array, ...]]:
+    return vectors(value) - mean, (np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1)),)
 
 
 def prior(kind: Kind, index: np.ndarray, mean: Array, sigma: Array) -> Family:

@@ -95,8 +95,53 @@ class Nav:
         return np.asarray(np.einsum("mji,mj->mi", self.R, self.v))
 
 
-Value = Nav | Array
-"""The values of one kind of variable: ``Nav``, or an array (m, dim)."""
+@dataclass(frozen=True)
+class Odo:
+    """The odometer's states ``array`` (m, 4), its columns by name."""
+
+    array: Array
+
+    DISTANCE, SCALE, COUNT, STEP = range(4)
+    """The columns, as tangents and Jacobians have them too."""
+
+    @classmethod
+    def of(cls, distance: Array, scale: Array, count: Array, step: Array) -> Odo:
+        """Make the states from their columns, each of shape (m,)."""
+        return cls(np.stack([distance, scale, count, step], axis=1))
+
+    def __getitem__(self, index: np.ndarray | slice) -> Odo:
+        return Odo(self.array[index])
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    @property
+    def distance(self) -> Array:
+        """Distance along the track, m, shape (m,)."""
+        return self.array[:, self.DISTANCE]
+
+    @property
+    def scale(self) -> Array:
+        """True distance per distance that the tach counts, shape (m,)."""
+        return self.array[:, self.SCALE]
+
+    @property
+    def count(self) -> Array:
+        """Distance as the tach would count it without rounding, m, shape (m,)."""
+        return self.array[:, self.COUNT]
+
+    @property
+    def step(self) -> Array:
+        """Distance since the previous keyframe, m, shape (m,)."""
+        return self.array[:, self.STEP]
+
+    def moved_along(self, by_m: float) -> Odo:
+        """Return the states with ``by_m`` added to the distance along the track."""
+        return Odo(self.array + np.array([by_m, 0.0, 0.0, 0.0]))
+
+
+Value = Nav | Odo | Array
+"""The values of one kind of variable: ``Nav``, ``Odo``, or an array (m, dim)."""
 
 
 def retract(value: Value, delta: Array) -> Value:
@@ -105,7 +150,16 @@ def retract(value: Value, delta: Array) -> Value:
         p = value.p + np.einsum("mij,mj->mi", value.R, delta[:, 3:6])
         v = value.v + np.einsum("mij,mj->mi", value.R, delta[:, 6:9])
         return Nav(value.R @ so3_exp(delta[:, :3]), p, v)
+    if isinstance(value, Odo):
+        return Odo(value.array + delta)
     return value + delta
+
+
+def vectors(value: Value) -> Array:
+    """Return the values of a kind of variable other than ``NAV`` as an array (m, dim)."""
+    if isinstance(value, Nav):
+        raise TypeError("NAV is no vector")
+    return value.array if isinstance(value, Odo) else value
 
 
 @dataclass(frozen=True)
@@ -116,7 +170,7 @@ class States:
 
     nav: Nav
     bias: Array
-    odo: Array
+    odo: Odo
     mount: Array
     clock: Array
     imu: Array
@@ -133,7 +187,8 @@ class States:
         """These keyframes, then the later ones; shared variables of the last."""
         every = (self, *later)
         nav = Nav(*(np.concatenate([getattr(states.nav, part) for states in every]) for part in ("R", "p", "v")))
-        bias, odo = (np.concatenate([getattr(states, part) for states in every]) for part in ("bias", "odo"))
+        bias = np.concatenate([states.bias for states in every])
+        odo = Odo(np.concatenate([states.odo.array for states in every]))
         return replace(every[-1], nav=nav, bias=bias, odo=odo)
 
     def of(self, kind: Kind) -> Value:
@@ -147,9 +202,9 @@ class States:
         They are moved there from zero: inserting attitudes and biases one by one takes ten times as long.
         """
         nav = np.concatenate([so3_log(self.nav.R), self.nav.p, self.nav.v], axis=1)
-        parts = {Kind.NAV: nav, Kind.BIAS: self.bias, Kind.ODO: self.odo}
+        parts = {Kind.NAV: nav, Kind.BIAS: self.bias, Kind.ODO: self.odo.array}
         keyframes = np.concatenate([parts[kind] for kind in ELIMINATION_ORDER], axis=1)
-        shared = np.concatenate([np.asarray(self.of(kind))[0] for kind in SHARED])
+        shared = np.concatenate([vectors(self.of(kind))[0] for kind in SHARED])
         return _zero(len(self)).retract(Step(keyframes, shared).to_gtsam())
 
     def inertial_to_gtsam(self) -> gtsam.Values:
@@ -161,10 +216,10 @@ class States:
     def moved(self, step: Step) -> States:
         """Every variable retracted by its part of a step."""
         parts = {kind: retract(self.of(kind), step.of(kind)) for kind in Kind}
-        nav = parts[Kind.NAV]
+        nav, odo = parts[Kind.NAV], parts[Kind.ODO]
         assert isinstance(nav, Nav)
-        others = (np.asarray(parts[kind]) for kind in (Kind.BIAS, Kind.ODO, *SHARED))
-        return States(nav, *others)
+        assert isinstance(odo, Odo)
+        return States(nav, vectors(parts[Kind.BIAS]), odo, *(vectors(parts[kind]) for kind in SHARED))
 
 
 @dataclass(frozen=True)

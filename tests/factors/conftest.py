@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from trackfg.factors.states import Kind, Nav, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +16,7 @@ def at_origin() -> Callable[[int], States]:
 
     def states(keyframes: int) -> States:
         nav = Nav(np.tile(np.eye(3), (keyframes, 1, 1)), *np.zeros((2, keyframes, 3)))
-        odo = np.tile([0.0, 1.0, 0.0, 0.0], (keyframes, 1))
+        odo = Odo(np.tile([0.0, 1.0, 0.0, 0.0], (keyframes, 1)))
         shared = (np.zeros((1, kind.dim)) for kind in (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL))
         return States(nav, np.zeros((keyframes, Kind.BIAS.dim)), odo, *shared)
 

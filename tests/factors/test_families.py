@@ -20,7 +20,7 @@ from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, t
 from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.rail import RailSightings, same_rail
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, Step
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, Step, vectors
 from trackfg.factors.switching import OUTLIER_SIGMAS
 from trackfg.numerics.rotations import so3_exp
 
@@ -35,7 +35,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
 
     base = so3_exp(normal(1, 3))
     nav = Nav(base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3))
-    odo = normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0]
+    odo = Odo(normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0])
     return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21), normal(1, 4))
 
 
@@ -181,7 +181,7 @@ def assert_same(values: gtsam.Values, states: States, rounding: float) -> None:
                 np.testing.assert_allclose(nav.velocity(), states.nav.v[i], rtol=rounding)
             else:
                 vector = values.atConstantBias(key).vector() if kind is Kind.BIAS else values.atVector(key)
-                np.testing.assert_allclose(vector, np.asarray(states.of(kind))[i], rtol=rounding)
+                np.testing.assert_allclose(vector, vectors(states.of(kind))[i], rtol=rounding)
 
 
 def test_gtsam_has_the_same_states() -> None:
@@ -232,6 +232,6 @@ def test_arc_is_exact_on_a_circle_and_signed() -> None:
     yaw = so3_exp(np.outer(angles, [0, 0, 1.0]))
     p = radius * np.stack([np.sin(angles), 1 - np.cos(angles), np.zeros(4)], axis=1)
     nav = Nav(yaw, p, np.zeros((4, 3)))
-    states = States(nav, np.zeros((4, 6)), np.zeros((4, 4)), np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
+    states = States(nav, np.zeros((4, 6)), Odo(np.zeros((4, 4))), np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
     arcs = arc_length(np.arange(3), np.zeros(3), np.ones((3, 1))).residual(states)[:, 0]
     np.testing.assert_allclose(arcs, radius * np.diff(angles), rtol=1e-12)

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackfg.factors.checking import check_jacobians
 from trackfg.factors.marginal_prior import answering, moved_from, past, past_elsewhere, step_from
-from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, States, Step, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, Odo, States, Step, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 
 
@@ -16,7 +16,7 @@ def one_keyframe(rng: np.random.Generator) -> States:
     R = matrix_from_rpy(*(0.3 * rng.standard_normal((3, 1))))
     nav = Nav(R, *rng.standard_normal((2, 1, 3)))
     shared = (rng.standard_normal((1, kind.dim)) for kind in SHARED)
-    return States(nav, rng.standard_normal((1, Kind.BIAS.dim)), rng.standard_normal((1, Kind.ODO.dim)), *shared)
+    return States(nav, rng.standard_normal((1, Kind.BIAS.dim)), Odo(rng.standard_normal((1, Kind.ODO.dim))), *shared)
 
 
 def a_step(rng: np.random.Generator, size: float) -> Step:
@@ -84,7 +84,7 @@ def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     step = a_step(rng, 0.1)
     states = moved_from(origin, step)
     x = np.concatenate([step.keyframes[0], step.shared])
-    there = replace(states, odo=states.odo + np.array([by, 0.0, 0.0, 0.0]))
+    there = replace(states, odo=states.odo.moved_along(by))
     np.testing.assert_allclose(family.residual(there)[0], A @ x - b, atol=1e-9)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trackfg.factors.odometry import distance_chain, tach_distance, tach_reading, wheel_response
-from trackfg.factors.states import States
+from trackfg.factors.states import Odo, States
 
 AtOrigin = Callable[[int], States]
 
@@ -20,7 +20,7 @@ def test_a_tach_whose_stamps_are_early_is_read_too_far_ahead(at_origin: AtOrigin
     What bears the keyframe's stamp was counted 0.2 s after it: c = 50 + 10 x 0.2 = 52 m, and the residual
     W - (c - r T) = 50 - (52 - 2) is zero. With T = -0.2 s it is 50 - (52 + 2) = -4 m. By T it grows with r = 10 m/s.
     """
-    one = replace(at_origin(1), odo=np.array([[0.0, 1.0, 50.0, 0.0]]))
+    one = replace(at_origin(1), odo=Odo(np.array([[0.0, 1.0, 50.0, 0.0]])))
     count, rate, since = np.array([52.0]), np.array([10.0]), np.array([0.0])
     family = tach_reading(np.array([0]), count, rate, since, np.ones((1, 1)))
     early, late = (replace(one, clock=np.array([[offset, 0.0, 0.0]])) for offset in (0.2, -0.2))
@@ -36,7 +36,7 @@ def test_a_tach_clock_that_drifts_is_right_in_the_middle_of_the_run(at_origin: A
 
     At r = 10 m/s the residual W - c + r T of readings W = c = 50 m is -0.3, 0 and +0.3 m.
     """
-    states = replace(at_origin(3), odo=np.tile([0.0, 1.0, 50.0, 0.0], (3, 1)), clock=np.array([[0.0, 1e-3, 0.0]]))
+    states = replace(at_origin(3), odo=Odo(np.tile([0.0, 1.0, 50.0, 0.0], (3, 1))), clock=np.array([[0.0, 1e-3, 0.0]]))
     since = np.array([-30.0, 0.0, 30.0])
     family = tach_reading(np.arange(3), np.full(3, 50.0), np.full(3, 10.0), since, np.ones((3, 1)))
     np.testing.assert_allclose(family.residual(states)[:, 0], [-0.3, 0.0, 0.3], atol=1e-12)
@@ -45,7 +45,7 @@ def test_a_tach_clock_that_drifts_is_right_in_the_middle_of_the_run(at_origin: A
 
 def test_a_wheel_that_turns_more_than_the_vehicle_moves_slips(at_origin: AtOrigin) -> None:
     """Scale 1.01, 100 m rolled as counted, 90 m moved: 1.01 x 100 - 90 = +11 m."""
-    odo = np.array([[0.0, 1.01, 0.0, 0.0], [90.0, 1.01, 100.0, 90.0]])
+    odo = Odo(np.array([[0.0, 1.01, 0.0, 0.0], [90.0, 1.01, 100.0, 90.0]]))
     family = tach_distance(np.array([0]), np.zeros((1, 4)), np.ones((1, 1)), None)
     assert family.residual(replace(at_origin(2), odo=odo)).item() == pytest.approx(11.0)
 
@@ -59,7 +59,7 @@ def test_a_wheel_to_the_left_rolls_less_in_a_curve_to_the_left(at_origin: AtOrig
     """
     response = wheel_response(np.array([90.0]), np.array([0.3]), np.array([0.02]))
     wheel = np.array([[0.5, 0.1, 0.05, 7.0]])
-    odo = np.array([[0.0, 1.0, 0.0, 0.0], [90.0, 1.0, 89.97, 90.0]])
+    odo = Odo(np.array([[0.0, 1.0, 0.0, 0.0], [90.0, 1.0, 89.97, 90.0]]))
     family = tach_distance(np.array([0]), response, np.ones((1, 1)), None)
     assert family.residual(replace(at_origin(2), odo=odo, wheel=wheel)).item() == pytest.approx(0.0, abs=1e-12)
 
@@ -76,6 +76,6 @@ def test_a_force_against_the_motion_is_braking() -> None:
 
 def test_distance_adds_up(at_origin: AtOrigin) -> None:
     """D from 5 to 12 m over a way of 6 m: +1 m. Scale from 1.01 to 1.03: +0.02."""
-    odo = np.array([[5.0, 1.01, 0.0, 0.0], [12.0, 1.03, 0.0, 6.0]])
+    odo = Odo(np.array([[5.0, 1.01, 0.0, 0.0], [12.0, 1.03, 0.0, 6.0]]))
     family = distance_chain(np.array([0]), np.ones((1, 2)))
     np.testing.assert_allclose(family.residual(replace(at_origin(2), odo=odo)), [[1.0, 0.02]])

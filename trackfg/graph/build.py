@@ -26,7 +26,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.prior import nav_prior, prior
-from trackfg.factors.states import Kind, States
+from trackfg.factors.states import Kind, Odo, States
 from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
 from trackfg.graph.inputs import Layout, World, world_of
 from trackfg.graph.keyframes import nearest, place_keyframes
@@ -186,14 +186,14 @@ def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
 
 def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
     """With a start ``distance`` m along the track, known to ``sd`` m."""
-    shift = np.array([distance - problem.initial.odo[0, 0], 0.0, 0.0, 0.0])
+    shift = distance - float(problem.initial.odo.distance[0])
 
     def moved(family: Family) -> Family:
         sigma = family.sigma.copy()
         sigma[:, 0] = max(sd, _SET_SD_M)
-        return replace(family, data={"mean": family.data["mean"] + shift}, sigma=sigma)
+        return replace(family, data={"mean": Odo(family.data["mean"]).moved_along(shift).array}, sigma=sigma)
 
-    initial = replace(problem.initial, odo=problem.initial.odo + shift)
+    initial = replace(problem.initial, odo=problem.initial.odo.moved_along(shift))
     return replace(problem, initial=initial, families=changed(problem.families, FactorType.PRIOR_ODO, moved))
 
 
@@ -220,7 +220,7 @@ def _priors(layout: Layout, states: States) -> list[Family]:
     return [
         nav_prior(first, states.nav[:1], nav_sd),
         prior(Kind.BIAS, first, np.zeros((1, 6)), bias_sd),
-        prior(Kind.ODO, first, states.odo[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
+        prior(Kind.ODO, first, states.odo.array[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
         prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),

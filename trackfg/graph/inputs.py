@@ -11,7 +11,7 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.factors.bias import response_terms
 from trackfg.factors.imu import ImuNoise
-from trackfg.factors.states import SHARED, Nav, States
+from trackfg.factors.states import SHARED, Nav, Odo, States
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
@@ -161,7 +161,7 @@ class Layout:
         distance = np.concatenate([[0.0], np.cumsum(self.distance)])
         count = distance if self.wheel is None else self.wheel.at(self.t)
         start = self._start_distance(distance)
-        odo = np.stack([start + distance, np.ones(n), count, np.diff(distance, prepend=0.0)], axis=1)
+        odo = Odo.of(start + distance, np.ones(n), count, np.diff(distance, prepend=0.0))
         nav, shared = Nav(R, p, self.path.velocity(self.t)), (np.zeros((1, kind.dim)) for kind in SHARED)
         return States(nav, bias, odo, *shared)
 

@@ -88,7 +88,7 @@ def dense_motion(run: RunContext, states: States, step_s: float, times: Array | 
     bias = states.bias[:, 3:].mean(axis=0)
     n = len(run.t) - 1
     parts = [_between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
-    t, nav, distance = run.t[n:], states.nav[n:], states.odo[n:, 0]
+    t, nav, distance = run.t[n:], states.nav[n:], states.odo.distance[n:]
     last = parts[-1].gyro[-1:], parts[-1].gyro_span[-1:]
     parts.append(DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1)))
     return _joined(parts)
@@ -147,7 +147,7 @@ def _between(
     gone, d_end = _running_sum(np.einsum("mi,mi->m", step, R[:, :, 0]), own)
 
     left_p, left_v = there.p - here.p - p_end, there.v - here.v - v_end
-    left_speed, left_d = np.sum(left_v * there.R[:, :, 0], axis=1), np.diff(states.odo[:, 0])[intervals] - d_end
+    left_speed, left_d = np.sum(left_v * there.R[:, :, 0], axis=1), np.diff(states.odo.distance)[intervals] - d_end
     _, w, _, u = hermite_weights(f, span[i])
     _, w_rate, _, u_rate = hermite_rates(f, span[i])
     return DenseMotion(
@@ -157,7 +157,7 @@ def _between(
             here.p[i] + moved + left_p[i] * w[:, None] + left_v[i] * u[:, None],
             v + left_p[i] * w_rate[:, None] + left_v[i] * u_rate[:, None],
         ),
-        states.odo[intervals, 0][i] + gone + left_d[i] * w + left_speed[i] * u,
+        states.odo.distance[intervals][i] + gone + left_d[i] * w + left_speed[i] * u,
         rate,
         increments.duration,
         i + intervals.start,

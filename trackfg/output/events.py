@@ -59,7 +59,7 @@ def events(sources: EventSources, states: States, covariance: Covariance, trajec
     def row(
         kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan
     ) -> Event:
-        chainage = sources.direction * np.interp(start, sources.t, states.odo[:, 0])
+        chainage = sources.direction * np.interp(start, sources.t, states.odo.distance)
         chainage_sd = float(np.interp(start, sources.t, sd))
         return Event(kind, float(start), float(end), float(chainage), chainage_sd, removed, removed_sd, detail)
 

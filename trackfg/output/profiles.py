@@ -73,7 +73,7 @@ class Profile:
 
 def profiles(run: RunContext, motion: DenseMotion, states: States) -> list[Profile]:
     """All passes of a sensor that follows the track; those too short to hold a chord are left out."""
-    found = [_profile(run, motion, states, stretch) for stretch in passes(states.odo[:, 0])]
+    found = [_profile(run, motion, states, stretch) for stretch in passes(states.odo.distance)]
     return [profile for profile in found if profile is not None]
 
 

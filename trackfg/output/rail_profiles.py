@@ -47,7 +47,7 @@ def rail_profiles(run: RunContext, motion: DenseMotion, states: States, views: l
     """All passes on which both rails were seen; those too short to hold a chord are left out."""
     found = [
         _profile(run, motion, views, stretch)
-        for stretch in passes(states.odo[:, 0])
+        for stretch in passes(states.odo.distance)
         if run.t[stretch.last] > run.t[stretch.first]
     ]
     return [profile for profile in found if profile is not None]

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
-from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.output.event_sources import EventSources
@@ -119,7 +119,7 @@ def _rolled(wheel: Wheel, sources: EventSources, states: States, t: Array) -> Ar
     """The integral of S dW up to ``t``."""
     offset, drift = states.clock[0, :2]
     count = wheel.at(t - offset - drift * (t - sources.clock_origin))
-    scale = np.interp(t, sources.t, states.odo[:, 1])
+    scale = np.interp(t, sources.t, states.odo.scale)
     return np.concatenate([[0.0], np.cumsum(0.5 * (scale[1:] + scale[:-1]) * np.diff(count))])
 
 
@@ -145,7 +145,8 @@ def _moved_variance(sources: EventSources, states: States, covariance: Covarianc
     j = min(int(np.searchsorted(sources.t, end)), len(sources.t) - 1)
     odo = offset_in_keyframe(Kind.ODO)
     at_i, at_j = np.zeros((2, covariance.marginal.shape[1]))
-    at_i[odo], at_j[odo], at_j[odo + 1] = 1.0, -1.0, states.odo[j, 2] - states.odo[i, 2]
+    at_i[odo + Odo.DISTANCE], at_j[odo + Odo.DISTANCE] = 1.0, -1.0
+    at_j[odo + Odo.SCALE] = states.odo.count[j] - states.odo.count[i]
     cross = at_i @ covariance.between(i, j) @ at_j
     variance = at_i @ covariance.marginal[i] @ at_i + at_j @ covariance.marginal[j] @ at_j + 2.0 * cross
     return max(float(variance), 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.factors.motion import mount_matrix
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import euler_rates, rpy_from_matrix, skew
@@ -61,10 +61,10 @@ def calibration_table(run: RunContext, motion: DenseMotion, states: States, cova
     own = states.bias - run.response @ states.imu[0]
     J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
     odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
-    J[:, 0, odo + 1] = 1.0
+    J[:, 0, odo + Odo.SCALE] = 1.0
     J[:, 1:, bias : bias + 6] = np.eye(6)
     J[:, 1:, imu : imu + Kind.IMU.dim] = -run.response
-    values = np.column_stack([states.odo[:, 1], own])
+    values = np.column_stack([states.odo.scale, own])
     variance = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
     names = ["wheel_scale"]
     names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
@@ -97,7 +97,7 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     rpy = rpy_from_matrix(nav.R @ R_bt)
 
     J = np.zeros((n, len(QUANTITIES), KEYFRAME_DIM + SHARED_DIM))
-    J[:, 0, odo] = 1.0
+    J[:, 0, odo + Odo.DISTANCE] = 1.0
     J[:, 1:4, turn] = nav.R @ skew(lever_arm)
     J[:, 1:4, shift] = nav.R
     forward = R_bt[:, 0]

@@ -60,7 +60,7 @@ class MapChainage:
     def with_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
         """Chainages as uncertain as the map's own are, besides."""
         common = _ON_SPRINGS_SD_M if self.on_springs else 0.0
-        return covariance.less_sure_of_distance(self.sd_m(direction * states.odo[:, 0]) ** 2 + common**2)
+        return covariance.less_sure_of_distance(self.sd_m(direction * states.odo.distance) ** 2 + common**2)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
     families = problem.families
     if not anchored:
         offset = direction * float((used["reference_m"] - used["run_m"]).mean())
-        moved = replace(states, odo=states.odo + np.array([offset, 0.0, 0.0, 0.0]))
+        moved = replace(states, odo=states.odo.moved_along(offset))
         families = placeless(families)
     families = changed(families, FactorType.ABSOLUTE_FIX, lambda fixes: _less_sure(fixes, chainage, direction))
     family = _landmarks(used, run.passes, states, meaning.step_m, direction, landmark_loss(config))
@@ -169,7 +169,7 @@ def _landmarks(
     seen = np.isfinite(when)
     k = np.clip(when[seen].astype(np.int64), 0, len(states) - 2)
     f = when[seen] - k
-    D = states.odo[:, 0]
+    D = states.odo.distance
     beyond = direction * place[seen] - ((1.0 - f) * D[k] + f * D[k + 1])
     distance = direction * used["reference_m"].to_numpy()[seen] - beyond
     return landmark(k, f, distance, landmark_sd(used)[seen, None], loss)

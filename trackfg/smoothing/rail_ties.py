@@ -34,7 +34,7 @@ def tied_by_rails(problem: Problem, states: States, views: list[RailView], confi
     families = [
         family
         for ahead, behind in unit_pairs(views)
-        for stretch in passes(states.odo[:, 0])
+        for stretch in passes(states.odo.distance)
         for family in _pair(problem, states, motion, stretch, ahead, behind, config)
         if len(family)
     ]
@@ -55,7 +55,7 @@ def _pair(
     rows = stretch.rows(problem.t, motion.t)
     gone = np.maximum.accumulate(stretch.sense * motion.distance[rows])
     own = np.arange(stretch.first, stretch.last + 1)
-    place = stretch.sense * states.odo[own, 0] + (ahead.along_m - behind.along_m)
+    place = stretch.sense * states.odo.distance[own] + (ahead.along_m - behind.along_m)
     fresh = np.concatenate([[True], np.floor(place[1:] / _APART_M) > np.floor(place[:-1] / _APART_M)])
     t = np.interp(place, gone, motion.t[rows], right=np.nan)
     seen = np.isfinite(t) & fresh

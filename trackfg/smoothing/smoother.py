@@ -272,7 +272,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         ),
         timings_s=smoothed.timings_s,
         duration_s=float(problem.t[-1] - problem.t[0]),
-        distance_m=float(np.abs(np.diff(solution.states.odo[:, 0])).sum()),
+        distance_m=float(np.abs(np.diff(solution.states.odo.distance)).sum()),
         keyframes=len(problem.t),
         noise_ratios=smoothed.noise_ratios,
         wheel_scale=Estimate(value=last["wheel_scale"], sd=last["wheel_scale_sd"]) if has_tach else None,

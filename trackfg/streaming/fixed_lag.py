@@ -184,7 +184,7 @@ class FixedLagSmoother:
         at = np.array([window.t[-1]])
         rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
-        motion = DenseMotion(at, two.nav[1:], two.odo[1:, 0], rate, over, interval, end)
+        motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end)
         return trajectory_columns(run, motion, two, covariance)
 
     def _behind(self, *, at_end: bool = False) -> list[Behind]:

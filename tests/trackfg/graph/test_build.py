@@ -13,7 +13,7 @@ from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.states import Kind, Nav, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
 from trackfg.recording.model import Recording
@@ -42,7 +42,7 @@ def truth_at(run: Simulation, problem: Problem) -> States:
     distance = run.ride.motion.distance(t) - run.ride.motion.distance(t[0])
     nav = Nav(R, run.ride.position(t), v)
     count = np.zeros(len(t)) if problem.wheel is None else problem.wheel.at(t)
-    odo = np.column_stack([distance, np.ones(len(t)), count, np.diff(distance, prepend=distance[0])])
+    odo = Odo.of(distance, np.ones(len(t)), count, np.diff(distance, prepend=distance[0]))
     return States(nav, np.zeros((len(t), 6)), odo, np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
 
 
@@ -149,7 +149,7 @@ def test_distances_before_the_first_fix(simulated: Callable[..., Simulation]) ->
     assert run.recording.fixes is not None
     np.testing.assert_allclose(fix.residual(problem.initial)[0], 0.0, atol=0.1)
     true = run.ride.motion.distance(problem.t)
-    assert np.abs(problem.initial.odo[:, 0] - true).max() < 2.0 + 0.03 * run.ride.motion.path(240.0)
+    assert np.abs(problem.initial.odo.distance - true).max() < 2.0 + 0.03 * run.ride.motion.path(240.0)
 
 
 @pytest.mark.parametrize("samples", [1, 5, 9, 60])

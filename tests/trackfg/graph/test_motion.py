@@ -39,7 +39,7 @@ def test_path_may_leave_the_direction_of_travel_by_the_gyros_bridge(problem: Pro
     """
     path = family_of(problem, FactorType.PATH)
     first = path.first_keyframe
-    way, duration = np.diff(problem.initial.odo[:, 0])[first], np.diff(problem.t)[first]
+    way, duration = np.diff(problem.initial.odo.distance)[first], np.diff(problem.t)[first]
     moving = way > 1.0
     assert np.count_nonzero(moving) > 10
     expected = GYRO_WHITE * way[moving] * np.sqrt(duration[moving] / 12.0)

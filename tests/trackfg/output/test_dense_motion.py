@@ -34,7 +34,7 @@ def test_passes_through_every_keyframe(noisy: SmoothedStates, noisy_motion: Dens
     np.testing.assert_allclose(noisy_motion.nav.p[rows], states.nav.p, atol=1e-9)
     np.testing.assert_allclose(noisy_motion.nav.v[rows], states.nav.v, atol=1e-9)
     np.testing.assert_allclose(noisy_motion.nav.R[rows], states.nav.R, atol=1e-12)
-    np.testing.assert_allclose(noisy_motion.distance[rows], states.odo[:, 0], atol=1e-9)
+    np.testing.assert_allclose(noisy_motion.distance[rows], states.odo.distance, atol=1e-9)
     np.testing.assert_allclose(noisy_motion.fraction[rows[:-1]], 0.0, atol=1e-12)
     assert (noisy_motion.keyframe[rows[:-1]] == np.arange(len(t) - 1)).all()
 
@@ -46,7 +46,7 @@ def test_arrives_at_every_keyframe_without_a_jump(noisy: SmoothedStates, noisy_m
     np.testing.assert_allclose(before.nav.p, states.nav.p[1:], atol=1e-4)
     np.testing.assert_allclose(before.nav.v, states.nav.v[1:], atol=1e-4)
     np.testing.assert_allclose(before.nav.R, states.nav.R[1:], atol=1e-6)
-    np.testing.assert_allclose(before.distance, states.odo[1:, 0], atol=1e-4)
+    np.testing.assert_allclose(before.distance, states.odo.distance[1:], atol=1e-4)
 
 
 def test_rows_are_no_further_apart_than_asked(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
@@ -79,7 +79,7 @@ def test_noise_free_run_is_the_truth_between_keyframes(
     forward = np.einsum("mi,mi->m", motion.nav.v, run.ride.rotation(at)[:, :, 0])
     np.testing.assert_allclose(forward, run.ride.motion.speed(at), atol=2e-3)
     true = run.ride.motion.distance(at)
-    lag = states.odo[:, 0] - run.ride.motion.distance(problem.t)
+    lag = states.odo.distance - run.ride.motion.distance(problem.t)
     assert np.abs(motion.distance - true - lag[k] * (1 - f[:, 0]) - lag[k + 1] * f[:, 0]).max() < 1e-3
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trackfg.factors.imu import ImuNoise
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.output.profile_samples import PointErrors, Points, PosteriorErrors, point_errors
 
@@ -27,7 +27,7 @@ AHEAD = 0.4
 def states() -> States:
     roll, yaw = np.full(KEYFRAMES, 0.1), np.full(KEYFRAMES, AHEAD)
     nav = Nav(matrix_from_rpy(roll, np.zeros(KEYFRAMES), yaw), np.zeros((KEYFRAMES, 3)), np.zeros((KEYFRAMES, 3)))
-    zeros = (np.zeros((KEYFRAMES, 6)), np.zeros((KEYFRAMES, 4)), np.zeros((1, 2)), np.zeros((1, 3)))
+    zeros = (np.zeros((KEYFRAMES, 6)), Odo(np.zeros((KEYFRAMES, 4))), np.zeros((1, 2)), np.zeros((1, 3)))
     return States(nav, *zeros, np.zeros((1, Kind.IMU.dim)))
 
 

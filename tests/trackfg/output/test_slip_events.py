@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from trackfg.factors.odometry import tach_distance
-from trackfg.factors.states import Nav, States
+from trackfg.factors.states import Nav, Odo, States
 from trackfg.output.event_sources import EventSources
 from trackfg.output.slip_events import Excess, wheel_excess
 from trackfg.sensors.tach import Wheel
@@ -34,7 +34,7 @@ def excess_of(offset_s: float, drift: float) -> Excess:
     wheel = Wheel(stamps, distance(true) / SCALE, 1e-3, 0.0, False, np.zeros((0, 2)))
     n = len(keyframes)
     rolled = tach_distance(np.arange(n - 1), np.zeros((n - 1, 4)), np.full((n - 1, 1), 1e-3), None)
-    odo = np.stack([distance(keyframes), np.full(n, SCALE), distance(keyframes) / SCALE, np.zeros(n)], axis=1)
+    odo = Odo.of(distance(keyframes), np.full(n, SCALE), distance(keyframes) / SCALE, np.zeros(n))
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), *np.zeros((2, n, 3)))
     clock = np.array([[offset_s, drift, 0.0]])
     states = States(nav, np.zeros((n, 6)), odo, np.zeros((1, 2)), clock, np.zeros((1, 21)))

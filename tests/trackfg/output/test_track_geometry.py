@@ -98,7 +98,7 @@ def test_sigmas_are_finite_and_small_near_stops(
     smoothed = smoothed_in_full("mainline", seed=0, duration_s=420.0)
     geometry, problem = smoothed.geometry, smoothed.problem
     assert len(problem.rests) >= 2
-    stops = [smoothed.solution.states.odo[np.searchsorted(problem.t, end), 0] for _, end in problem.rests]
+    stops = [smoothed.solution.states.odo.distance[np.searchsorted(problem.t, end)] for _, end in problem.rests]
     x = geometry["chainage_m"].to_numpy()
     for quantity in ("twist_mm", "level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm"):
         sd, known = geometry[f"{quantity}_sd"].to_numpy(), geometry[quantity].notna().to_numpy()

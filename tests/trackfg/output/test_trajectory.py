@@ -20,6 +20,7 @@ from trackfg.factors.states import (
     SHARED_DIM,
     Kind,
     Nav,
+    Odo,
     States,
     offset_in_keyframe,
     retract,
@@ -51,7 +52,7 @@ def states(gyro: np.ndarray) -> States:
     forward = mount_matrix(mount)[0][:, 0]
     body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
     nav = Nav(R, 50 * rng.normal(size=(N, 3)), np.einsum("mij,mj->mi", R, body))
-    odo = np.column_stack([np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N)])
+    odo = Odo.of(np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N))
     return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)), np.zeros((1, 21)))
 
 
@@ -66,7 +67,9 @@ def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
     """Rows whose body rates have no noise."""
     keyframe = np.append(np.arange(N - 1), N - 2)
     fraction = np.append(np.zeros(N - 1), 1.0)
-    return DenseMotion(np.arange(float(N)), states.nav, states.odo[:, 0], gyro, np.full(N, np.inf), keyframe, fraction)
+    return DenseMotion(
+        np.arange(float(N)), states.nav, states.odo.distance, gyro, np.full(N, np.inf), keyframe, fraction
+    )
 
 
 def quantities(states: States, gyro: np.ndarray, covariance: Covariance, direction: int = 1) -> pd.DataFrame:

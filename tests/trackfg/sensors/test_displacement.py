@@ -142,7 +142,7 @@ def test_one_unit_alone_ties_only_rests(run: Simulation) -> None:
 
 
 def test_passes_of_the_run_are_what_pairs_are_made_in(smoothed: SmoothedStates) -> None:
-    assert len(passes(smoothed.solution.states.odo[:, 0])) == 1
+    assert len(passes(smoothed.solution.states.odo.distance)) == 1
 
 
 def test_vertical_sensors_alone_are_enough_for_a_solution(simulated_in_full: Callable[..., Simulation]) -> None:

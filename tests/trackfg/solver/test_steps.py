@@ -17,7 +17,7 @@ from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix
 from trackfg.factors.prior import nav_prior, prior
-from trackfg.factors.states import Kind, Nav, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.solver.gauss_newton import solve
 
 TIGHT = SolverConfig(step_tolerance=1e-6, cost_tolerance=1e-14)
@@ -35,7 +35,7 @@ def one_keyframe(distance: float, *measured: Family) -> Any:
     priors = [prior(kind, index, np.zeros((1, kind.dim)), np.ones((1, kind.dim))) for kind in others]
     return SimpleNamespace(
         t=np.zeros(1),
-        initial=States(nav, np.zeros((1, Kind.BIAS.dim)), odo, *shared),
+        initial=States(nav, np.zeros((1, Kind.BIAS.dim)), Odo(odo), *shared),
         native=gtsam.NonlinearFactorGraph(),
         families=(
             *priors,
@@ -49,10 +49,10 @@ def one_keyframe(distance: float, *measured: Family) -> Any:
 def of_distance(value: Callable[[np.ndarray], np.ndarray], slope: Callable[[np.ndarray], np.ndarray]) -> Family:
     """A residual that is a function of the distance, sigma 1."""
 
-    def evaluate(odo: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    def evaluate(odo: Odo) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         jacobian = np.zeros((len(odo), 1, Kind.ODO.dim))
-        jacobian[:, 0, 0] = slope(odo[:, 0])
-        return value(odo[:, :1]), (jacobian,)
+        jacobian[:, 0, 0] = slope(odo.distance)
+        return value(odo.distance[:, None]), (jacobian,)
 
     return Family(FactorType.CUSTOM, evaluate, (Slot(Kind.ODO, np.array([0])),), {}, np.ones((1, 1)))
 
@@ -63,10 +63,10 @@ def test_a_step_that_raises_the_cost_is_halved() -> None:
     """
     graph = one_keyframe(1.5, of_distance(np.arctan, lambda x: 1.0 / (1.0 + x**2)))
     once = solve(graph, TIGHT.model_copy(update={"max_iterations": 1}))
-    assert once.states.odo[0, 0] == pytest.approx(1.5 - 0.5 * np.arctan(1.5) * (1.0 + 1.5**2), abs=1e-6)
+    assert once.states.odo.distance[0] == pytest.approx(1.5 - 0.5 * np.arctan(1.5) * (1.0 + 1.5**2), abs=1e-6)
     solution = solve(graph, TIGHT)
     assert solution.converged
-    assert solution.states.odo[0, 0] == pytest.approx(0.0, abs=1e-6)
+    assert solution.states.odo.distance[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_step_that_helps_is_doubled_while_that_helps_more() -> None:
@@ -75,7 +75,7 @@ def test_a_step_that_helps_is_doubled_while_that_helps_more() -> None:
     """
     graph = one_keyframe(1.0, of_distance(np.square, lambda x: 2.0 * x))
     once = solve(graph, TIGHT.model_copy(update={"max_iterations": 1}))
-    assert once.states.odo[0, 0] == pytest.approx(0.0, abs=1e-9)
+    assert once.states.odo.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert once.cost < 1e-12 < once.initial_cost
 
 
@@ -86,7 +86,7 @@ def test_the_minimum_of_plain_squares_is_not_the_end() -> None:
     """
     fixes = absolute_fix(np.zeros(3, dtype=np.int64), np.array([0.0, 0.0, 30.0]), np.ones((3, 1)), Cauchy(1.0))
     solution = solve(one_keyframe(10.0, fixes), TIGHT)
-    x = solution.states.odo[0, 0]
+    x = solution.states.odo.distance[0]
     assert solution.converged
     assert x == pytest.approx(0.0167, abs=1e-4)
     assert 2.0 * x / (1.0 + x**2) == pytest.approx((30.0 - x) / (1.0 + (30.0 - x) ** 2), rel=1e-3)
@@ -96,4 +96,4 @@ def test_losses_are_on_once_a_step_is_short_or_none_helps() -> None:
     """A start at the minimum of plain squares, two iterations: the second one has the losses already."""
     fixes = absolute_fix(np.zeros(3, dtype=np.int64), np.array([0.0, 0.0, 30.0]), np.ones((3, 1)), Cauchy(1.0))
     solution = solve(one_keyframe(10.0, fixes), TIGHT.model_copy(update={"max_iterations": 2}))
-    assert solution.states.odo[0, 0] < 9.0
+    assert solution.states.odo.distance[0] < 9.0

@@ -84,7 +84,7 @@ def told_late(
         return None
     k = np.searchsorted(t, places.t, side="right") - 1
     f = (places.t - t[k]) / (t[k + 1] - t[k])
-    D, at = states.odo[:, 0], offset_in_keyframe(Kind.ODO)
+    D, at = states.odo.distance, offset_in_keyframe(Kind.ODO)
     by_first, by_second = np.zeros((2, len(k), KEYFRAME_DIM))
     by_first[:, at], by_second[:, at] = 1.0 - f, f
     functions = Functions(k - k[0], by_first, by_second, np.zeros((len(k), SHARED_DIM)))

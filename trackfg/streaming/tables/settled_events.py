@@ -122,7 +122,7 @@ def _turned_s(sources: EventSources, states: States) -> float:
         return np.inf
     turned = np.flatnonzero(np.diff(sources.wheel.distance))
     last = float(sources.wheel.t[turned[-1] + 1 if turned.size else 0])
-    distance = states.odo[:, 0]
+    distance = states.odo.distance
     return last if abs(distance[-1] - np.interp(last, sources.t, distance)) > _MOVED_M else np.inf
 
 

@@ -120,7 +120,7 @@ class SmoothedTables:
             direction=track.direction,
             rests=rests,
             gaps=data.gaps(),
-            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo[:, 2], tape.breaks["tach"]),
+            wheel=None if odometer is None else odometer.over(tape.tach, t, states.odo.count, tape.breaks["tach"]),
             clock_origin=self.setting.clock_origin,
             families=self.history.with_families(window.families),
         )
@@ -140,7 +140,7 @@ class SmoothedTables:
         points = [profile.views[0].points for profile in shapes]
         k = np.concatenate([none, *(at.keyframe[rows] for at, rows in zip(points, passed, strict=True))])
         f = np.concatenate([np.zeros(0), *(at.fraction[rows] for at, rows in zip(points, passed, strict=True))])
-        distance, following = states.odo[:, 0], k + 1
+        distance, following = states.odo.distance, k + 1
         beyond = track.direction * step_m * cells - (1.0 - f) * distance[k] - f * distance[following]
         passed_at = np.concatenate(
             [np.zeros(0), *(_times(t, at)[rows] for at, rows in zip(points, passed, strict=True))]
@@ -160,7 +160,7 @@ class SmoothedTables:
         """
         if not self.along.size:
             return 0
-        away = float(np.interp(self.passed_s, t, states.odo[:, 0]) - np.interp(self.passed_s, *self.along))
+        away = float(np.interp(self.passed_s, t, states.odo.distance) - np.interp(self.passed_s, *self.along))
         cells = round(away / cell_m) if abs(away) > _JUMP_M else 0
         if self.last_cell is not None:
             self.last_cell += cells
@@ -190,7 +190,7 @@ class SmoothedTables:
 
     def _settled_place(self, t: Array, states: States, settled_s: float) -> float:
         """Until when places are passed that have enough track on the far side."""
-        distance = states.odo[:, 0]
+        distance = states.odo.distance
         beyond = np.abs(distance - distance[-1]) >= self._reach_m
         if not beyond.any():
             return self.passed_s

@@ -79,5 +79,5 @@ def _between(predicted: Interval, interval: Interval) -> Step:
     step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM))
     step.of(Kind.NAV)[1, 3:6] = here.R[0].T @ (there.p - here.p)[0]
     step.of(Kind.NAV)[1, 6:9] = here.R[0].T @ (there.v - here.v)[0]
-    step.of(Kind.ODO)[1] = (interval.ahead.odo - predicted.ahead.odo)[0]
+    step.of(Kind.ODO)[1] = (interval.ahead.odo.array - predicted.ahead.odo.array)[0]
     return step

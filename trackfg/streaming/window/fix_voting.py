@@ -28,7 +28,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
 from trackfg.factors.marginal_prior import past_elsewhere
 from trackfg.factors.odometry import followed_fix, withheld_fix
-from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import Covariance
 from trackfg.streaming.events import StreamEvent
@@ -105,7 +105,7 @@ class PlaceVotes:
         if fixes is None or fixes.loss is None:
             return new, 0.0
         moved, withheld = 0.0, np.zeros(len(fixes), dtype=bool)
-        ends = (float(here.odo[-1, 0]), float(new.ahead.odo[0, 0]))
+        ends = (float(here.odo.distance[-1]), float(new.ahead.odo.distance[0]))
         gone = ends[1] - ends[0]
         for i, at in enumerate(fixes.slots[0].index.tolist()):
             along = np.array([1.0, gone if at else 0.0])
@@ -166,7 +166,7 @@ def _fewer(rivals: tuple[Rival, ...]) -> tuple[Rival, ...]:
 
 def moved_states(states: States, by_m: float) -> States:
     """Further along the track."""
-    return replace(states, odo=states.odo + np.array([by_m, 0.0, 0.0, 0.0]))
+    return replace(states, odo=states.odo.moved_along(by_m))
 
 
 def moved_interval(interval: Interval, by_m: float) -> Interval:
@@ -197,5 +197,5 @@ def _moved(family: Family, by_m: float) -> Family:
         return past_elsewhere(family, by_m, abs(by_m))
     if family.type is FactorType.PRIOR_ODO:
         sigma = np.hypot(family.sigma, np.array([abs(by_m), 0.0, 0.0, 0.0]))
-        return replace(family, data={"mean": family.data["mean"] + np.array([by_m, 0.0, 0.0, 0.0])}, sigma=sigma)
+        return replace(family, data={"mean": Odo(family.data["mean"]).moved_along(by_m).array}, sigma=sigma)
     return family

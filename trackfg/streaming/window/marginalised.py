@@ -61,7 +61,7 @@ class History:
         """Merge the keyframes of each rest that ended ``before`` then (s), or goes on, into one at its begin: a vehicle
         may stand for hours. The rests, s, shape (r, 2).
         """
-        t, moved = self.t, np.array([part.origin.odo[1, 0] - part.origin.odo[0, 0] for part in self.parts])
+        t, moved = self.t, np.array([np.diff(part.origin.odo.distance)[0] for part in self.parts])
         still = (np.abs(moved[:-1]) < _STOOD_M) & (t[1:] < before)
         rests = [(i, j) for i, j in true_runs(still) if j - i > 1]
         for i, j in reversed(rests):

@@ -269,7 +269,10 @@ class MovingWindow:
         if self.window is not None and self.root is not None:
             begin, left = float(self.window.t[-1]), Pass(self.window, self.root, None)
             variance = posterior_covariance(self.root.last(1)).of(Kind.ODO)[0, 0, 0]
-            distance = float(self.window.states.odo[-1, 0]), float(np.hypot(np.sqrt(variance), self.places.doubt_m))
+            distance = (
+                float(self.window.states.odo.distance[-1]),
+                float(np.hypot(np.sqrt(variance), self.places.doubt_m)),
+            )
         self.lost = Lost(begin, reason, left, distance)
         self.newly_lost = True
         self.begin_s = self.waiting_since_s = begin
@@ -331,7 +334,7 @@ class MovingWindow:
         assert tip is not None
         here, wheel = float(tip.t[0]), None
         if self.odometer is None:
-            self.odometer = self._late_tach(here, float(tip.states.odo[0, 2]))
+            self.odometer = self._late_tach(here, float(tip.states.odo.count[0]))
         if self.odometer is not None:
             newest = tip.states.nav
             speed = float(newest.v[0] @ newest.R[0, :, 0])

@@ -15,7 +15,7 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import ImuNoise, Preintegration
-from trackfg.factors.states import Nav, States
+from trackfg.factors.states import Nav, Odo, States
 from trackfg.graph.inertial import preintegrated
 from trackfg.graph.inputs import Layout
 from trackfg.graph.motion import along_track
@@ -68,8 +68,7 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     nav = measured.predicted(here.nav, here.bias[0])
     distance = _distance(here.nav, nav, setting.lever_arm)
     layout = _with_motion(layout, here, nav, distance)
-    count = here.odo[0, 2] + distance
-    odo = np.array([[here.odo[0, 0] + distance, here.odo[0, 1], count, distance]])
+    odo = Odo.of(here.odo.distance + distance, here.odo.scale, here.odo.count + distance, np.array([distance]))
     there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
     families = _new([*travelled(layout), *along_track(layout)])
     if broken:
@@ -88,7 +87,8 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
     there = interval.ahead
     if wheel is not None:
         counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
-        further = there.odo[0, 1] * counted - there.odo[0, 3]
+        scale, step = there.odo.scale[0], there.odo.step[0]
+        further = scale * counted - step
         moved_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
         distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
         if abs(further) < _BELIEVED_SIGMAS * distance_sd:
@@ -96,7 +96,7 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
             there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
         else:
             further = 0.0
-        there = replace(there, odo=there.odo + np.array([further, 0.0, counted - there.odo[0, 3], further]))
+        there = replace(there, odo=Odo(there.odo.array + np.array([further, 0.0, counted - step, further])))
     families = (*interval.families, *_new([*rolled(layout), *positions(layout)]))
     return interval._replace(ahead=there, families=families)
 

@@ -51,7 +51,7 @@ def dense(root: SquareRoot) -> Array:
 def rows_at(run: SmoothedStates, direction: int, places: Array) -> Array:
     """Derivatives of chainage (m) and cross-level (mm) at places by all states: (2 p, states)."""
     states = run.solution.states
-    D = direction * states.odo[:, 0]
+    D = direction * states.odo.distance
     moving = np.flatnonzero(np.diff(D) != 0.0)
     k = moving[np.searchsorted(np.sort(D[moving + 1]), places)]
     f = (places - D[k]) / (D[k + 1] - D[k])

@@ -33,7 +33,7 @@ def step() -> Stepped:
 
 
 def places(step: Stepped, away: list[float], sigma: float) -> Passed:
-    t, D = step.window.t, step.window.states.odo[:, 0]
+    t, D = step.window.t, step.window.states.odo.distance
     when = t[[2, 5, 6]] + 0.3
     return Passed(when, np.interp(when, t, D) + np.array(away), np.full(3, sigma), np.zeros(3))
 
@@ -58,7 +58,7 @@ def test_it_is_what_the_whole_window_would_have_said(step: Stepped) -> None:
     whole = at_origin.with_families(seen).moved()
     late = told(step, passed)[0].moved()
     np.testing.assert_allclose(
-        late.window.states.odo[:, :2], whole.window.states.odo[LEAVING:, :2], rtol=0.0, atol=2e-3
+        late.window.states.odo.array[:, :2], whole.window.states.odo.array[LEAVING:, :2], rtol=0.0, atol=2e-3
     )
     ours, theirs = (posterior_covariance(one.root).of(Kind.ODO)[-5:, 0, 0] for one in (late, whole))
     np.testing.assert_allclose(ours, theirs, rtol=1e-3)

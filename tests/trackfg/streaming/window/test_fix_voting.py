@@ -17,7 +17,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix
-from trackfg.factors.states import Nav, States
+from trackfg.factors.states import Nav, Odo, States
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -30,7 +30,7 @@ RIGHT, WRONG, OTHER = 0.0, 60.0, -200.0
 
 def at(distance: float) -> States:
     nav = Nav(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
-    odo = np.array([[distance, 1.0, 0.0, 0.0]])
+    odo = Odo(np.array([[distance, 1.0, 0.0, 0.0]]))
     return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
 
 
