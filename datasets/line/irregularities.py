@@ -136,11 +136,6 @@ def spectra(model: IrregularityModel, wavenumber: Array) -> Array:
     return _shape(model, wavenumber) * _scales(model)
 
 
-def d1_standard_deviations(model: IrregularityModel) -> Array:
-    """The expected standard deviations in the band D1, m. Shape (4,)."""
-    return np.asarray(np.sqrt(_d1_variances(model) * _scales(model)))
-
-
 def _shape(model: IrregularityModel, wavenumber: Array) -> Array:
     """The unscaled spectra with their ends faded out. Shape (...) to (..., 4)."""
     w = np.abs(np.asarray(wavenumber, dtype=np.float64))[..., None]

@@ -17,7 +17,7 @@ and the moment that leans the body by the cant deficiency ``kappa v^2 / g + phi`
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -30,11 +30,11 @@ from trackfg.datasets.vehicle.suspension import Suspension
 from trackfg.datasets.vehicle.wheelsets import Wheelsets, chord
 from trackfg.numerics.arrays import Array
 
-_BODY, _FRONT, _REAR = range(3)
-# The chords that a car without springs makes of its wheelsets: height of the body and both frames, and their slopes
-# times the length of the chord.
 _MEAN = np.array([[0.25, 0.25, 0.25, 0.25], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]])
-_RISE = np.array([[0.5, 0.5, -0.5, -0.5], [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+"""From the four wheelsets' places to those of the body, the front and the rear frame of a car without springs."""
+
+_RISE = np.array([0.5, 0.5, -0.5, -0.5])
+"""From the four wheelsets' places to the slope of the body, times the distance of the pivots."""
 
 
 class Vehicle(Protocol):
@@ -82,34 +82,7 @@ class CarBody:
         wheelsets = Wheelsets(track, s, self.suspension.axles_m[0])
         axles = [wheelsets.at(offset) for offset in self.suspension.axles_m]
         pose = chord(chord(*axles[:2]), chord(*axles[2:]))
-        sprung = _springs(track.line, motion, edges, s, axles, self.suspension, _BODY)
-        return through(edges, _deviation(track.line, s, pose) + sprung)
-
-
-@dataclass(frozen=True)
-class Bogie:
-    """The frame of the bogie at one end of a coach, its reference point midway between its wheelsets.
-
-    ``edges`` are to be evenly spaced.
-    """
-
-    suspension: Suspension = field(default_factory=Suspension)
-    end: Literal["front", "rear"] = "front"
-
-    @property
-    def rigid(self) -> bool:
-        """No: it is on the primary springs."""
-        return False
-
-    def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
-        """Chord of its wheelsets, and the springs' part."""
-        s = motion.distance(edges)
-        part, pivot = (_FRONT, 1.0) if self.end == "front" else (_REAR, -1.0)
-        pose = _on_two(track, s, 2.0 * self.suspension.half_wheelbase_m)
-        middle = s - pivot * self.suspension.half_pivot_m
-        wheelsets = Wheelsets(track, middle, self.suspension.axles_m[0])
-        axles = [wheelsets.at(offset) for offset in self.suspension.axles_m]
-        sprung = _springs(track.line, motion, edges, middle, axles, self.suspension, part)
+        sprung = _springs(track.line, motion, edges, s, axles, self.suspension)
         return through(edges, _deviation(track.line, s, pose) + sprung)
 
 
@@ -128,10 +101,8 @@ def _deviation(line: Line, s: Array, pose: Array) -> Array:
     return deviation
 
 
-def _springs(
-    line: Line, motion: Motion, edges: Array, s: Array, axles: list[Array], suspension: Suspension, part: int
-) -> Array:
-    """What the springs add to the chords of one part of the car, columns of a body's motion. Shape (n, 5).
+def _springs(line: Line, motion: Motion, edges: Array, s: Array, axles: list[Array], suspension: Suspension) -> Array:
+    """Return what the springs add to the body's chord, columns of a body's motion. Shape (n, 5).
 
     ``s`` is below the middle of the car, ``axles`` are the four wheelsets in the level frame there, each (n, 4).
     """
@@ -156,14 +127,12 @@ def _springs(
     lean = np.array([[suspension.lean_moment], [0.0], [0.0]])
     vertical_force = -suspension.vertical.mass[:, None] * moved[:, None]
 
-    rows = [2 * part, 2 * part + 1]
-    lateral = suspension.lateral.response(left, lateral_signals, lateral_force, dt, rows)
-    vertical = suspension.vertical.response(up, climbing[:, None], vertical_force, dt, rows)
-    rolled = suspension.roll.response(roll, (turn / g + mean_roll[:, 0])[:, None], lean, dt, [part])
-    length = 2.0 * (suspension.half_pivot_m if part == _BODY else suspension.half_wheelbase_m)
-    chords = np.stack([_MEAN[part], _RISE[part] / length])
+    lateral = suspension.lateral.response(left, lateral_signals, lateral_force, dt, [0, 1])
+    vertical = suspension.vertical.response(up, climbing[:, None], vertical_force, dt, [0, 1])
+    rolled = suspension.roll.response(roll, (turn / g + mean_roll[:, 0])[:, None], lean, dt, [0])
+    chords = np.stack([_MEAN[0], _RISE / (2.0 * suspension.half_pivot_m)])
     lateral -= left @ chords.T
     vertical -= up @ chords.T
     return np.column_stack(
-        [lateral[:, 0], vertical[:, 0], rolled[:, 0] - mean_roll[:, part], -vertical[:, 1], lateral[:, 1]]
+        [lateral[:, 0], vertical[:, 0], rolled[:, 0] - mean_roll[:, 0], -vertical[:, 1], lateral[:, 1]]
     )

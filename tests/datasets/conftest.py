@@ -9,13 +9,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trackfg.datasets.line.irregularities import SHORTEST_M, IrregularityModel, spectra
 from trackfg.datasets.line.line import Line, piecewise_linear
+from trackfg.datasets.line.wavelength_band import d1_gain
 from trackfg.datasets.vehicle.driving import Wandering
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 
 BASE_M = 1.067
+
+
+@pytest.fixture(scope="session")
+def d1_standard_deviations() -> Callable[[IrregularityModel], Array]:
+    """The standard deviations in the band D1 that a model's spectra have, m. Shape (4,)."""
+
+    def of(model: IrregularityModel) -> Array:
+        w = np.geomspace(2 * np.pi / model.longest_m, 2 * np.pi / SHORTEST_M, 4001)
+        density = spectra(model, w) * (d1_gain(w) ** 2 * w)[:, None]
+        return np.asarray(np.sqrt(np.trapezoid(density, np.log(w), axis=0)))
+
+    return of
 
 
 def _line(

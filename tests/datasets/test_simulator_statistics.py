@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from trackfg import datasets
 from trackfg.datasets.catalogue import scenario
-from trackfg.datasets.line.irregularities import IrregularityModel, d1_standard_deviations, spectra
+from trackfg.datasets.line.irregularities import IrregularityModel, spectra
 from trackfg.datasets.line.line import Line, piecewise_linear
 from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.sensors.imu_errors import ImuResponse
@@ -33,7 +33,7 @@ def straight_geometry():
     return run.truth_geometry.dropna()
 
 
-def test_d1_standard_deviations(straight_geometry):
+def test_d1_standard_deviations(straight_geometry, d1_standard_deviations):
     level, alignment, cross_level, gauge = 1e3 * d1_standard_deviations(ROUGH)
     expected = {
         "level_mm": level,

@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.comparison.table import QUANTITIES, REFERENCE, About, Case, Row
+from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase, Row
 from trackfg.recording.findings import Finding
 from trackfg.report.flatten import leaves
 from trackfg.results.result import Result
@@ -73,7 +73,7 @@ def comparison(about: About) -> Iterator[RenderableType]:
         yield table
 
 
-def _task_table(case: Case, task: str, rows: Sequence[Row]) -> RenderableType:
+def _task_table(case: ComparedCase, task: str, rows: Sequence[Row]) -> RenderableType:
     runs = f"{len(case.seeds)} runs" if len(case.seeds) > 1 else "1 run"
     against = "" if case.basis == "truth" else ", difference from the first recording"
     table = titled(f"{case.name}, {task}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
@@ -104,7 +104,7 @@ def _score_cells(row: Row) -> Iterator[Text]:
     yield Text(number(row.seconds_per_km, ".2g"))
 
 
-def _speed_table(case: Case, quantity: str, rows: Sequence[Row]) -> RenderableType:
+def _speed_table(case: ComparedCase, quantity: str, rows: Sequence[Row]) -> RenderableType:
     """Error of each estimator in each band of speed."""
     names = list(dict.fromkeys(row.estimator for row in rows))
     names.sort(key=lambda name: name != REFERENCE)

@@ -11,14 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import get_args
 
-import pandas as pd
-
 from trackfg.baselines import adaptive_ekf, complementary, composite_positioning, mid_chord, odometry_imm
 from trackfg.baselines.result import BaselineResult
 from trackfg.comparison.table import Task
 from trackfg.errors import BadInputError
-from trackfg.friction import imm_ekf
-from trackfg.friction.smoother import smooth_friction
 from trackfg.peers import python_ins, vqf_offline
 from trackfg.peers.installed import is_installed
 from trackfg.recording.model import Recording
@@ -54,7 +50,7 @@ _NAGANUMA = "Naganuma and Uematsu, complementary filter"
 _KATO = "Kato and others, patent JP7628028B2"
 _SUTO = "Suto, Tsubokawa and Yoshida (2020)"
 _IWATA = "Iwata, Yamamichi, Sugiyama and Kitano"
-_MIYATA = "Miyata and Tsunashima, IMM-EKF"
+MIYATA = "Miyata and Tsunashima, IMM-EKF"
 
 
 def estimators(*, peers: bool = True) -> dict[str, Estimator]:
@@ -77,7 +73,7 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
             _PLACE, "composite positioning, slips replaced", _IWATA, composite_positioning.run, anchored=True
         ),
         "imm-odometry": Estimator(
-            "IMM over adhesion, slip, slide, standstill", f"after {_MIYATA}", odometry_imm.run, _PLACE
+            "IMM over adhesion, slip, slide, standstill", f"after {MIYATA}", odometry_imm.run, _PLACE
         ),
     }
     if peers and is_installed("vqf"):
@@ -100,30 +96,6 @@ def estimator(name: str, *, as_printed: bool = False) -> Run:
     if printed is None:
         raise BadInputError(f"{name}: its paper prints nothing that differs from what is built")
     return printed
-
-
-@dataclass(frozen=True)
-class FrictionEstimator:
-    """``run``: a drive (:data:`trackfg.friction.bicycle.DRIVE_COLUMNS`) in, a table with
-    :data:`trackfg.friction.bicycle.FRICTION_COLUMNS` out.
-    """
-
-    title: str
-    source: str
-    run: Callable[[pd.DataFrame], pd.DataFrame]
-
-
-def friction_estimators() -> dict[str, FrictionEstimator]:
-    """The estimators of a car's slip angle and tyre friction, the smoother first."""
-
-    def filtered(drive: pd.DataFrame, modes: int) -> pd.DataFrame:
-        return imm_ekf.run(drive, modes=modes).table
-
-    filters = {
-        f"imm-{modes}": FrictionEstimator(f"IMM-EKF of {modes} modes", _MIYATA, partial(filtered, modes=modes))
-        for modes in (3, 7, 10)
-    }
-    return {SMOOTHER: FrictionEstimator("factor-graph smoother", "trackfg", smooth_friction), **filters}
 
 
 def _printable(

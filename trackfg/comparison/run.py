@@ -1,8 +1,9 @@
 """Run every applicable estimator on the same recordings, and score all of them by one code.
 
-A case is a scenario with a seed, which has a truth, or a recording. Recordings without a truth are held against each
-other: the first of them is the reference of the rest (:mod:`trackfg.evaluation.repeatability`). Runs go into processes
-of their own; a run of one seed is the same for every estimator, so that differences are paired.
+A case is a scenario with a seed, which has a truth, a recording, or a drive of a car on a road (tyre friction).
+Recordings without a truth are held against each other: the first of them is the reference of the rest
+(:mod:`trackfg.evaluation.repeatability`). Runs go into processes of their own; a run of one seed is the same for every
+estimator, so that differences are paired.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg.comparison.case import J_TURN, Case, CaseRun, Progress, joined, run_case
-from trackfg.comparison.estimators import Estimator, FrictionEstimator, estimators, friction_estimators
-from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, About, Comparison, LeftOut, rows_of
-from trackfg.comparison.table import Case as CaseLine
+from trackfg.comparison.case import Case, CaseKind, CaseRun, Progress, joined
+from trackfg.comparison.estimators import Estimator, estimators
+from trackfg.comparison.friction_case import FRICTION_DRIVES, FrictionEstimator, friction_estimators, run_friction_case
+from trackfg.comparison.railway_case import run_railway_case
+from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, About, ComparedCase, Comparison, LeftOut, rows_of
 from trackfg.datasets.scenarios import scenario
 from trackfg.errors import BadInputError
 from trackfg.evaluation.repeatability import section_repeatability
@@ -32,7 +34,7 @@ STANDARD_S = {
     "measuring-car": 600.0,
     "mainline": 900.0,
     "slippery-line": 900.0,
-    J_TURN: None,
+    "j-turn": None,
 }
 """What is compared unless something else is named, and for how long."""
 
@@ -48,13 +50,28 @@ def cases_of(
     if not recordings and not scenarios:
         named = {name: duration_s or standard for name, standard in STANDARD_S.items()}
     for name in named:
-        if name != J_TURN:
+        if name not in FRICTION_DRIVES:
             scenario(name)
     ids = [read_recording(folder).description.id for folder in recordings]
     if twice := [name for name in ids if ids.count(name) > 1]:
         raise BadInputError(f"two recordings have the id {twice[0]!r}; expected a different one each")
-    found = [Case(name, folder=folder) for name, folder in zip(ids, recordings, strict=True)]
-    return found + [Case(name, seed, length) for name, length in named.items() for seed in range(seeds)]
+    cases = [Case(name, "recording", folder=folder) for name, folder in zip(ids, recordings, strict=True)]
+    for name, length in named.items():
+        kind: CaseKind = "friction" if name in FRICTION_DRIVES else "scenario"
+        cases += [Case(name, kind, seed, length) for seed in range(seeds)]
+    return cases
+
+
+def run_case(case: Case, *, peers: bool = True, keep: bool = True, progress: Progress | None = None) -> CaseRun:
+    """Run every estimator of the case's kind once, other packages with ``peers``. ``keep``: keep its curves too.
+
+    ``progress(estimator, fraction)`` is called before each. Raises :class:`~trackfg.errors.TrackfgError` where the
+    recording cannot be read.
+    """
+    show = progress or (lambda what, done: None)
+    if case.kind == "friction":
+        return run_friction_case(case, show=show)
+    return run_railway_case(case, peers=peers, keep=keep, show=show)
 
 
 def compare(
@@ -145,12 +162,12 @@ def _repeatability(runs: Sequence[CaseRun]) -> Iterator[pd.DataFrame]:
             )
 
 
-def _lines(runs: Sequence[CaseRun]) -> tuple[CaseLine, ...]:
+def _lines(runs: Sequence[CaseRun]) -> tuple[ComparedCase, ...]:
     by_name: dict[str, list[CaseRun]] = {}
     for run in runs:
         by_name.setdefault(run.case.name, []).append(run)
     return tuple(
-        CaseLine(
+        ComparedCase(
             name=name,
             summary=same[0].summary,
             basis="truth" if same[0].against_truth else "repeatability",

@@ -94,7 +94,7 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Case(_Model):
+class ComparedCase(_Model):
     """A scenario with its seeds, or a recording. ``basis``: held against the truth, or against the first run."""
 
     name: str
@@ -149,7 +149,7 @@ class About(_Model):
     format: Literal["trackfg-comparison/1"] = "trackfg-comparison/1"
     versions: dict[str, str] = Field(default_factory=lambda: versions())
     seconds: float
-    cases: tuple[Case, ...]
+    cases: tuple[ComparedCase, ...]
     estimators: dict[str, str]
     left_out: tuple[LeftOut, ...]
     rows: tuple[Row, ...]

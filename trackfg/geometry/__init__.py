@@ -22,6 +22,5 @@ design_versine       what the designed curve contributes to a versine
 statistics           sections of 200 m, sliding standard deviation, peaks
 limits, exceedances  limit tables, and where a geometry exceeds them
 resampling           samples at any places to a uniform step
-restoring            the shape from its versines, with its standard deviation
 ==================== =============================================================================
 """

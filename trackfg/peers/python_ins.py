@@ -170,7 +170,7 @@ def feedback_filter(
             increments=strapdown.compute_increments_from_imu(imu, "increment"),
             gyro_model=EstimationModel(gyro_bias_sd, noise.gyro_white, noise.gyro_bias_walk),
             accel_model=EstimationModel(noise.accel_bias_sd, noise.accel_white, noise.accel_bias_walk),
-            measurements=_measurements(recording, motion, start, wheel_scale),
+            measurements=_measurements(recording, motion, wheel_scale),
             time_step=time_step_s,
         )
     path, sd = result.trajectory, result.trajectory_sd
@@ -189,7 +189,7 @@ def feedback_filter(
     )
 
 
-def _measurements(recording: Recording, motion: Motion, start: Start, wheel_scale: float) -> list[Measurement]:
+def _measurements(recording: Recording, motion: Motion, wheel_scale: float) -> list[Measurement]:
     from pyins.measurements import BodyVelocity, Position
 
     description, gnss = recording.description, recording.gnss

@@ -183,8 +183,8 @@ class Figure:
         """None: its numbers are in its traces."""
         yield from ()
 
-    def spec(self, number: dict[Column, int]) -> dict[str, Any]:
-        """For ``page.js``."""
+    def spec(self, _: dict[Column, int]) -> dict[str, Any]:
+        """Return what ``page.js`` draws. It refers to no column of the page."""
         return {"kind": "figure", "traces": list(self.traces), "layout": self.layout, "height": self.height}
 
 

@@ -10,7 +10,6 @@ from trackfg.datasets.line.irregularities import (
     KNOT_M,
     Irregularities,
     IrregularityModel,
-    d1_standard_deviations,
     draw_irregularities,
     spectra,
 )
@@ -44,12 +43,12 @@ def test_measured_d1_standard_deviations_are_those_asked_for():
     assert np.all(error < 0.02 * SD**2)
 
 
-def test_expected_d1_standard_deviations_are_those_asked_for():
+def test_expected_d1_standard_deviations_are_those_asked_for(d1_standard_deviations):
     np.testing.assert_allclose(d1_standard_deviations(ASKED), SD, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("shape", "expected_mm"), [("low", [0.98, 0.71]), ("high", [1.61, 1.21])])
-def test_unscaled_shapes_have_their_known_standard_deviations(shape, expected_mm):
+def test_unscaled_shapes_have_their_known_standard_deviations(shape, expected_mm, d1_standard_deviations):
     # Published for a band with sharp edges: those of the Butterworth band take away another 6 %.
     w = np.linspace(2 * np.pi / 25, 2 * np.pi / 3, 20_001)
     sharp = np.sqrt(np.trapezoid(spectra(IrregularityModel(shape), w), w, axis=0))

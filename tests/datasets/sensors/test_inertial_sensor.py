@@ -13,11 +13,11 @@ from trackfg.datasets.sensors.inertial_sensor import gravity, ideal_samples
 from trackfg.datasets.vehicle.body_motion import through
 from trackfg.datasets.vehicle.motion import Limits, change, motion, rest
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.datasets.vehicle.vehicle import Bogie, CarBody, Rigid
+from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
 from trackfg.numerics import geodesy, rotations
 
 LATITUDES = [None, 48.0]
-VEHICLES = [Rigid(), Rigid(1.2), Bogie(), CarBody()]
+VEHICLES = [Rigid(), Rigid(1.2), CarBody()]
 
 
 @pytest.fixture

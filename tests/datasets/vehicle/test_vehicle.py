@@ -13,10 +13,10 @@ from trackfg.datasets.vehicle.flange import Flanging
 from trackfg.datasets.vehicle.motion import Limits, change, motion, rest, run
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.suspension import Suspension
-from trackfg.datasets.vehicle.vehicle import Bogie, CarBody, Rigid
+from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
 
 LEFT, UP, ROLL, PITCH, YAW = range(5)
-VEHICLES = [Rigid(), Rigid(1.2), Bogie(), Bogie(end="rear"), CarBody(), Flanging(Rigid(), seed=1)]
+VEHICLES = [Rigid(), Rigid(1.2), CarBody(), Flanging(Rigid(), seed=1)]
 G = units.STANDARD_GRAVITY
 
 
@@ -128,11 +128,6 @@ def test_coach_coasting_over_a_wave_swings_as_its_gain(make_line):
     expected = amplitude * (gain[:, None] * np.exp(1j * lag)).imag
     np.testing.assert_allclose(body[late, UP], expected[0, late], atol=2e-6)
     np.testing.assert_allclose(body[late, PITCH], -expected[1, late], atol=1e-6)
-    # The front frame's own place is ahead of the middle of the car.
-    frame = Bogie().body_motion(track, drive, edges).at(edges)
-    ahead = np.exp(-2j * np.pi * suspension.half_pivot_m / wavelength)
-    expected = amplitude * (gain[2] * ahead * np.exp(1j * lag)).imag
-    np.testing.assert_allclose(frame[late, UP], expected[late], atol=2e-6)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -152,27 +147,6 @@ def test_coach_in_a_curve_is_inside_slides_and_leans_outwards(make_line, side):
     lean = suspension.roll_coefficient * deficiency / G
     expected = np.array([side * (inside - slide), 0, side * lean, 0, 0])
     np.testing.assert_allclose(at, np.broadcast_to(expected, at.shape), atol=2e-5)
-
-
-@pytest.mark.parametrize(("end", "sign"), [("front", 1), ("rear", -1)])
-def test_frame_creeping_through_a_sharp_curve_stays_on_its_wheelsets(make_line, end, sign):
-    line = make_line([0, 2000], [1 / 100, 1 / 100])
-    edges = tables.clock(5.0, 100.0)
-    drive = motion(rest(6.0), 500.0, 0.1)
-    at = Bogie(end=end).body_motion(_even(line), drive, edges).at(edges)
-    alone = Rigid(2.5).body_motion(_even(line), drive, edges).at(edges)
-    np.testing.assert_allclose(at, alone, atol=1e-5)
-
-
-def test_both_frames_follow_the_track_below_them(make_line):
-    line = make_line([0, 3000], [0, 0])
-    track = Track(line, draw_irregularities(IrregularityModel(), 3000.0, np.random.default_rng(4)), 1.067)
-    edges = tables.clock(40.0, 200.0)
-    drive, settled = motion(rest(41.0), 500.0, 5.0), edges > 10.0
-    alone = Rigid(2.5).body_motion(track, drive, edges).at(edges)[settled]
-    for end in ("front", "rear"):
-        off = Bogie(end=end).body_motion(track, drive, edges).at(edges)[settled] - alone
-        assert (np.std(off[:, [LEFT, UP, YAW]], axis=0) < 0.2 * np.std(alone[:, [LEFT, UP, YAW]], axis=0)).all()
 
 
 def test_springs_need_even_spacing(make_line):

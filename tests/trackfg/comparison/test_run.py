@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.comparison.estimators import SMOOTHER, estimator, estimators, friction_estimators
+from trackfg.comparison.estimators import SMOOTHER, estimator, estimators
+from trackfg.comparison.friction_case import friction_estimators
 from trackfg.comparison.run import Case, cases_of, compare
 from trackfg.comparison.table import SCORE_COLUMNS, TRUTH, Comparison
 from trackfg.datasets.scenarios import simulate
@@ -88,7 +89,7 @@ def test_recordings_without_truth_are_held_against_the_first(tmp_path: Path) -> 
 def test_a_recording_with_its_truth(tmp_path: Path) -> None:
     simulate("trolley", seed=3, duration_s=60.0).write(tmp_path / "run")
     (case,) = cases_of([tmp_path / "run"])
-    assert case == Case("trolley-seed3-run0", folder=tmp_path / "run")
+    assert case == Case("trolley-seed3-run0", "recording", folder=tmp_path / "run")
     result = compare([case], peers=False)
     assert result.about.cases[0].basis == "truth"
     assert {row.case for row in result.about.rows} == {"trolley-seed3-run0"}

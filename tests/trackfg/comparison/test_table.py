@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.comparison.table import FILES, SCORE_COLUMNS, About, Case, Comparison, rows_of
+from trackfg.comparison.table import FILES, SCORE_COLUMNS, About, ComparedCase, Comparison, rows_of
 from trackfg.errors import BadInputError
 
 
@@ -52,7 +52,7 @@ def comparison() -> Comparison:
     scores = pd.DataFrame([score("smoother", 0, 1.0), score("gyro", 0, 2.0)])
     about = About(
         seconds=1.5,
-        cases=(Case(name="mainline", duration_s=60.0, distance_km=4.0),),
+        cases=(ComparedCase(name="mainline", duration_s=60.0, distance_km=4.0),),
         estimators={"smoother": "it"},
         left_out=(),
         rows=rows_of(scores),

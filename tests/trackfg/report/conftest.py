@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.comparison.table import SCORE_COLUMNS, About, Case, Comparison, LeftOut, rows_of
+from trackfg.comparison.table import SCORE_COLUMNS, About, ComparedCase, Comparison, LeftOut, rows_of
 from trackfg.results.result import Result
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -110,7 +110,7 @@ def comparison() -> Comparison:
     )
     about = About(
         seconds=75.0,
-        cases=(Case(name="car", summary="a car", seeds=(0, 1, 2), duration_s=100.0, distance_km=4.0),),
+        cases=(ComparedCase(name="car", summary="a car", seeds=(0, 1, 2), duration_s=100.0, distance_km=4.0),),
         estimators={"smoother": "factor-graph smoother (trackfg)", "rival": "somebody's filter (2020)"},
         left_out=(LeftOut(case="car", estimator="third", reason="no lasers on this car"),),
         rows=rows_of(scores),
