@@ -68,7 +68,7 @@ def make_result() -> Callable[..., Result]:
             "geometry": {"gauge_m": 1.067, "cross_level_base_m": 1.067, **GeometryConfig().model_dump()},
             "gyro_bias_radps": VectorEstimate(value=(1e-4, -2e-4, 3e-5), sd=(1e-6, 1e-6, 2e-6)),
             "accel_bias_mps2": VectorEstimate(value=(0.01, 0.02, -0.03), sd=(1e-3, 1e-3, 1e-3)),
-            "findings": (Finding("warning", "gap", "a gap of 2 s", file="imu.csv", column="t", row=3, mend="none"),),
+            "findings": (Finding("warning", "gap", "a gap of 2 s", file="imu.csv", column="t", row=3, hint="none"),),
         }
         return Result(trajectory, _made_up_geometry(trajectory), events, Summary.model_validate({**page, **summary}))
 

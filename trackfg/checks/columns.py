@@ -25,7 +25,7 @@ class ColumnPlace:
     column: str
     t: Array | None = None
 
-    def error(self, code: str, message: str, row: int, *, expected: str | None, mend: str | None) -> Finding:
+    def error(self, code: str, message: str, row: int, *, expected: str | None, hint: str | None) -> Finding:
         """An error in the row of that index."""
         time = float(self.t[row]) if self.t is not None and np.isfinite(self.t[row]) else None
         return Finding(
@@ -37,7 +37,7 @@ class ColumnPlace:
             row=row + 1,
             time_s=time,
             expected=expected,
-            mend=mend,
+            hint=hint,
         )
 
 
@@ -47,10 +47,10 @@ def not_finite(values: Array, place: ColumnPlace) -> list[Finding]:
     if (magnitude <= LARGEST).all():
         return []
     empty = np.isnan(values)
-    mend = "remove the row, or write the value"
+    hint = "remove the row, or write the value"
     return [
-        *_at_first(empty, place, "nan", "empty or NaN", "a finite number", mend),
-        *_at_first(magnitude > LARGEST, place, "infinite", f"infinite, or above {LARGEST:g}", "a finite number", mend),
+        *_at_first(empty, place, "nan", "empty or NaN", "a finite number", hint),
+        *_at_first(magnitude > LARGEST, place, "infinite", f"infinite, or above {LARGEST:g}", "a finite number", hint),
     ]
 
 
@@ -98,38 +98,38 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
             row=longest + 2,
             time_s=float(t[longest + 1]),
             expected=f"at most {limit:.3g} s",
-            mend="recover the missing rows, or cut the recording in two here" if is_error else None,
+            hint="recover the missing rows, or cut the recording in two here" if is_error else None,
         )
     ]
 
 
 def not_positive(sd: Array, place: ColumnPlace) -> list[Finding]:
     """Sigmas that are zero or negative."""
-    mend = "write the 1-sigma error in m"
-    return _at_first(sd <= 0, place, "bad-sigma", "a sigma that is zero or negative", "a number above 0", mend, sd)
+    hint = "write the 1-sigma error in m"
+    return _at_first(sd <= 0, place, "bad-sigma", "a sigma that is zero or negative", "a number above 0", hint, sd)
 
 
 def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
     """A cumulative count or distance that falls although the tach is declared unsigned."""
-    mend = "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first"
+    hint = "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first"
     expected = "a value that never falls, as tach.signed = false"
     back = np.diff(distance, prepend=-np.inf) < 0
-    return _at_first(back, place, "tach-backwards", "the tach runs backwards", expected, mend, distance)
+    return _at_first(back, place, "tach-backwards", "the tach runs backwards", expected, hint, distance)
 
 
 def negative_speed(speed: Array, place: ColumnPlace) -> list[Finding]:
     """A speed below zero although the tach is declared unsigned."""
-    mend = "set tach.signed = true if the vehicle rolled back"
+    hint = "set tach.signed = true if the vehicle rolled back"
     expected = "a speed of zero or more, as tach.signed = false"
-    return _at_first(speed < 0, place, "tach-backwards", "the tach runs backwards", expected, mend, speed)
+    return _at_first(speed < 0, place, "tach-backwards", "the tach runs backwards", expected, hint, speed)
 
 
 def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[Finding]:
     """Latitudes or longitudes (deg) that do not exist."""
     wrong = (values < low) | (values > high)
-    mend = 'check the order in gnss.position: latitude, longitude, height; for east, north, up set frame = "local"'
+    hint = 'check the order in gnss.position: latitude, longitude, height; for east, north, up set frame = "local"'
     expected = f"{low:g} to {high:g} deg"
-    return _at_first(wrong, place, "position-range", "no such position on the Earth", expected, mend, values)
+    return _at_first(wrong, place, "position-range", "no such position on the Earth", expected, hint, values)
 
 
 def _at_first(
@@ -138,7 +138,7 @@ def _at_first(
     code: str,
     message: str,
     expected: str,
-    mend: str,
+    hint: str,
     values: Array | None = None,
 ) -> list[Finding]:
     """One error for the first row marked in ``wrong``, with its value if ``values`` are given; none if no row is."""
@@ -150,4 +150,4 @@ def _at_first(
         message = f"{values[i]:.9g}: {message}"
     if count > 1:
         message += f" ({count} such rows)"
-    return [place.error(code, message, i, expected=expected, mend=mend)]
+    return [place.error(code, message, i, expected=expected, hint=hint)]

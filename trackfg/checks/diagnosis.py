@@ -119,24 +119,24 @@ def _axes(axes: AxesEstimate, limits: CheckLimits) -> list[Finding]:
             f"with {axes.declared!r} the axis that follows the tach's acceleration is {axes.best_forward} "
             f"(correlation {axes.best_forward_correlation:.2f}; forward {axes.forward_correlation:.2f})"
         )
-        mend = f'set imu.axes = "{axes.proposed}", or reverse the vehicle frame if the run was backwards'
+        hint = f'set imu.axes = "{axes.proposed}", or reverse the vehicle frame if the run was backwards'
         found.append(
-            Finding("warning", "forward-axis", message, file=_TOML, column="imu.axes", expected="+x", mend=mend)
+            Finding("warning", "forward-axis", message, file=_TOML, column="imu.axes", expected="+x", hint=hint)
         )
     slope, correlation = axes.gyro_slope, axes.lateral_correlation
     if slope is None or correlation is None or abs(correlation) < limits.axis_correlation:
         return found
     if slope < 0 and not (strong and axes.best_forward != "+x"):
         message = f"lateral specific force falls where speed x yaw rate grows (correlation {correlation:.2f})"
-        mend = "check the signs of the gyro's columns, and of imu.axes: gyro and accelerometer share it"
+        hint = "check the signs of the gyro's columns, and of imu.axes: gyro and accelerometer share it"
         found.append(
-            Finding("warning", "gyro-sign", message, file=_TOML, column="imu.axes", expected="it to grow", mend=mend)
+            Finding("warning", "gyro-sign", message, file=_TOML, column="imu.axes", expected="it to grow", hint=hint)
         )
     if abs(correlation) > 0.8 and not 0.5 < abs(slope) < 2.0:
         message = f"lateral specific force is {abs(slope):.3g} times what speed and gyro imply"
-        mend = "check the units and scales of gyro, accelerometer and tach"
+        hint = "check the units and scales of gyro, accelerometer and tach"
         found.append(
-            Finding("warning", "gyro-scale", message, file=_TOML, column="imu.gyro_unit", expected="about 1", mend=mend)
+            Finding("warning", "gyro-scale", message, file=_TOML, column="imu.gyro_unit", expected="about 1", hint=hint)
         )
     return found
 
@@ -146,9 +146,9 @@ def _clock(recording: Recording, offset: ClockOffset | None) -> list[Finding]:
     if offset is None or tach is None or abs(offset.offset_s) < max(0.02, 4.0 * offset.sd_s):
         return []
     message = f"the tach's clock is off by {offset.offset_s:+.3f} s (sd {offset.sd_s:.3f} s)"
-    mend = f"set tach.time_offset_s = {tach.time_offset_s + offset.offset_s:.3f}, or have it estimated"
+    hint = f"set tach.time_offset_s = {tach.time_offset_s + offset.offset_s:.3f}, or have it estimated"
     return [
-        Finding("warning", "clock-offset", message, file=_TOML, column="tach.time_offset_s", expected="0", mend=mend)
+        Finding("warning", "clock-offset", message, file=_TOML, column="tach.time_offset_s", expected="0", hint=hint)
     ]
 
 
@@ -160,15 +160,15 @@ def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
     gyro = float(np.max(np.abs(bias.gyro_radps)))
     if gyro > 4.0 * noise.gyro_bias_sd + 1e-4:
         message = f"the gyro shows {gyro:.3g} rad/s at rest, declared sigma {noise.gyro_bias_sd:.3g}"
-        mend = f"set gyro_bias_sd = {gyro:.2g}"
-        found.append(Finding("warning", "gyro-bias", message, file=_TOML, column="imu.noise.gyro_bias_sd", mend=mend))
+        hint = f"set gyro_bias_sd = {gyro:.2g}"
+        found.append(Finding("warning", "gyro-bias", message, file=_TOML, column="imu.noise.gyro_bias_sd", hint=hint))
     accel = abs(bias.accel_excess_mps2)
     if accel > 4.0 * float(np.hypot(noise.accel_bias_sd, bias.accel_excess_sd_mps2)):
         message = (
             f"specific force at rest is off gravity by {accel:.3g} m/s^2, declared sigma {noise.accel_bias_sd:.3g}"
         )
-        mend = f"set accel_bias_sd = {accel:.2g}, or calibrate the accelerometer's scale"
-        found.append(Finding("warning", "accel-bias", message, file=_TOML, column="imu.noise.accel_bias_sd", mend=mend))
+        hint = f"set accel_bias_sd = {accel:.2g}, or calibrate the accelerometer's scale"
+        found.append(Finding("warning", "accel-bias", message, file=_TOML, column="imu.noise.accel_bias_sd", hint=hint))
     return found
 
 
@@ -186,7 +186,7 @@ def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
             message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared"
             found.append(
                 Finding(
-                    "warning", "noise-low", message, file=_TOML, column=key, mend=f"set {name} = {value:.2g} or more"
+                    "warning", "noise-low", message, file=_TOML, column=key, hint=f"set {name} = {value:.2g} or more"
                 )
             )
         elif ratio < 1.0 / limits.noise_ratio_warning:
@@ -200,9 +200,9 @@ def _wheel(recording: Recording, wheel: WheelScale | None) -> list[Finding]:
     if wheel is None or tach is None or abs(wheel.scale - 1.0) < 3.0 * float(np.hypot(tach.scale_sd, wheel.sd)):
         return []
     message = f"true distance is {wheel.scale:.5f} (sd {wheel.sd:.5f}) of the tach's, by {wheel.source}"
-    key, mend = "tach.scale_sd", f"check tach.unit, or set tach.scale_sd = {abs(wheel.scale - 1.0):.2g}"
+    key, hint = "tach.scale_sd", f"check tach.unit, or set tach.scale_sd = {abs(wheel.scale - 1.0):.2g}"
     if tach.kind == "pulses" and tach.wheel_diameter_m is not None:
         key = "tach.wheel_diameter_m"
-        mend = f"set tach.wheel_diameter_m = {tach.wheel_diameter_m * wheel.scale:.4f}"
+        hint = f"set tach.wheel_diameter_m = {tach.wheel_diameter_m * wheel.scale:.4f}"
     expected = f"1 within {3.0 * tach.scale_sd:.3g}"
-    return [Finding("warning", "wheel-scale", message, file=_TOML, column=key, expected=expected, mend=mend)]
+    return [Finding("warning", "wheel-scale", message, file=_TOML, column=key, expected=expected, hint=hint)]

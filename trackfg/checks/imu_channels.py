@@ -49,7 +49,7 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
     message = (
         f"all six channels repeat the row before in {share:.1%} of the rows, at worst for {seconds:.3g} s from here"
     )
-    mend = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
+    hint = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
     return [
         Finding(
             "warning",
@@ -59,7 +59,7 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
             row=start + 1,
             time_s=float(t[start]),
             expected="samples",
-            mend=mend,
+            hint=hint,
         )
     ]
 
@@ -70,7 +70,7 @@ def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -
         return []
     whole = length == channel.size - 1
     message = "constant over the whole recording" if whole else f"constant for {t[start + length] - t[start]:.4g} s"
-    mend = "check the sensor and the logger's resolution"
+    hint = "check the sensor and the logger's resolution"
     expected = "a signal with noise"
     return [
         Finding(
@@ -82,7 +82,7 @@ def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -
             row=start + 1,
             time_s=float(t[start]),
             expected=expected,
-            mend=mend,
+            hint=hint,
         )
     ]
 
@@ -97,7 +97,7 @@ def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
         if length >= _MIN_PLATEAU and abs(end - middle) > _FAR * spread > 0.0:
             i = int(np.argmax(at_end))
             message = f"stays at its extreme {end:.6g} (SI) in {np.count_nonzero(at_end)} rows: saturated"
-            mend = "use a wider range; until then the rows near these are not to be trusted"
+            hint = "use a wider range; until then the rows near these are not to be trusted"
             return [
                 Finding(
                     "warning",
@@ -107,7 +107,7 @@ def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
                     column=name,
                     row=i + 1,
                     time_s=float(t[i]),
-                    mend=mend,
+                    hint=hint,
                 )
             ]
     return []
@@ -119,7 +119,7 @@ def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit
         return []
     i, count = int(beyond.argmax()), int(np.count_nonzero(beyond))
     message = f"{channel[i]:.6g} {unit}" + (f", and {count - 1} more such values" if count > 1 else "")
-    mend = "remove the rows: a short gap is bridged"
+    hint = "remove the rows: a short gap is bridged"
     expected = f"at most {most:g} {unit}"
     return [
         Finding(
@@ -131,7 +131,7 @@ def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit
             row=i + 1,
             time_s=float(t[i]),
             expected=expected,
-            mend=mend,
+            hint=hint,
         )
     ]
 

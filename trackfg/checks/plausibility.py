@@ -55,7 +55,7 @@ def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
     for key in ("gauge_m", "cross_level_base_m"):
         value = getattr(track, key)
         if not 0.3 <= value <= 4.0:
-            mend = f"write {value / 1000:g}" if 300 <= value <= 4000 else None
+            hint = f"write {value / 1000:g}" if 300 <= value <= 4000 else None
             found.append(
                 Finding(
                     "error",
@@ -64,14 +64,14 @@ def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
                     file=toml,
                     column=f"track.{key}",
                     expected="0.3 to 4 m",
-                    mend=mend,
+                    hint=hint,
                 )
             )
     latitude = track.latitude_deg
     if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > 0.5:
         message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"
-        mend = f"write {gnss_origin[0]:.3f}"
-        found.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", mend=mend))
+        hint = f"write {gnss_origin[0]:.3f}"
+        found.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", hint=hint))
     return found
 
 
@@ -82,11 +82,11 @@ def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Fi
         return []
     raw = interval / to_si("time", imu.time_unit)
     units = [unit for unit in known_units("time") if 2e-4 <= raw * to_si("time", unit) <= high]
-    mend = f'set imu.time_unit = "{units[0]}"' if units else "check the time column and imu.time_unit"
+    hint = f'set imu.time_unit = "{units[0]}"' if units else "check the time column and imu.time_unit"
     message = f"rows are {interval:.4g} s apart (median)"
     return [
         Finding(
-            "error", "time-unit", message, file=imu.file, column=imu.time, expected=f"{low:g} to {high:g} s", mend=mend
+            "error", "time-unit", message, file=imu.file, column=imu.time, expected=f"{low:g} to {high:g} s", hint=hint
         ),
     ]
 
@@ -99,17 +99,17 @@ def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> l
     columns = ", ".join(imu.accel)
     if abs(magnitude - g) > limits.gravity_error_mps2:
         message = f"the median specific force is {magnitude:.4g} m/s^2 as declared ({imu.accel_unit})"
-        mend = "check imu.accel and imu.accel_unit"
+        hint = "check imu.accel and imu.accel_unit"
         if imu.accel_unit == "m/s^2" and abs(magnitude * g - g) < limits.gravity_error_mps2:
-            mend = 'the data look like g: set imu.accel_unit = "g"'
+            hint = 'the data look like g: set imu.accel_unit = "g"'
         elif imu.accel_unit == "g" and abs(magnitude / g - g) < limits.gravity_error_mps2:
-            mend = 'the data look like m/s^2: set imu.accel_unit = "m/s^2"'
+            hint = 'the data look like m/s^2: set imu.accel_unit = "m/s^2"'
         elif 0.8 < magnitude / (1000.0 * to_si("acceleration", imu.accel_unit)) < 1.2:
-            mend = 'the data look like milli-g: divide them by 1000 and set imu.accel_unit = "g"'
+            hint = 'the data look like milli-g: divide them by 1000 and set imu.accel_unit = "g"'
         elif magnitude < 1.0:
-            mend = "gravity seems to have been removed: record specific force, as the sensor gives it"
+            hint = "gravity seems to have been removed: record specific force, as the sensor gives it"
         expected = f"{g:.2f} m/s^2 within {limits.gravity_error_mps2:g}"
-        return [Finding("error", "accel-unit", message, file=imu.file, column=columns, expected=expected, mend=mend)]
+        return [Finding("error", "accel-unit", message, file=imu.file, column=columns, expected=expected, hint=hint)]
     up = force / magnitude
     tilt = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
     if tilt <= limits.tilt_warning_deg:
@@ -118,27 +118,27 @@ def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> l
     if tilt <= limits.tilt_error_deg or abs(up).max() < np.cos(np.radians(limits.tilt_error_deg)):
         roll, pitch = np.degrees(np.arctan2(up[1], up[2])), np.degrees(-np.arcsin(np.clip(up[0], -1, 1)))
         message = f"gravity is {tilt:.0f} deg off the vertical of the declared axes"
-        mend = f"if the sensor is mounted so, turn imu.mount_rpy_deg by roll {roll:.1f}, pitch {pitch:.1f} deg"
+        hint = f"if the sensor is mounted so, turn imu.mount_rpy_deg by roll {roll:.1f}, pitch {pitch:.1f} deg"
         level: Level = "warning" if tilt <= limits.tilt_error_deg else "error"
-        return [Finding(level, "gravity-tilt", message, file=toml, column="imu.axes", expected=expected, mend=mend)]
+        return [Finding(level, "gravity-tilt", message, file=toml, column="imu.axes", expected=expected, hint=hint)]
     sensor = imu_rotation(imu).T @ force
     i = int(np.argmax(np.abs(sensor)))
     message = (
         f"gravity is on the wrong axis or sign: column {imu.accel[i]!r}, declared {imu.axes[i]}, "
         f"holds {sensor[i]:+.2f} m/s^2, so it points {'up' if sensor[i] > 0 else 'down'}"
     )
-    mend = f'set imu.axes = "{diagnosis_axes.propose_axes(imu.axes, up, None)}" if the other columns are right'
-    return [Finding("error", "gravity-axis", message, file=imu.file, column=imu.accel[i], expected=expected, mend=mend)]
+    hint = f'set imu.axes = "{diagnosis_axes.propose_axes(imu.axes, up, None)}" if the other columns are right'
+    return [Finding("error", "gravity-axis", message, file=imu.file, column=imu.accel[i], expected=expected, hint=hint)]
 
 
 def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
     """Angular rates that no vehicle has, or that do not fit the lateral specific force."""
     columns = ", ".join(imu.gyro)
     other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
-    mend = f'the data look like {other}: set imu.gyro_unit = "{other}"'
+    hint = f'the data look like {other}: set imu.gyro_unit = "{other}"'
 
     def wrong(message: str, expected: str) -> list[Finding]:
-        return [Finding("error", "gyro-unit", message, file=imu.file, column=columns, expected=expected, mend=mend)]
+        return [Finding("error", "gyro-unit", message, file=imu.file, column=columns, expected=expected, hint=hint)]
 
     if not motion.valid.any():
         return []
@@ -171,13 +171,13 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
 def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
     """Speeds that no vehicle has, and a wheel of no usual size."""
     found = []
-    mend: str | None
+    hint: str | None
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     span = max(1, int(np.searchsorted(t, t[0] + 1.0)))
     speed = np.abs(distance[span:] - distance[:-span]) / (t[span:] - t[:-span])
     fastest = float(np.quantile(speed, 0.99)) if speed.size else 0.0
     if fastest > limits.speed_error_mps:
-        mend = (
+        hint = (
             f"check {section.name}.wheel_diameter_m (in m) and {section.name}.pulses_per_rev"
             if tach.kind == "pulses"
             else f"check {section.name}.kind and {section.name}.unit"
@@ -190,12 +190,12 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
                 file=tach.file,
                 column=tach.column,
                 expected=f"at most {limits.speed_error_mps:g} m/s",
-                mend=mend,
+                hint=hint,
             )
         )
     diameter = tach.wheel_diameter_m
     if diameter is not None and not 0.2 <= diameter <= 2.0:
-        mend = f"write {diameter / 1000:g}" if 200 <= diameter <= 2000 else None
+        hint = f"write {diameter / 1000:g}" if 200 <= diameter <= 2000 else None
         found.append(
             Finding(
                 "warning",
@@ -204,7 +204,7 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
                 file=section.file,
                 column=f"{section.name}.wheel_diameter_m",
                 expected="0.2 to 2 m",
-                mend=mend,
+                hint=hint,
             )
         )
     return found
@@ -218,11 +218,11 @@ def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: 
     message = None
     if largest > limits.laser_range_m:
         message = f"displacements of {largest:.4g} m as declared ({laser.unit})"
-        mend = 'the data look like mm: set unit = "mm"' if laser.unit == "m" else "divide the data by 1000"
+        hint = 'the data look like mm: set unit = "mm"' if laser.unit == "m" else "divide the data by 1000"
         expected = f"at most {limits.laser_range_m:g} m"
     elif 0.0 < high - low < 0.05 * laser.sd_m and laser.unit == "mm" and largest * 1000.0 <= limits.laser_range_m:
         message = f"the displacement varies by {high - low:.3g} m as declared (mm), far below its sigma"
-        mend = 'the data look like m: set unit = "m"'
+        hint = 'the data look like m: set unit = "m"'
         expected = f"a variation above {laser.sd_m:g} m"
     if message is None:
         return []
@@ -234,7 +234,7 @@ def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: 
             file=laser.file,
             column=laser.column,
             expected=expected,
-            mend=mend,
+            hint=hint,
         )
     ]
 
@@ -264,7 +264,7 @@ def _overlaps(
                 file=part.file,
                 column=part.time,
                 expected="times within those of the IMU",
-                mend=f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit",
+                hint=f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit",
             )
         )
     return found

@@ -135,9 +135,9 @@ def simulate(
 
 @app.command(epilog="Example: trackfg check run1")
 def check(recording: RecordingFolder, json: Json = False) -> None:
-    """List everything that is wrong or doubtful in a recording, with the mend, and what its data say by themselves.
+    """List everything that is wrong or doubtful in a recording, with a hint what to do.
 
-    Exit status 2 if anything is wrong.
+    Also listed is what the data say by themselves. Exit status 2 if anything is wrong.
     """
     from trackfg.cli import tables
     from trackfg.io.check import check_recording

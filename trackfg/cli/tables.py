@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -139,11 +138,11 @@ def _labelled(quantity: str) -> str:
 
 
 def findings(found: Sequence[Finding]) -> RenderableType:
-    """Worst first, each with its place and mend; a line where there is none."""
+    """Worst first, each with its place and hint; a line where there is none."""
     if not found:
         return Text("Nothing to report: the recording is sound.")
     table = titled("Findings", show_lines=True)
-    for heading in ("", "where", "what", "mend"):
+    for heading in ("", "where", "what", "hint"):
         table.add_column(heading, overflow="fold")
     for finding in sorted(found, key=lambda one: list(_COLOUR).index(one.level)):
         expected = f"; expected {finding.expected}" if finding.expected else ""
@@ -151,7 +150,7 @@ def findings(found: Sequence[Finding]) -> RenderableType:
             Text(finding.level, style=_COLOUR[finding.level]),
             Text(finding.place),
             Text(finding.message + expected),
-            Text(finding.mend or ""),
+            Text(finding.hint or ""),
         )
     return table
 
@@ -168,7 +167,7 @@ def estimates(values: Mapping[str, Any]) -> RenderableType:
 
 def check_json(report: CheckReport) -> str:
     """Findings and estimates as JSON."""
-    content = {"findings": [asdict(finding) for finding in report.findings], "estimates": report.estimates}
+    content = {"findings": [finding.as_json() for finding in report.findings], "estimates": report.estimates}
     return json.dumps(content, indent=2)
 
 

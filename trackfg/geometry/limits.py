@@ -215,8 +215,8 @@ def _sentence(detail: ErrorDetails, file: str) -> str:
     where = ", ".join(place)
     if detail["type"] == "extra_forbidden":
         known = list(Limit.model_fields) if len(loc) > 1 else ["limits"]
-        mend = did_you_mean(str(loc[-1]), known)
-        return f"{where}: unknown key; expected one of {', '.join(known)}" + (f". Mend: {mend}" if mend else "")
+        hint = did_you_mean(str(loc[-1]), known)
+        return f"{where}: unknown key; expected one of {', '.join(known)}" + (f". Hint: {hint}" if hint else "")
     if detail["type"] == "missing":
         return f"{where}: required key is missing"
     if detail["type"] == "value_error":

@@ -64,9 +64,9 @@ def _fix_order(recording: Recording) -> list[Finding]:
     message = f"chainage runs against track.direction = {recording.description.track.direction}"
     if (count := int(against.sum())) > 1:
         message += f" ({count} such rows)"
-    mend = "set track.direction = -1 if chainage falls along this run, or sort out the mixed-up fix"
+    hint = "set track.direction = -1 if chainage falls along this run, or sort out the mixed-up fix"
     if recording.description.track.direction == -1:
-        mend = mend.replace("-1", "1").replace("falls", "grows")
+        hint = hint.replace("-1", "1").replace("falls", "grows")
     time = float(fixes["t_s"].iloc[i])
     expected = "chainages in the order of the run"
     return [
@@ -79,6 +79,6 @@ def _fix_order(recording: Recording) -> list[Finding]:
             row=i + 1,
             time_s=time,
             expected=expected,
-            mend=mend,
+            hint=hint,
         )
     ]

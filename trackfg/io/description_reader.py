@@ -80,9 +80,9 @@ def read_description(path: Path | str) -> ReadDescription:
     except OSError as error:
         return _only(Finding("error", "no-recording", f"cannot be read ({error.strerror})", file=str(toml)))
     except ValueError as error:  # undecodable bytes and TOML syntax alike
-        mend = "correct this line; text goes in quotation marks, lists in [ ]"
+        hint = "correct this line; text goes in quotation marks, lists in [ ]"
         return _only(
-            Finding("error", "toml-syntax", str(error), file=toml.name, expected="TOML 1.0 in UTF-8", mend=mend)
+            Finding("error", "toml-syntax", str(error), file=toml.name, expected="TOML 1.0 in UTF-8", hint=hint)
         )
     except RecursionError:
         return _only(Finding("error", "toml-syntax", "nested too deeply", file=toml.name, expected="TOML 1.0"))
@@ -138,10 +138,10 @@ def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
     declared = data.get("format")
     if declared != FORMAT:
         what = "is missing" if declared is None else f"is {declared!r}"
-        mend = f'write format = "{FORMAT}"'
+        hint = f'write format = "{FORMAT}"'
         if isinstance(declared, str) and declared.startswith("trackfg-recording/"):
-            mend = "this version of trackfg reads version 1 only: convert the recording, or update trackfg"
-        findings.append(Finding("error", "format", what, file=file, column="format", expected=repr(FORMAT), mend=mend))
+            hint = "this version of trackfg reads version 1 only: convert the recording, or update trackfg"
+        findings.append(Finding("error", "format", what, file=file, column="format", expected=repr(FORMAT), hint=hint))
     rest = {key: value for key, value in data.items() if key not in _PARTS and key != "format"}
     try:
         RecordingDescription.model_validate({**rest, "imu": _ANY_IMU} if "imu" in data else rest)
@@ -180,15 +180,15 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
     column = ".".join(filter(None, [prefix, *keys])) or None
     kind, given, context = detail["type"], detail.get("input"), detail.get("ctx", {})
 
-    def finding(code: str, message: str, expected: str | None = None, mend: str | None = None) -> Finding:
-        return Finding("error", code, message, file=file, column=column, expected=expected, mend=mend)
+    def finding(code: str, message: str, expected: str | None = None, hint: str | None = None) -> Finding:
+        return Finding("error", code, message, file=file, column=column, expected=expected, hint=hint)
 
     if kind == "extra_forbidden":
         known = _keys_at(model, loc[:-1])
         hint = did_you_mean(name, known)
         return finding("unknown-key", "unknown key", f"one of {', '.join(known)}", hint or "remove it")
     if kind == "missing" and loc == keys:
-        return finding("missing-key", "required key is missing", mend=f"add it: {_EXAMPLES.get(name, name + ' = ...')}")
+        return finding("missing-key", "required key is missing", hint=f"add it: {_EXAMPLES.get(name, name + ' = ...')}")
     if kind == "literal_error":
         code = "unknown-unit" if name in ("unit", "time_unit", "gyro_unit", "accel_unit") else "bad-value"
         choices = re.findall(r"'([^']*)'", str(context["expected"]))

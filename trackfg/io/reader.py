@@ -52,7 +52,7 @@ def read_recording(path: Path | str, limits: CheckLimits | None = None) -> Recor
     """Read the recording in the folder ``path``, or described by the file ``path``; tables as in
     trackfg.recording.model.
 
-    Raises :class:`BadInputError` with the first error (file, column, data row, what was expected, the mend) and how
+    Raises :class:`BadInputError` with the first error (file, column, data row, what was expected, the hint) and how
     many more there are.
     """
     loaded = load(path, limits)

@@ -41,13 +41,13 @@ class TableFile:
             return None, [self.faults[column]]
         if column in self.values:
             return self.values[column], []
-        mend = did_you_mean(column, self.columns)
+        hint = did_you_mean(column, self.columns)
         if len(self.columns) == 1 and any(separator in self.columns[0] for separator in ";\t"):
-            mend = "separate the cells by commas"
+            hint = "separate the cells by commas"
         expected = f"one of {', '.join(self.columns[:30])}" if self.columns else "a header: the file is empty"
         return None, [
             Finding(
-                "error", "missing-column", "no such column", file=self.name, column=column, expected=expected, mend=mend
+                "error", "missing-column", "no such column", file=self.name, column=column, expected=expected, hint=hint
             )
         ]
 
@@ -55,8 +55,8 @@ class TableFile:
 def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]:
     """The existing file ``name`` of ``folder``; or None and why not. Nothing outside ``folder`` is touched."""
 
-    def refused(code: str, message: str, expected: str, mend: str | None = None) -> tuple[None, list[Finding]]:
-        return None, [Finding("error", code, message, file=name, expected=expected, mend=mend)]
+    def refused(code: str, message: str, expected: str, hint: str | None = None) -> tuple[None, list[Finding]]:
+        return None, [Finding("error", code, message, file=name, expected=expected, hint=hint)]
 
     inside = "a file in the recording's folder, named relative to it"
     posix, windows = PurePosixPath(name), PureWindowsPath(name)
@@ -65,8 +65,8 @@ def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]
     try:
         path = (folder / name).resolve()
         if not path.is_relative_to(folder.resolve()):
-            mend = "copy the table into the folder instead of linking to it"
-            return refused("path-outside", "the link leads out of the recording", inside, mend)
+            hint = "copy the table into the folder instead of linking to it"
+            return refused("path-outside", "the link leads out of the recording", inside, hint)
         if path.is_file():
             return path, []
         siblings = [p.relative_to(folder).as_posix() for p in (folder / name).parent.glob("*") if p.is_file()]
@@ -89,9 +89,9 @@ def open_table(folder: Path, name: str, wanted: Iterable[str]) -> tuple[TableFil
             return _open_csv(path, name, wanted)
     except (pa.ArrowException, OSError, ValueError, csv.Error) as error:
         kind = "Parquet" if name.endswith(".parquet") else "comma-separated UTF-8"
-        mend = "copy the file again from its source: it may be truncated"
+        hint = "copy the file again from its source: it may be truncated"
         message = f"cannot be read ({_first_line(error)})"
-        return None, [Finding("error", "unreadable-table", message, file=name, expected=f"a {kind} table", mend=mend)]
+        return None, [Finding("error", "unreadable-table", message, file=name, expected=f"a {kind} table", hint=hint)]
     suffixes = " or ".join(TABLE_SUFFIXES)
     return None, [
         Finding("error", "table-format", "unknown kind of table", file=name, expected=f"a file in {suffixes}")
@@ -113,9 +113,9 @@ def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
         if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
             values[column] = np.asarray(pc.cast(table[column], pa.float64(), safe=False).to_numpy(), dtype=np.float64)
         else:
-            mend = "store seconds since the start as numbers" if pa.types.is_temporal(kind) else "store it as numbers"
+            hint = "store seconds since the start as numbers" if pa.types.is_temporal(kind) else "store it as numbers"
             faults[column] = Finding(
-                "error", "not-numeric", f"has type {kind}", file=name, column=column, expected="numbers", mend=mend
+                "error", "not-numeric", f"has type {kind}", file=name, column=column, expected="numbers", hint=hint
             )
     faults |= _repeated(schema.names, wanted, name)
     return TableFile(name, tuple(schema.names), values, faults)
@@ -167,7 +167,7 @@ def _search_csv(
             row_number, text = found[0]
             more = f" ({len(found)} such cells)" if len(found) > 1 else ""
             message = f"{text[:40]!r} is not a number{more}"
-            mend = "write decimals with a point, without units or thousands separators"
+            hint = "write decimals with a point, without units or thousands separators"
             faults[column] = Finding(
                 "error",
                 "not-numeric",
@@ -176,7 +176,7 @@ def _search_csv(
                 column=column,
                 row=row_number,
                 expected="a number",
-                mend=mend,
+                hint=hint,
             )
     values = {column: np.array(cells[column]) for column in present if not wrong[column]}
     return TableFile(name, tuple(header), values, faults), []

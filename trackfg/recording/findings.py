@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, dataclass
-from typing import Literal, NamedTuple
+from dataclasses import KW_ONLY, asdict, dataclass
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import AliasChoices, Field
 
 from trackfg.errors import BadInputError
 
@@ -24,7 +26,8 @@ class Finding:
     """One fact about the input. ``code`` is stable and kebab-case; ``str()`` gives the one-line message.
 
     ``column`` is a table's column, or a key of ``recording.toml`` (``"imu.gyro_unit"``). ``row`` counts data rows from
-    1 (the header of a CSV file is not one); ``time_s`` is the time in that row.
+    1 (the header of a CSV file is not one); ``time_s`` is the time in that row. ``hint`` is what to do; files and JSON
+    have it under the key ``mend``.
     """
 
     level: Level
@@ -36,14 +39,20 @@ class Finding:
     row: int | None = None
     time_s: float | None = None
     expected: str | None = None
-    mend: str | None = None
+    hint: Annotated[str | None, Field(validation_alias=AliasChoices("mend", "hint"))] = None
 
     def __post_init__(self) -> None:
         """Names and cells come from the input: control characters in them must not reach a terminal."""
-        for name in ("message", "file", "column", "expected", "mend"):
+        for name in ("message", "file", "column", "expected", "hint"):
             text = getattr(self, name)
             if text is not None and not text.isprintable():
                 object.__setattr__(self, name, "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fields as files and JSON have them."""
+        fields = asdict(self)
+        fields["mend"] = fields.pop("hint")
+        return fields
 
     @property
     def place(self) -> str:
@@ -59,7 +68,7 @@ class Finding:
         text = f"{self.place}: {self.message}" if self.place else self.message
         if self.expected is not None:
             text += f"; expected {self.expected}"
-        return text if self.mend is None else f"{text}. Mend: {self.mend}"
+        return text if self.hint is None else f"{text}. Hint: {self.hint}"
 
 
 def errors(findings: Iterable[Finding]) -> list[Finding]:

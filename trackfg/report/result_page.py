@@ -118,13 +118,13 @@ def _findings(result: Result) -> Section:
                 finding.level,
                 finding.place or NONE,
                 finding.message + (f"; expected {finding.expected}" if finding.expected else ""),
-                finding.mend or NONE,
+                finding.hint or NONE,
             ),
             mark="error" if finding.level == "error" else "warning" if finding.level == "warning" else "",
         )
         for finding in found
     )
-    return Section("findings", "Data quality", (Table(("level", "where", "what", "mend"), rows),))
+    return Section("findings", "Data quality", (Table(("level", "where", "what", "hint"), rows),))
 
 
 def _events(result: Result) -> Section:

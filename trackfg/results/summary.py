@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import platform
 from importlib.metadata import version
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
 from trackfg.recording.findings import Finding
 
@@ -113,6 +113,10 @@ class Summary(_Model):
     accel_bias_mps2: VectorEstimate
     geometry: GeometryConventions
     findings: tuple[Finding, ...] = ()
+
+    @field_serializer("findings")
+    def _as_json(self, findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
+        return [finding.as_json() for finding in findings]
 
 
 def versions() -> dict[str, str]:

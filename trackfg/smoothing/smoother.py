@@ -231,8 +231,8 @@ def _clock(t: Array, rate_hz: float) -> Array:
 def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
     if solution.converged:
         return ()
-    mend = "look at the events and check the recording for gross errors and wrong units"
-    return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", mend=mend),)
+    hint = "look at the events and check the recording for gross errors and wrong units"
+    return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", hint=hint),)
 
 
 def _run_facts(recording: Recording) -> RunFacts:

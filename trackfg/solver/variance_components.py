@@ -57,7 +57,7 @@ def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
             level="warning",
             code="noise-level",
             message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect",
-            mend="set [noise] adapt = true in the configuration, or declare the noise that is there",
+            hint="set [noise] adapt = true in the configuration, or declare the noise that is there",
         )
         for name, ratio in ratios.items()
         if ratio > _FAR_OFF

@@ -81,7 +81,7 @@ def test_a_users_table_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"valu_mm": "3"}, "entry 2, key valu_mm: unknown key; expected one of .* Mend: did you mean 'value_mm'?"),
+        ({"valu_mm": "3"}, "entry 2, key valu_mm: unknown key; expected one of .* Hint: did you mean 'value_mm'?"),
         ({"value_mm": None}, "entry 2, key value_mm: required key is missing"),
         ({"value_mm": "-1.0"}, "entry 2, key value_mm: is '-1.0'; expected greater than 0"),
         ({"value_mm": "inf"}, "entry 2, key value_mm: is 'inf'; expected a finite number"),
@@ -109,7 +109,7 @@ def test_a_fault_is_named_by_file_entry_and_key(tmp_path: Path, changes: dict[st
         ("limits = [", "not valid TOML"),
         ("", "key limits: required key is missing"),
         ("limits = []", "key limits: "),
-        ("limit = []", r"key limit: unknown key; expected one of limits\. Mend: did you mean 'limits'"),
+        ("limit = []", r"key limit: unknown key; expected one of limits\. Hint: did you mean 'limits'"),
         ("limits = [3]", "entry 1: is '3'; expected "),
     ],
 )

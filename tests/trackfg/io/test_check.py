@@ -436,7 +436,7 @@ def test_findings_carry_their_parts(draft: Draft, tmp_path: Path) -> None:
     (finding,) = check_recording(draft.write(tmp_path / "rec")).findings
     assert (finding.file, finding.column, finding.row, finding.time_s) == ("imu.csv", "wx", 17, 0.32)
     assert finding.expected == "a finite number"
-    assert finding.mend
+    assert finding.hint
 
 
 def test_the_manual_lists_every_code() -> None:

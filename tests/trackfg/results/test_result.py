@@ -282,3 +282,11 @@ def test_permissions_are_the_users_own(make_result: Make, tmp_path: Path) -> Non
     mask = os.umask(0)
     os.umask(mask)
     assert folder.stat().st_mode & 0o777 == 0o777 & ~mask
+
+
+def test_the_hint_of_a_finding_is_the_key_mend(result: Result, tmp_path: Path) -> None:
+    """So it stood in the files before it had that name in Python."""
+    (finding,) = json.loads((result.write(tmp_path / "out") / "summary.json").read_text(encoding="utf-8"))["findings"]
+    assert finding["mend"] == "none"
+    assert "hint" not in finding
+    assert Result.read(tmp_path / "out").summary.findings == result.summary.findings
