@@ -21,7 +21,7 @@ TOOLS = Path(__file__).parents[1] / "tools"
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(TOOLS)
-    return importlib.import_module("papers_table")
+    return importlib.import_module("papers.table")
 
 
 @pytest.mark.slow
@@ -45,11 +45,11 @@ def test_an_unknown_paper_is_refused() -> None:
 
 
 def test_a_line_holds_mean_interval_and_range(tool: ModuleType) -> None:
-    paper = tool.Paper("000", "a method", lambda seed: {}, lambda measured: [])
+    paper = tool.Part("000", "a method", lambda seed: {}, lambda measured: [])
     lines = [
-        tool.Figure("error, mm", "<= 1.0", "baseline <= 1.0", [1.0, 2.0, 3.0], None, False),
-        tool.Figure("error, mm", "-", "smoother <= 0.5 of it", [2.0, 2.0], [1.0, 0.5], True),
-        tool.Figure("error, mm", "-", "-", [np.nan, 4.0]),
+        tool.Comparison("error, mm", "<= 1.0", "baseline <= 1.0", [1.0, 2.0, 3.0], None, False),
+        tool.Comparison("error, mm", "-", "smoother <= 0.5 of it", [2.0, 2.0], [1.0, 0.5], True),
+        tool.Comparison("error, mm", "-", "-", [np.nan, 4.0]),
     ]
     table = tool.table_of(paper, lines)
     # Student's t for two degrees of freedom, 4.303, over the square root of 3.
@@ -64,7 +64,7 @@ def test_a_line_holds_mean_interval_and_range(tool: ModuleType) -> None:
 
 def test_bound_of_the_twist_is_the_best_smoothers(tool: ModuleType) -> None:
     """Against the inverse of the information matrix of a discrete walk, seen by the accelerometer at every step."""
-    attitude = importlib.import_module("papers_attitude")
+    attitude = importlib.import_module("papers.attitude")
     noise, speed, dt = ADIS16480.noise, 2.0, 0.05
     n, lag = 600, round(attitude.TWIST_BASE_M / speed / dt)
     walk = 1.0 / (noise.gyro_white**2 * dt)

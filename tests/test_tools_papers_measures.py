@@ -16,13 +16,13 @@ TOOLS = Path(__file__).parents[1] / "tools"
 @pytest.fixture
 def positioning(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(TOOLS)
-    return importlib.import_module("papers_positioning")
+    return importlib.import_module("papers.positioning")
 
 
 @pytest.fixture
 def versines(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(TOOLS)
-    return importlib.import_module("papers_versines")
+    return importlib.import_module("papers.versines")
 
 
 def wet_run() -> SimpleNamespace:

@@ -30,8 +30,9 @@ DESIGNED = np.array(
 @pytest.fixture
 def tools(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     monkeypatch.syspath_prepend(TOOLS)
-    names = ("table", "runs", "map", "localise", "changes")
-    return SimpleNamespace(**{name: importlib.import_module(f"positioning_{name}") for name in names})
+    names = ("runs", "map", "localise", "changes")
+    modules = {name: importlib.import_module(f"positioning.{name}") for name in names}
+    return SimpleNamespace(benchmark=importlib.import_module("benchmark"), **modules)
 
 
 def landmark_table(*curves: tuple[str, str, list[float]]) -> pd.DataFrame:
@@ -117,18 +118,18 @@ def test_recordings_end_past_the_curves_after_their_start(tools: SimpleNamespace
 
 def test_shares_and_errors_are_pooled_over_seeds(tools: SimpleNamespace) -> None:
     measured = pd.DataFrame({"found": [9.0, 0.0], "asked": [10.0, 90.0], "rms": [3.0, np.nan], "count": [4.0, 0.0]})
-    assert tools.table.ratio(measured, "found", "asked") == pytest.approx(0.09)
-    assert tools.table.pooled_rms(measured, "rms", "count") == pytest.approx(3.0)
-    assert np.isnan(tools.table.pooled_rms(measured.iloc[1:], "rms", "count"))
-    part = tools.table.Part("map", "a map", lambda seed: {}, lambda measured: [])
+    assert tools.benchmark.ratio(measured, "found", "asked") == pytest.approx(0.09)
+    assert tools.benchmark.pooled_rms(measured, "rms", "count") == pytest.approx(3.0)
+    assert np.isnan(tools.benchmark.pooled_rms(measured.iloc[1:], "rms", "count"))
+    part = tools.benchmark.Part("map", "a map", lambda seed: {}, lambda measured: [])
     lines = [
-        tools.table.at_most("error, m", 0.3, 0.4, [0.2, 0.5, np.nan], paper="10"),
-        tools.table.at_least("recall", np.nan, 0.95),
-        tools.table.Figure("curves", 8.0),
+        tools.benchmark.at_most("error, m", 0.3, 0.4, [0.2, 0.5, np.nan], paper="10"),
+        tools.benchmark.at_least("recall", np.nan, 0.95),
+        tools.benchmark.Figure("curves", 8.0),
     ]
-    table = tools.table.table_of(part, lines)
+    table = tools.benchmark.table_of(part, lines)
     assert list(table["met"]) == ["yes", "NO", ""]
-    shown = tools.table.printed(table)
+    shown = tools.benchmark.printed(table)
     assert "0.2 .. 0.5" in shown
     assert "<= 0.4" in shown
 

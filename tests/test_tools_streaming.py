@@ -23,8 +23,8 @@ TOOLS = Path(__file__).parents[1] / "tools"
 @pytest.fixture
 def tools(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     monkeypatch.syspath_prepend(TOOLS)
-    names = ("grounds", "damage", "breaks", "faults", "fault_table", "cost", "accuracy")
-    return SimpleNamespace(**{name: importlib.import_module(f"streaming_{name}") for name in names})
+    names = ("base_cases", "fault_injection", "kill_and_resume", "faults", "fault_table", "cost", "accuracy")
+    return SimpleNamespace(**{name: importlib.import_module(f"streaming.{name}") for name in names})
 
 
 def trajectory(until_s: float, rate_hz: float) -> pd.DataFrame:
@@ -34,11 +34,16 @@ def trajectory(until_s: float, rate_hz: float) -> pd.DataFrame:
 
 @pytest.mark.parametrize("name", ["line", "gnss", "trolley"])
 def test_what_comes_before_a_fault_is_as_it_was(tools: SimpleNamespace, name: str) -> None:
-    own = tools.grounds.ground(name)
-    for kind, damage in tools.damage.DAMAGES.items():
+    own = tools.base_cases.ground(name)
+    for kind, damage in tools.fault_injection.DAMAGES.items():
         for seed in range(3):
             damaged = damage(own, np.random.default_rng(seed))
-            assert tools.damage.EARLIEST_S <= damaged.begin_s <= damaged.end_s < tools.grounds.DURATION_S - 10.0, kind
+            assert (
+                tools.fault_injection.EARLIEST_S
+                <= damaged.begin_s
+                <= damaged.end_s
+                < tools.base_cases.DURATION_S - 10.0
+            ), kind
             for table, before in own.stream.tables.items():
                 after = damaged.stream.tables[table]
                 first, same = (np.flatnonzero(part.at < damaged.begin_s - 1e-9) for part in (before, after))
@@ -48,8 +53,8 @@ def test_what_comes_before_a_fault_is_as_it_was(tools: SimpleNamespace, name: st
 
 
 def test_every_fault_does_something(tools: SimpleNamespace) -> None:
-    own = tools.grounds.ground("gnss")
-    for kind, damage in tools.damage.DAMAGES.items():
+    own = tools.base_cases.ground("gnss")
+    for kind, damage in tools.fault_injection.DAMAGES.items():
         damaged = damage(own, np.random.default_rng(1)).stream.tables
         same = all(
             np.array_equal(damaged[name].at, table.at) and np.array_equal(damaged[name].rows, table.rows, True)
@@ -60,7 +65,7 @@ def test_every_fault_does_something(tools: SimpleNamespace) -> None:
 
 def test_raw_rows_and_lines_hold_what_canonical_ones_do(tools: SimpleNamespace) -> None:
     for name in ("gnss", "trolley"):
-        own = tools.grounds.ground(name)
+        own = tools.base_cases.ground(name)
         given = Counter({table: len(rows.at) for table, rows in own.stream.tables.items()})
         came: Counter[str] = Counter()
         for batch in own.stream.source():
@@ -69,8 +74,8 @@ def test_raw_rows_and_lines_hold_what_canonical_ones_do(tools: SimpleNamespace) 
 
 
 def test_losses_are_seen(tools: SimpleNamespace) -> None:
-    own = tools.grounds.ground("line")
-    damaged = tools.damage.none(own, np.random.default_rng(0))
+    own = tools.base_cases.ground("line")
+    damaged = tools.fault_injection.none(own, np.random.default_rng(0))
     rows = sum(len(table.at) for table in own.stream.tables.values())
     filtered, smoothed = trajectory(60.0, 2.0), trajectory(60.0, 10.0)
     events = pd.DataFrame({"rows": [3, 0]})
@@ -91,9 +96,9 @@ def test_losses_are_seen(tools: SimpleNamespace) -> None:
 
 
 def test_errors_are_taken_where_the_clock_of_the_stream_says(tools: SimpleNamespace) -> None:
-    own = tools.grounds.ground("line")
+    own = tools.base_cases.ground("line")
     truth = own.run.truth
-    damaged = tools.damage.Damaged(own.stream, 20.0, 20.0, "", ahead_s=5.0)
+    damaged = tools.fault_injection.Damaged(own.stream, 20.0, 20.0, "", ahead_s=5.0)
     later = truth[truth["t_s"] > 30.0]
     table = pd.DataFrame({name: np.full(len(later), 0.5) for name in TRAJECTORY_COLUMNS})
     table["t_s"] = later["t_s"].to_numpy() + 5.0
@@ -108,13 +113,13 @@ def test_what_was_written_must_be_the_beginning_of_the_whole(tools: SimpleNamesp
     whole = {"filtered": trajectory(20.0, 2.0), "smoothed": trajectory(20.0, 10.0)}
     sink = ParquetParts(tmp_path, rows_per_part=10)
     sink.write("filtered", whole["filtered"].iloc[:25])
-    assert tools.breaks._not_whole(tmp_path, whole) == ""
+    assert tools.kill_and_resume._not_whole(tmp_path, whole) == ""
     sink.checkpoint()
-    assert tools.breaks._not_whole(tmp_path, whole) == ""
-    assert tools.breaks._not_all(tmp_path, whole) == "filtered: 25 rows; expected 41"
+    assert tools.kill_and_resume._not_whole(tmp_path, whole) == ""
+    assert tools.kill_and_resume._not_all(tmp_path, whole) == "filtered: 25 rows; expected 41"
     sink.write("filtered", whole["filtered"].iloc[26:])
     sink.close()
-    assert tools.breaks._not_whole(tmp_path, whole) == "filtered: 40 rows are not the first of 41"
+    assert tools.kill_and_resume._not_whole(tmp_path, whole) == "filtered: 40 rows are not the first of 41"
 
 
 def test_cases_are_counted_by_kind(tools: SimpleNamespace) -> None:

@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
-from side_by_side import add_seed_arguments, seeds_of, side_by_side
+from benchmark import add_seed_arguments, seeds_of, side_by_side
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.catalogue import scenario

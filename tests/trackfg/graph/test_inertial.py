@@ -1,0 +1,42 @@
+"""The inertial factors' world: how the level frame turns, what weighs, how biases walk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.graph.build import Problem, build_problem
+from trackfg.numerics.geodesy import EARTH_RADIUS
+
+
+@pytest.fixture(scope="module")
+def problem(simulated: Callable[..., Simulation]) -> Problem:
+    return build_problem(simulated("mainline-gnss", seed=2, duration_s=60.0).recording, SmoothConfig())
+
+
+def test_the_level_frame_turns_with_the_earth_and_over_it(problem: Problem) -> None:
+    """Under a vehicle that goes east at v it turns by v / R about north, going north about west: beside the Earth's
+    rotation, which is the same everywhere. At 14 m/s these are 2e-6 rad/s.
+    """
+    v = 0.5 * (problem.initial.nav.v[1:] + problem.initial.nav.v[:-1])
+    assert np.linalg.norm(v, axis=1).max() > 5.0
+    turning = np.array([one.frame_rate for one in problem.measured])
+    own = turning - turning[np.argmin(np.linalg.norm(v, axis=1))]
+    np.testing.assert_allclose(own[:, 0], -v[:, 1] / EARTH_RADIUS, atol=1e-12)
+    np.testing.assert_allclose(own[:, 1], v[:, 0] / EARTH_RADIUS, atol=1e-12)
+    np.testing.assert_allclose(own[:, 2], 0.0, atol=1e-12)
+
+
+def test_biases_walk_by_the_root_of_time(simulated: Callable[..., Simulation], problem: Problem) -> None:
+    """A density of N per root second: N sqrt(T) over an interval T, whether a second or a fifth of one."""
+    noise = simulated("mainline-gnss", seed=2, duration_s=60.0).recording.description.imu.noise
+    walk = next(family for family in problem.families if family.name == "bias walk")
+    duration = np.diff(problem.t)
+    assert duration.max() > 2.0 * duration.min()
+    for axis in range(3):
+        np.testing.assert_allclose(walk.sigma[:, axis], noise.accel_bias_walk * np.sqrt(duration))
+        np.testing.assert_allclose(walk.sigma[:, 3 + axis], noise.gyro_bias_walk * np.sqrt(duration))

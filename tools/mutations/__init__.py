@@ -1,0 +1,1 @@
+"""What the tests hold: ``python tools/mutations.py``."""

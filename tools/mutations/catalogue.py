@@ -1,0 +1,609 @@
+"""The errors: for each source file the tests of its part, and what may go wrong in it.
+
+A fragment is as short as leaves no doubt about its place, and stands exactly once in its file; whoever rewrites the
+line moves the fragment along. Each error changes a result: one that does not, such as another order of a sum, teaches
+nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Mutation(NamedTuple):
+    """One error. ``sentence`` says what is wrong then; ``changes`` are the fragments and what is put in their place."""
+
+    sentence: str
+    changes: tuple[tuple[str, str], ...]
+
+
+class Part(NamedTuple):
+    """A source file, the tests that have to notice errors in it, and the errors."""
+
+    file: str
+    tests: tuple[str, ...]
+    mutations: tuple[Mutation, ...]
+
+
+def _one(sentence: str, fragment: str, replacement: str, *more: tuple[str, str]) -> Mutation:
+    return Mutation(sentence, ((fragment, replacement), *more))
+
+
+_FAMILIES = "tests/factors/test_families.py"
+
+_FACTORS = (
+    Part(
+        "factors/odometry.py",
+        ("tests/factors/test_odometry.py", _FAMILIES),
+        (
+            _one(
+                "the tach's clock offset has the other sign, in the derivative too",
+                "(count[:, 0] - rate[:, 0] * offset)",
+                "(count[:, 0] + rate[:, 0] * offset)",
+                ("= rate[:, 0], rate[:, 0] * since[:, 0]", "= -rate[:, 0], -rate[:, 0] * since[:, 0]"),
+            ),
+            _one("the tach's clock does not drift", "clock[:, 1] * since[:, 0]", "0.0 * clock[:, 1] * since[:, 0]"),
+            _one("a wheel to the left rolls more in a curve to the left", "[-turned, way", "[turned, way"),
+            _one("a wheel to the outside rolls less", "way * np.abs(turned)", "-way * np.abs(turned)"),
+            _one("traction and braking change places", "np.maximum(along, 0.0)", "np.minimum(along, 0.0)"),
+            _one(
+                "what curves and force add is counted twice the other way",
+                "- np.sum(response * wheel, axis=1)",
+                "+ np.sum(response * wheel, axis=1)",
+                ("-response[:, None, :]", "response[:, None, :]"),
+            ),
+            _one("an arc is as long as its chord", "phi / sine)", "0.0 * phi + 1.0)"),
+        ),
+    ),
+    Part(
+        "factors/gnss.py",
+        ("tests/factors/test_gnss.py", _FAMILIES),
+        (
+            _one(
+                "the receiver's clock offset has the other sign",
+                "late = delay + clock[:, 2:]",
+                "late = delay - clock[:, 2:]",
+                ("d_clock[:, :, 2] = nav.v", "d_clock[:, :, 2] = -nav.v"),
+            ),
+            _one(
+                "the antenna is on the other side of the sensor",
+                'np.einsum("mij,mj->mi", nav.R, lever_arm)',
+                'np.einsum("mij,mj->mi", nav.R, -lever_arm)',
+                ("-nav.R @ skew(lever_arm)", "nav.R @ skew(lever_arm)"),
+            ),
+        ),
+    ),
+    Part(
+        "factors/gravity.py",
+        ("tests/factors/test_gravity.py", _FAMILIES),
+        (
+            _one(
+                "the bias has the other sign", "up + bias[:, :3]", "up - bias[:, :3]", ("= np.eye(3)", "= -np.eye(3)")
+            ),
+            _one(
+                "gravity pulls up",
+                "up = nav.R[:, 2, :] * gravity",
+                "up = -nav.R[:, 2, :] * gravity",
+            ),
+        ),
+    ),
+    Part(
+        "factors/marginal_prior.py",
+        ("tests/factors/test_marginal_prior.py",),
+        (
+            _one("yaw is not wrapped", "2.0 * np.pi * np.round(", "0.0 * np.pi * np.round("),
+            _one(
+                "the calibration's part in the bias has the other sign",
+                "-= A[:, :, at_bias",
+                "+= A[:, :, at_bias",
+                ("origins[Kind.BIAS] + origins[Kind.IMU]", "origins[Kind.BIAS] - origins[Kind.IMU]"),
+            ),
+            _one("velocities are not compared in the vehicle's own axes", "- cross(before, turn)", "- 0.0 * turn"),
+            _one("a jump along the track is known to a sigma", "1.0 / sd_m", "1.0"),
+        ),
+    ),
+    Part(
+        "factors/motion.py",
+        (_FAMILIES, "tests/factors/test_path.py", "tests/trackfg/graph/test_build.py"),
+        (
+            _one(
+                "the swing of the lever arm has the other sign",
+                "at_reference = body - swing",
+                "at_reference = body + swing",
+            ),
+            _one("yaw of the mounting turns the other way", "-sy, cy * sp, sy * cp", "sy, cy * sp, sy * cp"),
+        ),
+    ),
+    Part(
+        "factors/path.py",
+        ("tests/factors/test_path.py", _FAMILIES),
+        (
+            _one(
+                "the gyro's error bends the path the other way",
+                "d_c_by_e = -mean_by_time",
+                "d_c_by_e = mean_by_time",
+            ),
+            _one("the lever arm is left out at one end", "second.R, lever_arm)) - (", "second.R, 0 * lever_arm)) - ("),
+        ),
+    ),
+    Part(
+        "factors/rail.py",
+        ("tests/factors/test_rail.py",),
+        (
+            _one(
+                "the gyro's turn begins at the interval's end", "late = so3_exp(h1 * e)", "late = so3_exp((1 - h1) * e)"
+            ),
+            _one("the detail of the path is taken away", "u1 * end.v + detail", "u1 * end.v - detail"),
+        ),
+    ),
+    Part(
+        "factors/bias.py",
+        ("tests/factors/test_bias.py", _FAMILIES),
+        (
+            _one(
+                "the calibration's part in the change has the other sign",
+                "residual = second - first - np",
+                "residual = second - first + np",
+                ("(-same, same, -change)", "(-same, same, change)"),
+            ),
+            _one(
+                "g-sensitivity and gyro scale change places",
+                "6 + 3 * axis : 9 + 3 * axis] = rate",
+                "6 + 3 * axis : 9 + 3 * axis] = force",
+            ),
+        ),
+    ),
+    Part(
+        "factors/landmark.py",
+        (_FAMILIES,),
+        (_one("the share of the time is the derivative by the wrong keyframe", "= 1.0 - f, f", "= f, 1.0 - f"),),
+    ),
+    Part(
+        "factors/switching.py",
+        ("tests/factors/test_switching.py",),
+        (
+            _one("a slip never ends", "leave = 1.0 - np.exp(", "leave = 0.01 - 0.01 * np.exp("),
+            _one("a lone outlier may be half as wide", "0.5 * width**2)", "0.125 * width**2)"),
+        ),
+    ),
+    Part(
+        "factors/family.py",
+        (_FAMILIES,),
+        (
+            _one(
+                "the right-hand side of the linear factors has the other sign",
+                "-residual[:, :, None]",
+                "residual[:, :, None]",
+            ),
+            _one(
+                "a weight acts in full on the residual instead of by its root",
+                "np.sqrt(self.loss.weight(norm))",
+                "(self.loss.weight(norm))",
+            ),
+        ),
+    ),
+)
+
+_GRAPH = (
+    Part(
+        "trackfg/graph/motion.py",
+        ("tests/trackfg/graph/test_motion.py",),
+        (_one("the gyro's bridge is twice as wide", "layout.durations / 12.0", "layout.durations / 3.0"),),
+    ),
+    Part(
+        "trackfg/graph/odometry.py",
+        ("tests/trackfg/graph/test_motion.py", "tests/trackfg/graph/test_odometry.py"),
+        (
+            _one("drift counts from the start of the clock", "layout.t[read] - layout.clock_origin", "layout.t[read]"),
+            _one("creep per force does not depend on how long the interval is", "** 2 / layout.durations", "** 2"),
+        ),
+    ),
+    Part(
+        "trackfg/graph/positions.py",
+        ("tests/trackfg/graph/test_positions.py",),
+        (
+            _one("a fix is carried the wrong way by the speed", ".to_numpy() - carried", ".to_numpy() + carried"),
+            _one("the antenna's lever arm counts from the vehicle", "lever_arm_m) - layout.lever_arm", "lever_arm_m)"),
+            _one("errors that last do not widen GNSS", "max(1.0, 2.0 * config", "max(1.0, 0.0 * config"),
+            _one(
+                "time from keyframe to position has the other sign",
+                "t - layout.t[index], sigma",
+                "layout.t[index] - t, sigma",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/graph/inertial.py",
+        ("tests/trackfg/graph/test_build.py", "tests/trackfg/graph/test_inertial.py"),
+        (
+            _one(
+                "the level frame does not turn over the round Earth",
+                "earth + transport_rate(velocity)",
+                "earth + 0.0 * transport_rate(velocity)",
+            ),
+            _one("biases walk in proportion to time", "np.sqrt(np.diff(t))", "(np.diff(t))"),
+        ),
+    ),
+    Part(
+        "trackfg/graph/keyframes.py",
+        ("tests/trackfg/graph/test_keyframes.py",),
+        (
+            _one(
+                "keyframes are as dense at rest as in motion",
+                "1.0 / config.interval_at_rest_s",
+                "1.0 / config.interval_s",
+            ),
+            _one(
+                "the nearest grid point is the next one",
+                "(times - grid[right - 1] < grid[right] - times)",
+                "(times < grid[right - 1])",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/graph/wheel_slip.py",
+        ("tests/trackfg/graph/test_wheel_slip.py",),
+        (
+            _one(
+                "a film that runs backwards has the accelerations of one that runs forwards",
+                "_Evidence(-a, rolled",
+                "_Evidence(a, rolled",
+            ),
+            _one(
+                "a filter that goes on without what it measured",
+                "v += with_v / variance * innovation",
+                "v -= with_v / variance * innovation",
+            ),
+        ),
+    ),
+)
+
+_SOLVER = (
+    Part(
+        "trackfg/solver/elimination.py",
+        ("tests/trackfg/solver/test_elimination.py", "tests/trackfg/solver/test_covariance.py"),
+        (
+            _one("a singular triangle is not noticed", "if not _determined(R):", "if False:"),
+            _one("only an exact zero counts as singular", "diagonal > _INDETERMINATE", "diagonal > 0.0"),
+            _one("signs of rows are left as they come", "return R * sign[..., None], sign", "return R, sign"),
+            _one(
+                "what is left of shared variables is lost",
+                "alone.append(rest[after:, ",
+                "alone.append(0 * rest[after:, ",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/solver/gauss_newton.py",
+        ("tests/trackfg/solver/test_steps.py",),
+        (
+            _one("a step may raise the cost fourfold", "cost * (1.0 + 1e-12)", "cost * 4.0"),
+            _one("it may stop before the losses are on", "if robust and length < config", "if length < config"),
+            _one("no step is doubled", "_LONGEST = 8.0", "_LONGEST = 1.0"),
+            _one("the losses never apply", "robust, families = True, problem.families", "robust = True"),
+        ),
+    ),
+    Part(
+        "trackfg/solver/square_root.py",
+        ("tests/trackfg/solver/test_covariance.py",),
+        (
+            _one(
+                "a keyframe is regressed on the next with the other sign",
+                "return np.negative(product, out=product)",
+                "return product",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/solver/covariance.py",
+        ("tests/trackfg/solver/test_covariance.py",),
+        (
+            _one("the spread of a keyframe given the next is left out", "ahead @ A.T + spread[k]", "ahead @ A.T"),
+            _one("samples do not follow the next keyframe", "@ window + noise[k]", "@ (0 * window) + noise[k]"),
+            _one(
+                "functions of two keyframes lose the second",
+                "right[:, second] += functions",
+                "right[:, second] -= functions",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/solver/variance_components.py",
+        ("tests/trackfg/solver/test_variance_components.py",),
+        (
+            _one("residuals are held against their number, not their redundancy", "d - np.sum(spread)", "d"),
+            _one("levels fall below what is declared", "ratios.get(name, 1.0), 1.0)", "ratios.get(name, 1.0), 0.0)"),
+        ),
+    ),
+)
+
+_OUTPUT = (
+    Part(
+        "trackfg/output/track_geometry.py",
+        ("tests/trackfg/output/test_geometry_sigmas.py",),
+        (
+            _one("white noise grows with the stride", "every**-0.5", "every**0.5"),
+            _one("the gyro's bridge has one end only", "* f * (1.0 - f)", "* f"),
+            _one(
+                "tilt of the rails is over the base",
+                "(z_left - z_right) / self.meaning.gauge_m",
+                "(z_left - z_right) / self.meaning.cross_level_base_m",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/output/rail_profiles.py",
+        ("tests/trackfg/output/test_geometry_sigmas.py",),
+        (
+            _one("the right rail up is positive", "apart[2] / gauge", "-apart[2] / gauge"),
+            _one("sides do not change down the line", "left, right = right, left", "pass"),
+        ),
+    ),
+    Part(
+        "trackfg/output/profile_samples.py",
+        ("tests/trackfg/output/test_profile_samples.py",),
+        (
+            _one("the accelerometer's noise grows with the interval as the gyro's does", "span**1.5", "span**0.5"),
+            _one("a point below swings the other way", "attitude(lever) + np", "-attitude(lever) + np"),
+            _one("a bridge has one end only", "- f * pins[k + 1]", "- 0 * pins[k + 1]"),
+            _one("a path that is turned as a whole seems to bend", "across + bent + shaken(1)", "across + shaken(1)"),
+        ),
+    ),
+    Part(
+        "trackfg/output/slip_events.py",
+        ("tests/trackfg/output/test_slip_events.py",),
+        (
+            _one("the tach's clock offset has the other sign", "wheel.at(t - offset -", "wheel.at(t + offset -"),
+            _one("drift counts from the start of the clock", ".clock_origin))", ".clock_origin * 0))"),
+        ),
+    ),
+    Part(
+        "trackfg/output/dense_motion.py",
+        ("tests/trackfg/output/test_dense_motion.py",),
+        (
+            _one("what is left of the turn is put in all at once", "left[:, i] * f)", "left[:, i])"),
+            _one("the gyro's bias is added", "/ dt - bias[i, 3:]", "/ dt + bias[i, 3:]"),
+            _one(
+                "the Earth does not turn", "turning = run.world.earth_rate + ", "turning = 0 * run.world.earth_rate + "
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/output/trajectory.py",
+        ("tests/trackfg/output/test_trajectory.py",),
+        (
+            _one(
+                "the reference point is on the other side of the sensor",
+                "p = nav.p - nav.R @ lever_arm",
+                "p = nav.p + nav.R @ lever_arm",
+            ),
+            _one("speed is that of the sensor", "nav.own_velocity - motion.gyro @ skew(lever_arm)", "nav.own_velocity"),
+            _one(
+                "chainage grows whichever way the run goes",
+                "columns = [run.direction * motion.distance",
+                "columns = [motion.distance",
+            ),
+            _one("the white noise in between is left out", "noise.gyro**2 * bridge[:, None]", "0 * bridge[:, None]"),
+        ),
+    ),
+    Part(
+        "trackfg/output/place_covariance.py",
+        ("tests/trackfg/output/test_place_covariance.py",),
+        (
+            _one(
+                "the share of the time is that of the other keyframe",
+                "(1.0 - f) * rows[keyframe], f * rows",
+                "f * rows[keyframe], (1.0 - f) * rows",
+            ),
+        ),
+    ),
+)
+
+_GEOMETRY_TESTS = ("tests/trackfg/geometry/test_slopes.py", "tests/trackfg/geometry/test_versines.py")
+_GEOMETRY = (
+    Part(
+        "trackfg/geometry/twist.py",
+        _GEOMETRY_TESTS,
+        (
+            _one(
+                "twist has the other sign",
+                '{0: 1.0, -steps(base_m, step_m, "base_m"): -1.0}',
+                '{0: -1.0, -steps(base_m, step_m, "base_m"): 1.0}',
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/geometry/versines.py",
+        _GEOMETRY_TESTS,
+        (
+            _one(
+                "the ends of an asymmetrical chord change places",
+                "-p: -q / (p + q), q: -p / (p + q)",
+                "-p: -p / (p + q), q: -q / (p + q)",
+            ),
+            _one(
+                "a curve to the left has positive versines",
+                "-0.5 * behind_m * ahead_m * np",
+                "0.5 * behind_m * ahead_m * np",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/geometry/curvature.py",
+        _GEOMETRY_TESTS,
+        (
+            _one(
+                "curvature is positive to the right",
+                "{half: 1.0 / base_m, -half: -1.0 / base_m}",
+                "{half: -1.0 / base_m, -half: 1.0 / base_m}",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/geometry/gradient.py",
+        _GEOMETRY_TESTS,
+        (
+            _one(
+                "the gradient is over half the base",
+                "{half: 1.0 / base_m, -half: -1.0 / base_m}",
+                "{half: 2.0 / base_m, -half: -2.0 / base_m}",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/geometry/cross_level.py",
+        _GEOMETRY_TESTS,
+        (
+            _one(
+                "the inner rail is the outer one",
+                "np.where(left_is_outer, 1.0, -1.0)",
+                "np.where(left_is_outer, -1.0, 1.0)",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/geometry/bands.py",
+        ("tests/trackfg/geometry/test_bands.py",),
+        (
+            _one("the band is of the second order", "detuning**8", "detuning**4"),
+            _one("the second difference is of the first order", "second /= step_m**2", "second /= step_m"),
+        ),
+    ),
+    Part(
+        "trackfg/geometry/moving_average.py",
+        ("tests/trackfg/geometry/test_moving_average.py",),
+        (_one("the ends of the window count in full", "sums -= 0.5 * (y", "sums -= 0.0 * (y"),),
+    ),
+    Part(
+        "trackfg/geometry/design_versine.py",
+        ("tests/trackfg/geometry/test_design_versine.py",),
+        (_one("curvature counts evenly between steps", "[1.0, 4.0, 1.0]", "[2.0, 2.0, 2.0]"),),
+    ),
+)
+
+_SENSORS = (
+    Part(
+        "trackfg/sensors/imu_intervals.py",
+        ("tests/trackfg/sensors/test_imu_intervals.py", "tests/factors/test_path.py"),
+        (
+            _one("sculling is left out", "change += 0.5 * cross(turn, change)", "change += 0.0 * cross(turn, change)"),
+            _one(
+                "the turn inside a group is left out",
+                "matrix_from_quaternion(before), change)",
+                "np.broadcast_to(np.eye(3), (len(change), 3, 3)), change)",
+            ),
+            _one(
+                "the attitude's weight is that of the sample after it only",
+                "0.5 * (share + np.append(0.0, share[:-1]))",
+                "share",
+            ),
+            _one("any two rows are a hole", "max(3.5 * dt, 0.05)", "min(3.5 * dt, 0.05)"),
+        ),
+    ),
+    Part(
+        "trackfg/sensors/dead_reckoning.py",
+        ("tests/trackfg/sensors/test_dead_reckoning.py",),
+        (
+            _one(
+                "the sideways acceleration of curves is taken for cant",
+                "speed * w[:, 2], -speed * w[:, 1]",
+                "0 * w[:, 2], -speed * w[:, 1]",
+            ),
+            _one(
+                "a path is turned the wrong way onto GNSS",
+                "np.angle(np.sum(np.conj(a) * b))",
+                "-np.angle(np.sum(np.conj(a) * b))",
+            ),
+            _one(
+                "rests tell nothing of the Earth's rate", "- [0.0, 0.0, earth_rate[2]]", "+ [0.0, 0.0, earth_rate[2]]"
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/sensors/displacement.py",
+        ("tests/trackfg/sensors/test_displacement.py",),
+        (
+            _one("a reading counts the other way", "position_m[axis] + channel", "position_m[axis] - channel"),
+            _one("a mean is as uncertain as a reading", "max(1.0, self.rate_hz * window_s)", "1.0"),
+        ),
+    ),
+    Part(
+        "trackfg/sensors/tach.py",
+        ("tests/trackfg/sensors/test_tach.py",),
+        (
+            _one("a count is rounded by half of what it is", "np.sqrt(12.0)", "np.sqrt(48.0)"),
+            _one("an unsigned tach never goes backwards", "< _CLEARLY_BACKWARDS *", "< 9 * _CLEARLY_BACKWARDS *"),
+            _one("the rate is the distance over the half window", "/ (2.0 * half_window_s)", "/ half_window_s"),
+        ),
+    ),
+    Part(
+        "trackfg/sensors/standstills.py",
+        ("tests/trackfg/sensors/test_standstills.py",),
+        (_one("whatever does not turn the wheel is at rest", "stops & (ends > begins)", "(ends > begins)"),),
+    ),
+    Part(
+        "trackfg/sensors/averages.py",
+        ("tests/trackfg/sensors/test_averages.py",),
+        (_one("a mean is an integral", ") / step for name in IMU_COLUMNS[1:]]", ") for name in IMU_COLUMNS[1:]]"),),
+    ),
+)
+
+_WINDOW_TEST = "tests/trackfg/streaming/test_fixed_lag.py"
+_STREAMING = (
+    Part(
+        "trackfg/streaming/window/window.py",
+        (_WINDOW_TEST,),
+        (
+            _one("keyframes that are gone do not follow the next one", "d - S @ np.concatenate([x, step.shared])", "d"),
+            _one("the first keyframe's bias is not that of its interval", "if len(self) == 1:", "if False:"),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/filter_step.py",
+        (_WINDOW_TEST,),
+        (_one("what the wheel adds counts from the wrong place", ".seen_from(shift)", ""),),
+    ),
+    Part(
+        "trackfg/streaming/window/fix_voting.py",
+        ("tests/trackfg/streaming/window/test_fix_voting.py",),
+        (
+            _one("the first fix that contradicts is followed", "if votes <= self.votes:", "if False:"),
+            _one(
+                "a place that changes goes the other way",
+                "further=rival.further - further)",
+                "further=rival.further + further)",
+            ),
+            _one("a fix read again at rest votes again", "if not again:", "if True:"),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/marginalised.py",
+        (_WINDOW_TEST,),
+        (
+            _one(
+                "a keyframe merged away leaves its right-hand side",
+                "d = d - S @ np.concatenate",
+                "d = d + S @ np.concatenate",
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/next_interval.py",
+        (_WINDOW_TEST,),
+        (
+            _one(
+                "a wheel that is believed puts the vehicle behind",
+                "nav.p + further * forward",
+                "nav.p - further * forward",
+            ),
+            _one("backwards counts as forwards", "chord[0] @ forward))", "abs(chord[0] @ forward)))"),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/tach_buffer.py",
+        (_WINDOW_TEST,),
+        (_one("an unsigned tach keeps its sense backwards", "float(np.sign(speed))", "1.0"),),
+    ),
+)
+
+PARTS = (*_FACTORS, *_GRAPH, *_SOLVER, *_OUTPUT, *_GEOMETRY, *_SENSORS, *_STREAMING)

@@ -1,0 +1,1 @@
+"""The benchmark of the papers: ``python tools/papers.py``."""

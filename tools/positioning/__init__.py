@@ -1,0 +1,1 @@
+"""The benchmark of positioning: ``python tools/positioning.py``."""

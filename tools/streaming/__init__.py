@@ -1,0 +1,1 @@
+"""The acceptance of the fixed-lag smoother: ``python tools/streaming.py``."""
