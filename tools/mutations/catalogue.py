@@ -96,7 +96,7 @@ _FACTORS = (
                 "the calibration's part in the bias has the other sign",
                 "-= A[:, :, at_bias",
                 "+= A[:, :, at_bias",
-                ("origins[Kind.BIAS] + origins[Kind.IMU]", "origins[Kind.BIAS] - origins[Kind.IMU]"),
+                ("bias=bias + imu @", "bias=bias - imu @"),
             ),
             _one("velocities are not compared in the vehicle's own axes", "- cross(before, turn)", "- 0.0 * turn"),
             _one("a jump along the track is known to a sigma", "1.0 / sd_m", "1.0"),
@@ -104,7 +104,7 @@ _FACTORS = (
     ),
     Part(
         "factors/motion.py",
-        (_FAMILIES, "tests/factors/test_path.py", "tests/trackfg/graph/test_build.py"),
+        ("tests/factors/test_motion.py", _FAMILIES),
         (
             _one(
                 "the swing of the lever arm has the other sign",
@@ -561,7 +561,7 @@ _STREAMING = (
     Part(
         "trackfg/streaming/window/filter_step.py",
         (_WINDOW_TEST,),
-        (_one("what the wheel adds counts from the wrong place", ".seen_from(shift)", ""),),
+        (_one("what the wheel adds counts from the wrong place", ".relative_to_step_start(shift)", ""),),
     ),
     Part(
         "trackfg/streaming/window/fix_voting.py",

@@ -12,6 +12,7 @@ import pytest
 from trackfg.config import PositionConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.family import Family
+from trackfg.factors.states import Odo
 from trackfg.graph.build import Problem, build_problem
 
 
@@ -32,7 +33,7 @@ def test_a_fix_is_carried_back_to_the_keyframe_before_it(simulated: Callable[...
     fix = family_of(problem, "absolute fix")
     assert problem.t[fix.first_keyframe].item() == pytest.approx(at)
     # The residual D - d of a vehicle at D = 0.
-    nowhere = replace(problem.initial, odo=np.zeros_like(problem.initial.odo))
+    nowhere = replace(problem.initial, odo=Odo(np.zeros((len(problem.t), 4))))
     speed = float(run.ride.motion.speed(np.array([at]))[0])
     assert speed > 5.0
     expected = -(1234.0 - speed * 0.4 * sample_s)

@@ -1,0 +1,46 @@
+"""Motion along the track: the lever arm's and the mounting's signs, worked out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.factors.motion import non_holonomic
+from trackfg.factors.states import Nav, States
+
+AtOrigin = Callable[[int], States]
+
+
+def going(states: States, velocity: list[float]) -> States:
+    """The keyframe at this velocity, m/s."""
+    return replace(states, nav=Nav(states.nav.R, states.nav.p, np.array([velocity])))
+
+
+def test_a_sensor_above_the_reference_point_swings_when_the_vehicle_rolls(at_origin: AtOrigin) -> None:
+    """The sensor is 2 m above it. At +0.1 rad/s, left side up, it swings by w x l = (0.1, 0, 0) x (0, 0, 2), 0.2 m/s to
+    the right. The vehicle itself does not move sideways.
+    """
+    rate, arm = np.array([[0.1, 0.0, 0.0]]), np.array([0.0, 0.0, 2.0])
+    family = non_holonomic(np.array([0]), rate, arm, np.ones((1, 2)), None)
+    np.testing.assert_allclose(family.residual(going(at_origin(1), [10.0, -0.2, 0.0])), [[0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(family.residual(going(at_origin(1), [10.0, 0.0, 0.0])), [[0.2, 0.0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mount", "direction"),
+    [([0.0, 0.1], [np.cos(0.1), np.sin(0.1), 0.0]), ([0.1, 0.0], [np.cos(0.1), 0.0, -np.sin(0.1)])],
+    ids=["yaw", "pitch"],
+)
+def test_a_sensor_sees_the_direction_of_travel_as_it_is_mounted(
+    at_origin: AtOrigin, mount: list[float], direction: list[float]
+) -> None:
+    """Mounting yaw of +0.1 rad: the vehicle travels 0.1 rad to the left of the sensor's forward axis. Mounting pitch of
+    +0.1 rad: it travels 0.1 rad below it.
+    """
+    family = non_holonomic(np.array([0]), np.zeros((1, 3)), np.zeros(3), np.ones((1, 2)), None)
+    states = replace(at_origin(1), mount=np.array([mount]))
+    along = [10.0 * part for part in direction]
+    np.testing.assert_allclose(family.residual(going(states, along)), [[0.0, 0.0]], atol=1e-12)
