@@ -1,1 +1,1 @@
-"""What a solved graph says: trajectory, track geometry, events, each with its sigmas."""
+"""Outputs of a solved graph: trajectory, track geometry and events, each with its sigmas."""

@@ -1,4 +1,4 @@
-"""The smoothed motion between keyframes.
+"""Dense motion: the smoothed motion between keyframes, at about the rate of the IMU.
 
 From each keyframe the inertial increments are integrated with the smoothed bias to the next one; what is left over
 there is spread over the interval: the rotation in proportion to time, position, velocity and distance by the cubic that
@@ -39,8 +39,8 @@ _CONJUGATE = np.array([[1.0], [-1.0], [-1.0], [-1.0]])
 
 @dataclass(frozen=True)
 class DenseMotion:
-    """``t`` (m,) s, ``nav`` of the IMU, distance along the track ``distance`` (m,) m, body rate ``gyro`` (m, 3) rad/s,
-    a mean of the samples over ``gyro_span`` (m,) s.
+    """Rows of motion: ``t`` (m,) s, ``nav`` of the IMU, distance along the track ``distance`` (m,) m, body rate
+    ``gyro`` (m, 3) rad/s, a mean of the samples over ``gyro_span`` (m,) s.
 
     ``keyframe`` (m,) and ``fraction`` (m,) say where between which keyframes each row lies.
     """
@@ -54,7 +54,7 @@ class DenseMotion:
     fraction: Array
 
     def at(self, t: Array) -> DenseMotion:
-        """The motion at times ``t`` (k,) within the run: constant acceleration and rate between rows."""
+        """Return the motion at times ``t`` (k,) within the run: constant acceleration and rate between rows."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         width = (self.t[i + 1] - self.t[i])[:, None]
         tau = t[:, None] - self.t[i][:, None]
@@ -77,13 +77,13 @@ class DenseMotion:
 
 
 def dense_step(states: States, step_m: float) -> float:
-    """Fine enough for a row per step of the geometry's grid at the highest speed, s."""
+    """Return a step (s) that gives a row per step of the geometry's grid at the highest speed."""
     fastest = float(np.linalg.norm(states.nav.v, axis=1).max())
     return min(_LONGEST_STEP_S, 0.8 * step_m / max(fastest, 1e-3))
 
 
 def dense_motion(run: RunContext, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
-    """States about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
+    """Return rows about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
     starts, first = increment_starts(run.inertial, run.edges, step_s, times)
     bias = states.bias[:, 3:].mean(axis=0)
     n = len(run.t) - 1
@@ -109,63 +109,93 @@ def _joined(parts: list[DenseMotion]) -> DenseMotion:
     )
 
 
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of some intervals between keyframes: that of ``interval`` (m,) at share ``f`` (m,) of its ``span`` (k,), s.
+
+    ``starts`` (k + 1,) are the first rows of the intervals, ``dt`` (m, 1) and ``since`` (m, 1) a row's length and its
+    time since the keyframe, s.
+    """
+
+    starts: np.ndarray
+    interval: np.ndarray
+    f: Array
+    dt: Array
+    since: Array
+    span: Array
+
+
 def _between(
     run: RunContext, states: States, intervals: slice, starts: np.ndarray, first: np.ndarray, gyro_bias: Array
 ) -> DenseMotion:
-    """The rows of some of the intervals between keyframes."""
+    """Return the rows of some of the intervals between keyframes."""
     begin = first[intervals.start]
     starts = starts[begin : first[intervals.stop] + 1]
-    own = first[intervals.start : intervals.stop + 1] - begin
     ends = slice(intervals.start + 1, intervals.stop + 1)
-    here, there, bias = states.nav[intervals], states.nav[ends], states.bias[intervals]
-    i = np.repeat(np.arange(len(here)), np.diff(own))
+    start, end, bias = states.nav[intervals], states.nav[ends], states.bias[intervals]
     increments = compress(run.inertial, starts, gyro_bias)
-    dt, span = increments.duration[:, None], np.diff(run.t[intervals.start : intervals.stop + 1])
-    t = run.inertial.edges[starts[:-1]]
+    t, span = run.inertial.edges[starts[:-1]], np.diff(run.t[intervals.start : intervals.stop + 1])
+    first_rows = first[intervals.start : intervals.stop + 1] - begin
+    i = np.repeat(np.arange(len(start)), np.diff(first_rows))
     since = t - run.t[intervals][i]
-    f = since / span[i]
+    rows = _Rows(first_rows, i, since / span[i], increments.duration[:, None], since[:, None], span)
 
-    # The level frame turns as well, in n: Exp(-turning t) R Delta, and what is left at the end in proportion to time.
-    turning = run.world.earth_rate + transport_rate(0.5 * (here.v + there.v))
-    rate = increments.rotation / dt - bias[i, 3:]
-    turned, whole = running_turn(own, rate * dt)
-    start = quaternion(here.R).T
-    arrived = quaternion_product(quaternion_product(quaternion_exp(-(turning * span[:, None]).T), start), whole)
-    left = quaternion_log(quaternion_product(arrived * _CONJUGATE, quaternion(there.R).T))
-    attitude = quaternion_product(quaternion_product(quaternion_exp(-turning.T[:, i] * since), start[:, i]), turned)
-    R = matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(left[:, i] * f)))
-
+    # The level frame turns as well, in n.
+    turning = run.world.earth_rate + transport_rate(0.5 * (start.v + end.v))
+    rate = increments.rotation / rows.dt - bias[i, 3:]
+    R = _attitude(rows, start, end, rate, turning)
+    push = np.einsum("mij,mj->mi", R, increments.velocity - bias[i, :3] * rows.dt)
     gravity = np.array([0.0, 0.0, -run.world.gravity])
-    fall, falls = (gravity - cross(run.world.earth_rate + turning, side.v) for side in (here, there))
-    middle = f[:, None] + 0.5 * dt / span[i, None]
-    pushed = np.einsum("mij,mj->mi", R, increments.velocity - bias[i, :3] * dt)
-    gained = pushed + (fall[i] + (falls - fall)[i] * middle) * dt
-    faster, v_end = _running_sum(gained, own)
-    v = here.v[i] + faster
-    step = (v + 0.5 * gained) * dt
-    moved, p_end = _running_sum(step, own)
-    gone, d_end = _running_sum(np.einsum("mi,mi->m", step, R[:, :, 0]), own)
+    fall = [gravity - cross(run.world.earth_rate + turning, side.v) for side in (start, end)]
+    distance = states.odo.distance[intervals.start : intervals.stop + 1]
+    p, v, along = _path(rows, start, end, R, push, fall, distance)
+    return DenseMotion(t, Nav(R, p, v), along, rate, increments.duration, i + intervals.start, rows.f)
 
-    left_p, left_v = there.p - here.p - p_end, there.v - here.v - v_end
-    left_speed, left_d = np.sum(left_v * there.R[:, :, 0], axis=1), np.diff(states.odo.distance)[intervals] - d_end
+
+def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) -> Array:
+    """Integrate body rates (m, 3) to attitudes (m, 3, 3) that close at both keyframes.
+
+    ``R(t) = Exp(-turning t) R_start Delta(t) Exp(f e)``, e what is left at the end, in proportion to time.
+    """
+    i, span = rows.interval, rows.span[:, None]
+    turned, whole = running_turn(rows.starts, rate * rows.dt)
+    first = quaternion(start.R).T
+    arrived = quaternion_product(quaternion_product(quaternion_exp(-(turning * span).T), first), whole)
+    left = quaternion_log(quaternion_product(arrived * _CONJUGATE, quaternion(end.R).T))
+    frame = quaternion_exp(-turning.T[:, i] * rows.since[:, 0])
+    attitude = quaternion_product(quaternion_product(frame, first[:, i]), turned)
+    return matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(left[:, i] * rows.f)))
+
+
+def _path(
+    rows: _Rows, start: Nav, end: Nav, R: Array, push: Array, fall: list[Array], distance: Array
+) -> tuple[Array, Array, Array]:
+    """Integrate velocity increments ``push`` (m, 3) and ``fall`` (m/s^2 at both ends) to position, velocity, distance.
+
+    All close at both keyframes, by the cubic with the required end values and slopes; ``distance`` (k + 1,) is that of
+    the keyframes.
+    """
+    i, f, span = rows.interval, rows.f, rows.span
+    middle = f[:, None] + 0.5 * rows.dt / span[i, None]
+    gained = push + (fall[0][i] + (fall[1] - fall[0])[i] * middle) * rows.dt
+    faster, v_end = _running_sum(gained, rows.starts)
+    v = start.v[i] + faster
+    step = (v + 0.5 * gained) * rows.dt
+    moved, p_end = _running_sum(step, rows.starts)
+    travelled, d_end = _running_sum(np.einsum("mi,mi->m", step, R[:, :, 0]), rows.starts)
+
+    left_p, left_v = end.p - start.p - p_end, end.v - start.v - v_end
+    left_speed, left_d = np.sum(left_v * end.R[:, :, 0], axis=1), np.diff(distance) - d_end
     _, w, _, u = hermite_weights(f, span[i])
     _, w_rate, _, u_rate = hermite_rates(f, span[i])
-    return DenseMotion(
-        t,
-        Nav(
-            R,
-            here.p[i] + moved + left_p[i] * w[:, None] + left_v[i] * u[:, None],
-            v + left_p[i] * w_rate[:, None] + left_v[i] * u_rate[:, None],
-        ),
-        states.odo.distance[intervals][i] + gone + left_d[i] * w + left_speed[i] * u,
-        rate,
-        increments.duration,
-        i + intervals.start,
-        f,
+    return (
+        start.p[i] + moved + left_p[i] * w[:, None] + left_v[i] * u[:, None],
+        v + left_p[i] * w_rate[:, None] + left_v[i] * u_rate[:, None],
+        distance[i] + travelled + left_d[i] * w + left_speed[i] * u,
     )
 
 
 def _running_sum(values: Array, starts: np.ndarray) -> tuple[Array, Array]:
-    """Sums of what comes before each row in its group (m, ...), and of whole groups (n, ...). ``starts`` (n + 1,)."""
+    """Return the sum before each row within its group (m, ...), and of whole groups (n, ...). ``starts`` (n + 1,)."""
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     return total[:-1] - np.repeat(total[starts[:-1]], np.diff(starts), axis=0), np.diff(total[starts], axis=0)

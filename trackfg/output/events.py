@@ -1,4 +1,4 @@
-"""What happened on the run: rests, holes in the records, wheel slip and slide, positions used and set aside."""
+"""Events of a run: rests, holes in the records, wheel slip and slide, positions used and set aside."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class Event(NamedTuple):
 def event_table(
     sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
 ) -> pd.DataFrame:
-    """Events in order of their start, columns :data:`trackfg.results.columns.EVENT_COLUMNS`."""
+    """Return a table of the events in order of their start, columns :data:`trackfg.results.columns.EVENT_COLUMNS`."""
     return pd.DataFrame(events(sources, states, covariance, trajectory), columns=list(EVENT_COLUMNS))
 
 
 def events(sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame) -> list[Event]:
-    """Events in order of their start; slips and slides over the span of the trajectory."""
+    """Return the events in order of their start; slips and slides over the span of the trajectory."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
     def row(
@@ -86,7 +86,7 @@ def events(sources: EventSources, states: States, covariance: Covariance, trajec
 
 
 def _positions(sources: EventSources, family: Family, states: States, row: Callable[..., Event]) -> list[Event]:
-    """Fixes one by one; GNSS as runs of outliers, since a row per epoch would bury the rest."""
+    """Return fixes one by one, and GNSS as runs of outliers, since a row per epoch would bury the rest."""
     t = sources.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)
     outlier = family.weights(states) < _OUTLIER_WEIGHT

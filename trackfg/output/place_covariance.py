@@ -44,8 +44,9 @@ def place_covariance(
 
 
 def place_functions(rows: Array, keyframe: np.ndarray, fraction: Array) -> Functions:
-    """Quantities between keyframes (m,) and their next, linear in time, from their rows (n, q, d) at the keyframes: all
-    of the first place, then of the next.
+    """Return quantities between keyframes (m,) and their next, linear in time, from rows (n, q, d) at the keyframes.
+
+    They are in order of the places: all of the first place, then of the next.
     """
     quantities, f = rows.shape[1], fraction[:, None, None]
     first, second = (1.0 - f) * rows[keyframe], f * rows[keyframe + 1]
@@ -58,7 +59,7 @@ def place_functions(rows: Array, keyframe: np.ndarray, fraction: Array) -> Funct
 
 
 def _places(passes: Sequence[Profile], apart: int) -> tuple[Array, np.ndarray, Array]:
-    """Cells to be told of, the keyframe before each and the share of the time to the next. Each (p,)."""
+    """Return the cells of the places, the keyframe before each and the share of the time to the next. Each (p,)."""
     cell, when = np.zeros(0), np.zeros(0)
     keyframe = np.zeros(0, dtype=np.int64)
     for profile in sorted(passes, key=len, reverse=True):

@@ -1,4 +1,4 @@
-"""How sure profiles are: errors of points along the track, drawn from the joint posterior of the run.
+"""Samples of the errors of profiles, drawn from the joint posterior of the run.
 
 The keyframes' errors as they belong together come from :func:`trackfg.solver.covariance.posterior_samples`; between
 keyframes the white noise of the inertial samples is added, pinned at both ends. An operator applied to the samples has
@@ -49,8 +49,10 @@ class PointErrors:
 
 @dataclass(frozen=True)
 class PosteriorErrors:
-    """Samples of the keyframes' errors in n: position, velocity, attitude (n, 3, count); and for the noise in between,
-    normal draws for the beam's modes (n - 1, 2, modes, count) and where the bridges are drawn from.
+    """Samples of the keyframes' errors in n: position, velocity, attitude (n, 3, count).
+
+    The noise in between has normal draws for the beam's modes (n - 1, 2, modes, count) and where the bridges are drawn
+    from.
     """
 
     position: Array
@@ -61,7 +63,7 @@ class PosteriorErrors:
 
     @classmethod
     def of(cls, states: States, samples: Array, rng: np.random.Generator) -> PosteriorErrors:
-        """From samples of the tangents (n, d, count)."""
+        """Turn samples of the tangents (n, d, count) into errors in n."""
         at = offset_in_keyframe(Kind.NAV)
         n, _, count = samples.shape
         attitude, position, velocity = (states.nav.R @ samples[:, at + i : at + i + 3] for i in (0, 3, 6))
@@ -70,7 +72,7 @@ class PosteriorErrors:
 
 
 def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> PointErrors:
-    """The errors of points in order of chainage.
+    """Draw the errors of points in order of chainage.
 
     Position is carried between keyframes by the cubic of its end values and slopes, attitude linearly. In between, the
     accelerometer's white noise N adds ``N T^1.5 sum phi_i(f) / beta_i^2 xi_i``, phi_i the modes of a clamped beam (the
@@ -86,11 +88,11 @@ def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> Po
     tilted = (1.0 - f1)[:, :, None] * a[k] + f1[:, :, None] * a[k + 1]
 
     def position(direction: Array) -> Array:
-        """The error of the IMU's position in a direction (m, 3), carried from the keyframes."""
+        """Return the error of the IMU's position in a direction (m, 3), carried from the keyframes."""
         return np.asarray(np.einsum("mi,mis->ms", direction, moved))
 
     def attitude(direction: Array) -> Array:
-        """The error of the attitude about a direction (m, 3), carried from the keyframes."""
+        """Return the error of the attitude about a direction (m, 3), carried from the keyframes."""
         return np.asarray(np.einsum("mi,mis->ms", direction, tilted))
 
     def shaken(axis: int) -> Array:
@@ -104,7 +106,7 @@ def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> Po
     forward = np.cross(left, up)
 
     def at_point(direction: Array) -> Array:
-        """The error of the point, which is the IMU's position less the arm, and the arm turns with the attitude."""
+        """Return the error of the point: the IMU's position less the arm, which turns with the attitude."""
         if not arm.any():
             return position(direction)
         lever = np.cross(arm, direction)
@@ -123,7 +125,7 @@ def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> Po
 
 
 def _beam(f: Array) -> Array:
-    """Modes of a beam clamped at 0 and 1, unit norm, over beta^2. Shape (m,) to (m, modes)."""
+    """Return the modes of a beam clamped at 0 and 1, unit norm, over beta^2. Shape (m,) to (m, modes)."""
     b = _BEAM_MODES
     x = f[:, None] * b
     ratio = (np.cosh(b) - np.cos(b)) / (np.sinh(b) - np.sin(b))
@@ -131,7 +133,7 @@ def _beam(f: Array) -> Array:
 
 
 def _bridges(t: Array, keyframe: np.ndarray, fraction: Array, count: int, rng: np.random.Generator) -> Array:
-    """Brownian motion of unit density at the rows' times, pinned at every keyframe. Shape (m, count)."""
+    """Draw Brownian motion of unit density at the rows' times, pinned at every keyframe. Shape (m, count)."""
     rows = t[keyframe] + fraction * np.diff(t)[keyframe]
     low, high = keyframe.min(), keyframe.max() + 2
     times = np.concatenate([t[low:high], rows])

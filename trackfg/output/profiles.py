@@ -72,7 +72,7 @@ class Profile:
 
 
 def profiles(run: RunContext, motion: DenseMotion, states: States) -> list[Profile]:
-    """All passes of a sensor that follows the track; those too short to hold a chord are left out."""
+    """Return all passes of a sensor that follows the track, but those too short to hold a chord."""
     found = [_profile(run, motion, states, stretch) for stretch in passes(states.odo.distance)]
     return [profile for profile in found if profile is not None]
 
@@ -89,18 +89,18 @@ class Ascent:
 
     @classmethod
     def of(cls, run: RunContext, motion: DenseMotion, stretch: Pass, ahead_m: float = 0.0) -> Ascent:
-        """``ahead_m``: how far ahead of the reference point the place is that is passed."""
+        """Sort the rows of a pass; the place that is passed lies ``ahead_m`` ahead of the reference point."""
         rows = stretch.rows(run.t, motion.t)
         x = run.direction * (motion.distance[rows] + ahead_m)
         backwards = stretch.sense * run.direction < 0
         return cls(motion, stretch, x[::-1] if backwards else x, rows, backwards)
 
     def sorted(self, values: Array) -> Array:
-        """Values of the pass's rows (m, ...) in order of chainage."""
+        """Return values of the pass's rows (m, ...) in order of chainage."""
         return values[::-1] if self.backwards else values
 
     def on(self, grid: Array, values: Array) -> Array:
-        """Slow values of the pass's rows (m, c) at places (n,), linearly. Shape (n, c)."""
+        """Interpolate slow values of the pass's rows (m, c) linearly at places (n,). Shape (n, c)."""
         place = np.maximum.accumulate(self.x)
         return np.column_stack([np.interp(grid, place, column) for column in self.sorted(values).T])
 
@@ -139,7 +139,9 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
 
 
 def lateral_of(east: Array, north: Array, step_m: float) -> tuple[Array, Array]:
-    """u of a path given at every step (n,), and the horizontal unit vectors to its left (n, 3). NaN stays NaN in u."""
+    """Return u of a path given at every step (n,), NaN where it is NaN, and horizontal unit vectors to its left (n,
+    3).
+    """
     heading = np.arctan2(np.diff(north), np.diff(east))
     known = np.isfinite(heading)
     heading[known] = np.unwrap(heading[known])

@@ -37,14 +37,14 @@ def seen_profiles(
     motion: DenseMotion,
     states: States,
 ) -> list[Profile]:
-    """What a run whose speed is measured says of the track: nothing where the sensor is on springs alone."""
+    """Return the track's profiles from a run whose speed is measured; none where the only sensor is on springs."""
     if {view.side for view in views} == set(SIDES):
         return rail_profiles(run, motion, states, views)
     return profiles(run, motion, states) if description.imu.rigid else []
 
 
 def rail_profiles(run: RunContext, motion: DenseMotion, states: States, views: list[RailView]) -> list[Profile]:
-    """All passes on which both rails were seen; those too short to hold a chord are left out."""
+    """Return all passes on which both rails were seen, but those too short to hold a chord."""
     found = [
         _profile(run, motion, views, stretch)
         for stretch in passes(states.odo.distance)
@@ -89,7 +89,7 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
 
 @dataclass(frozen=True)
 class _Sight:
-    """What one unit saw of one rail on a pass: in vehicle axes at the pass's rows, less the IMU's place (m, 3); in n on
+    """One unit's sight of one rail on a pass: in vehicle axes at the pass's rows, less the IMU's place (m, 3); in n on
     the grid: cells (n,), points (3, n).
     """
 
@@ -125,5 +125,5 @@ def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple
 
 
 def _row_s(motion: DenseMotion) -> float:
-    """What a row of dense motion stands for, s: the mean over it uses every reading."""
+    """Return the time that a row of dense motion stands for, s: the mean over it uses every reading."""
     return float(np.median(np.diff(motion.t)))

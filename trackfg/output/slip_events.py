@@ -1,4 +1,4 @@
-"""When the wheel slipped or slid: what it rolled against the smoothed distance, on a clock of its own.
+"""Slips and slides of the wheel: the distance that it rolled against the smoothed distance, on a clock of its own.
 
 With the smoothed distance D(t), wheel scale S(t) and the tach's count W(t), both on the IMU's clock, the wheel's excess
 
@@ -47,8 +47,9 @@ class SlipEvent(NamedTuple):
 
 
 class Excess(NamedTuple):
-    """E at times ``t`` (n,), s: the ``excess`` (m), the ``rate`` (m/s) at which it grows beyond what curves and force
-    explain, the ``speed`` (m/s), the 1-sigma of the rate while the wheel rolls, and whether there are readings.
+    """The wheel's excess E at times ``t`` (n,), s: the ``excess`` (m), the ``rate`` (m/s) at which it grows beyond what
+    curves and force explain, the ``speed`` (m/s), the 1-sigma of the rate while the wheel rolls, and whether there are
+    readings.
     """
 
     t: Array
@@ -59,21 +60,19 @@ class Excess(NamedTuple):
     known: np.ndarray
 
     def spans(self, way: float) -> list[tuple[int, int]]:
-        """First rows, and rows after the last, of the spans in which the rate leaves the noise ``way`` 1 or -1."""
+        """Return first rows and rows after the last of the spans in which the rate leaves the noise ``way`` 1 or -1."""
         edge = np.maximum(_EDGE_CREEP * self.speed, _EDGE_SIGMAS * self.noise)
         return _joined(true_runs((way * self.rate > edge) & self.known))
 
     def open_since(self) -> float:
-        """Before this time nothing can change that rows later than the last one tell: the start of a span that may go
-        on, or where the rows end.
-        """
+        """Return the time before which later rows change nothing: the start of a span that may go on, or the end."""
         last = len(self.t) - 1 - round((_RELEASE_S + _WINDOW_S) / _STEP_S)
         starts = [i for way in _WAYS for i, j in self.spans(way) if j > last]
         return float(self.t[max(min([last, *starts]), 0)])
 
 
 def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame) -> Excess | None:
-    """E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
+    """Return E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
     wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
     at = trajectory["t_s"].to_numpy()
     if wheel is None or rolled is None or len(at) < 2:
@@ -92,7 +91,7 @@ def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame
 def slip_events(
     sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
 ) -> list[SlipEvent]:
-    """Slips and slides in order of time; none without a tach."""
+    """Return slips and slides in order of time; none without a tach."""
     wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
     grown = wheel_excess(sources, states, trajectory)
     if wheel is None or rolled is None or grown is None:
@@ -116,7 +115,7 @@ def slip_events(
 
 
 def _rolled(wheel: Wheel, sources: EventSources, states: States, t: Array) -> Array:
-    """The integral of S dW up to ``t``."""
+    """Return the integral of S dW up to ``t``."""
     offset, drift = states.clock[0, :2]
     count = wheel.at(t - offset - drift * (t - sources.clock_origin))
     scale = np.interp(t, sources.t, states.odo.scale)
@@ -129,7 +128,7 @@ def _rate(t: Array, x: Array) -> Array:
 
 
 def _joined(runs: np.ndarray) -> list[tuple[int, int]]:
-    """Runs with what lies between two of them where that is short."""
+    """Join runs that only a short stretch divides."""
     joined: list[tuple[int, int]] = []
     for i, j in runs.tolist():
         if joined and (i - joined[-1][1]) * _STEP_S <= _RELEASE_S:
@@ -140,7 +139,7 @@ def _joined(runs: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _moved_variance(sources: EventSources, states: States, covariance: Covariance, start: float, end: float) -> float:
-    """Of ``S (W_j - W_i) - (D_j - D_i)`` where the counts are known; keyframes i and j lie about the event."""
+    """Return the variance of ``S (W_j - W_i) - (D_j - D_i)`` for known counts; keyframes i and j enclose the event."""
     i = max(int(np.searchsorted(sources.t, start, side="right")) - 1, 0)
     j = min(int(np.searchsorted(sources.t, end)), len(sources.t) - 1)
     odo = offset_in_keyframe(Kind.ODO)
@@ -153,10 +152,10 @@ def _moved_variance(sources: EventSources, states: States, covariance: Covarianc
 
 
 def _speed_noise(wheel: Wheel, rolled: Family, t: Array) -> float:
-    """How fast the variance of a distance grows (m^2/s) that is integrated from speeds; 0 for a count."""
+    """Return how fast the variance of a distance integrated from speeds grows (m^2/s); 0 for a count."""
     return float(np.median(rolled.sigma[:, 0] ** 2 / np.diff(t))) if wheel.integrates_speed else 0.0
 
 
 def _count_sd(wheel: Wheel, density: float, duration_s: float) -> float:
-    """Of what the tach says of the distance rolled in that time."""
+    """Return the 1-sigma of the tach's distance over that time, m."""
     return float(np.sqrt(2.0 * wheel.rounding_sd**2 + density * duration_s))

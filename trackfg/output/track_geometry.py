@@ -55,7 +55,8 @@ def geometry_table(
     covariance: Covariance,
     root: SquareRoot,
 ) -> pd.DataFrame:
-    """One row per step of chainage passed, ascending: columns :data:`trackfg.results.columns.GEOMETRY_COLUMNS`, and
+    """Return one row per step of chainage passed, ascending: columns :data:`trackfg.results.columns.GEOMETRY_COLUMNS`,
+    and
     :data:`~trackfg.results.columns.RAIL_COLUMNS` where the profiles have rails.
     """
     with_rails = any(profile.shapes.rails for profile in passes)
@@ -106,7 +107,7 @@ class _Columns:
         return columns | known
 
     def _points(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
-        """What needs one place or a few, in the columns' units, from shapes (..., n)."""
+        """Return the quantities of one place or a few, in the columns' units, from shapes (..., n)."""
         meaning = self.meaning
         half, cross_level = 0.5 * meaning.chord_m, meaning.cross_level_base_m * shapes.tilt
         columns = {
@@ -122,7 +123,7 @@ class _Columns:
         return columns
 
     def _bands(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
-        """Level and alignment in the band of wavelengths, of the centre line and of each rail."""
+        """Return level and alignment in the band of wavelengths, of the centre line and of each rail."""
         band = Band(*self.meaning.band_m)
         lines = {"": (shapes.height, shapes.lateral)} | {f"_{side}": both for side, both in shapes.rails.items()}
         columns: dict[str, Array] = {}
@@ -142,7 +143,7 @@ class _Columns:
         return sigmas
 
     def _sampled(self) -> dict[str, Array]:
-        """Sigmas on every so-many-th row, by chunks that overlap by the operators' reach, brought to all rows."""
+        """Return sigmas for all rows, from every n-th row, by chunks that overlap by the operators' reach."""
         rows, every = len(self.profile), self._stride
         step = every * self.meaning.step_m
         total = -(-rows // every)
@@ -165,7 +166,7 @@ class _Columns:
 
     @property
     def _stride(self) -> int:
-        """The coarsest stride that all bases are multiples of and that still shows the noise between keyframes."""
+        """The coarsest stride that divides all bases and still shows the noise between keyframes."""
         meaning = self.meaning
         halves = (meaning.chord_m / 2, meaning.curvature_base_m / 2, meaning.gradient_base_m / 2)
         common = int(np.gcd.reduce([round(length / meaning.step_m) for length in (meaning.twist_base_m, *halves)]))
@@ -174,7 +175,7 @@ class _Columns:
         return max((n for n in range(1, common + 1) if common % n == 0 and n <= limit), default=1)
 
     def _drawn(self, rows: slice) -> tuple[Shapes, Shapes]:
-        """Samples of the errors of some rows: what the motion brings, and the white noise of displacement sensors."""
+        """Draw samples of the errors of some rows: those of the motion, and the white noise of displacement sensors."""
         views, step = self.profile.views, rows.step * self.meaning.step_m
         moved = [point_errors(self.run, view.points[rows], self.errors) for view in views]
         if views[0].side is None:
@@ -210,7 +211,7 @@ class _Columns:
 
 
 def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:
-    """Both errors together; the gauge has no part in the motion, which moves both rails alike."""
+    """Add both errors; the gauge has no part in the motion, which moves both rails alike."""
     return Shapes(
         height=smooth.height + share * white.height,
         lateral=smooth.lateral + share * white.lateral,
@@ -225,7 +226,7 @@ def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:
 
 
 def _averaged(variance: Array, step_m: float, length_m: float) -> Array:
-    """The running mean of what is known; ends take the nearest known value."""
+    """Return the running mean of the finite values; ends take the nearest one."""
     known = np.isfinite(variance)
     if not known.any():
         return variance

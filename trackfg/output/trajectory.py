@@ -1,4 +1,4 @@
-"""The trajectory table: what the states mean to a user, each quantity with the sigma that the posterior gives it."""
+"""The trajectory table: the states in a user's terms, each quantity with its posterior sigma."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad"
 
 
 def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
-    """The table of :func:`trajectory_columns`."""
+    """Return the table of :func:`trajectory_columns`."""
     return pd.DataFrame(trajectory_columns(run, motion, states, covariance))
 
 
 def trajectory_columns(
     run: RunContext, motion: DenseMotion, states: States, covariance: Covariance
 ) -> dict[str, Array]:
-    """One row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
+    """Return one row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
 
     Sigmas are those of the keyframes on either side, their variances interpolated in time, and what the white ``noise``
     of the inertial samples adds in between: to speed and attitude a Brownian bridge, to place and chainage that bridge
@@ -57,7 +57,7 @@ def trajectory_columns(
 
 
 def calibration_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
-    """One row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas."""
+    """Return one row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas."""
     own = states.bias - run.response @ states.imu[0]
     J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
     odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
@@ -77,9 +77,9 @@ def calibration_table(run: RunContext, motion: DenseMotion, states: States, cova
 
 
 def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array, mount_roll_sd: float = 0.0) -> Array:
-    """Variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`.
+    """Return variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`.
 
-    ``mount_roll_sd``, rad, is what nobody knows of the mounting's roll: it is in the vehicle's roll as it is.
+    ``mount_roll_sd``, rad, is the uncertainty of the mounting's roll: it adds to that of the vehicle's roll.
     """
     J = keyframe_jacobian(states, lever_arm)
     variance = np.asarray(np.sum((J @ covariance.marginal) * J, axis=2))
@@ -88,7 +88,9 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
 
 
 def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
-    """Derivatives of :data:`QUANTITIES` by the stacked tangent of a keyframe and the shared variables: (n, 8, d)."""
+    """Return the derivatives of :data:`QUANTITIES` by the stacked tangent of a keyframe and the shared variables: (n,
+    8, d).
+    """
     nav, mount, n = states.nav, states.mount, len(states)
     odo, at = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
     turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)

@@ -1,8 +1,9 @@
-"""Rail factors of a run: what two units of displacement sensors see of the same rail."""
+"""Rail factors of a run: two units of displacement sensors see the same place of a rail."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,49 +28,77 @@ _APART_M = 0.2
 """Keyframes closer than this see the same place again."""
 
 
-def tied_by_rails(problem: Problem, states: States, views: list[RailView], config: LaserConfig) -> Problem:
-    """The problem with the lasers' factors, places matched and directions taken at ``states``."""
+def with_rail_factors(problem: Problem, states: States, views: list[RailView], config: LaserConfig) -> Problem:
+    """Return the problem with the lasers' factors, places matched and directions taken at ``states``."""
     others = tuple(family for family in problem.families if family.type not in _RAIL)
     motion = dense_motion(problem.run, states, _DENSE_STEP_S)
     families = [
         family
-        for ahead, behind in unit_pairs(views)
+        for units in unit_pairs(views)
         for stretch in passes(states.odo.distance)
-        for family in _pair(problem, states, motion, stretch, ahead, behind, config)
+        for family in _rail_factors(
+            problem, states, motion, _matches(problem.t, states, motion, stretch, units, config), config
+        )
         if len(family)
     ]
-    families += [family for view in views for family in _held(problem, states, view, config) if len(family)]
+    families += [
+        family for view in views for family in _rail_factors_at_rest(problem, states, view, config) if len(family)
+    ]
     return replace(problem, families=(*others, *families))
 
 
-def _pair(
-    problem: Problem,
+class _Matches(NamedTuple):
+    """Places that both units of a pair saw: the leading one at ``keyframe`` (m,), the trailing one at ``t`` (m,), s.
+
+    ``start`` (m,) is the keyframe before ``t``; ``lead`` and ``trail`` (m, 3) are the sights in vehicle axes, m, and
+    ``noise`` their sigmas across and up, each unit's.
+    """
+
+    keyframe: np.ndarray
+    t: Array
+    start: np.ndarray
+    lead: Array
+    trail: Array
+    noise: tuple[tuple[float, float], tuple[float, float]]
+
+
+def _matches(
+    t: Array,
     states: States,
     motion: DenseMotion,
     stretch: Pass,
-    ahead: RailView,
-    behind: RailView,
+    units: tuple[RailView, RailView],
     config: LaserConfig,
-) -> tuple[Family, ...]:
+) -> _Matches:
+    """Match the sights of two units, the first ahead of the second, by the distance along a pass."""
+    ahead, behind = units
     leading, trailing = (ahead, behind) if stretch.sense > 0 else (behind, ahead)
-    rows = stretch.rows(problem.t, motion.t)
-    gone = np.maximum.accumulate(stretch.sense * motion.distance[rows])
-    own = np.arange(stretch.first, stretch.last + 1)
-    place = stretch.sense * states.odo.distance[own] + (ahead.along_m - behind.along_m)
+    rows = stretch.rows(t, motion.t)
+    distance = np.maximum.accumulate(stretch.sense * motion.distance[rows])
+    keyframe = np.arange(stretch.first, stretch.last + 1)
+    place = stretch.sense * states.odo.distance[keyframe] + (ahead.along_m - behind.along_m)
     fresh = np.concatenate([[True], np.floor(place[1:] / _APART_M) > np.floor(place[:-1] / _APART_M)])
-    t = np.interp(place, gone, motion.t[rows], right=np.nan)
-    seen = np.isfinite(t) & fresh
-    k, t = own[seen], t[seen]
-    j = np.clip(np.searchsorted(problem.t, t, side="right") - 1, 0, len(problem.t) - 2)
+    later = np.interp(place, distance, motion.t[rows], right=np.nan)
+    used = np.isfinite(later) & fresh
+    keyframe, later = keyframe[used], later[used]
+    start = np.clip(np.searchsorted(t, later, side="right") - 1, 0, len(t) - 2)
     window = config.window_s
-    lead, trail = leading.points(problem.t[k], window), trailing.points(t, window)
-    kept = (j - k < config.max_keyframes) & np.isfinite(lead).all(axis=1) & np.isfinite(trail).all(axis=1)
-    k, t, j, lead, trail = k[kept], t[kept], j[kept], lead[kept], trail[kept]
+    lead, trail = leading.points(t[keyframe], window), trailing.points(later, window)
+    used = (start - keyframe < config.max_keyframes) & np.isfinite(lead).all(axis=1) & np.isfinite(trail).all(axis=1)
+    noise = leading.sd(window), trailing.sd(window)
+    return _Matches(keyframe[used], later[used], start[used], lead[used], trail[used], noise)
+
+
+def _rail_factors(
+    problem: Problem, states: States, motion: DenseMotion, matches: _Matches, config: LaserConfig
+) -> tuple[Family, ...]:
+    """Return the factors of matched sights."""
+    k, j = matches.keyframe, matches.start
     if k.size == 0:
         return ()
-    h, T = (t - problem.t[j]) / (problem.t[j + 1] - problem.t[j]), problem.t[j + 1] - problem.t[j]
-
-    at = motion.at(t)
+    T = problem.t[j + 1] - problem.t[j]
+    h = (matches.t - problem.t[j]) / T
+    at = motion.at(matches.t)
     start, end = states.nav[j], states.nav[j + 1]
     # Detail and turning are those of the motion at these states, which closes at both ends.
     back = np.swapaxes(start.R, 1, 2)
@@ -79,27 +108,27 @@ def _pair(
     pinned = problem.run.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
     sigma = np.column_stack(
         [
-            np.sqrt(a**2 + b**2 + config.match_sd_m**2 + pinned**2)
-            for a, b in zip(leading.sd(window), trailing.sd(window), strict=True)
+            np.sqrt(leading**2 + trailing**2 + config.match_sd_m**2 + pinned**2)
+            for leading, trailing in zip(*matches.noise, strict=True)
         ]
     )
-    seen = RailSightings(
+    sightings = RailSightings(
         first=k,
         start=j,
         across=_across(at.nav.p - states.nav.p[k]),
-        lead=lead - arm,
-        trail=trail - arm,
+        lead=matches.lead - arm,
+        trail=matches.trail - arm,
         fraction=h,
         interval=T,
         turned=back @ at.nav.R,
         turn=back @ end.R,
         detail=at.nav.p - cubic,
     )
-    return same_rail(seen, sigma, Huber(config.robust_width))
+    return same_rail(sightings, sigma, Huber(config.robust_width))
 
 
-def _held(problem: Problem, states: States, view: RailView, config: LaserConfig) -> tuple[Family, ...]:
-    """At rest a unit goes on seeing one place: what the body shifts on its springs shows."""
+def _rail_factors_at_rest(problem: Problem, states: States, view: RailView, config: LaserConfig) -> tuple[Family, ...]:
+    """Return the factors of rests: a unit goes on seeing one place, so that the body's shift on its springs shows."""
     inside = [k[:-1] for k in (np.flatnonzero(within(problem.t, rest[None])) for rest in problem.rests) if k.size > 1]
     k = np.concatenate([np.zeros(0, dtype=np.int64), *inside])
     window = config.window_s
@@ -126,7 +155,7 @@ def _held(problem: Problem, states: States, view: RailView, config: LaserConfig)
 
 
 def _across(along: Array) -> Array:
-    """Unit vectors to the side and upwards, both square to ``along`` (m, 3). Shape (m, 2, 3)."""
+    """Return unit vectors to the side and upwards, both square to ``along`` (m, 3). Shape (m, 2, 3)."""
     forward = along / np.linalg.norm(along, axis=1, keepdims=True)
     level = np.hypot(forward[:, 0], forward[:, 1])
     side = np.stack([-forward[:, 1] / level, forward[:, 0] / level, np.zeros(len(level))], axis=1)

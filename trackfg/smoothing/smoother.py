@@ -34,7 +34,7 @@ from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, RunFacts, Solver, Summary, VectorEstimate
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
-from trackfg.smoothing.rail_ties import tied_by_rails
+from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
@@ -124,7 +124,7 @@ def smooth_states(
     feature_map: FeatureMap | None = None,
     progress: Progress | None = None,
 ) -> SmoothedStates:
-    """As :func:`smooth`, but give back states and covariances as well as tables."""
+    """Smooth as :func:`smooth` does, but return states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
     solved = _solved(recording, config, views, stages)
     for _ in range(config.noise.rounds if config.noise.adapt else 0):
@@ -141,12 +141,12 @@ def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], s
     with stages.stage("graph"):
         problem = build_problem(recording, config)
         if views:
-            problem = tied_by_rails(problem, problem.initial, views, config.laser)
+            problem = with_rail_factors(problem, problem.initial, views, config.laser)
     with stages.stage("solve") as report:
         solution = solve(problem, config.solver, report)
     if views:  # which readings saw one place is known better now
         with stages.stage("solve") as report:
-            problem = tied_by_rails(replace(problem, initial=solution.states), solution.states, views, config.laser)
+            problem = with_rail_factors(replace(problem, initial=solution.states), solution.states, views, config.laser)
             solution = solve(problem, config.solver, report)
     with stages.stage("covariance"):
         covariance = posterior_covariance(solution.root)
@@ -223,7 +223,7 @@ def _speed_is_measured(recording: Recording) -> bool:
 
 
 def _clock(t: Array, rate_hz: float) -> Array:
-    """A uniform clock over the run: whole multiples of the output interval."""
+    """Return a uniform clock over the run: whole multiples of the output interval."""
     first, last = np.ceil(t[0] * rate_hz), np.floor(t[-1] * rate_hz)
     return np.arange(first, last + 1) / rate_hz
 

@@ -15,7 +15,7 @@ from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.passes import passes
 from trackfg.recording.model import Recording
 from trackfg.sensors.displacement import rail_views, unit_pairs
-from trackfg.smoothing.rail_ties import tied_by_rails
+from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 OPTIONS = {"seed": 1, "duration_s": 80.0, "noise": False}
@@ -96,7 +96,7 @@ def test_keyframes_at_one_place_are_used_once(run: Simulation) -> None:
     """At rest the leading unit goes on seeing one place: one pair with the unit behind it, which comes by later."""
     config = SmoothConfig()
     problem = build_problem(run.recording, config)
-    tied = tied_by_rails(problem, problem.initial, rail_views(run.recording), config.laser)
+    tied = with_rail_factors(problem, problem.initial, rail_views(run.recording), config.laser)
     resting = problem.t < problem.rests[0, 1]
     for family in tied.families:
         if family.type is FactorType.RAIL_APART:
@@ -110,8 +110,8 @@ def test_tying_again_replaces_the_pairs(run: Simulation) -> None:
     def names(problem: Problem) -> list[str]:
         return sorted(family.name for family in problem.families)
 
-    once = tied_by_rails(problem, problem.initial, views, config.laser)
-    assert names(tied_by_rails(once, once.initial, views, config.laser)) == names(once)
+    once = with_rail_factors(problem, problem.initial, views, config.laser)
+    assert names(with_rail_factors(once, once.initial, views, config.laser)) == names(once)
     assert len(names(once)) > len(names(problem))
 
 
@@ -122,7 +122,7 @@ def test_silence_of_one_sensor_ties_nothing(run: Simulation) -> None:
     cut = replace(recording, lasers={**recording.lasers, "B-left-vertical": table[table["t_s"] < 50.0]})
     config, views = SmoothConfig(), rail_views(cut)
     problem = build_problem(cut, config)
-    tied = tied_by_rails(problem, problem.initial, views, config.laser)
+    tied = with_rail_factors(problem, problem.initial, views, config.laser)
     (_, late), *_ = [
         (pair, family) for pair, family in enumerate(tied.families) if family.type is FactorType.RAIL_APART
     ]
@@ -133,7 +133,7 @@ def test_one_unit_alone_ties_only_rests(run: Simulation) -> None:
     alone = with_lasers(run.recording, "A-left-vertical", "A-left-lateral", "A-right-vertical", "A-right-lateral")
     config = SmoothConfig()
     problem = build_problem(alone, config)
-    tied = tied_by_rails(problem, problem.initial, rail_views(alone), config.laser)
+    tied = with_rail_factors(problem, problem.initial, rail_views(alone), config.laser)
     assert tied.family(FactorType.RAIL_APART) is None
     held = [family for family in tied.families if family.type is FactorType.RAIL_WITHIN]
     assert len(held) == 2

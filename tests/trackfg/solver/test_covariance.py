@@ -19,7 +19,7 @@ from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, State
 from trackfg.graph.build import Problem, build_problem
 from trackfg.recording.model import Recording
 from trackfg.sensors.displacement import rail_views
-from trackfg.smoothing.rail_ties import tied_by_rails
+from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.solver.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
 from trackfg.solver.elimination import compressed, eliminate, eliminate_leaving, eliminate_pair, stacked_pair
 from trackfg.solver.square_root import SquareRoot
@@ -45,7 +45,7 @@ def problem_of(recording: Recording) -> Problem:
     """With the factors of its lasers, if it has any."""
     problem, config = build_problem(recording, SmoothConfig()), SmoothConfig()
     views = rail_views(recording)
-    return tied_by_rails(problem, problem.initial, views, config.laser) if views else problem
+    return with_rail_factors(problem, problem.initial, views, config.laser) if views else problem
 
 
 def solved_of(recording: Recording, linearized: Linearized) -> Solved:
