@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 
 _MIN_CHORD_M = 100.0
 _MAX_TURN_RAD = 0.5
@@ -80,7 +81,7 @@ def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None
         return None
     ratio = arc[good] / distance[good]
     scale = float(np.median(ratio))
-    spread = 1.4826 * float(np.median(np.abs(ratio - scale)))
+    spread = robust_sd(ratio - scale)
     return WheelScale(scale, max(1.25 * spread / float(np.sqrt(ratio.size)), 1e-5), "gnss", int(ratio.size))
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu
@@ -90,7 +91,7 @@ def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -
 def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
     """Several rows in succession at exactly the highest or lowest value, far from the usual ones."""
     middle = float(np.median(channel))
-    spread = 1.4826 * float(np.median(np.abs(channel - middle)))
+    spread = robust_sd(channel - middle)
     for end in (float(channel.min()), float(channel.max())):
         at_end = channel == end
         _, length = _longest_run(at_end)

@@ -14,6 +14,7 @@ import pandas as pd
 from trackfg.curves.increments import Increments
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 
 BRIDGED_M = 30.0
 _FEWEST_CELLS = 12
@@ -50,10 +51,10 @@ class Cells:
 
     @property
     def turn_sd(self) -> float:
-        """Of a turn, by the median of its deviations from those around it, rad."""
+        """The sigma of a turn, rad, from its deviations from the median of the eleven turns around it."""
         turn = self.turn.measured
         around = pd.Series(turn).rolling(11, center=True, min_periods=1).median().to_numpy()
-        return float(np.median(np.abs(turn - around)) / 0.6745)
+        return robust_sd(turn - around)
 
 
 def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:

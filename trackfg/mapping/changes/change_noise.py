@@ -30,11 +30,11 @@ import numpy as np
 
 from trackfg.mapping.changes.overlay import QUANTITIES, Overlay
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 
 WITHOUT_SLOW_PART = ("cross_level_mm", "gradient_permille")
 """What is compared without its slow difference, see :mod:`trackfg.mapping.changes.changes`."""
 
-_MAD = 1.4826
 _LEAST_CROSSINGS = 100
 _FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
 _SLOWEST_MPS = 0.5
@@ -102,10 +102,10 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
 
 
 def _spread(ratio: Array) -> float:
-    """Robust; NaN for what is too short to tell."""
+    """Return the robust sigma of the ratios that are known; NaN for a stretch with too few sign changes."""
     if _crossings(ratio) < _LEAST_CROSSINGS:
         return np.nan
-    return float(_MAD * np.nanmedian(np.abs(ratio)))
+    return robust_sd(ratio[np.isfinite(ratio)])
 
 
 def _crossings(ratio: Array) -> int:

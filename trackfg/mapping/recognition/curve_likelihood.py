@@ -1,9 +1,18 @@
-"""How well the curves of a section fit a place of the reference, against those of any track.
+"""Log likelihood ratio of the places of a section by its curves.
 
-Means of curvature over 20 m, each with Student's t of 5 degrees of freedom about the reference's. Its scale is the
-irregularities of both (so it holds even where all short waves have changed, and curves alone count), 3 % of the
-curvature, and 1 m of offset in a transition. The next mean of any track is as the last, goes on with the last slope, is
-straight again, or anything up to the usual curves, with the probabilities :data:`_NEXT`.
+A section has means ``y_j`` of curvature over 20 m, the reference at a place has ``g_j``. The ratio is
+
+    curves(p) = sum_j log t(y_j; g_j, sigma_j) - log q(y_j | y_j-1, y_j-2).
+
+**At the place** each mean has Student's t density of 5 degrees of freedom about the reference's, with the scale
+
+    sigma_j^2 = irregularities of the run^2 + of the reference^2 + (3 % of g_j)^2 + (1 m of offset in a transition)^2.
+
+The irregularities are in it, so it holds even where all short waves have changed and curves alone count.
+
+**On any other track** the density q is a mixture: the next mean is as the last, goes on with the last slope, is
+straight again, or is anything up to the usual curves, with the probabilities :data:`_NEXT`. So a long circle is one
+piece of evidence and not five.
 """
 
 from __future__ import annotations
@@ -16,8 +25,7 @@ from numpy.typing import NDArray
 from trackfg.mapping.recognition.profiles import (
     CURVATURE,
     LONG_M,
-    Profile,
-    cells,
+    FeatureProfile,
     forward_mean,
     irregularity,
     piece,
@@ -27,20 +35,28 @@ from trackfg.mapping.recognition.short_wave_likelihood import Array32
 from trackfg.numerics.arrays import Array
 
 _STUDENT_DOF = 5.0
+"""Degrees of freedom of Student's t: its tails let one mean of a section be wrong (Lange, Little and Taylor, Journal of
+the American Statistical Association 84, 1989)."""
 _RADIUS_CHANGE = 0.03
+"""Sigma of a curvature after maintenance, relative. Chosen on simulated tamped lines; see Assumptions in
+docs/engine.md.
+"""
 _NEXT = {"as the last": 0.6, "goes on": 0.2, "straight": 0.1, "anything": 0.1}
+"""Probabilities of the next mean of curvature on any track. Chosen on simulated lines; see Assumptions in
+docs/engine.md.
+"""
 _LEAST_IRREGULAR = 1e-3
-"""Of usual curves: for profiles without irregularities."""
+"""Least sigma of irregularities, as a share of usual curves: for profiles without any."""
 _USUAL_CURVES_1PM = 5e-4
-"""At least; else the root mean square of the reference's."""
+"""Least scale of usual curves, 1/m: a radius of 2 km. Where the reference has sharper ones it is their rms."""
 
 
 @dataclass(frozen=True)
-class Curves:
+class CurveMeans:
     """Means of curvature over 20 m, 1/m: of the run's sections (k, m), of the reference from each cell on (n,).
 
-    ``noise``: sigma of a mean of the run about the reference's, (n,). ``anywhere``: log density of the sections' means
-    on any track, (k, m). NaN where not known.
+    ``noise``: sigma of a mean of the run about the reference's, (n,). ``anywhere``: log density q of the sections'
+    means on any track, (k, m). NaN where not known.
     """
 
     sections: Array
@@ -48,8 +64,8 @@ class Curves:
     noise: Array
     anywhere: Array
 
-    def scores(self, which: slice, begin: int, stop: int, every: int) -> Array32:
-        """Of some sections that begin at cells ``begin`` to ``stop``, ``every`` apart: shape (k, cells)."""
+    def log_ratios(self, which: slice, begin: int, stop: int, every: int) -> Array32:
+        """Return the ratios of some sections at cells ``begin`` to ``stop``, ``every`` apart: shape (k, cells)."""
         y, elsewhere = self.sections[which].astype(np.float32), self.anywhere[which].astype(np.float32)
         means = y.shape[1]
         reach = stop + LONG_M * (means - 1)
@@ -73,26 +89,31 @@ class Curves:
         return constant - np.float32(0.5 * (_STUDENT_DOF + 1.0)) * total
 
 
-def curves_of(run: Profile, reference: Profile, first_cells: NDArray[np.int64], length: int) -> Curves:
-    """Of the run's sections of ``length`` cells from ``first_cells`` (k,), m, on, one after the other."""
-    y, f = (forward_mean(cells(profile.features[CURVATURE]), LONG_M) for profile in (run, reference))
+def curve_means_of(
+    run: FeatureProfile, reference: FeatureProfile, first_cells: NDArray[np.int64], length: int
+) -> CurveMeans:
+    """Return the means of the run's sections of ``length`` cells from ``first_cells`` (k,), m, on.
+
+    The sections follow one another, in or against the order of chainage.
+    """
+    y, f = (forward_mean(profile.cells(CURVATURE), LONG_M) for profile in (run, reference))
     sections = sections_of(y, first_cells - run.first_cell, length)[:, : length - LONG_M + 1 : LONG_M]
     usual = _USUAL_CURVES_1PM
     if np.isfinite(f).any():
         usual = max(usual, float(np.sqrt(np.nanmean(f**2))))
-    own, theirs = max(irregularity(y), _LEAST_IRREGULAR * usual), irregularity(f)
+    of_run, of_reference = max(irregularity(y), _LEAST_IRREGULAR * usual), irregularity(f)
     slope = np.nan_to_num(np.gradient(f)) if len(f) > 1 else np.zeros(len(f))
-    noise = np.sqrt(own**2 + theirs**2 + (_RADIUS_CHANGE * f) ** 2 + slope**2)
+    noise = np.sqrt(of_run**2 + of_reference**2 + (_RADIUS_CHANGE * f) ** 2 + slope**2)
     forwards = sections.ravel() if first_cells[0] <= first_cells[-1] else sections[::-1].ravel()
-    anywhere = _anywhere(forwards, own, usual).reshape(sections.shape)
-    return Curves(sections, f, noise, anywhere if first_cells[0] <= first_cells[-1] else anywhere[::-1])
+    anywhere = _log_density_anywhere(forwards, of_run, usual).reshape(sections.shape)
+    return CurveMeans(sections, f, noise, anywhere if first_cells[0] <= first_cells[-1] else anywhere[::-1])
 
 
-def _anywhere(y: Array, noise: float, usual: float) -> Array:
-    """Log density of each mean given those before it, on any track. Shape (n,) to (n,)."""
+def _log_density_anywhere(y: Array, noise: float, usual: float) -> Array:
+    """Return the log density q of each mean given the two before it, on any track. Shape (n,) to (n,)."""
     last, before = (np.concatenate([np.full(lag, np.nan), y[:-lag]])[: len(y)] for lag in (1, 2))
     density, weight = np.zeros(len(y)), np.zeros(len(y))
-    rounding = _RADIUS_CHANGE * y  # as on the reference, lest the same circle be likelier anywhere
+    rounding = _RADIUS_CHANGE * y  # as on the reference, or the same circle would be likelier on any other track
     for (about, scale), probability in zip(
         (
             (last, np.hypot(noise * 2.0**0.5, rounding)),

@@ -1,33 +1,37 @@
-"""Where exactly a section of a run lies on the reference: least squares on rows of 0.25 m.
+"""Fine match of sections: where exactly each lies on the reference, by least squares on the rows.
 
-With ``f`` the reference (a cubic spline), ``r`` the run's features and ``x`` the run's chainage about the section's
-middle, sought are the place ``p`` of the middle and the local scale ``e`` (prior sigma as of the run's scale):
+With ``r`` the run's features, ``f`` the reference (a cubic spline) and ``x`` the run's chainage about a section's
+middle, the unknowns of each section are the place ``p`` of its middle and its scale error ``e``, with a prior sigma as
+of the run's scale:
 
-    r(x) = f(p + (1 + e) x) + c + noise,
+    r(x) = f(p + (1 + e) x) + c + noise.
 
-``c`` a constant of each feature and section (a roll offset, a bias), projected out. Gauss-Newton; rows far off (a
-defect) weigh less, ``1/(1 + (residual/3 sigma)^2)``; sigma is the median over the sections of their median absolute
-residual, but no less than what the tables' sigmas say of curvature and versines (those of the cross-level are mostly of
-its constant).
+The constant ``c`` of each feature and section (a roll offset, a bias) is projected out. Gauss-Newton steps; rows far
+off (a defect) have the weight ``1/(1 + (residual / 3 sigma)^2)`` of Cauchy's loss. Sigma is the robust sigma of all
+sections' residuals, but no less than what the tables' sigmas say of curvature and versines (those of the cross-level
+are mostly of its constant).
 
-Noise of neighbouring rows is correlated over the operators' bases. With the gradient ``G_i = f'_i w_i / sigma`` and the
-pooled periodogram ``P`` of the weighted residuals of all sections, the covariance is that of least squares under
-coloured noise (White, Econometrica 48, 1980, in the form for stationary noise)
+**Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the gradient
+``G_i = f'_i w_i / sigma`` and the pooled periodogram ``P`` of the weighted residuals of all sections, it is that of
+least squares under coloured noise (White, Econometrica 48, 1980, in the form for stationary noise)
 
     C = A^-1 B A^-1,    A = sum G G^T + prior,    B = mean over frequencies of |G(W)|^2 P(W) + prior,
 
 raised where a section's own residuals are larger than the others', and by ``sum f'^2 / sum f' r'``: slopes of the
-reference that the run does not share are no information. Where they are most, ``sum f' r' < 0.7 sum f'^2``, there is
-nothing to match, and no sigma.
+reference that the run does not share are no information.
 
-What is found is the mean of the shift over the section. Where the wheel's scale walks, the shift is an integrated
-random walk, and from its mean over a section to its value in the middle is, given the second difference ``d`` of the
-means of three sections, normal with mean ``0.051 d`` and sigma ``0.054 sd(d)`` (from the walk's covariance; no outcome
-of a match). Both are counted as error.
+**Acceptance.** There is no match, and no sigma, where ``sum f' r' < 0.7 sum f'^2``, where half of the rows are unknown,
+where the iteration has not converged, or where it went too far from where it began.
+
+**Mean and middle.** The result is the mean over the section of the shift between the two chainages. Where the wheel's
+scale is a random walk, the shift is an integrated one. Let ``d`` be the second difference of the means of three
+sections in a row. From the covariance of an integrated Wiener process, ``var(d) = 11/20 L^3 q``, the mean shift less
+that in the middle has the expectation ``0.055 d`` and the sigma ``0.052 sd(d)`` about it. Both are counted as error.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,56 +41,100 @@ from trackfg.mapping.recognition.profiles import (
     CROSS_LEVEL,
     CURVATURE,
     LONG_M,
-    ROWS_PER_CELL,
-    STEP_M,
-    Profile,
+    FeatureProfile,
     forward_mean,
     sections_of,
 )
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 
 _ROUNDS = 4
-_FAR = 3.0
+"""Gauss-Newton steps."""
+_GREATEST_STEP_M, _GREATEST_SCALE_STEP = 5.0, 0.02
+"""Greatest change of the place, m, and of the scale error in one step."""
+_CONVERGED_M = 0.3
+"""A section whose last step is longer than this, m, has not converged."""
+_SEARCH_M, _SEARCH_STEP_M = 2.0, 0.5
+"""How far to either side the place is searched before the first step, m, and in what steps: a place of
+:mod:`trackfg.mapping.recognition.likelihood` is 2 m wide."""
+_REACH_M, _REACH_BY_CURVES_M = 3.0, 15.0
+"""How far a match by all features, and one by curves, may lie from the place where it began, m."""
+_FAR_SIGMAS = 3.0
+"""Width of Cauchy's loss, sigmas."""
 _WALK_SCALE = 1e-4
-"""Scale of a section that a walk of the wheels makes by itself."""
+"""Sigma of a section's own scale error: a creep of 1 mm per root of a metre over 100 m."""
 _CURVES_SCALE = 0.003
-"""Sigma of a section's scale where there are only curves: their few slopes would rather fit irregularities."""
+"""Greatest sigma of a section's scale error where there are only curves: their few slopes would fit irregularities by
+it. Chosen on simulated tamped lines; see Assumptions in docs/engine.md."""
 _CURVES_SD = 1.3
-"""By this much more do matches by curves err (measured on tamped lines): irregularities bend the fit itself."""
-_ALIKE = 0.7
-_LEAST = 1e-4
-"""Of a feature's size: the least noise."""
-_MAD = 1.4826
+"""Factor of the sigma of matches by curves: irregularities bend the fit itself. Chosen on simulated tamped lines; see
+Assumptions in docs/engine.md."""
+_LEAST_SHARED = 0.7
+"""Least ``sum f' r' / sum f'^2`` of a match. Chosen on simulated lines; see Assumptions in docs/engine.md."""
+_LEAST_KNOWN = 0.5
+"""Least share of a section's rows that a match needs."""
+_LEAST_NOISE = 1e-4
+"""Least noise of a feature, as a share of its standard deviation on the reference: for profiles without noise."""
 _ON_ROW = 1e-9
-"""Of a row: a place that near below it is on it."""
+"""A place so little below a row, in rows, is on it: rounding."""
 _LEAST_TRIPLES = 5
-_WALK_MEAN, _WALK_REST = 0.051, 0.1
-_OWN_DOF = 20.0
-"""Rows' worth of trust in the noise of all sections against a section's own."""
+"""Triples of sections from which the wheel's walk can be estimated."""
+_WALK_MEAN = 0.055
+"""The expectation of the mean shift less that in the middle, per second difference d (module docstring)."""
+_WALK_REST = 0.1
+"""The sigma about it, per sd(d): twice the 0.052 of a Wiener process. Chosen on ten pairs of simulated runs (shuttle,
+mainline), whose matches err by 1.0 to 1.7 sigmas rms with it and by 1.15 to 1.8 with 0.052; see Assumptions in
+docs/engine.md."""
+_VALUE_M = 2.5
+"""Length of track per independent residual, m: a quarter of the base of versines and curvature."""
+_COMMON_VALUES = 20.0
+"""The noise of all sections counts as much as so many independent residuals of a section's own."""
+_SMOOTHED_OVER = 5
+"""Frequencies over which the periodogram is averaged."""
+_LONG_WAVES = slice(2, 9)
+"""Frequencies of the periodogram that stand for long waves: the lowest that are left without the mean."""
+
+
+@dataclass(frozen=True)
+class Sections:
+    """The sections of a run that are to be matched, (k,) each.
+
+    Their middles are at ``middle_m`` in the run's chainage and, to a metre or two, at ``about_m`` on the reference,
+    with a scale error of about ``scale``. ``unchanged``: whether the track is as on the reference.
+    """
+
+    middle_m: Array
+    length_m: int
+    about_m: Array
+    scale: Array
+    unchanged: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Matches:
-    """Of sections (k,): reference chainage of their middle, and its sigma, m (NaN: no match); the local scale error;
-    mean of run minus reference of the cross-level, mm, and its sigma (NaN where not known)."""
+    """Matches of sections (k,).
+
+    ``reference_m``: chainage of their middle on the reference, and its sigma ``sd_m`` (NaN: no match).
+    ``cross_level_bias_mm``: mean of run minus reference, and its sigma (NaN where not known).
+    """
 
     reference_m: Array
     sd_m: Array
-    scale: Array
     cross_level_bias_mm: Array
     cross_level_bias_mm_sd: Array
 
 
 @dataclass(frozen=True)
 class _Feature:
-    """The run's rows (k, m) and their slopes, 1/m; the reference as a cubic spline from row to row.
+    """One feature: the run's rows (k, m) and their slopes, 1/m; the reference as a cubic spline from row to row.
 
     ``cubic`` (n, 4): of the row numbered ``first`` and those after it, highest power first; ``known`` (n,): whether the
-    row and the next are. ``claimed``: sigma of the comparison by the tables; ``least``: the least taken.
+    row and the next are. ``claimed``: sigma of the comparison by the tables; ``least``: the least that is taken.
     """
 
     run: Array
     run_slope: Array
+    step_m: float
     first: int
     cubic: Array
     known: NDArray[np.bool_]
@@ -94,69 +142,122 @@ class _Feature:
     least: float
 
     def at(self, places: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Values, slopes and whether known at places, m: three of their shape."""
-        position = places / STEP_M - self.first
+        """Return the reference's values, its slopes, and whether they are known, at places, m: three of their shape."""
+        position = places / self.step_m - self.first
         row = np.floor(position + _ON_ROW).astype(np.int64)
         inside = (row >= 0) & (row < len(self.cubic))
         row = np.clip(row, 0, len(self.cubic) - 1)
         t = np.where(inside, position - row, 0.0)
         a, b, c, d = np.moveaxis(self.cubic[row], -1, 0)
-        return ((a * t + b) * t + c) * t + d, ((3.0 * a * t + 2.0 * b) * t + c) / STEP_M, inside & self.known[row]
+        return ((a * t + b) * t + c) * t + d, ((3.0 * a * t + 2.0 * b) * t + c) / self.step_m, inside & self.known[row]
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """One feature at the sections' present places: residuals (k, m) and derivatives by place and scale error (2, k, m).
+
+    ``weight`` (k, m): of Cauchy's loss, 0 where not known. ``spread``: robust sigma of the residuals; ``sigma``: that
+    or, if it is larger, what the tables claim.
+    """
+
+    feature: _Feature
+    residual: Array
+    jacobian: Array
+    weight: Array
+    known: NDArray[np.bool_]
+    spread: float
+    sigma: float
+
+    @classmethod
+    def of(cls, feature: _Feature, places: Array, x: Array, weight: Array) -> _Linearised:
+        """Linearise at ``places`` (k, m) with the weights of the round before (k, m)."""
+        value, slope, known = feature.at(places)
+        known &= np.isfinite(feature.run)
+        w = np.where(known, weight, 0.0)
+        residual = _centred(np.where(known, feature.run - value, 0.0), w)
+        jacobian = np.stack([_centred(slope, w), _centred(slope * x, w)])
+        spread = robust_sd(residual[known]) if known.any() else 0.0
+        return cls(feature, residual, jacobian, w, known, spread, max(spread, feature.claimed, feature.least))
+
+    @property
+    def cauchy_weight(self) -> Array:
+        """The weights of the next round, (k, m)."""
+        return 1.0 / (1.0 + (self.residual / (_FAR_SIGMAS * self.sigma)) ** 2)
+
+    def normal(self) -> tuple[Array, Array]:
+        """Return the normal matrix (k, 2, 2) and the right-hand side (k, 2)."""
+        J, w = self.jacobian, self.weight
+        matrix = np.einsum("akm,bkm,km->kab", J, J, w) / self.sigma**2
+        return matrix, np.einsum("akm,km,km->ka", J, w, self.residual) / self.sigma**2
+
+    def coloured(self) -> Array:
+        """Return B without the prior: the variance of the right-hand side under coloured noise, (k, 2, 2)."""
+        u = self.weight * self.residual / self.sigma
+        spectrum = _periodogram(u, self.known) * max(1.0, (self.sigma / max(self.spread, self.feature.least)) ** 2)
+        G = np.fft.rfft(self.jacobian * self.weight / self.sigma, 2 * (len(spectrum) - 1), axis=2)
+        return _mean_over_frequencies(np.real(G[:, None] * np.conj(G[None])) * spectrum).transpose(2, 0, 1)
+
+    def slopes(self) -> tuple[Array, Array]:
+        """Return ``sum f' r'`` and ``sum f'^2`` of each section, weighted, (k,) each."""
+        of_run = np.where(self.known & np.isfinite(self.feature.run_slope), self.feature.run_slope, 0.0)
+        of_reference, w = self.jacobian[0], self.weight
+        shared = (_centred(of_run, w) * of_reference * w).sum(axis=1) / self.sigma**2
+        return shared, (of_reference**2 * w).sum(axis=1) / self.sigma**2
+
+    def squares(self) -> Array:
+        """Return the sections' sums of squared residuals in units of the mean over all sections, (k,)."""
+        u = self.weight * self.residual / self.sigma
+        power = float((u**2).sum()) / max(int(self.known.sum()), 1)
+        return np.asarray((u**2).sum(axis=1) / max(power, np.finfo(np.float64).tiny))
 
 
 @dataclass(frozen=True)
 class _Fit:
+    """Places (m), their sigmas (m, NaN where there is no match) and the scale errors of sections, (k,) each."""
+
     place: Array
     sd: Array
     scale: Array
 
 
-def match_sections(
-    run: Profile,
-    reference: Profile,
-    middle_m: Array,
-    length_m: int,
-    *,
-    about_m: Array,
-    scale: Array,
-    scale_sd: float,
-    same: NDArray[np.bool_],
-) -> Matches:
-    """Match the run's sections with middles at ``middle_m`` (k,) near the reference's ``about_m`` (k,).
+def match_sections(run: FeatureProfile, reference: FeatureProfile, sections: Sections, scale_sd: float) -> Matches:
+    """Match sections of the run. ``scale_sd``: prior sigma of their scale errors.
 
-    Sections on unchanged track (``same``) by all features on every row, from within 2 m; the others by their curves
+    Sections on unchanged track are matched by all features on every row, from within 2 m; the others by their curves
     alone, the means of curvature over 20 m.
     """
-    sections = len(middle_m)
-    rows = length_m * ROWS_PER_CELL
-    first = np.rint((middle_m - 0.5 * length_m) / STEP_M).astype(np.int64) - run.first
-    x: Array = STEP_M * np.arange(rows, dtype=np.float64) - 0.5 * length_m
-    place, sd, local = about_m.copy(), np.full(sections, np.nan), scale.copy()
-    for which, long in ((np.flatnonzero(same), False), (np.flatnonzero(~same), True)):
-        names = [name for name in run.features if not long or name == CURVATURE]
+    count, step = len(sections.middle_m), run.step_m
+    rows = sections.length_m * run.rows_per_cell
+    first = np.rint((sections.middle_m - 0.5 * sections.length_m) / step).astype(np.int64) - run.first
+    x: Array = step * np.arange(rows, dtype=np.float64) - 0.5 * sections.length_m
+    place, sd, scale = sections.about_m.copy(), np.full(count, np.nan), sections.scale.copy()
+    for which, by_curves in ((np.flatnonzero(sections.unchanged), False), (np.flatnonzero(~sections.unchanged), True)):
+        names = [name for name in run.features if not by_curves or name == CURVATURE]
         if which.size and names:
-            features = [_feature(run, reference, name, first[which], rows, long=long) for name in names]
-            known_scale = min(scale_sd, _CURVES_SCALE) if long else scale_sd
-            fit = _fit(features, x, about_m[which], scale[which], known_scale, searched=not long)
-            place[which], local[which] = fit.place, fit.scale
-            sd[which] = fit.sd * (_CURVES_SD if long else 1.0)
-    sd = np.hypot(sd, _walk(place - middle_m, sd))
-    bias, bias_sd = np.full(sections, np.nan), np.full(sections, np.nan)
-    found = np.flatnonzero(np.isfinite(sd))
-    if CROSS_LEVEL in run.features and found.size:
-        feature = _feature(run, reference, CROSS_LEVEL, first[found], rows, long=False)
-        bias[found], bias_sd[found] = _bias(feature, x, place[found], local[found], sd[found])
-    return Matches(place, sd, local, bias, bias_sd)
+            features = [_feature(run, reference, name, first[which], rows, by_curves=by_curves) for name in names]
+            section_scale_sd = min(scale_sd, _CURVES_SCALE) if by_curves else scale_sd
+            start = _Fit(sections.about_m[which], np.zeros(0), sections.scale[which])
+            fit = _fit(features, x, start, section_scale_sd, searched=not by_curves)
+            place[which], scale[which] = fit.place, fit.scale
+            sd[which] = fit.sd * (_CURVES_SD if by_curves else 1.0)
+    sd = np.hypot(sd, _mean_to_middle_sd(place - sections.middle_m, sd))
+    bias, bias_sd = np.full(count, np.nan), np.full(count, np.nan)
+    matched = np.flatnonzero(np.isfinite(sd))
+    if CROSS_LEVEL in run.features and matched.size:
+        feature = _feature(run, reference, CROSS_LEVEL, first[matched], rows, by_curves=False)
+        bias[matched], bias_sd[matched] = _bias(feature, x, _Fit(place[matched], sd[matched], scale[matched]))
+    return Matches(place, sd, bias, bias_sd)
 
 
 def _feature(
-    run: Profile, reference: Profile, name: str, first: NDArray[np.int64], rows: int, *, long: bool
+    run: FeatureProfile, reference: FeatureProfile, name: str, first: NDArray[np.int64], rows: int, *, by_curves: bool
 ) -> _Feature:
+    """Return one feature of the run's sections that begin at rows ``first`` (k,), or its means over 20 m."""
     from scipy.interpolate import CubicSpline  # late: 0.2 s
 
     r, f = run.features[name], reference.features[name]
-    if long:
-        r, f = (forward_mean(x, LONG_M * ROWS_PER_CELL) for x in (r, f))
+    if by_curves:
+        r, f = (forward_mean(values, LONG_M * run.rows_per_cell) for values in (r, f))
     pieces = sections_of(r, first, rows)
     known = np.isfinite(f)
     at = np.flatnonzero(known)
@@ -167,112 +268,126 @@ def _feature(
         cubic = np.append(CubicSpline(every, np.interp(every, at, f[at])).c.T, np.zeros((1, 4)), axis=0)
         cubic[-1, 3] = f[at[-1]]
         both = known & np.append(known[1:], known[-1])
-    told = not long and name != CROSS_LEVEL
+    has_claim = not by_curves and name != CROSS_LEVEL
     return _Feature(
-        pieces,
-        np.gradient(pieces, STEP_M, axis=1),
-        reference.first,
-        cubic,
-        both,
-        float(np.sqrt(run.claimed_variance(name) + reference.claimed_variance(name))) if told else 0.0,
-        max(_LEAST * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25),
+        run=pieces,
+        run_slope=np.gradient(pieces, run.step_m, axis=1),
+        step_m=run.step_m,
+        first=reference.first,
+        cubic=cubic,
+        known=both,
+        claimed=float(np.sqrt(run.claimed_variance(name) + reference.claimed_variance(name))) if has_claim else 0.0,
+        least=max(_LEAST_NOISE * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25),
     )
 
 
-def _fit(features: list[_Feature], x: Array, about: Array, scale: Array, scale_sd: float, *, searched: bool) -> _Fit:
-    place, given = about.copy(), scale
-    if searched:
-        place = _searched(features, x, place, scale)
+def _fit(features: Sequence[_Feature], x: Array, start: _Fit, scale_sd: float, *, searched: bool) -> _Fit:
+    """Return the places and scale errors that fit best, by Gauss-Newton from ``start`` (its sigmas are not used)."""
+    about, scale = start.place, start.scale
+    place = _searched(features, x, about, scale) if searched else about.copy()
     prior = 1.0 / (scale_sd**2 + _WALK_SCALE**2)
     weights = [np.ones_like(feature.run) for feature in features]
-    for step in range(_ROUNDS):
-        last = step == _ROUNDS - 1
-        A = np.zeros((len(about), 2, 2))
-        A[:, 1, 1] = prior
-        b = np.zeros((len(about), 2))
-        b[:, 1] = prior * (given - scale)
-        noise = np.zeros_like(A)
-        noise[:, 1, 1] = prior
-        alike, slopes = np.zeros(len(about)), np.zeros(len(about))
-        squares, rows = np.zeros(len(about)), np.zeros(len(about))
-        for i, feature in enumerate(features):
-            at = place[:, None] + (1.0 + scale[:, None]) * x
-            value, slope, known = feature.at(at)
-            known &= np.isfinite(feature.run)
-            w = np.where(known, weights[i], 0.0)
-            r = _centred(np.where(known, feature.run - value, 0.0), w)
-            J = np.stack([_centred(slope, w), _centred(slope * x, w)])
-            measured = _typical(r, known)
-            sigma = max(measured, feature.claimed, feature.least)
-            A += np.einsum("akm,bkm,km->kab", J, J, w) / sigma**2
-            b += np.einsum("akm,km,km->ka", J, w, r) / sigma**2
-            weights[i] = 1.0 / (1.0 + (r / (_FAR * sigma)) ** 2)
-            if last:
-                own = np.where(known & np.isfinite(feature.run_slope), feature.run_slope, 0.0)
-                alike += (_centred(own, w) * J[0] * w).sum(axis=1) / sigma**2
-                slopes += (J[0] ** 2 * w).sum(axis=1) / sigma**2
-                u = w * r / sigma
-                spectrum = _periodogram(u, known) * max(1.0, (sigma / max(measured, feature.least)) ** 2)
-                G = np.fft.rfft(J * w / sigma, 2 * (len(spectrum) - 1), axis=2)
-                noise += _mean_over_frequencies(np.real(G[:, None] * np.conj(G[None])) * spectrum).transpose(2, 0, 1)
-                power = float((u**2).sum()) / max(int(known.sum()), 1)
-                squares += (u**2).sum(axis=1) / max(power, np.finfo(np.float64).tiny)
-                rows += known.sum(axis=1)
-        A[:, 0, 0] += np.finfo(np.float64).tiny
-        inverse = np.linalg.inv(A)
-        step_by = np.einsum("kab,kb->ka", inverse, b)
-        place, scale = place + np.clip(step_by[:, 0], -5.0, 5.0), scale + np.clip(step_by[:, 1], -0.02, 0.02)
+    for _ in range(_ROUNDS):
+        places = place[:, None] + (1.0 + scale[:, None]) * x
+        linearised = [_Linearised.of(feature, places, x, w) for feature, w in zip(features, weights, strict=True)]
+        A, b = _normal_equations(linearised, prior, start.scale - scale)
+        inverse: Array = np.linalg.inv(A).astype(np.float64, copy=False)
+        step = np.einsum("kab,kb->ka", inverse, b)
+        place = place + np.clip(step[:, 0], -_GREATEST_STEP_M, _GREATEST_STEP_M)
+        scale = scale + np.clip(step[:, 1], -_GREATEST_SCALE_STEP, _GREATEST_SCALE_STEP)
+        weights = [one.cauchy_weight for one in linearised]
+    reach = _REACH_M if searched else _REACH_BY_CURVES_M
+    accepted = _is_match(linearised) & (np.abs(step[:, 0]) < _CONVERGED_M) & (np.abs(place - about) < reach)
+    sd = np.sqrt(_variance(linearised, inverse, prior), where=accepted, out=np.full(len(about), np.nan))
+    return _Fit(np.where(accepted, place, about), sd, scale)
+
+
+def _normal_equations(linearised: Sequence[_Linearised], prior: float, pull: Array) -> tuple[Array, Array]:
+    """Return A (k, 2, 2) and the right-hand side (k, 2); ``pull`` (k,): the prior scale error less the present one."""
+    A, b = np.zeros((len(pull), 2, 2)), np.zeros((len(pull), 2))
+    A[:, 1, 1] = prior
+    b[:, 1] = prior * pull
+    for one in linearised:
+        matrix, vector = one.normal()
+        A += matrix
+        b += vector
+    A[:, 0, 0] += np.finfo(np.float64).tiny
+    return A, b
+
+
+def _variance(linearised: Sequence[_Linearised], inverse: Array, prior: float) -> Array:
+    """Return the variances of the places, m^2 (k,), under coloured noise; ``inverse`` (k, 2, 2) is that of A."""
+    B = np.zeros_like(inverse)
+    B[:, 1, 1] = prior
+    shared, slopes, squares, rows = (np.zeros(len(inverse)) for _ in range(4))
+    for one in linearised:
+        B += one.coloured()
+        with_run, of_reference = one.slopes()
+        shared += with_run
+        slopes += of_reference
+        squares += one.squares()
+        rows += one.known.sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = (inverse @ noise @ inverse)[:, 0, 0] * (slopes / alike) ** 2
-    variance *= np.maximum(1.0, (_OWN_DOF + squares / 10.0) / (_OWN_DOF + rows / 10.0))
-    sure = (alike > _ALIKE * slopes) & (rows > 0.5 * len(features) * len(x)) & (np.abs(step_by[:, 0]) < 0.3)
-    sure &= np.abs(place - about) < (3.0 if searched else 15.0)
-    return _Fit(np.where(sure, place, about), np.where(sure, np.sqrt(variance), np.nan), np.where(sure, scale, scale))
+        variance = (inverse @ B @ inverse)[:, 0, 0] * (slopes / shared) ** 2
+    per_value = _VALUE_M / linearised[0].feature.step_m
+    own_noise = (_COMMON_VALUES + squares / per_value) / (_COMMON_VALUES + rows / per_value)
+    return np.asarray(variance * np.maximum(1.0, own_noise))
 
 
-def _searched(features: list[_Feature], x: Array, place: Array, scale: Array) -> Array:
-    """The best of places half a metre apart, within 2 m. Every other row, and the reference's nearest, will do."""
-    two = 2 * np.arange(-4, 5)
-    evidence = np.zeros((len(two), len(place)))
-    middle = np.rint((place[:, None] + (1.0 + scale[:, None]) * x[::2]) / STEP_M).astype(np.int64)
+def _is_match(linearised: Sequence[_Linearised]) -> NDArray[np.bool_]:
+    """Return whether each section (k,) shares its slopes with the reference, and has rows enough."""
+    shared, slopes = (sum(parts) for parts in zip(*(one.slopes() for one in linearised), strict=True))
+    known = np.concatenate([one.known for one in linearised], axis=1)
+    return np.asarray((shared > _LEAST_SHARED * slopes) & (known.sum(axis=1) > _LEAST_KNOWN * known.shape[1]))
+
+
+def _searched(features: Sequence[_Feature], x: Array, place: Array, scale: Array) -> Array:
+    """Return the best of places half a metre apart within 2 m, (k,), by rows half a metre apart and the nearest
+    ones.
+    """
+    step_m = features[0].step_m
+    stride = max(1, round(_SEARCH_STEP_M / step_m))
+    reach = round(_SEARCH_M / (stride * step_m))
+    offsets = stride * np.arange(-reach, reach + 1)
+    evidence = np.zeros((len(offsets), len(place)))
+    middle = np.rint((place[:, None] + (1.0 + scale[:, None]) * x[::stride]) / step_m).astype(np.int64)
     for feature in features:
-        r, f = feature.run[:, ::2], np.where(feature.known, feature.cubic[:, 3], np.nan)
-        for k, offset in enumerate(two):
+        r, f = feature.run[:, ::stride], np.where(feature.known, feature.cubic[:, 3], np.nan)
+        for k, offset in enumerate(offsets):
             row = middle - feature.first + offset
             d = r - f[np.clip(row, 0, len(f) - 1)]
             known = np.isfinite(d) & (row >= 0) & (row < len(f))
             d = _centred(np.where(known, d, 0.0), known.astype(np.float64))
             count = np.maximum(known.sum(axis=1), 1)
             evidence[k] -= 0.5 * count * np.log((d**2).sum(axis=1) / count + feature.least**2)
-    return np.asarray(place + STEP_M * two[np.argmax(evidence, axis=0)])
+    return np.asarray(place + step_m * offsets[np.argmax(evidence, axis=0)])
 
 
 def _centred(values: Array, weight: Array) -> Array:
-    """Less the weighted mean of each row; zero where nothing weighs."""
+    """Return values less the weighted mean of their row; zero where nothing weighs."""
     total = np.maximum(weight.sum(axis=-1, keepdims=True), np.finfo(np.float64).tiny)
     return np.where(weight > 0.0, values - (values * weight).sum(axis=-1, keepdims=True) / total, 0.0)
 
 
-def _typical(values: Array, known: NDArray[np.bool_]) -> float:
-    """Sigma of the known values, from their median size; 0 if none is known."""
-    return _MAD * float(np.median(np.abs(values[known]))) if known.any() else 0.0
-
-
 def _periodogram(u: Array, known: NDArray[np.bool_]) -> Array:
-    """Mean over the sections, per row; one for white noise of unit variance. Smoothed over five frequencies."""
+    """Return the mean periodogram per row of sections (k, m), smoothed; one for white noise of unit variance."""
     n = 2 ** int(np.ceil(np.log2(2 * u.shape[1])))
     spectrum = (np.abs(np.fft.rfft(u, n, axis=1)) ** 2).sum(axis=0) / max(int(known.sum()), 1)
-    return np.convolve(np.pad(spectrum, 2, mode="reflect"), np.full(5, 0.2), mode="valid")
+    padded = np.pad(spectrum, _SMOOTHED_OVER // 2, mode="reflect")
+    return np.convolve(padded, np.full(_SMOOTHED_OVER, 1.0 / _SMOOTHED_OVER), mode="valid")
 
 
 def _mean_over_frequencies(values: Array) -> Array:
-    """Over all frequencies, of values (..., n/2 + 1) at those that are not negative."""
+    """Return means over all frequencies of values (..., n/2 + 1) at those that are not negative."""
     n = 2 * (values.shape[-1] - 1)
     return np.asarray((2.0 * values.sum(axis=-1) - values[..., 0] - values[..., -1]) / n)
 
 
-def _walk(shift: Array, sd: Array) -> Array:
-    """Sigma of the mean shift over each section about that in its middle, m, (k,); zero if too few sections tell."""
+def _mean_to_middle_sd(shift: Array, sd: Array) -> Array:
+    """Return the sigma of the mean shift over each section about that in its middle, m, (k,).
+
+    It is zero if there are too few triples of sections to estimate the walk.
+    """
     bend = np.full(len(shift), np.nan)
     bend[1:-1] = shift[:-2] - 2.0 * shift[1:-1] + shift[2:]
     explained = np.zeros(len(shift))
@@ -280,21 +395,22 @@ def _walk(shift: Array, sd: Array) -> Array:
     known = np.isfinite(bend) & np.isfinite(explained)
     if known.sum() < _LEAST_TRIPLES:
         return np.zeros(len(shift))
-    usual = (_MAD * float(np.median(np.abs(bend[known])))) ** 2 - float(np.median(explained[known]))
-    own = np.where(known, bend**2 - explained, usual)
-    return np.sqrt(_WALK_MEAN**2 * np.maximum(own, 0.0) + _WALK_REST**2 * max(usual, 0.0))
+    usual = robust_sd(bend[known]) ** 2 - float(np.median(explained[known]))
+    of_section = np.where(known, bend**2 - explained, usual)
+    return np.sqrt(_WALK_MEAN**2 * np.maximum(of_section, 0.0) + _WALK_REST**2 * max(usual, 0.0))
 
 
-def _bias(feature: _Feature, x: Array, place: Array, scale: Array, sd: Array) -> tuple[Array, Array]:
-    """Mean of run minus reference, and its sigma."""
-    value, slope, known = feature.at(place[:, None] + (1.0 + scale[:, None]) * x)
+def _bias(feature: _Feature, x: Array, fit: _Fit) -> tuple[Array, Array]:
+    """Return the means of run minus reference over matched sections, and their sigmas, (k,) each."""
+    value, slope, known = feature.at(fit.place[:, None] + (1.0 + fit.scale[:, None]) * x)
     known &= np.isfinite(feature.run)
     count = known.sum(axis=1)
     some = np.maximum(count, 1)
     mean = np.where(known, feature.run - value, 0.0).sum(axis=1) / some
     slope = np.where(known, slope, 0.0).sum(axis=1) / some
     r = np.where(known, feature.run - value - mean[:, None], 0.0)
-    weight = 1.0 / (1.0 + (r / (_FAR * max(_typical(r, known), feature.least))) ** 2)
-    long_waves = float(_periodogram(r * weight, known)[2:9].mean())
-    variance = long_waves / some + (slope * sd) ** 2
+    spread = robust_sd(r[known]) if known.any() else 0.0
+    weight = 1.0 / (1.0 + (r / (_FAR_SIGMAS * max(spread, feature.least))) ** 2)
+    long_waves = float(_periodogram(r * weight, known)[_LONG_WAVES].mean())
+    variance = long_waves / some + (slope * fit.sd) ** 2
     return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)

@@ -1,13 +1,14 @@
-"""What is compared of two measured profiles: features on whole rows, their short waves and their curves.
+"""Two measured profiles on one grid, and the signals that are compared of them: short waves and curves.
 
-A feature is kept on every row of 0.25 m between the first and the last, NaN where nothing was measured. For the search
-both profiles are condensed to cells of 1 m, the mean of four rows:
+A feature is kept on every row of the grid between the first and the last, NaN where nothing was measured. For the
+search both profiles are condensed to cells of 1 m, the mean of the rows in it:
 
-* **short waves**, of every feature: ``(1 - A)^2 x``, ``A`` the mean over 25 m. A constant and a slope (the roll offset
-  of the sensor, the bias of a gyro, a cant ramp) are gone, waves below 25 m stay. They are clipped at four robust
-  sigmas, so that neither the corner of a ramp nor one defect outweighs all the rest.
-* **curves**: curvature's mean over 20 m. What irregularities leave in it is told by its second differences over 20 m
-  (``sigma = 1.4826 median |d| / sqrt(6)``), which circles, straights and clothoids do not have but at their ends.
+* **Short waves**, of every feature x: ``(1 - A)^2 x`` with ``A`` the mean over 25 m. This removes a constant and a
+  slope (the sensor's roll offset, the bias of a gyro, a cant ramp) and keeps waves below 25 m. They are clipped at four
+  robust sigmas, so that neither the corner of a ramp nor one defect outweighs all the rest.
+* **Curves**: the mean of curvature over 20 m. The second difference d over 20 m of such means is zero on circles,
+  straights and clothoids but at their ends, so the track's irregularities in them have the sigma
+  ``robust_sd(d) / sqrt(6)`` (the weights 1, -2, 1 have the sum of squares 6).
 """
 
 from __future__ import annotations
@@ -22,52 +23,83 @@ from numpy.typing import NDArray
 from trackfg.errors import BadInputError
 from trackfg.geometry.grid import window_sums
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 
-STEP_M = 0.25
-ROWS_PER_CELL = 4
-"""A cell is 1 m."""
+CELL_M = 1
+"""Length of a cell of the search, m. The accuracy is that of the fine match, which works on the rows."""
 CURVATURE, CROSS_LEVEL = "curvature_1pm", "cross_level_mm"
 FEATURES = (CURVATURE, CROSS_LEVEL, "versine_level_mm")
-"""Independent of each other. The versine of alignment would say at short waves what curvature says."""
+"""Columns that are compared. They are independent of each other; at short waves the versine of alignment has the same
+information as curvature."""
 LONG_M = 20
-"""Base of the mean of curvature."""
+"""Base of the mean of curvature, m: twice the usual base of curvature itself."""
 
 _DETREND_M = 25
+"""Base of the mean that short waves are free of, m: the longest wavelength of the band D1 of EN 13848-1."""
 _FILL_M = 2
-"""Longest hole that is bridged by a straight line before the short waves are taken."""
+"""Longest hole that a straight line bridges before the short waves are taken, m."""
 _CLIP = 4.0
-_MAD = 1.4826
-"""Sigma of a normal variable over its median absolute deviation."""
+"""Short waves are clipped at so many robust sigmas: one normal value in 16,000 is beyond."""
+_ON_GRID = 1e-6
+"""A chainage is on the grid within this share of a step: rounding of float64 at 1000 km is 1e-9."""
 
 
 @dataclass(frozen=True)
-class Profile:
-    """A table on whole rows: row ``i`` is at ``(first + i) * 0.25`` m, ``first`` a multiple of 4.
+class FeatureProfile:
+    """The features of a table on every row of its grid: row ``i`` is at ``(first + i) * step_m``.
 
-    ``features`` and their ``sigmas`` by name, each (n,), n a multiple of 4; NaN where not known.
+    ``features`` and their ``sigmas`` by name, each (n,), NaN where not known. The first row begins a cell, and n rows
+    are whole cells.
     """
 
+    step_m: float
     first: int
     features: dict[str, Array]
     sigmas: dict[str, Array]
 
     @property
     def rows(self) -> int:
+        """The number n of rows."""
         return len(next(iter(self.features.values())))
 
     @property
+    def rows_per_cell(self) -> int:
+        """The number of rows in a cell of 1 m."""
+        return round(CELL_M / self.step_m)
+
+    @property
     def first_cell(self) -> int:
-        """Chainage of the first cell's first row, m."""
-        return self.first // ROWS_PER_CELL
+        """The chainage of the first row, m."""
+        return self.first // self.rows_per_cell
+
+    def cells(self, name: str) -> Array:
+        """Return the means of a feature over the cells, NaN where a row is missing. Shape (n / rows per cell,)."""
+        return cell_means(self.features[name], self.rows_per_cell)
 
     def claimed_variance(self, name: str) -> float:
-        """By the median sigma of a feature; 0 where the table has none."""
+        """Return the square of the median sigma that the table gives for a feature; 0 where it gives none."""
         known = self.sigmas[name][np.isfinite(self.sigmas[name])]
         return float(np.median(known)) ** 2 if known.size else 0.0
 
 
+def common_step(run: pd.DataFrame, reference: pd.DataFrame) -> float:
+    """Return the step of the grid that both tables are on: the least distance between neighbouring rows, m.
+
+    Raises ``BadInputError`` where a cell of 1 m is no whole number of steps.
+    """
+    tables = [table["chainage_m"].to_numpy(dtype=np.float64) for table in (run, reference) if "chainage_m" in table]
+    apart = np.abs(np.concatenate([np.diff(chainage) for chainage in tables]))
+    apart = apart[apart > 0.0]
+    if not apart.size:
+        return float(CELL_M)
+    rows = round(CELL_M / float(apart.min()))
+    if rows == 0 or abs(rows * float(apart.min()) - CELL_M) > _ON_GRID * rows:
+        raise BadInputError(f"chainage_m: rows are {apart.min():g} m apart; expected a whole part of {CELL_M} m")
+    return CELL_M / rows
+
+
 def common_features(run: pd.DataFrame, reference: pd.DataFrame) -> tuple[str, ...]:
-    """Those of :data:`FEATURES` that both tables know anywhere. Raises ``BadInputError`` if there are none."""
+    """Return those of :data:`FEATURES` that both tables know anywhere. Raises ``BadInputError`` if there are none."""
     names = tuple(
         name for name in FEATURES if all(name in table and table[name].notna().any() for table in (run, reference))
     )
@@ -76,36 +108,41 @@ def common_features(run: pd.DataFrame, reference: pd.DataFrame) -> tuple[str, ..
     return names
 
 
-def profile_of(table: pd.DataFrame, features: Sequence[str], what: str) -> Profile:
-    """Raises ``BadInputError``, naming ``what``, where chainage is not ascending on whole multiples of 0.25 m."""
+def profile_of(table: pd.DataFrame, features: Sequence[str], step_m: float, what: str) -> FeatureProfile:
+    """Return a table's features on every row of the grid with this step.
+
+    Raises ``BadInputError``, naming ``what``, where chainage is not ascending on whole multiples of the step.
+    """
     if "chainage_m" not in table:
         raise BadInputError(f"{what}: no column chainage_m")
     chainage = table["chainage_m"].to_numpy(dtype=np.float64)
-    row = np.rint(chainage / STEP_M)
-    if not (np.isfinite(chainage).all() and np.all(np.abs(chainage / STEP_M - row) < 1e-6)):
-        raise BadInputError(f"{what}: chainage_m: expected whole multiples of {STEP_M} m")
+    row = np.rint(chainage / step_m)
+    if not (np.isfinite(chainage).all() and np.all(np.abs(chainage / step_m - row) < _ON_GRID)):
+        raise BadInputError(f"{what}: chainage_m: expected whole multiples of {step_m:g} m")
     if np.any(np.diff(row) < 1.0):
         raise BadInputError(f"{what}: chainage_m: expected ascending places, each once")
-    first = int(row[0]) // ROWS_PER_CELL * ROWS_PER_CELL
-    count = -(-(int(row[-1]) + 1 - first) // ROWS_PER_CELL) * ROWS_PER_CELL
+    per_cell = round(CELL_M / step_m)
+    first = int(row[0]) // per_cell * per_cell
+    count = -(-(int(row[-1]) + 1 - first) // per_cell) * per_cell
     index = row.astype(np.int64) - first
 
-    def spread(name: str) -> Array:
-        out = np.full(count, np.nan)
+    def on_grid(name: str) -> Array:
+        values = np.full(count, np.nan)
         if name in table:
-            out[index] = table[name].to_numpy(dtype=np.float64)
-        return np.where(np.isfinite(out), out, np.nan)
+            values[index] = table[name].to_numpy(dtype=np.float64)
+        return np.where(np.isfinite(values), values, np.nan)
 
-    return Profile(first, {name: spread(name) for name in features}, {name: spread(f"{name}_sd") for name in features})
+    columns, sigmas = ({name: on_grid(f"{name}{suffix}") for name in features} for suffix in ("", "_sd"))
+    return FeatureProfile(step_m, first, columns, sigmas)
 
 
-def cells(values: Array) -> Array:
-    """Means of four rows, NaN where one of them is. Shape (4 n,) to (n,)."""
-    return np.asarray(values.reshape(-1, ROWS_PER_CELL).mean(axis=1))
+def cell_means(values: Array, rows_per_cell: int) -> Array:
+    """Return the means of the rows of each cell, NaN where one of them is. Shape (m n,) to (n,)."""
+    return np.asarray(values.reshape(-1, rows_per_cell).mean(axis=1))
 
 
 def short_waves(values: Array) -> Array:
-    """``(1 - A)^2 x`` of cells, not yet clipped; NaN within 25 m of an end or of a hole. Shape (n,) to (n,)."""
+    """Return ``(1 - A)^2 x`` of cells, not yet clipped, NaN within 25 m of an end or of a hole. Shape (n,) to (n,)."""
     x = _bridged(values)
     for _ in range(2):
         x = x - centred_mean(x, _DETREND_M)
@@ -113,14 +150,14 @@ def short_waves(values: Array) -> Array:
 
 
 def clipped(run: Array, reference: Array) -> tuple[Array, Array]:
-    """Both clipped at four of their common robust sigmas."""
-    known = np.abs(np.concatenate([run[np.isfinite(run)], reference[np.isfinite(reference)]]))
-    limit = _CLIP * _MAD * float(np.median(known)) if known.size else np.inf
+    """Return both signals, clipped at four of their common robust sigmas."""
+    known = np.concatenate([run[np.isfinite(run)], reference[np.isfinite(reference)]])
+    limit = _CLIP * robust_sd(known) if known.size else np.inf
     return np.clip(run, -limit, limit), np.clip(reference, -limit, limit)
 
 
 def centred_mean(x: Array, count: int) -> Array:
-    """Mean over ``count`` (odd) neighbours, NaN where one is missing. Shape (n,) to (n,)."""
+    """Return means over ``count`` (odd) neighbours, NaN where one is missing. Shape (n,) to (n,)."""
     out = np.full(len(x), np.nan)
     half = count // 2
     if len(x) >= count:
@@ -129,7 +166,7 @@ def centred_mean(x: Array, count: int) -> Array:
 
 
 def forward_mean(x: Array, count: int) -> Array:
-    """Mean of cell ``i`` and the ``count - 1`` after it, NaN where one is missing. Shape (n,) to (n,)."""
+    """Return means of value ``i`` and the ``count - 1`` after it, NaN where one is missing. Shape (n,) to (n,)."""
     out = np.full(len(x), np.nan)
     if len(x) >= count:
         out[: len(x) - count + 1] = window_sums(x, count) / count
@@ -137,15 +174,15 @@ def forward_mean(x: Array, count: int) -> Array:
 
 
 def irregularity(mean_curvature: Array) -> float:
-    """Sigma of what is not curves in means of curvature over 20 m, (n,) at every cell; 0 where nothing can be told."""
+    """Return the sigma of what is not curves in means of curvature over 20 m, (n,) one for each cell; 0 if unknown."""
     lag = LONG_M
     bend = mean_curvature[: -2 * lag] - 2.0 * mean_curvature[lag:-lag] + mean_curvature[2 * lag :]
     bend = bend[np.isfinite(bend)]
-    return _MAD * float(np.median(np.abs(bend))) / np.sqrt(6.0) if bend.size else 0.0
+    return robust_sd(bend) / np.sqrt(6.0) if bend.size else 0.0
 
 
 def _bridged(x: Array) -> Array:
-    """Holes of up to 2 m filled by straight lines."""
+    """Return the values with holes of up to 2 m filled by straight lines."""
     known = np.flatnonzero(np.isfinite(x))
     out = x.copy()
     for hole in np.flatnonzero((np.diff(known) > 1) & (np.diff(known) <= _FILL_M + 1)):
@@ -155,13 +192,13 @@ def _bridged(x: Array) -> Array:
 
 
 def sections_of(x: Array, first: NDArray[np.int64], length: int) -> Array:
-    """Pieces of ``x`` from each ``first`` on, NaN beyond the ends. Shape (k, length)."""
+    """Return pieces of ``x`` from each ``first`` on, NaN beyond the ends. Shape (k, length)."""
     index = first[:, None] + np.arange(length)
     return np.where((index >= 0) & (index < len(x)), x[np.clip(index, 0, len(x) - 1)], np.nan)
 
 
 def piece(x: NDArray[np.floating], begin: int, stop: int) -> NDArray[np.floating]:
-    """``x[begin:stop]``, NaN beyond the ends."""
+    """Return ``x[begin:stop]``, NaN beyond the ends."""
     out = np.full(stop - begin, np.nan, dtype=x.dtype)
     low, high = max(begin, 0), min(stop, len(x))
     if low < high:

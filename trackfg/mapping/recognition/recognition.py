@@ -1,16 +1,12 @@
-"""Where a run's measured profile lies on a reference profile: the map's grid, or another run's geometry table.
+"""Recognition of a run on a reference: the map's grid, or another run's geometry table.
 
-Three steps, each in a module of its own:
+:func:`recognise` cuts the run into sections and takes the steps that the package describes: profiles, the likelihood of
+each place (:mod:`trackfg.mapping.recognition.likelihood`), the probability of each place given all sections
+(:mod:`trackfg.mapping.recognition.place_hmm`), the exact place about the most probable one
+(:mod:`trackfg.mapping.recognition.fine_match`), and the decision which sections are certain enough to be used.
 
-1. :mod:`trackfg.mapping.recognition.likelihood` says how well each section of the run fits each place of the reference,
-  by short
-   waves and by curves, against fitting none;
-2. :mod:`trackfg.mapping.recognition.place_hmm` follows the run from section to section and gives the probability of
-  each place;
-3. :mod:`trackfg.mapping.recognition.fine_match` finds the exact place about the most probable one, and its sigma.
-
-Both tables face increasing chainage. A run's chainage may be wrong by an offset, a scale, creep and slips, and the
-reference is taken as it is: what comes out is where the run is in the reference's own chainage.
+Both tables face increasing chainage. A run's chainage may be wrong by an offset, a scale, creep and slips; the
+reference is taken as it is, and the result is where the run was in the reference's chainage.
 """
 
 from __future__ import annotations
@@ -22,10 +18,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.errors import BadInputError
-from trackfg.mapping.recognition.fine_match import match_sections
-from trackfg.mapping.recognition.likelihood import PLACE_M, Scores, scores_of
-from trackfg.mapping.recognition.place_hmm import NEAR, PlaceChain, Places, Windows
-from trackfg.mapping.recognition.profiles import LONG_M, ROWS_PER_CELL, Profile, common_features, profile_of
+from trackfg.mapping.recognition.fine_match import Sections, match_sections
+from trackfg.mapping.recognition.likelihood import PLACE_M, LogLikelihoods, log_likelihoods_of
+from trackfg.mapping.recognition.place_hmm import NEAR, PlaceHmm, PlacePosterior, PlaceWindows
+from trackfg.mapping.recognition.profiles import (
+    LONG_M,
+    FeatureProfile,
+    common_features,
+    common_step,
+    profile_of,
+)
 from trackfg.mapping.recognition.warp import Warp
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
@@ -42,23 +44,28 @@ COLUMNS = (
 )
 
 SURE = 0.99
-"""Probability from which a section's place is used."""
-_WELL_DEFINED_M = 5.0
+"""Probability above which a section's place is used. A wrong one is an outlier to the loss of its landmark factor."""
+_GREATEST_SD_M = 5.0
+"""Greatest sigma of a match that is used, m: a quarter of what counts as the same place."""
 _SIGMAS = 3.0
-_KNOWN_M = 20.0
-"""A place is known that is known within so much."""
+"""A section lies at its place if it is within so many sigmas of the match."""
+_LOCATED_M = 20.0
+"""Distance within which a section without a match counts as being at its place, m."""
 _WINDOW_SIGMAS = 4.0
-_ON_KNOWN_LINE = 0.95
-"""Prior probability that a run whose place is known is on the reference."""
+"""Prior sigmas within which a place is sought: one normal value in 16,000 is beyond."""
 _WINDOW_M = 10.0
-_ELSEWHERE = 0.5
+"""Distance, m, that is added to this: five places of the search."""
+_ON_KNOWN_LINE = 0.95
+"""Prior probability that a run whose place is known is on the reference. Chosen; see Assumptions in docs/engine.md."""
+_LOST_BELOW = 0.5
+"""Probability of a place below which it counts as lost again."""
 _FULL = 0.5
 """A section counts if the run measured this share of it."""
 
 
 @dataclass(frozen=True)
 class Recognition:
-    """Where a run is on a reference.
+    """The places of a run's sections on a reference.
 
     ``sections``, one row each, ascending ``run_m``, columns :data:`COLUMNS`: ``run_m`` is the section's middle in the
     run's chainage, ``reference_m`` that on the reference, ``match_sd_m`` the sigma of this match by itself (noise of
@@ -78,9 +85,9 @@ class Recognition:
 
     @property
     def used(self) -> pd.DataFrame:
-        """The sections whose places are used."""
-        found: pd.DataFrame = self.sections[self.sections["used"]]
-        return found
+        """The rows of ``sections`` whose places are used."""
+        used: pd.DataFrame = self.sections[self.sections["used"]]
+        return used
 
     @property
     def warp(self) -> Warp | None:
@@ -100,8 +107,9 @@ def recognise(
 ) -> Recognition:
     """Find a run on a reference.
 
-    ``run``, ``reference``: tables with ``chainage_m`` ascending on whole multiples of 0.25 m (rows may be missing,
-    values NaN) and any of ``curvature_1pm``, ``cross_level_mm``, ``versine_level_mm``, with ``_sd`` or without.
+    ``run``, ``reference``: tables with ``chainage_m`` ascending on whole multiples of one step, which is a whole part
+    of 1 m (rows may be missing, values NaN), and any of ``curvature_1pm``, ``cross_level_mm``, ``versine_level_mm``,
+    with ``_sd`` or without.
     ``place_sd_m``: prior sigma of reference chainage minus run chainage at every row of the run, (n,); None: anywhere.
     ``rate_sd``: prior sigma of the scale error of the run's chainage. ``direction``: +1 or -1, order of travel.
     ``section_m``: a whole multiple of 20 m. Sections begin at whole multiples of it; those that the run measured less
@@ -112,26 +120,29 @@ def recognise(
     """
     _check(run, place_sd_m, rate_sd, direction, section_m)
     features = common_features(run, reference)
-    ours, theirs = profile_of(run, features, "run"), profile_of(reference, features, "reference")
+    step_m = common_step(run, reference)
+    of_run = profile_of(run, features, step_m, "run")
+    of_reference = profile_of(reference, features, step_m, "reference")
     length = round(section_m)
-    first_cells = _sections(ours, length)[::direction]
+    first_cells = _first_cells(of_run, length)[::direction]
     if first_cells.size == 0:
         return Recognition(
             pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan
         )
-    scores = scores_of(ours, theirs, first_cells, length, rate_sd)
+    ratios = log_likelihoods_of(of_run, of_reference, first_cells, length, rate_sd)
     with one_thread():
         if place_sd_m is None:
-            chain = _anywhere(scores, first_cells, length, rate_sd)
+            model = _model_anywhere(ratios, first_cells, length, rate_sd)
         else:
             chainage, middle = run["chainage_m"].to_numpy(dtype=np.float64), first_cells + 0.5 * length
             sd = np.interp(middle, chainage, np.asarray(place_sd_m, dtype=np.float64))
-            chain = _about(scores, first_cells, sd, rate_sd)
-        places = chain.places()
-    return _recognition(ours, theirs, first_cells, length, rate_sd, places)
+            model = _model_about(ratios, first_cells, sd, rate_sd)
+        posterior = model.posterior()
+    return _recognition(of_run, of_reference, first_cells, length, rate_sd, posterior)
 
 
 def _check(run: pd.DataFrame, place_sd_m: Array | None, rate_sd: float, direction: int, section_m: float) -> None:
+    """Raise ``BadInputError`` for arguments of :func:`recognise` that are not as it describes them."""
     if place_sd_m is not None:
         sd = np.asarray(place_sd_m, dtype=np.float64)
         if sd.shape != (len(run),) or not (np.isfinite(sd).all() and np.all(sd >= 0.0)):
@@ -144,74 +155,76 @@ def _check(run: pd.DataFrame, place_sd_m: Array | None, rate_sd: float, directio
         raise BadInputError(f"section_m is {section_m!r}; expected a whole multiple of {LONG_M} m")
 
 
-def _sections(run: Profile, length: int) -> NDArray[np.int64]:
-    """First cells of the sections, m: whole multiples of their length. Those at the ends are as full as asked for."""
+def _first_cells(run: FeatureProfile, length: int) -> NDArray[np.int64]:
+    """Return the first cells of the sections, m: whole multiples of their length, from the first to the last full
+    one.
+    """
     known = np.any([np.isfinite(values) for values in run.features.values()], axis=0)
     row = np.flatnonzero(known) + run.first
     if row.size == 0:
         return np.zeros(0, dtype=np.int64)
-    number = row // (length * ROWS_PER_CELL)
-    full = np.flatnonzero(np.bincount(number - number[0]) >= _FULL * length * ROWS_PER_CELL)
+    rows = length * run.rows_per_cell
+    number = row // rows
+    full = np.flatnonzero(np.bincount(number - number[0]) >= _FULL * rows)
     if full.size == 0:
         return np.zeros(0, dtype=np.int64)
     return np.asarray((number[0] + np.arange(full[0], full[-1] + 1)) * length, dtype=np.int64)
 
 
-def _anywhere(scores: Scores, first_cells: NDArray[np.int64], length: int, rate_sd: float) -> PlaceChain:
-    """The chain of a run that may be anywhere on the reference, or reach over its ends by part of a section."""
-    begin, stop = scores.places(length)
+def _model_anywhere(ratios: LogLikelihoods, first_cells: NDArray[np.int64], length: int, rate_sd: float) -> PlaceHmm:
+    """Return the model of a run that may be anywhere on the reference, or reach over its ends by half a section."""
+    begin, stop = ratios.places(length)
     every = np.ones(len(first_cells), dtype=np.int64)
-    short, curves = scores.with_noise_of(begin * every, stop * every).everywhere(begin, stop)
-    windows = Windows(begin * every, (stop - begin) * every, first_cells.astype(np.float64))
-    return PlaceChain(windows, list(short), list(curves), rate_sd)
+    short, curves = ratios.with_noise_of(begin * every, stop * every).everywhere(begin, stop)
+    windows = PlaceWindows(begin * every, (stop - begin) * every, first_cells.astype(np.float64))
+    return PlaceHmm(windows, list(short), list(curves), rate_sd)
 
 
-def _about(scores: Scores, first_cells: NDArray[np.int64], sd: Array, rate_sd: float) -> PlaceChain:
-    """The chain of a run whose places are known to a sigma each (k,): sought within four of them.
+def _model_about(ratios: LogLikelihoods, first_cells: NDArray[np.int64], sd: Array, rate_sd: float) -> PlaceHmm:
+    """Return the model of a run whose places are known to a sigma each (k,): sought within four of them.
 
-    Where they are known best the prior counts, once: all of them come from the same few fixes.
+    The prior counts once, where the sigma is least: all of them come from the same few fixes.
     """
-    reach = _WINDOW_M + np.minimum(_WINDOW_SIGMAS * sd, float(scores.cells))
+    reach = _WINDOW_M + np.minimum(_WINDOW_SIGMAS * sd, float(ratios.cells))
     begin = np.floor((first_cells - reach) / PLACE_M).astype(np.int64)
     count = np.ceil((first_cells + reach) / PLACE_M).astype(np.int64) - begin
-    scores = scores.with_noise_of(begin, begin + count)
-    parts = [scores.at(slice(k, k + 1), int(begin[k]), int(begin[k] + count[k])) for k in range(len(first_cells))]
+    ratios = ratios.with_noise_of(begin, begin + count)
+    parts = [ratios.at(slice(k, k + 1), int(begin[k]), int(begin[k] + count[k])) for k in range(len(first_cells))]
     short, curves = ([part[i][0] for part in parts] for i in (0, 1))
     best = int(np.argmin(sd))
     away = (begin[best] + np.arange(count[best])) * PLACE_M + 0.5 * (PLACE_M - 1) - first_cells[best]
     prior = -0.5 * away**2 / (sd[best] ** 2 + PLACE_M**2 / 12.0)
-    windows = Windows(begin, count, first_cells.astype(np.float64))
-    return PlaceChain(windows, short, curves, rate_sd, (best, prior - prior.max()), _ON_KNOWN_LINE)
+    windows = PlaceWindows(begin, count, first_cells.astype(np.float64))
+    return PlaceHmm(windows, short, curves, rate_sd, (best, prior - prior.max()), _ON_KNOWN_LINE)
 
 
 def _recognition(
-    run: Profile,
-    reference: Profile,
+    run: FeatureProfile,
+    reference: FeatureProfile,
     first_cells: NDArray[np.int64],
     length: int,
     rate_sd: float,
-    places: Places,
+    posterior: PlacePosterior,
 ) -> Recognition:
+    """Return the fine matches about the modes of the posterior, and which of them are used."""
     half = 0.5 * length
     middle: Array = first_cells.astype(np.float64) + half
-    matches = match_sections(
-        run,
-        reference,
+    sections = Sections(
         middle,
         length,
-        about_m=places.mean_m + half * (1.0 + places.scale),
-        scale=places.scale,
-        scale_sd=rate_sd,
-        same=places.same > 0.5,
+        about_m=posterior.mean_m + half * (1.0 + posterior.scale),
+        scale=posterior.scale,
+        unchanged=posterior.unchanged > 0.5,
     )
-    tolerance = np.where(np.isfinite(matches.sd_m), _SIGMAS * matches.sd_m + PLACE_M, _KNOWN_M)
-    # How far each of the places near the mode has the section's middle from where it was found.
+    matches = match_sections(run, reference, sections, rate_sd)
+    tolerance = np.where(np.isfinite(matches.sd_m), _SIGMAS * matches.sd_m + PLACE_M, _LOCATED_M)
+    # The distance of the section's middle from its match, if the section lay at each of the places near the mode.
     offset = np.arange(-NEAR, NEAR + 1)
-    near_m = (places.mode[:, None] + offset) * PLACE_M + 0.5 * (PLACE_M - 1) + half * (1.0 + places.scale[:, None])
-    away = np.abs(near_m - matches.reference_m[:, None])
-    probability = np.minimum((places.near * (away <= tolerance[:, None] + 0.5 * PLACE_M)).sum(axis=1), 1.0)
-    so_far = np.minimum((places.so_far * (away <= _KNOWN_M)).sum(axis=1), 1.0)
-    sections = pd.DataFrame(
+    begin_m = (posterior.mode[:, None] + offset) * PLACE_M + 0.5 * (PLACE_M - 1)
+    away = np.abs(begin_m + half * (1.0 + posterior.scale[:, None]) - matches.reference_m[:, None])
+    probability = np.minimum((posterior.near * (away <= tolerance[:, None] + 0.5 * PLACE_M)).sum(axis=1), 1.0)
+    so_far = np.minimum((posterior.so_far * (away <= _LOCATED_M)).sum(axis=1), 1.0)
+    table = pd.DataFrame(
         {
             "run_m": middle,
             "reference_m": matches.reference_m,
@@ -220,22 +233,22 @@ def _recognition(
             "probability_so_far": so_far,
             "cross_level_bias_mm": matches.cross_level_bias_mm,
             "cross_level_bias_mm_sd": matches.cross_level_bias_mm_sd,
-            "used": (probability > SURE) & (matches.sd_m < _WELL_DEFINED_M),
+            "used": (probability > SURE) & (matches.sd_m < _GREATEST_SD_M),
         },
         columns=list(COLUMNS),
     )
-    ordered = sections.sort_values("run_m", ignore_index=True)
+    ordered = table.sort_values("run_m", ignore_index=True)
     return Recognition(ordered, float(probability.max()), _found_after(so_far, float(length)))
 
 
 def _found_after(so_far: Array, length: float) -> float:
-    """Distance to the end of the section from which on the place was known, in order of travel, (k,).
+    """Return the distance to the end of the section from which on the place was known, in order of travel, (k,).
 
     A run may leave the reference in the end: what follows the last certain section does not count.
     """
     certain = np.flatnonzero(so_far > SURE)
     if certain.size == 0:
         return np.nan
-    lost = np.flatnonzero(so_far[: certain[-1]] < _ELSEWHERE)
+    lost = np.flatnonzero(so_far[: certain[-1]] < _LOST_BELOW)
     start = lost[-1] + 1 if lost.size else 0
     return length * (int(certain[certain >= start][0]) + 1)

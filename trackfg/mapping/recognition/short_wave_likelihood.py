@@ -1,26 +1,32 @@
-"""How well short waves of a section fit a place of the reference, against those of any track.
+"""Log likelihood ratio of the places of a section by its short waves.
 
-With ``r`` the run's section and ``f`` the reference at an offset, in cells of 1 m: of a feature, ``n`` independent
-values (Bartlett: cells over ``sum of rho^2`` over all lags, ``rho`` the reference's autocorrelation) have mean square
-``v = mean (r - b f)^2`` if the section is there and unchanged, and ``v = mean r^2`` if it is like any track. The share
-``0 <= b <= 1`` is the best one: where there is nothing but noise, ``b`` is near zero and no place better than another
-(it costs ``log(1 + n)/2``, as a parameter does). The variance is not known, but about ``s^2``: with a scaled inverse
-chi-square prior of ``k`` degrees of freedom the marginal likelihood is (Gelman et al., Bayesian Data Analysis, section
-3.3)
+Let ``r`` be the short waves of a section of the run and ``f`` those of the reference from a place on, in cells of 1 m.
 
-    log L = (k/2) log(k s^2) - ((k + n)/2) log(k s^2 + n v) + a constant.
+**At that place, unchanged**, the residual has the mean square ``v = mean (r - b f)^2``. The share ``0 <= b <= 1`` is
+the best one: where there is only noise, b is near zero and no place is better than another. **On any other track** it
+is ``v = mean r^2``. The section has ``n`` independent values: its cells over ``sum of rho^2`` over all lags, ``rho``
+the reference's autocorrelation (Bartlett, Journal of the Royal Statistical Society 98, 1935).
 
-So a section proves what its own residual lets it prove, whatever sigmas claim. ``s^2`` of an unchanged section: the
-claimed variances and what half a cell of offset and an unknown scale leave, ``mean f'^2 (1 + var_scale L^2)/12``, but
-no less than what the best of the sections leave (:meth:`ShortWaves.residual`); of any track: the mean square of the
-reference.
+The variance itself is not known, only that it is about ``s^2``. With a scaled inverse chi-square prior of ``k`` degrees
+of freedom about ``s^2`` the marginal likelihood is (Gelman et al., Bayesian Data Analysis, section 3.3)
 
-Of two places that fit equally one has the lesser residual, by the reference's own noise, which speaks neither for it
-nor against the other. So residuals below ``2 s^2`` are all equally good, and only half of the log likelihood ratio
-counts (a fractional likelihood).
+    log L(v, s^2) = (k/2) log(k s^2) - ((k + n)/2) log(k s^2 + n v) + constant,
 
-The correlations ``sum r f`` of many sections with many offsets are products of matrices: with sections of 100 cells,
-several times as fast as an FFT for each section.
+so a section proves what its own residual lets it prove, whatever the tables' sigmas claim. Of an unchanged section
+``s^2`` is the sum of the claimed variances and of what half a cell of offset and an unknown scale leave,
+``mean f'^2 (1 + var_scale L^2)/12``, but no less than what the best sections leave (:meth:`ShortWaves.residual`). Of
+any other track it is the mean square of the reference.
+
+**The ratio** is
+
+    short(p) = 1/2 (log L(max(v_same, 2 s_same^2), s_same^2) - log L(max(v_any, 2 s_same^2), s_any^2)) - 1/2 log(1 + n).
+
+The last term is the price of the parameter b. Of two places that fit equally, one has the smaller residual by the
+reference's own noise, which is evidence for neither: so all residuals below ``2 s^2`` are equally good, and half of the
+log likelihood ratio counts (a fractional likelihood).
+
+The correlations ``sum r f`` of many sections with many offsets are products of matrices, which for sections of 100
+cells is several times as fast as an FFT for each section.
 """
 
 from __future__ import annotations
@@ -30,22 +36,38 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.mapping.recognition.profiles import CROSS_LEVEL, Profile, cells, clipped, piece, sections_of, short_waves
+from trackfg.mapping.recognition.profiles import (
+    CROSS_LEVEL,
+    FeatureProfile,
+    clipped,
+    piece,
+    sections_of,
+    short_waves,
+)
 from trackfg.numerics.arrays import Array
 
 Array32 = NDArray[np.float32]
 
 _PRIOR_DOF = 4.0
+"""Degrees of freedom k of the variance's prior: few, so that the residual decides."""
 _FLOOR = 2.0
-_TRUST = 0.5
-_LEAST = 0.1
-"""Least noise, of the short waves' own size: what sigmas do not tell."""
+"""Residuals below so many times s^2 are equally good. Chosen on simulated lines; see Assumptions in docs/engine.md."""
+_FRACTION = 0.5
+"""Share of the log likelihood ratio that counts (O'Hagan, Journal of the Royal Statistical Society B 57, 1995)."""
+_LEAST_NOISE = 0.1
+"""Least noise of short waves, as a share of their rms on the reference: what the tables' sigmas do not contain. Chosen
+on simulated lines; see Assumptions in docs/engine.md."""
 _LONGEST_MEMORY_M = 50
+"""Lags, m, over which the autocorrelation is summed: twice the base that short waves are free of."""
 
 
 @dataclass(frozen=True)
 class ShortWaves:
-    """One feature: of the run's sections (k, m), of the reference's cells (n,), NaN where not known."""
+    """The short waves of one feature: of the run's sections (k, m) and of the reference's cells (n,).
+
+    NaN where not known. ``cells_per_value``: cells per independent value. ``same_variance``, ``any_variance``: s^2 of
+    an unchanged section at its place and on any other track, in the feature's unit squared.
+    """
 
     sections: Array32
     reference: Array32
@@ -53,25 +75,25 @@ class ShortWaves:
     same_variance: float
     any_variance: float
 
-    def scores(self, which: slice, begin: int, stop: int) -> Array32:
-        """Of some sections that begin at the reference's cells ``begin`` to ``stop``: shape (k, stop - begin)."""
-        count, squares, power = self._compared(which, begin, stop)
+    def log_ratios(self, which: slice, begin: int, stop: int) -> Array32:
+        """Return the ratios of some sections at the reference's cells ``begin`` to ``stop``: (k, stop - begin)."""
+        count, squares, power = self._sums(which, begin, stop)
         least = np.float32(_FLOOR * self.same_variance) * count
-        same = self._evidence(count, np.maximum(squares, least, out=squares), self.same_variance)
-        same -= self._evidence(count, np.maximum(power, least), self.any_variance)
-        same *= np.float32(_TRUST)
-        same -= 0.5 * np.log1p(count / np.float32(self.cells_per_value))
-        return same
+        ratio = self._log_evidence(count, np.maximum(squares, least, out=squares), self.same_variance)
+        ratio -= self._log_evidence(count, np.maximum(power, least), self.any_variance)
+        ratio *= np.float32(_FRACTION)
+        ratio -= 0.5 * np.log1p(count / np.float32(self.cells_per_value))
+        return ratio
 
     def residual(self, which: slice, begin: int, stop: int) -> Array32:
-        """The least mean square that the reference leaves of each section, (k,); infinite where it is not known."""
-        count, squares, _ = self._compared(which, begin, stop)
+        """Return the least mean square that the reference leaves of each section, (k,); infinite where unknown."""
+        count, squares, _ = self._sums(which, begin, stop)
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = np.where(count > 0.5 * self.sections.shape[1], squares / count, np.inf)
         return np.asarray(mean.min(axis=1), dtype=np.float32)
 
-    def _compared(self, which: slice, begin: int, stop: int) -> tuple[Array32 | np.float32, Array32, Array32]:
-        """Cells known of both, sum of squares over them of ``r - b f``, and of ``r``."""
+    def _sums(self, which: slice, begin: int, stop: int) -> tuple[Array32 | np.float32, Array32, Array32]:
+        """Return the number of cells known of both, and the sums over them of ``(r - b f)^2`` and of ``r^2``."""
         r = self.sections[which]
         f = piece(self.reference, begin, stop + r.shape[1] - 1)
         r_known, f_known = np.isfinite(r), np.isfinite(f)
@@ -96,8 +118,8 @@ class ShortWaves:
         squares += run_power
         return count, np.maximum(squares, 0.0, out=squares), run_power
 
-    def _evidence(self, count: Array32 | np.float32, squares: Array32, variance: float) -> Array32:
-        """``log L`` of values whose sum of squares over ``count`` cells is ``squares``."""
+    def _log_evidence(self, count: Array32 | np.float32, squares: Array32, variance: float) -> Array32:
+        """Return ``log L`` of values whose sum of squares over ``count`` cells is ``squares``."""
         prior = np.float32(_PRIOR_DOF * variance)
         out = squares * np.float32(1.0 / self.cells_per_value)
         out += prior
@@ -108,10 +130,18 @@ class ShortWaves:
 
 
 def short_waves_of(
-    run: Profile, reference: Profile, name: str, first_cells: NDArray[np.int64], length: int, scale_sd: float
+    run: FeatureProfile,
+    reference: FeatureProfile,
+    name: str,
+    first_cells: NDArray[np.int64],
+    length: int,
+    scale_sd: float,
 ) -> ShortWaves | None:
-    """Of one feature; the run's sections have ``length`` cells from ``first_cells`` (k,), m, on. None if not known."""
-    r, f = (short_waves(cells(profile.features[name])) for profile in (run, reference))
+    """Return the short waves of one feature, None if either profile has none.
+
+    The run's sections have ``length`` cells from ``first_cells`` (k,), m, on.
+    """
+    r, f = (short_waves(profile.cells(name)) for profile in (run, reference))
     if not (np.isfinite(r).any() and np.isfinite(f).any()):
         return None
     r, f = clipped(r, f)
@@ -120,7 +150,7 @@ def short_waves_of(
     claimed = float(sum(profile.claimed_variance(name) for profile in profiles))
     power = float(np.nanmean(f**2))
     slope = float(np.nanmean(np.diff(f) ** 2))
-    same = claimed + slope * (1.0 + (scale_sd * length) ** 2) / 12.0 + _LEAST**2 * power
+    same = claimed + slope * (1.0 + (scale_sd * length) ** 2) / 12.0 + _LEAST_NOISE**2 * power
     tiny = 1e6 * float(np.finfo(np.float32).tiny)
     return ShortWaves(
         sections_of(r, first_cells - run.first_cell, length).astype(np.float32),
@@ -132,7 +162,7 @@ def short_waves_of(
 
 
 def _cells_per_value(x: Array, power: float) -> float:
-    """``sum of rho^2`` over all lags up to 50 m."""
+    """Return ``sum of rho^2`` over all lags up to 50 m."""
     if power == 0.0:
         return 1.0
     lags = range(1, min(_LONGEST_MEMORY_M, len(x) - 1) + 1)
@@ -142,5 +172,5 @@ def _cells_per_value(x: Array, power: float) -> float:
 
 
 def _windows(x: Array32, length: int) -> Array32:
-    """Every ``length`` neighbours, in rows of their own in memory, as products of matrices want them."""
+    """Return every ``length`` neighbours as a row of its own in memory, which products of matrices need."""
     return np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(x, length))

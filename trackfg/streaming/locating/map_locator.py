@@ -26,7 +26,7 @@ from trackfg.graph.run_context import geometry_conventions
 from trackfg.mapping.recognition.conventions import check_conventions
 from trackfg.mapping.recognition.profiles import FEATURES
 from trackfg.mapping.recognition.recognition import Recognition, recognise
-from trackfg.mapping.recognition.tracker import Follower, reference_of
+from trackfg.mapping.recognition.tracker import PlaceTracker, reference_of
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.smoothing.localisation import SURE, MapChainage, landmark_loss, landmark_sd
@@ -89,7 +89,7 @@ class MapLocator:
     track: SeenTrack = field(default_factory=SeenTrack)
     used: list[float] = field(default_factory=list)
     newest: int | None = None
-    follower: Follower | None = None
+    follower: PlaceTracker | None = None
     followed: float | None = None
     located: bool = False
     lost: bool = False
@@ -166,7 +166,7 @@ class MapLocator:
     def _followed(self, begin_m: int, rate_sd: float) -> _Found | None:
         """The stretch where the run was followed to, if that is certain."""
         if self.follower is None:
-            self.follower = Follower(rate_sd, SECTION_M)
+            self.follower = PlaceTracker(rate_sd, SECTION_M)
         at = self.follower.take(self.track.ascending(), begin_m, self._reference)
         if at is None:
             return None

@@ -4,12 +4,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.mapping.recognition.profiles import cells, clipped, forward_mean, irregularity, profile_of, short_waves
+from trackfg.mapping.recognition.profiles import (
+    cell_means,
+    clipped,
+    forward_mean,
+    irregularity,
+    profile_of,
+    short_waves,
+)
 
 
 def test_rows_stand_where_their_chainage_says() -> None:
     table = pd.DataFrame({"chainage_m": [-0.75, 0.0, 0.25, 1.5], "versine_level_mm": [1.0, 2.0, 3.0, 4.0]})
-    profile = profile_of(table, ["versine_level_mm"], "run")
+    profile = profile_of(table, ["versine_level_mm"], 0.25, "run")
     values = profile.features["versine_level_mm"]
     assert (profile.first, profile.first_cell, profile.rows) == (-4, -1, 12)
     assert values[[1, 4, 5, 10]].tolist() == [1.0, 2.0, 3.0, 4.0]
@@ -47,5 +54,5 @@ def test_irregularity_is_told_from_curves() -> None:
     s = np.arange(40000) * 0.25
     curves = 2e-3 * np.clip(np.minimum(s % 1000.0 - 300.0, 800.0 - s % 1000.0) / 60.0, 0.0, 1.0)
     noise = 1e-4 * rng.standard_normal(len(s))
-    sigma = irregularity(forward_mean(cells(curves + noise), 20))
+    sigma = irregularity(forward_mean(cell_means(curves + noise, 4), 20))
     assert sigma == pytest.approx(1e-4 / np.sqrt(80.0), rel=0.5)

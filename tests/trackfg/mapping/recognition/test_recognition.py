@@ -196,3 +196,20 @@ def test_bad_input_is_named(line: Line, reference: pd.DataFrame) -> None:
     for name, value in (("rate_sd", -1.0), ("direction", 0), ("section_m", 55.0)):
         with pytest.raises(TrackfgError, match=f"{name} is"):
             recognise(run, reference, **{**good, name: value})
+
+
+@pytest.mark.parametrize(("rows", "step_m"), [(2, 0.5), (4, 1.0)])
+def test_a_coarser_grid_will_do(line: Line, reference: pd.DataFrame, rows: int, step_m: float) -> None:
+    run = line.run(1000.0, 3000.0, seed=2)
+    coarse = [table.assign(chainage_m=table["chainage_m"] - 1.0).iloc[::rows] for table in (run, reference)]
+    assert coarse[0]["chainage_m"].diff().max() == step_m
+    found = recognise(*coarse, place_sd_m=sigma(coarse[0], 5.0), rate_sd=1e-4, direction=1)
+    assert found.sections["used"].mean() > 0.9
+    assert np.abs(errors(found)[found.sections["used"]]).max() < 0.1
+
+
+def test_a_grid_that_no_cell_of_a_metre_fits_is_named(line: Line, reference: pd.DataFrame) -> None:
+    run = line.run(0.0, 500.0)
+    run, reference = (table.assign(chainage_m=1.2 * table["chainage_m"]) for table in (run, reference))
+    with pytest.raises(BadInputError, match=r"rows are 0.3 m apart; expected a whole part of 1 m"):
+        recognise(run, reference, place_sd_m=None, rate_sd=0.01, direction=1)

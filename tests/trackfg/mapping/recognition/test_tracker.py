@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 from trackfg.mapping.recognition.recognition import recognise
-from trackfg.mapping.recognition.tracker import Follower, Whereabouts, reference_of
+from trackfg.mapping.recognition.tracker import PlaceTracker, TrackedPlace, reference_of
 
 
-def followed(run: pd.DataFrame, reference: pd.DataFrame, begins: range, rate_sd: float = 1e-3) -> list[Whereabouts]:
-    follower, profile = Follower(rate_sd), reference_of(reference)
+def followed(run: pd.DataFrame, reference: pd.DataFrame, begins: range, rate_sd: float = 1e-3) -> list[TrackedPlace]:
+    follower, profile = PlaceTracker(rate_sd), reference_of(reference)
     found = [follower.take(run, begin, profile) for begin in begins]
     return [at for at in found if at is not None]
 
@@ -47,7 +47,7 @@ def test_another_line_is_not_found(draw_line: Callable[..., Any], reference: pd.
 
 def test_what_was_seen_before_is_no_further_evidence(line: Any, reference: pd.DataFrame) -> None:
     run = line.run(0.0, 300.0, place=lambda x: x + 2345.0, seed=7)
-    follower, profile = Follower(1e-3), reference_of(reference)
+    follower, profile = PlaceTracker(1e-3), reference_of(reference)
     for begin in (0, 100, 200):
         assert follower.take(run, begin, profile) is not None
     before = follower.state
