@@ -22,7 +22,7 @@ from trackfg.numerics.arrays import Array
 
 
 def response_terms(force: Array, rate: Array) -> Array:
-    """The derivative of the added bias by the calibration, for mean forces and rates (m, 3). Shape (m, 6, 21)."""
+    """The derivative of the added bias by the calibration, for mean forces and rates (m, 3). (m, 6, dim)."""
     out = np.zeros((len(rate), 6, Kind.IMU.dim))
     for axis in range(3):
         out[:, axis, 2 * axis : 2 * axis + 2] = force[:, :2]
@@ -47,7 +47,7 @@ def bias_walk(first: np.ndarray, change: Array, sigma: Array) -> Family:
     """The sensor's own biases walk.
 
     Residual: ``b_k+1 - b_k`` less what the calibration explains, accelerometer (m/s^2), then gyro (rad/s). ``change``
-    (m, 6, 21) is how :func:`response_terms` change from interval k to k + 1. sigma (m, 6).
+    (m, 6, dim) is how :func:`response_terms` change from interval k to k + 1. sigma (m, 6).
     """
     slots = (Slot(Kind.BIAS, first), Slot(Kind.BIAS, first + 1), Slot(Kind.IMU, np.zeros_like(first)))
     return Family(FactorType.BIAS_WALK, _walk, slots, {"change": change}, sigma)

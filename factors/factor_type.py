@@ -32,7 +32,7 @@ class FactorType(Enum):
     PRIOR_CLOCK = "prior on clock"
     PRIOR_IMU = "prior on imu"
     PRIOR_WHEEL = "prior on wheel"
-    MARGINAL_PRIOR = "past"
+    MARGINAL_PRIOR = "marginal prior"
     DELAYED_POSITION = "delayed position"
     CUSTOM = "custom"
     """A user's own; :attr:`trackfg.factors.family.Family.label` tells one from another."""

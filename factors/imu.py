@@ -23,7 +23,7 @@ _INTEGRATION_DENSITY = 1e-5
 
 
 @dataclass(frozen=True)
-class ImuNoise:
+class PreintegrationNoise:
     """White noise densities: gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz); of the position itself m/sqrt(s)."""
 
     gyro: float
@@ -63,7 +63,7 @@ class Preintegration:
     be made again at any time, the same to the last bit.
     """
 
-    noise: ImuNoise
+    noise: PreintegrationNoise
     gravity: float
     frame_rate: Array
     bias: Array

@@ -1,17 +1,17 @@
-"""The past: what keyframes that are gone said of the next one and of the shared variables.
+"""The marginal prior holds what marginalised keyframes tell about the next one and about the shared variables.
 
-Once they are eliminated (:func:`trackfg.solver.elimination.eliminate_leaving`), all their factors together are rows
-``A x = b`` on the tangent x = (keyframe, shared variables) at the states where they were linearised. The factor keeps
-these rows, and measures x from there however far the states have moved since. (Sibley, Matthies and Sukhatme, "Sliding
-window filter with application to planetary landing", J. Field Robotics 27 (2010).)
+Once keyframes are eliminated (:func:`trackfg.solver.elimination.eliminate_with_marginals`), all their factors together
+are rows ``A x = b`` on the tangent x = (keyframe, shared variables) at the states where they were linearised. The
+factor keeps these rows, and measures x from that linearisation point however far the states have moved since. (Sibley,
+Matthies and Sukhatme, "Sliding window filter with application to planetary landing", J. Field Robotics 27 (2010).)
 
-Far away the chart matters. Until a vehicle has moved its heading may be off by any angle, while roll and pitch, and
-their part in the accelerometer's bias, are known to a milliradian. So attitudes are compared by their angles roll,
-pitch and yaw, which a turn about the vertical leaves apart: ``x = E0^-1 (angles - angles0)`` with E the matrix that
-makes angular rates in body axes rates of the angles. Velocities are compared in the vehicle's own axes, each at its own
-attitude, ``x_v = R'v - R0'v0 - R0'v0 x x_turn``: a turn about the vertical leaves what is known of the speed alone,
-however far it goes, where a tangent would make the vehicle faster by ``v turn^2 / 2``. To first order x is the tangent
-of the graph.
+Far from the linearisation point the chart matters. Until a vehicle has moved its heading may be off by any angle, while
+roll and pitch, and their part in the accelerometer's bias, are known to a milliradian. So attitudes are compared by
+their angles roll, pitch and yaw, which a turn about the vertical leaves apart: ``x = E0^-1 (angles - angles0)`` with E
+the matrix that makes angular rates in body axes rates of the angles. Velocities are compared in the vehicle's own axes,
+each at its own attitude, ``x_v = R'v - R0'v0 - R0'v0 x x_turn``: a turn about the vertical leaves what is known of the
+speed alone, however far it goes, where a tangent would make the vehicle faster by ``v turn^2 / 2``. To first order x is
+the tangent of the graph.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ _OTHERS = tuple(kind for kind in _KINDS if kind is not Kind.NAV)
 _IN_KEYFRAME = len(ELIMINATION_ORDER)
 
 
-def away(value: Value, origin: Value) -> Array:
-    """The tangents (m, dim) from ``origin`` to ``value``, in this module's chart."""
+def local_coordinates(value: Value, origin: Value) -> Array:
+    """Return the tangents (m, dim) from ``origin`` to ``value``, in this module's chart."""
     if not (isinstance(value, Nav) and isinstance(origin, Nav)):
         return vectors(value) - vectors(origin)
     rpy = rpy_from_matrix(origin.R)
-    return _nav_away(value, origin, rpy_from_matrix(value.R), rpy, body_rates(rpy))
+    return _nav_coordinates(value, origin, rpy_from_matrix(value.R), rpy, body_rates(rpy))
 
 
-def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Array) -> Array:
-    """``rpy`` (m, 3) of both, and the :func:`~trackfg.numerics.rotations.body_rates` at the origin."""
+def _nav_coordinates(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Array) -> Array:
+    """Return the tangents of NAV; ``rpy`` (m, 3) of both, ``rates`` are the body rates at the origin."""
     angles = rpy - rpy_origin
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
     turn = np.einsum("mij,mj->mi", rates, angles)
@@ -62,15 +62,15 @@ def _nav_away(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rates: Arr
 
 
 def step_from(origin: States, states: States) -> Step:
-    """The step from ``origin`` to other states of as many keyframes, in this chart."""
-    parts = [away(states.of(kind), origin.of(kind)) for kind in _KINDS]
+    """Return the step from ``origin`` to other states of as many keyframes, in this chart."""
+    parts = [local_coordinates(states.of(kind), origin.of(kind)) for kind in _KINDS]
     return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), np.concatenate(parts[_IN_KEYFRAME:], axis=1)[0])
 
 
-def carried(origin: States, other: States) -> tuple[Array, Step]:
-    """How a tangent from ``origin`` (one keyframe) depends on that from an ``other`` one near it: ``J y + c``.
+def change_of_linearisation_point(origin: States, other: States) -> tuple[Array, Step]:
+    """Return J and c of ``x = J y + c``: x a tangent from ``origin`` (one keyframe), y one from the ``other`` point.
 
-    J (49, 49) and c.
+    J is square, of KEYFRAME_DIM + SHARED_DIM.
     """
     J = np.eye(sum(kind.dim for kind in _KINDS))
     at = offset_in_keyframe(Kind.NAV)
@@ -80,8 +80,8 @@ def carried(origin: States, other: States) -> tuple[Array, Step]:
     return J, step_from(origin, other)
 
 
-def moved_from(origin: States, step: Step) -> States:
-    """``origin`` moved by a step in this chart."""
+def retract_in_chart(origin: States, step: Step) -> States:
+    """Return ``origin`` moved by a step in this chart."""
     states, x = origin.moved(step), step.of(Kind.NAV)
     turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
     angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)
@@ -100,7 +100,7 @@ def _past(
         if isinstance(value, Nav):
             origin, (rpy, rpy_origin) = Nav(R, p, v), (rpy_from_matrix(one) for one in (value.R, R))
             rates = body_rates(rpy_origin)
-            tangents.append(_nav_away(value, origin, rpy, rpy_origin, rates))
+            tangents.append(_nav_coordinates(value, origin, rpy, rpy_origin, rates))
             block = block @ _by_nav(value, origin, rpy, rates)
         else:
             tangents.append(vectors(value) - origins[kind.attribute])
@@ -110,7 +110,7 @@ def _past(
 
 
 def _by_nav(value: Nav, origin: Nav, rpy: Array, rates: Array) -> Array:
-    """The derivative of :func:`_nav_away` by the tangent of ``value``."""
+    """Return the derivative of :func:`_nav_coordinates` by the tangent of ``value``."""
     out = np.zeros((len(value), Kind.NAV.dim, Kind.NAV.dim))
     out[:, :3, :3] = rates @ euler_rates(rpy)
     out[:, 3:6, 3:6] = np.swapaxes(origin.R, 1, 2) @ value.R
@@ -119,10 +119,11 @@ def _by_nav(value: Nav, origin: Nav, rpy: Array, rates: Array) -> Array:
     return out
 
 
-def past(rows: Array, origin: States) -> Family:
-    """Rows [A b] (r, 50) of the first keyframe and the shared variables, linearised at ``origin`` (one keyframe).
+def marginal_prior(rows: Array, origin: States) -> Family:
+    """Return rows [A b] of the first keyframe and the shared variables, linearised at ``origin``, as a family of one.
 
-    Residual: ``A x - b``, in sigmas, with x from ``origin``.
+    ``rows`` has the shape (r, KEYFRAME_DIM + SHARED_DIM + 1), ``origin`` one keyframe. Residual: ``A x - b``,
+    in sigmas, with x from ``origin``.
     """
     zero = np.zeros(1, dtype=np.int64)
     nav = origin.nav
@@ -133,13 +134,15 @@ def past(rows: Array, origin: States) -> Family:
 
 
 def delayed_position(rows: Array, origin: States) -> Family:
-    """Return what a position passed before the first keyframe tells about it, in the form of :func:`past`."""
-    return replace(past(rows, origin), type=FactorType.DELAYED_POSITION)
+    """Return what a position passed before the first keyframe tells about it, in the form of :func:`marginal_prior`."""
+    return replace(marginal_prior(rows, origin), type=FactorType.DELAYED_POSITION)
 
 
-def answering(family: Family, response: Array) -> Family:
-    """The past of a keyframe from which an interval begins now: its bias b is no longer the sensor's own one but that
-    of the interval, ``own + response c`` with the calibration c, and ``response`` (6, 21).
+def rebased_to_interval_bias(family: Family, response: Array) -> Family:
+    """Re-express a marginal prior when its keyframe becomes the start of an interval.
+
+    The bias state then includes what the calibration c adds over the interval, ``b = own + response c``, with
+    ``response`` (6, dim of c).
     """
     bias, imu = (family.data[kind.attribute] for kind in (Kind.BIAS, Kind.IMU))
     at_bias, at_imu = (offset_in_keyframe(kind) for kind in (Kind.BIAS, Kind.IMU))
@@ -148,10 +151,10 @@ def answering(family: Family, response: Array) -> Family:
     return family.with_data(A=A, bias=bias + imu @ response.T)
 
 
-def past_elsewhere(family: Family, by_m: float, sd_m: float) -> Family:
-    """The :func:`past` of a vehicle that was ``by_m`` further along the track, to ``sd_m``; all else as it was.
+def with_distance_shifted(family: Family, by_m: float, sd_m: float) -> Family:
+    """Move a marginal prior along the track by ``by_m``, uncertain to ``sd_m``; all else stays.
 
-    What it said of the distance D was wrong by e ~ N(by, sd^2): the rows ``A (x - u e) = b`` with u the direction of D
+    Its distance D was wrong by e ~ N(by, sd^2): the rows ``A (x - u e) = b`` with u the direction of D
     and ``e / sd = 0``, counted from D + by, and e eliminated.
     """
     A, b, at = family.data["A"], family.data["b"], offset_in_keyframe(Kind.ODO)

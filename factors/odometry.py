@@ -51,12 +51,30 @@ def wheel_response(distance: Array, turned: Array, force: Array) -> Array:
     )
 
 
+def creep_sd(per_traction: float, distance: Array, force: Array) -> Array:
+    """Return the 1-sigma (m) of the creep over distances (m,), m, under mean forward forces (m,), g.
+
+    On the stable side of its creep curve a wheel creeps by a share of the distance that is about proportional to the
+    force; ``per_traction`` is the sigma of that share per g.
+    """
+    return np.asarray(per_traction * np.abs(force) * distance)
+
+
+def tach_excess(scale: Array, counted: Array, distance: Array, explained: Array | float = 0.0) -> Array:
+    """Return how much further the wheel rolled than the vehicle moved, m: ``S dW - dD - explained``.
+
+    ``counted`` (m,) is what the tach counts over each interval, m, ``scale`` (m,) the wheel scale, ``distance`` (m,)
+    how far the vehicle moves, m, and ``explained`` (m,) what curves and force add (:func:`wheel_response`), m.
+    """
+    return np.asarray(scale * counted - distance - explained)
+
+
 def _wheel(first: Odo, second: Odo, wheel: Array, response: Array) -> tuple[Array, tuple[Array, ...]]:
     turned = second.count - first.count
     d_first, d_second = np.zeros((2, len(first), 1, Kind.ODO.dim))
     d_first[:, 0, Odo.SCALE], d_first[:, 0, Odo.COUNT] = turned, -first.scale
     d_second[:, 0, Odo.COUNT], d_second[:, 0, Odo.STEP] = first.scale, -1.0
-    residual = first.scale * turned - second.step - np.sum(response * wheel, axis=1)
+    residual = tach_excess(first.scale, turned, second.step, np.sum(response * wheel, axis=1))
     return residual[:, None], (d_first, d_second, -response[:, None, :])
 
 

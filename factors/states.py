@@ -164,9 +164,7 @@ def vectors(value: Value) -> Array:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run: nav (n), bias (n, 6), odo (n, 4), mount (1, 2), clock (1, 3), imu (1, 21),
-    wheel (1, 4).
-    """
+    """Values of all variables of a run: n keyframes' of nav, bias and odo, and one of each shared kind, (1, dim)."""
 
     nav: Nav
     bias: Array
@@ -224,7 +222,7 @@ class States:
 
 @dataclass(frozen=True)
 class Step:
-    """Tangents of all variables, stacked: of the keyframes (n, 19) and of the shared variables (30,)."""
+    """Tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM) and shared variables (SHARED_DIM,)."""
 
     keyframes: Array
     shared: Array

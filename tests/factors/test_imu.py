@@ -6,14 +6,14 @@ import gtsam
 import numpy as np
 import pytest
 
-from trackfg.factors.imu import ImuNoise, imu_factors, preintegrate
+from trackfg.factors.imu import PreintegrationNoise, imu_factors, preintegrate
 from trackfg.factors.states import Kind
 from trackfg.numerics.geodesy import earth_rate_enu
 from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 from trackfg.sensors.imu_intervals import Increments, Intervals, compress
 
 G = 9.80665
-NOISE = ImuNoise(gyro=1e-4, accel=2e-3)
+NOISE = PreintegrationNoise(gyro=1e-4, accel=2e-3)
 NAV, BIAS = Kind.NAV, Kind.BIAS
 STILL = np.zeros(3)
 

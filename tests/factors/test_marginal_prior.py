@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from trackfg.factors.checking import check_jacobians
-from trackfg.factors.marginal_prior import answering, moved_from, past, past_elsewhere, step_from
+from trackfg.factors.marginal_prior import (
+    marginal_prior,
+    rebased_to_interval_bias,
+    retract_in_chart,
+    step_from,
+    with_distance_shifted,
+)
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, Odo, States, Step, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 
@@ -27,9 +33,11 @@ def a_step(rng: np.random.Generator, size: float) -> Step:
 def test_it_measures_from_where_it_was_linearised() -> None:
     rng = np.random.default_rng(0)
     origin, step, rows = one_keyframe(rng), a_step(rng, 0.3), rng.standard_normal((49, 50))
-    states = moved_from(origin, step)
+    states = retract_in_chart(origin, step)
     x = np.concatenate([step.keyframes[0], step.shared])
-    np.testing.assert_allclose(past(rows, origin).residual(states)[0], rows[:, :-1] @ x - rows[:, -1], atol=1e-9)
+    np.testing.assert_allclose(
+        marginal_prior(rows, origin).residual(states)[0], rows[:, :-1] @ x - rows[:, -1], atol=1e-9
+    )
     back = step_from(origin, states)
     np.testing.assert_allclose(np.concatenate([back.keyframes[0], back.shared]), x, atol=1e-12)
 
@@ -37,7 +45,7 @@ def test_it_measures_from_where_it_was_linearised() -> None:
 def test_small_steps_are_those_of_the_graph() -> None:
     rng = np.random.default_rng(1)
     origin, step = one_keyframe(rng), a_step(rng, 1e-6)
-    one, other = moved_from(origin, step).nav, origin.moved(step).nav
+    one, other = retract_in_chart(origin, step).nav, origin.moved(step).nav
     np.testing.assert_allclose(one.R, other.R, atol=1e-11)
     np.testing.assert_allclose(one.v, other.v, atol=1e-9)
 
@@ -66,14 +74,14 @@ def test_a_turn_about_the_vertical_leaves_the_speed_however_far_it_goes() -> Non
 def test_jacobians() -> None:
     rng = np.random.default_rng(3)
     origin = one_keyframe(rng)
-    family = past(rng.standard_normal((49, 50)), origin)
-    check_jacobians(family, moved_from(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)
+    family = marginal_prior(rng.standard_normal((49, 50)), origin)
+    check_jacobians(family, retract_in_chart(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)
 
 
 def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     rng = np.random.default_rng(3)
     origin, rows, by, sd = one_keyframe(rng), rng.standard_normal((49, 50)), 40.0, 25.0
-    family = past_elsewhere(past(rows, origin), by, sd)
+    family = with_distance_shifted(marginal_prior(rows, origin), by, sd)
     A, b = family.data["A"][0], family.data["b"][0]
     at = offset_in_keyframe(Kind.ODO)
     before, after = np.linalg.inv(rows[:, :-1].T @ rows[:, :-1]), np.linalg.inv(A.T @ A)
@@ -82,7 +90,7 @@ def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     expected, found = np.linalg.solve(rows[:, :-1], rows[:, -1]), after @ A.T @ b
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
     step = a_step(rng, 0.1)
-    states = moved_from(origin, step)
+    states = retract_in_chart(origin, step)
     x = np.concatenate([step.keyframes[0], step.shared])
     there = replace(states, odo=states.odo.moved_along(by))
     np.testing.assert_allclose(family.residual(there)[0], A @ x - b, atol=1e-9)
@@ -104,7 +112,9 @@ def test_bias_of_an_interval_is_the_sensors_own_and_what_the_calibration_adds() 
     """With b = own + response c the factor says of (b, c) what it said of (own, c): the same residual, whatever c."""
     rng = np.random.default_rng(5)
     origin, rows, response = one_keyframe(rng), rng.standard_normal((49, 50)), rng.standard_normal((6, 21))
-    own = moved_from(origin, a_step(rng, 0.2))
+    own = retract_in_chart(origin, a_step(rng, 0.2))
     interval = replace(own, bias=own.bias + own.imu @ response.T)
-    family = past(rows, origin)
-    np.testing.assert_allclose(answering(family, response).residual(interval), family.residual(own), atol=1e-9)
+    family = marginal_prior(rows, origin)
+    np.testing.assert_allclose(
+        rebased_to_interval_bias(family, response).residual(interval), family.residual(own), atol=1e-9
+    )

@@ -28,7 +28,7 @@ from trackfg.factors.imu import Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Odo, States
 from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
-from trackfg.graph.inputs import Layout, World, world_of
+from trackfg.graph.inputs import GraphInputs, World, world_of
 from trackfg.graph.keyframes import nearest, place_keyframes
 from trackfg.graph.motion import motion
 from trackfg.graph.odometry import odometer
@@ -99,32 +99,32 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
-    layout = Layout(recording, config, world, data, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1]))
-    states = layout.initial_states()
-    moving = [tilt(layout)] if speedless else motion(layout)
-    families = [*_priors(layout, states), own_bias_walk(layout), *odometer(layout), *moving, *positions(layout)]
+    inputs = GraphInputs(recording, config, world, data, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1]))
+    states = inputs.initial_states()
+    moving = [tilt(inputs)] if speedless else motion(inputs)
+    families = [*_priors(inputs, states), own_bias_walk(inputs), *odometer(inputs), *moving, *positions(inputs)]
     description = recording.description
     run = RunContext(
         t=t,
         edges=edges,
         inertial=data,
         world=world,
-        lever_arm=layout.lever_arm,
-        noise=layout.noise,
+        lever_arm=inputs.lever_arm,
+        noise=inputs.noise,
         mount_roll_sd=np.radians(description.imu.mount_roll_sd_deg),
-        response=layout.response,
+        response=inputs.response,
         direction=description.track.direction,
         conventions=geometry_conventions(config.geometry, description.track),
     )
     return Problem(
         run=run,
-        measured=preintegrated(layout, states, speedless),
+        measured=preintegrated(inputs, states, speedless),
         families=tuple(family for family in families if len(family)),
         initial=states,
         rests=rests,
         gaps=gaps,
         wheel=wheel,
-        clock_origin=layout.clock_origin,
+        clock_origin=inputs.clock_origin,
     )
 
 
@@ -143,7 +143,7 @@ def _first_pass(
         path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
         if wheel is None or attempt == 2:
             break
-        found = rolling(wheel, data, path, rests, config)
+        found = rolling(wheel, data, path, rests, world.gravity, config)
         if found.rolls.all():
             break
         mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
@@ -173,7 +173,7 @@ def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
     return np.concatenate(times)
 
 
-def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
+def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:
     """With a start that may be anywhere along the track."""
 
     def anywhere(family: Family) -> Family:
@@ -184,7 +184,7 @@ def placeless(families: tuple[Family, ...]) -> tuple[Family, ...]:
     return changed(families, FactorType.PRIOR_ODO, anywhere)
 
 
-def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
+def with_start_at(problem: Problem, distance: float, sd: float) -> Problem:
     """With a start ``distance`` m along the track, known to ``sd`` m."""
     shift = distance - float(problem.initial.odo.distance[0])
 
@@ -197,17 +197,17 @@ def begun_at(problem: Problem, distance: float, sd: float) -> Problem:
     return replace(problem, initial=initial, families=changed(problem.families, FactorType.PRIOR_ODO, moved))
 
 
-def _priors(layout: Layout, states: States) -> list[Family]:
-    noise, config = layout.recording.description.imu.noise, layout.config
+def _priors(inputs: GraphInputs, states: States) -> list[Family]:
+    noise, config = inputs.recording.description.imu.noise, inputs.config
     first = np.array([0])
-    georeferenced = layout.recording.gnss is not None
+    georeferenced = inputs.recording.gnss is not None
     # Without GNSS the start defines the frame: its position and yaw are known by convention.
     yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (1e-6, 1e-4)
     nav_sd = np.array([[0.2, 0.2, yaw_sd, *[position_sd] * 3, 10.0, 10.0, 10.0]])
     bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
-    tach = layout.recording.description.tach
+    tach = inputs.recording.description.tach
     scale_sd = 1e-2 if tach is None else tach.scale_sd
-    start_sd = _ANYWHERE_SD_M if layout.recording.fixes is not None and len(layout.recording.fixes) else _SET_SD_M
+    start_sd = _ANYWHERE_SD_M if inputs.recording.fixes is not None and len(inputs.recording.fixes) else _SET_SD_M
     odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
     tach_clock = config.tach
     clock_sd = np.array(

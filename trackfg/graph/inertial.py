@@ -11,12 +11,12 @@ import numpy as np
 from trackfg.factors.bias import bias_walk
 from trackfg.factors.family import Family
 from trackfg.factors.gravity import gravity_tilt
-from trackfg.factors.imu import ImuNoise, Preintegration, imu_factors
+from trackfg.factors.imu import Preintegration, PreintegrationNoise, imu_factors
 from trackfg.factors.states import States
-from trackfg.graph.inputs import Layout
+from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RADIUS, transport_rate
-from trackfg.recording import description
+from trackfg.recording.description import ImuNoise
 from trackfg.sensors.imu_intervals import compress, increment_starts
 
 _INCREMENT_S = 0.02
@@ -34,24 +34,24 @@ def graph_of(measurements: Iterable[Preintegration]) -> gtsam.NonlinearFactorGra
     return graph
 
 
-def preintegrated(layout: Layout, states: States, speedless: bool) -> tuple[Preintegration, ...]:
+def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple[Preintegration, ...]:
     """What the inertial sensor measured in each interval, about the biases of ``states``; without weight on the
     accelerometer where nothing measures speed.
     """
-    config = layout.config.imu
-    measured = replace(layout.noise, accel=1e3) if speedless else layout.noise
+    config = inputs.config.imu
+    measured = replace(inputs.noise, accel=1e3) if speedless else inputs.noise
     gyro_bias = states.bias[:, 3:].mean(axis=0)
-    bridge = ImuNoise(config.bridge_gyro_white, config.bridge_accel_white)
-    gravity, earth = layout.world.gravity, layout.world.earth_rate
+    bridge = PreintegrationNoise(config.bridge_gyro_white, config.bridge_accel_white)
+    gravity, earth = inputs.world.gravity, inputs.world.earth_rate
     # The level frame turns with the Earth and, with the vehicle, over its curvature. GTSAM's Coriolis term counts
     # the second twice: v^2 / radius upwards, taken back through gravity.
     velocity = 0.5 * (states.nav.v[1:] + states.nav.v[:-1])
     turning = earth + transport_rate(velocity)
     weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
-    starts, first = increment_starts(layout.data, layout.edges, _INCREMENT_S)
-    increments = compress(layout.data, starts, gyro_bias)
-    bridged = layout.data.bridged[layout.edges[:-1]]
+    starts, first = increment_starts(inputs.data, inputs.edges, _INCREMENT_S)
+    increments = compress(inputs.data, starts, gyro_bias)
+    bridged = inputs.data.bridged[inputs.edges[:-1]]
     return tuple(
         Preintegration(
             bridge if bridged[k] else measured,
@@ -66,24 +66,24 @@ def preintegrated(layout: Layout, states: States, speedless: bool) -> tuple[Prei
     )
 
 
-def own_bias_walk(layout: Layout) -> Family:
+def own_bias_walk(inputs: GraphInputs) -> Family:
     """The sensor's own biases walk with the declared densities."""
-    return walk_of(layout.t, layout.response, layout.recording.description.imu.noise)
+    return walk_of(inputs.t, inputs.response, inputs.recording.description.imu.noise)
 
 
-def walk_of(t: Array, response: Array, noise: description.ImuNoise) -> Family:
-    """The same, of keyframes at ``t`` (n,) with their responses to the calibration (n, 6, 21)."""
+def walk_of(t: Array, response: Array, noise: ImuNoise) -> Family:
+    """The same, of keyframes at ``t`` (n,) with their responses to the calibration (n, 6, dim)."""
     density = np.repeat([noise.accel_bias_walk, noise.gyro_bias_walk], 3)
     return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), np.sqrt(np.diff(t))[:, None] * density)
 
 
-def tilt(layout: Layout) -> Family:
+def tilt(inputs: GraphInputs) -> Family:
     """Mean specific force around each keyframe, each sample in one mean."""
-    middle = np.concatenate([[layout.edges[0]], (layout.edges[1:] + layout.edges[:-1]) // 2, [layout.edges[-1]]])
-    dt = layout.data.durations[:, None]
-    integral = np.vstack([np.zeros(3), np.cumsum(layout.data.accel * dt, axis=0)])
-    duration = np.diff(layout.data.edges[middle])[:, None]
+    middle = np.concatenate([[inputs.edges[0]], (inputs.edges[1:] + inputs.edges[:-1]) // 2, [inputs.edges[-1]]])
+    dt = inputs.data.durations[:, None]
+    integral = np.vstack([np.zeros(3), np.cumsum(inputs.data.accel * dt, axis=0)])
+    duration = np.diff(inputs.data.edges[middle])[:, None]
     force = np.diff(integral[middle], axis=0) / duration
-    noise = layout.recording.description.imu.noise.accel_white
+    noise = inputs.recording.description.imu.noise.accel_white
     sigma = np.sqrt(noise**2 / duration + 2.0 * _UNKNOWN_ACCELERATION**2 * 10.0 / duration)
-    return gravity_tilt(np.arange(len(layout.t)), force, layout.world.gravity, np.repeat(sigma, 3, axis=1))
+    return gravity_tilt(np.arange(len(inputs.t)), force, inputs.world.gravity, np.repeat(sigma, 3, axis=1))

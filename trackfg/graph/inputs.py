@@ -10,7 +10,7 @@ import numpy as np
 
 from trackfg.config import SmoothConfig
 from trackfg.factors.bias import response_terms
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import SHARED, Nav, Odo, States
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
@@ -49,10 +49,10 @@ def world_of(recording: Recording) -> World:
     return World(gravity, rate, start_yaw)
 
 
-def assumed_noise(description: RecordingDescription, config: SmoothConfig) -> ImuNoise:
+def assumed_noise(description: RecordingDescription, config: SmoothConfig) -> PreintegrationNoise:
     """White noise of the inertial samples: the declared one times its level."""
     declared, level = description.imu.noise, config.noise
-    return ImuNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+    return PreintegrationNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
 
 
 def still_between(t: Array, rests: Array) -> np.ndarray:
@@ -63,7 +63,7 @@ def still_between(t: Array, rests: Array) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Layout:
+class GraphInputs:
     """Keyframes at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""
 
     recording: Recording
@@ -127,29 +127,29 @@ class Layout:
         return np.asarray(np.interp(t, self.path.t, length))
 
     @property
-    def noise(self) -> ImuNoise:
+    def noise(self) -> PreintegrationNoise:
         """White noise of the inertial samples as assumed."""
         return assumed_noise(self.recording.description, self.config)
 
     @cached_property
     def response(self) -> Array:
         """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
-        where none starts, nothing. Shape (n, 6, 21).
+        where none starts, nothing. Shape (n, 6, dim).
         """
         terms = response_terms(self.mean_accel, self.mean_rate)
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
-    def with_rows(self, recording: Recording, wheel: Wheel | None) -> Layout:
+    def with_rows(self, recording: Recording, wheel: Wheel | None) -> GraphInputs:
         """With other rows than the inertial sensor's: nothing that is computed once depends on them."""
-        layout = copy(self)
-        vars(layout).update(recording=recording, wheel=wheel)
-        return layout
+        inputs = copy(self)
+        vars(inputs).update(recording=recording, wheel=wheel)
+        return inputs
 
-    def with_motion(self, path: InitialPath, rolling: Rolling) -> Layout:
+    def with_motion(self, path: InitialPath, rolling: Rolling) -> GraphInputs:
         """With another first guess of the motion, and the means as they were computed."""
-        layout = replace(self, path=path, rolling=rolling)
-        vars(layout).update(durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro)
-        return layout
+        inputs = replace(self, path=path, rolling=rolling)
+        vars(inputs).update(durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro)
+        return inputs
 
     def initial_states(self) -> States:
         """The first guess of every variable."""

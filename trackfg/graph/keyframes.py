@@ -13,7 +13,7 @@ from trackfg.config import KeyframeConfig
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 
-_TOO_CLOSE = 0.35
+TOO_CLOSE = 0.35
 """In phase: a regular keyframe nearer than this to a required one is dropped."""
 
 
@@ -30,7 +30,7 @@ def place_keyframes(
     regular = np.arange(1.0, phase[-1])
     after = np.clip(np.searchsorted(fixed_phase, regular), 1, len(fixed) - 1)
     distance = np.minimum(np.abs(regular - fixed_phase[after - 1]), np.abs(fixed_phase[after] - regular))
-    times = np.concatenate([fixed, np.interp(regular[distance > _TOO_CLOSE], phase, t)])
+    times = np.concatenate([fixed, np.interp(regular[distance > TOO_CLOSE], phase, t)])
     return np.unique(nearest(edges, times))
 
 

@@ -9,7 +9,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.loss import Huber, Loss
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.path import follows_path
-from trackfg.graph.inputs import Layout, still_between
+from trackfg.graph.inputs import GraphInputs, still_between
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.imu_intervals import means_around, turning
@@ -18,22 +18,22 @@ RATE_WINDOW_S = 0.1
 """The body rate of a keyframe is a mean over this."""
 
 
-def motion(layout: Layout) -> list[Family]:
+def motion(inputs: GraphInputs) -> list[Family]:
     """How it moves along the track, and no motion at rest."""
-    rigid = layout.recording.description.imu.rigid
-    return [*along_track(layout), *resting(layout.t, layout.rests, layout.config.motion, rigid=rigid)]
+    rigid = inputs.recording.description.imu.rigid
+    return [*along_track(inputs), *resting(inputs.t, inputs.rests, inputs.config.motion, rigid=rigid)]
 
 
-def along_track(layout: Layout) -> list[Family]:
+def along_track(inputs: GraphInputs) -> list[Family]:
     """No sideways velocity; a sensor that follows the track moves where it points all the way."""
-    config, k = layout.config.motion, np.arange(len(layout.t))
-    speed = np.abs(np.interp(layout.t, layout.path.t, layout.path.speed))
+    config, k = inputs.config.motion, np.arange(len(inputs.t))
+    speed = np.abs(np.interp(inputs.t, inputs.path.t, inputs.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
-    sigma = sigma * layout.config.noise.motion
+    sigma = sigma * inputs.config.noise.motion
     huber = Huber(config.robust_width)
     return [
-        _path(layout, huber),
-        non_holonomic(k, _angular_rate(layout), layout.lever_arm, sigma, huber),
+        _path(inputs, huber),
+        non_holonomic(k, _angular_rate(inputs), inputs.lever_arm, sigma, huber),
     ]
 
 
@@ -49,21 +49,21 @@ def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> lis
     ]
 
 
-def _path(layout: Layout, loss: Loss) -> Family:
+def _path(inputs: GraphInputs, loss: Loss) -> Family:
     """For a sensor that follows the track, wherever it is not at rest and its record has no hole."""
-    config, distance = layout.config.motion, np.abs(layout.distance)
-    bridged = np.concatenate([[0], np.cumsum(layout.data.bridged)])
-    whole = np.diff(bridged[layout.edges]) == 0
-    k = np.flatnonzero(whole & ~layout.still & layout.recording.description.imu.rigid)
+    config, distance = inputs.config.motion, np.abs(inputs.distance)
+    bridged = np.concatenate([[0], np.cumsum(inputs.data.bridged)])
+    whole = np.diff(bridged[inputs.edges]) == 0
+    k = np.flatnonzero(whole & ~inputs.still & inputs.recording.description.imu.rigid)
     turned = turning(
-        layout.data, layout.edges, layout.path.bias(layout.t).mean(axis=0), layout.distance_at(layout.data.edges)
+        inputs.data, inputs.edges, inputs.path.bias(inputs.t).mean(axis=0), inputs.distance_at(inputs.data.edges)
     )
-    bridge = layout.noise.gyro * distance * np.sqrt(layout.durations / 12.0)
-    model = (config.path_sd_m + config.path_sd_relative * distance) * layout.config.noise.path
+    bridge = inputs.noise.gyro * distance * np.sqrt(inputs.durations / 12.0)
+    model = (config.path_sd_m + config.path_sd_relative * distance) * inputs.config.noise.path
     sigma = np.hypot(model, bridge)[k, None].repeat(2, axis=1)
-    return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], layout.lever_arm, sigma, loss)
+    return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], inputs.lever_arm, sigma, loss)
 
 
-def _angular_rate(layout: Layout) -> Array:
+def _angular_rate(inputs: GraphInputs) -> Array:
     """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""
-    return means_around(layout.t, RATE_WINDOW_S, layout.data.edges, layout.data.gyro) - layout.path.bias(layout.t)
+    return means_around(inputs.t, RATE_WINDOW_S, inputs.data.edges, inputs.data.gyro) - inputs.path.bias(inputs.t)

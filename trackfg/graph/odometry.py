@@ -20,9 +20,9 @@ import numpy as np
 
 from trackfg.factors.family import Family
 from trackfg.factors.loss import SwitchChain
-from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading, wheel_response
+from trackfg.factors.odometry import arc_length, creep_sd, distance_chain, tach_distance, tach_reading, wheel_response
 from trackfg.factors.states import Kind
-from trackfg.graph.inputs import Layout
+from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.spans import within
 
 _DISTANCE_SD_M = 1e-5
@@ -32,63 +32,63 @@ _MOVED_SD_M = 1e4
 """For an interval in which the wheel says nothing: any distance."""
 
 
-def odometer(layout: Layout) -> list[Family]:
+def odometer(inputs: GraphInputs) -> list[Family]:
     """Distance adds up, is the length of the path, and is what the wheel rolls, where there is one."""
-    return [*travelled(layout), *rolled(layout)]
+    return [*path_length_factors(inputs), *tach_factors(inputs)]
 
 
-def travelled(layout: Layout) -> list[Family]:
+def path_length_factors(inputs: GraphInputs) -> list[Family]:
     """What needs no wheel: distance adds up, and is the length of the path."""
-    config, k = layout.config.tach, np.arange(len(layout.t) - 1)
-    distance = np.abs(layout.distance)
+    config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
+    distance = np.abs(inputs.distance)
     chain_sd = np.stack([np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1)
     return [
         distance_chain(k, chain_sd),
-        arc_length(k, layout.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
+        arc_length(k, inputs.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
     ]
 
 
-def rolled(layout: Layout) -> list[Family]:
+def tach_factors(inputs: GraphInputs) -> list[Family]:
     """Distance is what the wheel rolls, where there is one."""
-    config, k = layout.config.tach, np.arange(len(layout.t) - 1)
-    distance = np.abs(layout.distance)
+    config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
+    distance = np.abs(inputs.distance)
     loss = None
-    if layout.recording.description.tach is not None:  # also where it is silent: it may start within the same window
-        loss = SwitchChain(config.robust_width, layout.config.keyframes.interval_s)
-    if layout.wheel is None:
+    if inputs.recording.description.tach is not None:  # also where it is silent: it may start within the same window
+        loss = SwitchChain(config.robust_width, inputs.config.keyframes.interval_s)
+    if inputs.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
         return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), loss)]
-    force = layout.mean_accel[:, 0] / layout.world.gravity
+    force = inputs.mean_accel[:, 0] / inputs.world.gravity
     variance = (
         config.creep_m_per_sqrt_m**2 * (distance + 0.01)
-        + (config.creep_per_traction * np.abs(force) * distance) ** 2 / layout.durations
+        + creep_sd(config.creep_per_traction, distance, force) ** 2 / inputs.durations
     )
-    if layout.wheel.integrates_speed:
-        moving = ~within(0.5 * (layout.t[1:] + layout.t[:-1]), layout.rests)
-        variance = variance + config.speed_noise_mps**2 * layout.durations * moving
-    silent = ~(layout.wheel.covers(layout.t[:-1]) & layout.wheel.covers(layout.t[1:]))
-    unknown = ~layout.wheel.counts(layout.t) | (silent & layout.wheel.integrates_speed)
+    if inputs.wheel.integrates_speed:
+        moving = ~within(0.5 * (inputs.t[1:] + inputs.t[:-1]), inputs.rests)
+        variance = variance + config.speed_noise_mps**2 * inputs.durations * moving
+    silent = ~(inputs.wheel.covers(inputs.t[:-1]) & inputs.wheel.covers(inputs.t[1:]))
+    unknown = ~inputs.wheel.counts(inputs.t) | (silent & inputs.wheel.integrates_speed)
     variance = np.where(unknown, _MOVED_SD_M**2, variance)
-    sigma = np.sqrt(variance)[:, None] * layout.config.noise.tach
-    response = wheel_response(layout.distance, layout.mean_rate[:, 2] * layout.durations, force)
-    assert layout.rolling is not None
+    sigma = np.sqrt(variance)[:, None] * inputs.config.noise.tach
+    response = wheel_response(inputs.distance, inputs.mean_rate[:, 2] * inputs.durations, force)
+    assert inputs.rolling is not None
     wheel = tach_distance(k, response, sigma, loss)
-    wheel = replace(wheel, doubtful=layout.rolling.slips_within(layout.t))
-    read = _readable(layout)
-    count, rate = layout.wheel.at(layout.t[read]), layout.wheel.rate(layout.t[read])
-    since = layout.t[read] - layout.clock_origin
-    return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), layout.wheel.rounding_sd))]
+    wheel = replace(wheel, doubtful=inputs.rolling.slips_within(inputs.t))
+    read = _readable(inputs)
+    count, rate = inputs.wheel.at(inputs.t[read]), inputs.wheel.rate(inputs.t[read])
+    since = inputs.t[read] - inputs.clock_origin
+    return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), inputs.wheel.rounding_sd))]
 
 
-def _readable(layout: Layout) -> np.ndarray:
+def _readable(inputs: GraphInputs) -> np.ndarray:
     """Keyframes with a tach reading of their own: a count that has not moved since the last reading says nothing
     new, its rounding error is the same one."""
-    assert layout.wheel is not None
-    covered = np.flatnonzero(layout.wheel.covers(layout.t))
-    count = layout.wheel.at(layout.t[covered])
+    assert inputs.wheel is not None
+    covered = np.flatnonzero(inputs.wheel.covers(inputs.t))
+    count = inputs.wheel.at(inputs.t[covered])
     if covered.size == 0:
         return covered
-    grid = np.floor(count / max(layout.wheel.quantum, 1e-9))
+    grid = np.floor(count / max(inputs.wheel.quantum, 1e-9))
     fresh = np.concatenate([[True], grid[1:] != grid[:-1]])
     readable: np.ndarray = covered[fresh]
     return readable

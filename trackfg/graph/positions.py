@@ -9,46 +9,46 @@ from trackfg.factors.family import Family
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.loss import Cauchy, Huber, Loss
 from trackfg.factors.odometry import absolute_fix
-from trackfg.graph.inputs import Layout
+from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.keyframes import nearest
 from trackfg.recording.description import Gnss
 
 
-def positions(layout: Layout) -> list[Family]:
+def positions(inputs: GraphInputs) -> list[Family]:
     """What the recording has of fixes and GNSS positions, robust if the settings say so."""
-    config, description = layout.config.position, layout.recording.description
+    config, description = inputs.config.position, inputs.recording.description
     families = []
-    fixes, gnss = layout.recording.fixes, layout.recording.gnss
+    fixes, gnss = inputs.recording.fixes, inputs.recording.gnss
     if fixes is not None:
-        families.append(_fixes(layout, Cauchy(config.fix_width) if config.robust else None))
+        families.append(_fixes(inputs, Cauchy(config.fix_width) if config.robust else None))
     if gnss is not None and len(gnss) and description.gnss is not None:
         loss = Huber(config.gnss_width) if config.robust else None
-        families.append(_gnss(layout, gnss, description.gnss, loss))
+        families.append(_gnss(inputs, gnss, description.gnss, loss))
     return families
 
 
-def _gnss(layout: Layout, gnss: pd.DataFrame, description: Gnss, loss: Loss | None) -> Family:
-    config = layout.config
+def _gnss(inputs: GraphInputs, gnss: pd.DataFrame, description: Gnss, loss: Loss | None) -> Family:
+    config = inputs.config
     t = gnss["t_s"].to_numpy()
-    inside = (t >= layout.data.edges[0]) & (t <= layout.data.edges[-1])
+    inside = (t >= inputs.data.edges[0]) & (t <= inputs.data.edges[-1])
     t, table = t[inside], gnss[inside]
-    index = nearest(layout.t, t)
-    lever = np.array(description.lever_arm_m) - layout.lever_arm
+    index = nearest(inputs.t, t)
+    lever = np.array(description.lever_arm_m) - inputs.lever_arm
     # n readings of an error with correlation time tau tell as much as n dt / (2 tau) independent ones.
     interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
     inflation = np.sqrt(max(1.0, 2.0 * config.position.gnss_correlation_s / interval))
     sigma = table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy() * (config.noise.gnss * inflation)
     position = table[["east_m", "north_m", "up_m"]].to_numpy()
-    return gnss_position(index, position, lever, t - layout.t[index], sigma, loss)
+    return gnss_position(index, position, lever, t - inputs.t[index], sigma, loss)
 
 
-def _fixes(layout: Layout, loss: Loss | None) -> Family:
-    fixes = layout.recording.fixes
+def _fixes(inputs: GraphInputs, loss: Loss | None) -> Family:
+    fixes = inputs.recording.fixes
     assert fixes is not None
     t = fixes["t_s"].to_numpy()
-    inside = (t >= layout.data.edges[0]) & (t <= layout.data.edges[-1])
+    inside = (t >= inputs.data.edges[0]) & (t <= inputs.data.edges[-1])
     t, table = t[inside], fixes[inside]
-    index = nearest(layout.t, t)
-    carried = np.interp(t, layout.path.t, layout.path.speed) * (t - layout.t[index])
-    distance = layout.recording.description.track.direction * table["chainage_m"].to_numpy() - carried
+    index = nearest(inputs.t, t)
+    carried = np.interp(t, inputs.path.t, inputs.path.speed) * (t - inputs.t[index])
+    distance = inputs.recording.description.track.direction * table["chainage_m"].to_numpy() - carried
     return absolute_fix(index, distance, table[["chainage_sd_m"]].to_numpy(), loss)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.config import GeometryConfig
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import PreintegrationNoise
 from trackfg.graph.inputs import World
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Track
@@ -31,12 +31,12 @@ class RunContext:
     world: World
     lever_arm: Array
     """The IMU's position in the vehicle, m, shape (3,)."""
-    noise: ImuNoise
+    noise: PreintegrationNoise
     """White noise of the inertial samples as assumed in the graph."""
     mount_roll_sd: float
     """Uncertainty of the mounting's roll, rad."""
     response: Array
-    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, 21)."""
+    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, dim)."""
     direction: int
     """+1 where chainage grows along the run, -1 where it falls."""
     conventions: GeometryConventions

@@ -25,13 +25,13 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from trackfg.config import SmoothConfig
+from trackfg.factors.odometry import creep_sd
 from trackfg.factors.switching import Chain, first_state_probability
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals, means_around
 from trackfg.sensors.tach import Wheel
-from trackfg.units import STANDARD_GRAVITY
 
 _STEP_S = 0.5
 _ACCELERATION_SD = 0.02
@@ -93,12 +93,14 @@ class _Evidence(NamedTuple):
         return _Evidence(-a, rolled, sigma, walk, after, before)
 
 
-def rolling(wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, config: SmoothConfig) -> Rolling:
-    """Find where the wheel rolls. ``path`` gives roll and gyro bias; ``rests`` (r, 2) s."""
+def rolling(
+    wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, gravity: float, config: SmoothConfig
+) -> Rolling:
+    """Find where the wheel rolls. ``path`` gives roll and gyro bias; ``rests`` (r, 2) s; ``gravity`` m/s^2."""
     t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
     if len(t) < _FEWEST:
         return Rolling(t, np.zeros(len(t)), np.ones(len(t) - 1, dtype=bool), wheel)
-    evidence = _evidence(t, wheel, data, path, rests, config)
+    evidence = _evidence(t, wheel, data, path, rests, gravity, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
     weight = np.where(credible, 1.0, _LEAST_WEIGHT)
     resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
@@ -113,14 +115,14 @@ def rolling(wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, conf
 
 
 def _evidence(
-    t: Array, wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, config: SmoothConfig
+    t: Array, wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, gravity: float, config: SmoothConfig
 ) -> _Evidence:
     middle = 0.5 * (t[1:] + t[:-1])
     accel, gyro = (means_around(middle, _STEP_S, data.edges, samples) for samples in (data.accel, data.gyro))
     force = accel[:, 0]
-    acceleration = force + STANDARD_GRAVITY * np.sin(_pitch(middle, gyro, path))
+    acceleration = force + gravity * np.sin(_pitch(middle, gyro, path))
     rolled = np.diff(wheel.at(t))
-    creep = np.hypot(_CREEP, config.tach.creep_per_traction * force / STANDARD_GRAVITY) * rolled
+    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled, force / gravity))
     noise = config.tach.speed_noise_mps**2 * _STEP_S if wheel.integrates_speed else 2.0 * wheel.rounding_sd**2
     sigma = np.sqrt(creep**2 + noise) * config.noise.tach
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M

@@ -22,7 +22,7 @@ def within(t: Array, spans: Array) -> np.ndarray:
     return inside
 
 
-def parted(spans: Array, breaks: Array) -> Array:
+def subtract(spans: Array, breaks: Array) -> Array:
     """Spans (m, 2), in order and disjoint, without what lies in ``breaks`` (b, 2): one about a break becomes two."""
     for begin, end in breaks:
         before = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
@@ -33,7 +33,7 @@ def parted(spans: Array, breaks: Array) -> Array:
     return spans
 
 
-def joined_spans(spans: Array) -> Array:
+def union(spans: Array) -> Array:
     """Spans (m, 2) in order, those that overlap or touch as one."""
     if len(spans) == 0:
         return spans

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
+from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
@@ -79,7 +80,7 @@ def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame
         return None
     distance = CubicHermiteSpline(at, sources.direction * trajectory["chainage_m"], trajectory["speed_mps"])
     t = np.arange(at[0], at[-1], _STEP_S)
-    excess = _rolled(wheel, sources, states, t) - distance(t)
+    excess = _excess(wheel, sources, states, t, distance(t))
     explained = np.concatenate([[0.0], np.cumsum(rolled.data["response"] @ states.wheel[0])])
     rate = _rate(t, excess - np.interp(t, sources.t, explained))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
@@ -114,12 +115,13 @@ def slip_events(
     return sorted(events)
 
 
-def _rolled(wheel: Wheel, sources: EventSources, states: States, t: Array) -> Array:
-    """Return the integral of S dW up to ``t``."""
+def _excess(wheel: Wheel, sources: EventSources, states: States, t: Array, distance: Array) -> Array:
+    """Return E at times ``t`` (n,), less its value at the first one, for distances (n,) along the track."""
     offset, drift = states.clock[0, :2]
     count = wheel.at(t - offset - drift * (t - sources.clock_origin))
     scale = np.interp(t, sources.t, states.odo.scale)
-    return np.concatenate([[0.0], np.cumsum(0.5 * (scale[1:] + scale[:-1]) * np.diff(count))])
+    steps = tach_excess(0.5 * (scale[1:] + scale[:-1]), np.diff(count), np.diff(distance))
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _rate(t: Array, x: Array) -> Array:

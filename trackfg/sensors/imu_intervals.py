@@ -54,6 +54,17 @@ class Intervals:
         return spans
 
 
+_HOLE_INTERVALS = 3.5
+"""A hole is longer than so many sampling intervals: three samples or more are missing."""
+_HOLE_S = 0.05
+"""A hole is longer than this, s: a fast sensor may lose some samples and hardly anything moves meanwhile."""
+
+
+def hole_s(dt: float) -> float:
+    """Return from which distance (s) of neighbouring samples on there is a hole; ``dt`` is the sampling interval, s."""
+    return max(_HOLE_INTERVALS * dt, _HOLE_S)
+
+
 def intervals(recording: Recording) -> Intervals:
     """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
     t = recording.imu["t_s"].to_numpy()
@@ -62,7 +73,7 @@ def intervals(recording: Recording) -> Intervals:
 
 def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None = None) -> Intervals:
     """:func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``, if known."""
-    holes = np.flatnonzero(np.diff(t) > max(3.5 * dt, 0.05))
+    holes = np.flatnonzero(np.diff(t) > hole_s(dt))
     bridged = np.zeros(t.size, dtype=bool)
     if holes.size:
         inserted = [np.linspace(t[i], t[i + 1], round((t[i + 1] - t[i]) / dt) + 1)[1:-1] for i in holes]

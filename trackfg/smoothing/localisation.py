@@ -25,7 +25,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.landmark import landmark
 from trackfg.factors.loss import Cauchy, Loss
 from trackfg.factors.states import States
-from trackfg.graph.build import Problem, placeless
+from trackfg.graph.build import Problem, with_free_start
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_near
 from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile
@@ -60,7 +60,7 @@ class MapChainage:
     def with_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
         """Chainages as uncertain as the map's own are, besides."""
         common = _ON_SPRINGS_SD_M if self.on_springs else 0.0
-        return covariance.less_sure_of_distance(self.sd_m(direction * states.odo.distance) ** 2 + common**2)
+        return covariance.with_added_distance_variance(self.sd_m(direction * states.odo.distance) ** 2 + common**2)
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
     if not anchored:
         offset = direction * float((used["reference_m"] - used["run_m"]).mean())
         moved = replace(states, odo=states.odo.moved_along(offset))
-        families = placeless(families)
+        families = with_free_start(families)
     families = changed(families, FactorType.ABSOLUTE_FIX, lambda fixes: _less_sure(fixes, chainage, direction))
     family = _landmarks(used, run.passes, states, meaning.step_m, direction, landmark_loss(config))
     return Located(replace(problem, initial=moved, families=(*families, family)), chainage, use, ())

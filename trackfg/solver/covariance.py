@@ -24,7 +24,7 @@ _STACKED = 64
 class Covariance:
     """``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
 
-    d is 19 + 30, elimination order.
+    d is KEYFRAME_DIM + SHARED_DIM, in elimination order.
     """
 
     marginal: Array
@@ -36,7 +36,7 @@ class Covariance:
         rows = self.marginal[:1] if kind.shared else self.marginal
         return rows[:, start : start + kind.dim, start : start + kind.dim]
 
-    def less_sure_of_distance(self, variance: Array | float) -> Covariance:
+    def with_added_distance_variance(self, variance: Array | float) -> Covariance:
         """With so much more variance (n,), m^2, of the distances along the track."""
         if not np.any(variance):
             return self
@@ -93,7 +93,7 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
 class Functions:
     """m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
 
-    ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, 19), ``by_shared`` (m, 26).
+    ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, KEYFRAME_DIM), ``by_shared`` (m, SHARED_DIM).
     """
 
     keyframe: np.ndarray

@@ -43,7 +43,7 @@ _UNDETERMINED = "the measurements do not determine the states"
 
 
 class Conditionals(NamedTuple):
-    """``R`` (n, 19, 19), ``S`` (n, 19, 49 + ...) and ``d`` (n, 19) of keyframes, as :class:`SquareRoot` has them."""
+    """``R``, ``S`` and ``d`` of keyframes, as :class:`SquareRoot` has them."""
 
     R: Array
     S: Array
@@ -55,24 +55,26 @@ def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
 
     Shared variables have index 0. Cost is linear in the number of keyframes.
     """
-    return eliminate_leaving(factors, keyframes, ())[0]
+    return eliminate_with_marginals(factors, keyframes, ())[0]
 
 
-def eliminate_leaving(
-    factors: Sequence[LinearFactors], keyframes: int, gone: Collection[int]
+def eliminate_with_marginals(
+    factors: Sequence[LinearFactors], keyframes: int, leading_counts: Collection[int]
 ) -> tuple[SquareRoot, dict[int, Array]]:
-    """As :func:`eliminate`, and for each number of keyframes ``gone`` what the factors that touch the first so many of
-    a chain, or the shared variables alone, say of the rest: rows [A b] of ``A (x_gone, s) = b``, shape (49, 50).
+    """Eliminate as :func:`eliminate` does, and return the marginals of the first keyframes as well.
+
+    For each count n of ``leading_counts``: what the factors that touch the first n keyframes of a chain, or the shared
+    variables alone, tell about the rest, as rows [A b] of ``A (x_n, s) = b``, shape (SIZE, SIZE + 1).
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
     placed = [_Placed.of(one) for one in factors]
     ahead = _ahead(placed, keyframes)
-    if gone and ahead.any():
-        raise ValueError("factors that tie keyframes further apart: these cannot be left behind one by one")
+    if leading_counts and ahead.any():
+        raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
     widths = _PAIR + NAV_DIM * ahead
     with one_thread():
-        conditional, alone, left = _factored(_systems(placed, widths), widths, gone)
+        conditional, alone, left = _factored(_systems(placed, widths), widths, leading_counts)
         shared = _triangle(alone)[:SHARED_DIM]
         if len(shared) < SHARED_DIM:
             raise UnsolvableError(_UNDETERMINED)
@@ -122,15 +124,17 @@ def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
 
 
 def _factored(
-    systems: Iterator[Array], widths: np.ndarray, gone: Collection[int]
+    systems: Iterator[Array], widths: np.ndarray, leading_counts: Collection[int]
 ) -> tuple[Array, Array, dict[int, Array]]:
-    """Rows [R_k S_k d_k] of each keyframe (n, 19, widest window), laid out as its window; rows of the shared variables
-    alone; what the first keyframes leave, as :func:`eliminate_leaving` says.
+    """Return rows of all keyframes, rows of the shared variables alone, and the marginals by their counts.
+
+    The first are [R_k S_k d_k], shape (n, KEYFRAME_DIM, widest window), laid out as each keyframe's window; the last
+    are those of :func:`eliminate_with_marginals`.
     """
     keyframes = len(widths)
     conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
     alone = [next(systems)]
-    left, left_by_gone = np.zeros((0, 0)), {}
+    left, marginals = np.zeros((0, 0)), {}
     place: np.ndarray | slice = slice(0)
     for k, own in enumerate(systems):
         width, carried = int(widths[k]), len(left)
@@ -147,13 +151,13 @@ def _factored(
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
         place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
-        if k + 1 in gone:
-            left_by_gone[k + 1] = _left(left, np.concatenate(alone))
-    return conditional, np.concatenate(alone), left_by_gone
+        if k + 1 in leading_counts:
+            marginals[k + 1] = _left(left, np.concatenate(alone))
+    return conditional, np.concatenate(alone), marginals
 
 
 def _left(left: Array, alone: Array) -> Array:
-    """Rows over (x, s | b) of both, (49, 50)."""
+    """Return the rows of both over (x, s | b), shape (SIZE, SIZE + 1)."""
     shared = _triangle(alone)[:SHARED_DIM]
     rest = np.zeros((SIZE, SIZE + 1))
     rest[: len(left)] = left

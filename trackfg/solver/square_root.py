@@ -29,10 +29,11 @@ NAV = slice(offset_in_keyframe(Kind.NAV), offset_in_keyframe(Kind.NAV) + NAV_DIM
 
 @dataclass(frozen=True)
 class SquareRoot:
-    """The conditionals of all keyframes: ``R`` (n, 19, 19), ``S`` (n, 19, 49 + 9 (w - 1)), ``d`` (n, 19), and of s.
+    """The conditionals of all keyframes, and of s.
 
-    Columns of S: x_{k+1}, s, then the navigation states of k + 2 and so on. ``ahead`` (n,): how many of these a
-    recursion has to carry at k, because this keyframe or an earlier one has them as parents: 0 along a chain.
+    With K = KEYFRAME_DIM: ``R`` (n, K, K), ``S`` (n, K, SIZE + NAV_DIM (w - 1)), ``d`` (n, K). Columns
+    of S: x_{k+1}, s, then the navigation states of k + 2 and so on. ``ahead`` (n,): how many of these a recursion has
+    to carry at k, because this keyframe or an earlier one has them as parents: 0 along a chain.
     """
 
     R: Array
@@ -50,7 +51,7 @@ class SquareRoot:
 
     @cached_property
     def inverse(self) -> Array:
-        """R^-1, shape (n, 19, 19)."""
+        """R^-1, in the shape of R."""
         return np.array([dtrtri(R)[0] for R in self.R])
 
     @cached_property

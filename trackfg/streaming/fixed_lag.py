@@ -175,7 +175,7 @@ class FixedLagSmoother:
         k = len(window) - 1
         two = window.states.take(slice(k - 1, None))
         direction = setting.description.track.direction
-        covariance = update.covariance.less_sure_of_distance(self._moving.places.doubt_m**2)
+        covariance = update.covariance.with_added_distance_variance(self._moving.places.doubt_m**2)
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, direction)
         data = self._tape.data

@@ -17,6 +17,7 @@ from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
+from trackfg.units import STANDARD_GRAVITY
 
 MAX_GAP_S = 5.0
 
@@ -25,7 +26,7 @@ def found_in(recording: Recording) -> tuple[Rolling, Wheel]:
     data, wheel, rests = intervals(recording), read_wheel(recording, MAX_GAP_S), find_standstills(recording)
     assert wheel is not None
     path = initial_path(recording, data, wheel, rests, np.zeros(3), 0.0)
-    return rolling(wheel, data, path, rests, SmoothConfig()), wheel
+    return rolling(wheel, data, path, rests, STANDARD_GRAVITY, SmoothConfig()), wheel
 
 
 @pytest.mark.parametrize("name", ["mainline", "trolley", "shunting-unsigned", "measuring-car", "no-stop"])

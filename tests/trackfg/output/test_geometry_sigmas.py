@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from trackfg.config import GeometryConfig
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Nav, Odo, States
 from trackfg.graph.inputs import World
 from trackfg.graph.run_context import RunContext
@@ -51,7 +51,7 @@ def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:
         inertial=samples,
         world=World(9.8, np.zeros(3), 0.0),
         lever_arm=np.zeros(3),
-        noise=ImuNoise(gyro=gyro, accel=1e-12),
+        noise=PreintegrationNoise(gyro=gyro, accel=1e-12),
         mount_roll_sd=0.0,
         response=np.zeros((KEYFRAMES, 6, 21)),
         direction=direction,

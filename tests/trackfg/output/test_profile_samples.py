@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.output.profile_samples import PointErrors, Points, PosteriorErrors, point_errors
 
 COUNT = 4000
 KEYFRAMES, INTERVAL_S = 4, 2.0
-NOISE = ImuNoise(gyro=2e-4, accel=3e-3)
+NOISE = PreintegrationNoise(gyro=2e-4, accel=3e-3)
 RUN: Any = SimpleNamespace(t=INTERVAL_S * np.arange(KEYFRAMES), noise=NOISE)
-SILENT: Any = SimpleNamespace(t=RUN.t, noise=ImuNoise(gyro=1e-12, accel=1e-12))
+SILENT: Any = SimpleNamespace(t=RUN.t, noise=PreintegrationNoise(gyro=1e-12, accel=1e-12))
 TOLERANCE = 4.0 / np.sqrt(2 * COUNT)
 NAV = offset_in_keyframe(Kind.NAV)
 AHEAD = 0.4

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from trackfg.factors.bias import response_terms
-from trackfg.factors.imu import ImuNoise
+from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import (
     ELIMINATION_ORDER,
@@ -33,7 +33,11 @@ from trackfg.solver.covariance import Covariance
 N = 7
 LEVER = np.array([1.5, -0.4, 0.8])
 RUN: Any = SimpleNamespace(
-    t=2.0 * np.arange(N), lever_arm=LEVER, noise=ImuNoise(gyro=1e-3, accel=0.1), mount_roll_sd=0.0, direction=1
+    t=2.0 * np.arange(N),
+    lever_arm=LEVER,
+    noise=PreintegrationNoise(gyro=1e-3, accel=0.1),
+    mount_roll_sd=0.0,
+    direction=1,
 )
 DIM = KEYFRAME_DIM + SHARED_DIM
 

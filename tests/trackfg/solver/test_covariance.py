@@ -14,14 +14,14 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.linear import LinearFactors, Slot, last_keyframe
-from trackfg.factors.marginal_prior import past
+from trackfg.factors.marginal_prior import marginal_prior
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem, build_problem
 from trackfg.recording.model import Recording
 from trackfg.sensors.displacement import rail_views
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.solver.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
-from trackfg.solver.elimination import compressed, eliminate, eliminate_leaving, eliminate_pair, stacked_pair
+from trackfg.solver.elimination import compressed, eliminate, eliminate_pair, eliminate_with_marginals, stacked_pair
 from trackfg.solver.square_root import SquareRoot
 
 
@@ -66,9 +66,12 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     inertial = linearize_imu_factors(problem.native, states.to_gtsam())
     factors = [inertial, *(family.linearize(states) for family in problem.families)]
     late = [from_keyframe(one, gone) for one in factors]
-    whole, left = eliminate_leaving(factors, n, {gone})
+    whole, left = eliminate_with_marginals(factors, n, {gone})
     rest = eliminate(
-        [past(left[gone], states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))), *late],
+        [
+            marginal_prior(left[gone], states.take(slice(gone, gone + 1))).linearize(states.take(slice(gone, None))),
+            *late,
+        ],
         n - gone,
     )
     np.testing.assert_allclose(rest.solution().keyframes, whole.solution().keyframes[gone:], rtol=1e-5, atol=1e-9)

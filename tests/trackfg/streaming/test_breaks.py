@@ -10,7 +10,7 @@ import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.numerics.spans import parted
+from trackfg.numerics.spans import subtract
 from trackfg.streaming.events import StreamEvent, breaks_of
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
@@ -109,6 +109,6 @@ def test_breaks_are_told_by_table() -> None:
 
 def test_a_span_about_a_break_becomes_two() -> None:
     spans = np.array([[0.0, 10.0], [20.0, 30.0]])
-    assert parted(spans, np.array([[4.0, 5.0]])).tolist() == [[0.0, 4.0], [5.0, 10.0], [20.0, 30.0]]
-    assert parted(spans, np.array([[10.0, 12.0], [19.0, 21.0]])).tolist() == [[0.0, 10.0], [21.0, 30.0]]
-    assert parted(spans, np.zeros((0, 2))).tolist() == spans.tolist()
+    assert subtract(spans, np.array([[4.0, 5.0]])).tolist() == [[0.0, 4.0], [5.0, 10.0], [20.0, 30.0]]
+    assert subtract(spans, np.array([[10.0, 12.0], [19.0, 21.0]])).tolist() == [[0.0, 10.0], [21.0, 30.0]]
+    assert subtract(spans, np.zeros((0, 2))).tolist() == spans.tolist()

@@ -32,6 +32,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
+from trackfg.sensors.imu_intervals import hole_s
 from trackfg.streaming.checkpoint.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.rows import Rows, canonical_columns, joined_tables
@@ -184,8 +185,8 @@ class ClockSteps:
 
     @property
     def _hole_s(self) -> float:
-        """As :func:`trackfg.sensors.imu_intervals.laid_out` has it."""
-        return max(3.5 * (self._interval_s or 0.0), 0.05)
+        """The distance of samples that makes a hole, s."""
+        return hole_s(self._interval_s or 0.0)
 
     def _next(self, imu: Array) -> Jump | None:
         """The first jump that the rows reach and that has not been looked at."""

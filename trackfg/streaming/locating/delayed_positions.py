@@ -74,7 +74,7 @@ def told_late(
     loss: Loss | None,
 ) -> ToldLate | None:
     """What places say of the keyframe ``leaving`` of the window, the first that will stay; None where none of them was
-    passed between that one and the oldest of the ``history``. ``root`` is the window's, ``marginal`` (49, 49) the
+    passed between that one and the oldest of the ``history``. ``root`` is the window's, ``marginal`` the
     covariance of that keyframe and the shared variables.
     """
     t, states, whole = history.with_window(window, root)

@@ -147,7 +147,7 @@ class MapLocator:
             self.used = [used for used in self.used if abs(place - used).min() < SECTION_M]
 
     def _found(self, sections: list[int], marginal: Array) -> _Found | None:
-        """``marginal`` (49, 49) is the covariance of a keyframe in the window."""
+        """``marginal`` is the covariance of a keyframe in the window."""
         odo = offset_in_keyframe(Kind.ODO)
         place_sd, rate_sd = (float(np.sqrt(marginal[i, i])) for i in (odo, odo + 1))
         if place_sd < _KNOWN_M:

@@ -16,7 +16,7 @@ from trackfg.factors.family import changed
 from trackfg.factors.states import States
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import joined_spans
+from trackfg.numerics.spans import union
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.event_sources import EventSources
 from trackfg.output.events import Event, events
@@ -101,7 +101,7 @@ class SettledEvents:
 
     def _untold(self, sources: EventSources) -> EventSources:
         """With the rests of before, and without the GNSS positions that are told: runs of them are one event."""
-        rests = joined_spans(np.concatenate([self.rests, sources.rests]))
+        rests = union(np.concatenate([self.rests, sources.rests]))
         self.rests = rests[rests[:, 1] > self.told_s.get("standstill", -np.inf)]
         since = self.told_s.get("gnss set aside", -np.inf)
         families = changed(

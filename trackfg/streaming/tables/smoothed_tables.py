@@ -110,7 +110,7 @@ class SmoothedTables:
         assert data is not None
         run = self.setting.run_of(t, data)
         track, step_m = self.setting.description.track, run.conventions.step_m
-        covariance = posterior_covariance(whole).less_sure_of_distance(doubt_m**2)
+        covariance = posterior_covariance(whole).with_added_distance_variance(doubt_m**2)
         if chainage is not None:
             covariance = chainage.with_uncertainty(covariance, states, track.direction)
         clock = _clock(self.done_s, settled_s, self.setting.config.output.rate_hz)

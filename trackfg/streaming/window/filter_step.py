@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.factors.marginal_prior import past
+from trackfg.factors.marginal_prior import marginal_prior
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step
 from trackfg.graph.inertial import walk_of
 from trackfg.numerics.arrays import Array
@@ -66,7 +66,7 @@ class Begun:
         found = pair.by(root)
         nothing = np.zeros(1, dtype=bool)
         rolls = (one.tail_of_chain(nothing, found.states).shifted(-1) for one in pair.families if one.is_chained)
-        known = (past(left, pair.states.take(slice(1, 2))), *rolls)
+        known = (marginal_prior(left, pair.states.take(slice(1, 2))), *rolls)
         tip = Window(pair.t[1:], found.states.take(slice(1, 2)), (), pair.response[1:], known)
         return Found(found, root, tip, Gone.of(pair.t, root, pair.states, 1))
 

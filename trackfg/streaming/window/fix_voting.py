@@ -26,7 +26,7 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
-from trackfg.factors.marginal_prior import past_elsewhere
+from trackfg.factors.marginal_prior import with_distance_shifted
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
@@ -194,7 +194,7 @@ def moved_window(window: Window, by_m: float) -> Window:
 
 def _moved(family: Family, by_m: float) -> Family:
     if family.type is FactorType.MARGINAL_PRIOR:
-        return past_elsewhere(family, by_m, abs(by_m))
+        return with_distance_shifted(family, by_m, abs(by_m))
     if family.type is FactorType.PRIOR_ODO:
         sigma = np.hypot(family.sigma, np.array([abs(by_m), 0.0, 0.0, 0.0]))
         return replace(family, data={"mean": Odo(family.data["mean"]).moved_along(by_m).array}, sigma=sigma)

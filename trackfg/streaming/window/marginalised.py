@@ -15,7 +15,7 @@ from functools import reduce
 import numpy as np
 
 from trackfg.factors.family import Family
-from trackfg.factors.marginal_prior import carried
+from trackfg.factors.marginal_prior import change_of_linearisation_point
 from trackfg.factors.states import KEYFRAME_DIM, States
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
@@ -108,7 +108,7 @@ def _merged(first: Gone, second: Gone) -> Gone:
     The rows ``R x + S (x', s) = d`` of both, with x' and s of the first from where those of the second are linearised.
     """
     (R, S, d), (R_next, S_next, d_next) = ([part[0] for part in one.conditionals] for one in (first, second))
-    J, c = carried(first.origin.take(slice(1, 2)), second.origin.take(slice(0, 1)))
+    J, c = change_of_linearisation_point(first.origin.take(slice(1, 2)), second.origin.take(slice(0, 1)))
     d = d - S @ np.concatenate([c.keyframes[0], c.shared])
     S = S @ J
     n = KEYFRAME_DIM

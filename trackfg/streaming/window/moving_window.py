@@ -24,12 +24,13 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
-from trackfg.graph.build import Problem, begun_at, build_problem, placeless
+from trackfg.graph.build import Problem, build_problem, with_free_start, with_start_at
 from trackfg.graph.inertial import walk_of
 from trackfg.graph.inputs import world_of
+from trackfg.graph.keyframes import TOO_CLOSE
 from trackfg.graph.motion import resting
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import joined_spans, parted
+from trackfg.numerics.spans import subtract, union
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel
@@ -61,7 +62,6 @@ _REST_MARGIN_S = 1.5
 """A gentle start takes as long to show."""
 _NOT_AT_REST_MPS = 2.0
 """A tach that is stuck, on a smooth straight, looks like a rest, but for the speed that the vehicle had before."""
-_TOO_CLOSE = 0.35
 _LEAST_S = 0.02
 _SETTLED = 15.0
 """Length of a step, in posterior sigmas, that needs no second one: what is left after it is a tenth or less."""
@@ -184,7 +184,7 @@ class MovingWindow:
         due = here + self.sparser / max(1.0 / config.interval_s, speed / config.distance_m)
         for table in tape.positions.values():
             times = table[:, 0]
-            soon = min(here + (1.0 + _TOO_CLOSE) * (due - here), due + AFTER_S)
+            soon = min(here + (1.0 + TOO_CLOSE) * (due - here), due + AFTER_S)
             coming = times[(times > here + 1e-3) & (times < soon)]
             if coming.size:
                 due = float(coming[0])
@@ -294,7 +294,7 @@ class MovingWindow:
         problem = build_problem(recording, self.config, data)
         told_later = tape.description.fixes is not None or self.on_map
         if told_later and problem.family(FactorType.ABSOLUTE_FIX) is None:
-            problem = replace(problem, families=placeless(problem.families))
+            problem = replace(problem, families=with_free_start(problem.families))
         self.odometer = None
         if problem.wheel is not None and recording.tach is not None and tape.description.tach is not None:
             rows, max_gap_s = recording.tach.to_numpy(), self.config.tach.max_gap_s
@@ -303,7 +303,7 @@ class MovingWindow:
         if self.lost is not None and self.lost.distance is not None:
             distance, sd = self.lost.distance
             passed_over_m = CheckLimits().speed_error_mps * (begin - self.lost.begin_s)
-            problem = begun_at(problem, distance, float(np.hypot(sd, passed_over_m)))
+            problem = with_start_at(problem, distance, float(np.hypot(sd, passed_over_m)))
         solution = solve(problem, self.config.solver)
         self.rests = problem.rests
         self.setting = Setting(tape.description, self.config, world_of(recording), problem.clock_origin)
@@ -524,8 +524,8 @@ class MovingWindow:
         fast = window.t[np.linalg.norm(window.states.nav.v, axis=1) > _NOT_AT_REST_MPS]
         moving = np.searchsorted(fast, found[:, 0]) < np.searchsorted(fast, found[:, 1])
         spans = np.concatenate([self.rests, found[(found[:, 1] > found[:, 0]) & ~moving]])
-        rests = joined_spans(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])
-        self.rests = parted(rests, self.tape.breaks["imu"])
+        rests = union(spans[spans[:, 1] > begin - 2.0 * self.lag_s - _REST_LOOK_S])
+        self.rests = subtract(rests, self.tape.breaks["imu"])
 
     def _uncounted(self) -> Array:
         """Spans in which the tach did not count, (u, 2), s: a device that is off counts nothing."""

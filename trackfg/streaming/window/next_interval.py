@@ -14,12 +14,13 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
-from trackfg.factors.imu import ImuNoise, Preintegration
+from trackfg.factors.imu import Preintegration, PreintegrationNoise
+from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Nav, Odo, States
 from trackfg.graph.inertial import preintegrated
-from trackfg.graph.inputs import Layout
+from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.motion import along_track
-from trackfg.graph.odometry import rolled, travelled
+from trackfg.graph.odometry import path_length_factors, tach_factors
 from trackfg.graph.positions import positions
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
@@ -45,7 +46,7 @@ OTHER_ROWS = (FactorType.TACH_DISTANCE, FactorType.TACH_READING, *_OF_THE_INTERV
 class Ahead(NamedTuple):
     """What the inertial sensor says of the next interval: all of it but what other rows add (:func:`completed`)."""
 
-    layout: Layout
+    inputs: GraphInputs
     interval: Interval
 
 
@@ -59,21 +60,21 @@ def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, 
     t = data.edges[edges]
     standing = _path(data.edges[[0, -1]], here, np.zeros(2))
     nothing = Recording(setting.description, NO_SAMPLES)
-    layout = Layout(
+    inputs = GraphInputs(
         nothing, setting.config, setting.world, data, None, _NO_RESTS, standing, None, edges, t, setting.clock_origin
     )
-    response = layout.response[0]
+    response = inputs.response[0]
     here = replace(here, bias=here.bias + response @ here.imu[0])
-    measured = preintegrated(layout, here.joined(here), speedless=False)[0]
+    measured = preintegrated(inputs, here.joined(here), speedless=False)[0]
     nav = measured.predicted(here.nav, here.bias[0])
     distance = _distance(here.nav, nav, setting.lever_arm)
-    layout = _with_motion(layout, here, nav, distance)
+    inputs = _with_motion(inputs, here, nav, distance)
     odo = Odo.of(here.odo.distance + distance, here.odo.scale, here.odo.count + distance, np.array([distance]))
     there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
-    families = _new([*travelled(layout), *along_track(layout)])
+    families = _new([*path_length_factors(inputs), *along_track(inputs)])
     if broken:
-        measured, families = _across_break(layout, here, measured, families)
-    return Ahead(layout, Interval(float(t[1]), here.bias[0], there, measured, response, families))
+        measured, families = _across_break(inputs, here, measured, families)
+    return Ahead(inputs, Interval(float(t[1]), here.bias[0], there, measured, response, families))
 
 
 def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
@@ -83,12 +84,12 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
     A wheel that rolled as far as the vehicle may have moved is believed: the next keyframe is where it says. Else it
     would be doubted where the inertial sensor is, for as long as that drifts on without it.
     """
-    layout, interval = begun.layout.with_rows(recording, wheel), begun.interval
+    inputs, interval = begun.inputs.with_rows(recording, wheel), begun.interval
     there = interval.ahead
     if wheel is not None:
-        counted, span = float(np.diff(wheel.at(layout.t))[0]), float(layout.t[1] - layout.t[0])
-        scale, step = there.odo.scale[0], there.odo.step[0]
-        further = scale * counted - step
+        counted, span = np.diff(wheel.at(inputs.t)), float(inputs.t[1] - inputs.t[0])
+        more = float((counted - there.odo.step)[0])
+        further = float(tach_excess(there.odo.scale, counted, there.odo.step)[0])
         moved_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
         distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
         if abs(further) < _BELIEVED_SIGMAS * distance_sd:
@@ -96,19 +97,19 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
             there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
         else:
             further = 0.0
-        there = replace(there, odo=Odo(there.odo.array + np.array([further, 0.0, counted - step, further])))
-    families = (*interval.families, *_new([*rolled(layout), *positions(layout)]))
+        there = replace(there, odo=Odo(there.odo.array + np.array([further, 0.0, more, further])))
+    families = (*interval.families, *_new([*tach_factors(inputs), *positions(inputs)]))
     return interval._replace(ahead=there, families=families)
 
 
 def _across_break(
-    layout: Layout, here: States, measured: Preintegration, families: tuple[Family, ...]
+    inputs: GraphInputs, here: States, measured: Preintegration, families: tuple[Family, ...]
 ) -> tuple[Preintegration, tuple[Family, ...]]:
     """No more than a hole of :data:`OFF_S` would leave: the vehicle went on for as long, or turned, or stood."""
-    config, lasting = layout.config.imu, float(layout.t[1] - layout.t[0])
+    config, lasting = inputs.config.imu, float(inputs.t[1] - inputs.t[0])
     gone = float(np.hypot(np.linalg.norm(here.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0)))
     longer = np.sqrt(OFF_S / lasting)
-    noise = ImuNoise(
+    noise = PreintegrationNoise(
         config.bridge_gyro_white * longer, config.bridge_accel_white * longer, gone / float(np.sqrt(lasting))
     )
     loose = changed(
@@ -146,13 +147,13 @@ def _path(t: Array, here: States, speed: Array) -> InitialPath:
     return InitialPath(t, rpy, p, np.zeros((n, 3)), speed, np.repeat(here.bias[:, 3:], n, axis=0))
 
 
-def _with_motion(layout: Layout, here: States, ahead: Nav, distance: float) -> Layout:
+def _with_motion(inputs: GraphInputs, here: States, ahead: Nav, distance: float) -> GraphInputs:
     """With speeds that change evenly over the interval and cover its distance."""
-    edges, (begin, end) = layout.data.edges, layout.t
+    edges, (begin, end) = inputs.data.edges, inputs.t
     slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (here.nav, ahead))
     speed = slow + (fast - slow) * (edges - begin) / (end - begin)
     speed += distance / (end - begin) - 0.5 * (slow + fast)
     path = _path(edges, here, speed)
     travelled = Wheel(edges, path.p[:, 0], 1e-4, 0.0, False, _NO_RESTS)
     rolling = Rolling(edges, speed, np.ones(len(edges) - 1, dtype=bool), travelled)
-    return layout.with_motion(path, rolling)
+    return inputs.with_motion(path, rolling)

@@ -18,19 +18,19 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration, linearize_imu_factors
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.loss import SwitchChain
-from trackfg.factors.marginal_prior import answering, moved_from, past, step_from
+from trackfg.factors.marginal_prior import marginal_prior, rebased_to_interval_bias, retract_in_chart, step_from
 from trackfg.factors.states import States, Step
 from trackfg.graph.inertial import graph_of
 from trackfg.numerics.arrays import Array
-from trackfg.solver.elimination import Conditionals, eliminate_leaving
+from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
 
 
 class Interval(NamedTuple):
     """What the time from the newest keyframe (number 0) to the next one (number 1) brings.
 
-    ``bias`` (6,) over the interval, what the calibration adds included; ``response`` (6, 21) to it. ``ahead``: the next
-    keyframe as predicted, alone.
+    ``bias`` (6,) over the interval, what the calibration adds included; ``response`` (6, dim) to it. ``ahead``: the
+    next keyframe as predicted, alone.
     """
 
     t: float
@@ -72,7 +72,7 @@ class Gone(NamedTuple):
             R, S, d = (part[k] for part in self.conditionals)
             x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
             found.append(x)
-        return moved_from(self.origin.take(slice(0, n)), Step(np.array(found[::-1]), step.shared))
+        return retract_in_chart(self.origin.take(slice(0, n)), Step(np.array(found[::-1]), step.shared))
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,9 @@ class Window:
         families = self.families
         if len(self) == 1:  # what is known of the keyframe is known of its bias as no interval has it
             response = intervals[0].response
-            families = changed(families, FactorType.MARGINAL_PRIOR, lambda family: answering(family, response))
+            families = changed(
+                families, FactorType.MARGINAL_PRIOR, lambda family: rebased_to_interval_bias(family, response)
+            )
         later = [family.shifted(last) for last, new in enumerate(intervals, len(self) - 1) for family in new.families]
         responses = [self.response[:-1], *(interval.response[None] for interval in intervals)]
         bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
@@ -143,7 +145,7 @@ class Window:
 
         Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
         """
-        root, left = eliminate_leaving(self.linearized(), len(self), gone)
+        root, left = eliminate_with_marginals(self.linearized(), len(self), gone)
         return Stepped(self.by(root), root, left, self.states)
 
     def by(self, root: SquareRoot) -> Window:
@@ -163,7 +165,7 @@ def _joined(families: Sequence[Family]) -> tuple[Family, ...]:
 
 class Stepped(NamedTuple):
     """A window after a step, the square root of its information, and for some numbers of first keyframes what these
-    leave for the rest (:func:`~trackfg.solver.elimination.eliminate_leaving`); both as linearised at ``origin``.
+    leave for the rest (:func:`~trackfg.solver.elimination.eliminate_with_marginals`); both as linearised at ``origin``.
     """
 
     window: Window
@@ -189,7 +191,7 @@ class Stepped(NamedTuple):
             window.states.take(slice(gone, None)),
             window.measured[gone:],
             window.response[gone:],
-            (past(self.left[gone], self.origin.take(slice(gone, gone + 1))), *kept),
+            (marginal_prior(self.left[gone], self.origin.take(slice(gone, gone + 1))), *kept),
         )
 
     def gone(self, gone: int) -> Gone:

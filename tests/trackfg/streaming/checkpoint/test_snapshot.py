@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
-from trackfg.factors.marginal_prior import away
+from trackfg.factors.marginal_prior import local_coordinates
 from trackfg.numerics.arrays import Array
 from trackfg.streaming.checkpoint.snapshot import MADE_AGAIN, Snapshot, attributes_of, taken
 
@@ -89,12 +89,12 @@ def test_everything_comes_back() -> None:
         numbers=[0.1, -np.inf, 3],
         named={"fixes": np.ones((2, 3))},
         counted={7: ("left", True)},
-        evaluate=away,
+        evaluate=local_coordinates,
         follows=Inner(np.zeros(2)),
     )
     after = through_a_file(Thing(before, 2)).outer
     assert (after.side, after.numbers, after.counted) == (Side.RIGHT, [0.1, -np.inf, 3], {7: ("left", True)})
-    assert after.evaluate is away
+    assert after.evaluate is local_coordinates
     assert after.config is CONFIG
     assert after.nothing is after.follows is None
     for ours, theirs in zip(after.pairs, before.pairs, strict=True):
@@ -184,7 +184,10 @@ JSON = st.one_of(
 @settings(max_examples=300, deadline=None)
 def test_a_tree_of_wrong_types_is_refused_or_read(data: st.DataObject) -> None:
     before = outer(
-        pairs=(Pair(np.ones((2, 3)), np.array([1])),), numbers=[1.0], counted={7: ("a", True)}, evaluate=away
+        pairs=(Pair(np.ones((2, 3)), np.array([1])),),
+        numbers=[1.0],
+        counted={7: ("a", True)},
+        evaluate=local_coordinates,
     )
     snapshot = taken(Thing(before), (CONFIG,))
     tree = json.loads(json.dumps(snapshot.tree))

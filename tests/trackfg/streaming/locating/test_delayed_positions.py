@@ -12,7 +12,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.factors.landmark import landmark
 from trackfg.factors.loss import Cauchy, Loss
 from trackfg.factors.states import Kind
-from trackfg.graph.build import build_problem, placeless
+from trackfg.graph.build import build_problem, with_free_start
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.streaming.locating.delayed_positions import Passed, told_late
@@ -27,7 +27,7 @@ def step() -> Stepped:
     """A window of half a minute under way, at its solution."""
     problem = build_problem(simulate("mainline", seed=1, duration_s=60.0).recording, SmoothConfig())
     states = solve(problem, SmoothConfig().solver).states
-    families = placeless(problem.families)
+    families = with_free_start(problem.families)
     window = Window(problem.t, states, problem.measured, problem.run.response, families)
     return window.moved({LEAVING})
 
