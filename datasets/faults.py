@@ -15,19 +15,22 @@ from trackfg.recording.model import Recording
 
 
 def drop_imu(recording: Recording, start_s: float, end_s: float) -> Recording:
-    """The recording without the IMU samples of ``start_s <= t_s < end_s``."""
+    """Return the recording without the IMU samples of ``start_s <= t_s < end_s``."""
     return replace(recording, imu=_without(recording.imu, start_s, end_s))
 
 
 def drop_tach(recording: Recording, start_s: float, end_s: float) -> Recording:
-    """The recording without the tachometer samples of ``start_s <= t_s < end_s``; the count goes on meanwhile."""
+    """Return the recording without the tachometer samples of ``start_s <= t_s < end_s``; the count goes on
+    meanwhile.
+    """
     if recording.tach is None:
         return recording
     return replace(recording, tach=_without(recording.tach, start_s, end_s))
 
 
 def slip_wheel(run: Simulation, events: Sequence[SlipEvent]) -> Simulation:
-    """The run with its wheel slipping and sliding besides, as ``events`` say: they are in its count and in ``slips``.
+    """Return the run with its wheel slipping and sliding besides, as ``events`` say: they are in its count and in
+    ``slips``.
 
     What the wheel did before stays. Raises ``ValueError`` for events that overlap, and for a tach that does not count.
     """

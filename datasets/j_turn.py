@@ -51,7 +51,7 @@ class JTurn:
 
     @property
     def distance_m(self) -> float:
-        """The way that the car goes."""
+        """Return the way that the car goes."""
         return _SPEED_MPS * _DURATION_S
 
 
@@ -82,7 +82,7 @@ def j_turn(seed: int, *, noise: bool = True) -> JTurn:
 
 
 def _rates(state: Array, steer: float, friction: float, push: Array) -> tuple[float, float]:
-    """Time derivatives of slip angle and yaw rate, eqs. 1 and 2."""
+    """Return time derivatives of slip angle and yaw rate, eqs. 1 and 2."""
     slip_angle, yaw_rate = state
     at_wheels = np.array(
         [slip_angle + _FRONT_M * yaw_rate / _SPEED_MPS - steer, slip_angle - _REAR_M * yaw_rate / _SPEED_MPS]

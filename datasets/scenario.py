@@ -67,7 +67,7 @@ class Scenario:
 
     @property
     def georeferenced(self) -> bool:
-        """Whether the heading in ENU has a meaning."""
+        """Return whether the heading in ENU has a meaning."""
         return self.gnss is not None or self.latitude_deg is not None
 
     def on(self, given: GivenLine) -> Scenario:

@@ -1,4 +1,4 @@
-"""From a scenario to a recording and its truth."""
+"""Make a recording and its truth from a scenario."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def simulate(
 
 
 def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Generator]:
-    """Independent ones. No key may begin another: streams spawn further ones, and those would be the same."""
+    """Return independent streams. No key may begin another: streams spawn further ones, and those would be the same."""
     return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed, spawn_key=key).spawn(count)]
 
 
@@ -175,13 +175,15 @@ def _track(
 
 
 def _facing_east(track: Track, motion: Motion, body: BodyMotion) -> Track:
-    """The track turned as a whole so that the body starts with yaw 0. It sits askew on rough rails by some 1e-4 rad."""
+    """Return the track turned as a whole so that the body starts with yaw 0. It sits askew on rough rails by some 1e-4
+    rad.
+    """
     yaw = float(Ride(track.line, motion, body=body).rpy(np.zeros(()))[2])
     return replace(track, line=replace(track.line, start_yaw_rad=track.line.start_yaw_rad - yaw))
 
 
 def _from_the_other_end(plan: Scenario, track: Track) -> tuple[Scenario, Track]:
-    """The same track, its chainage and its balises to who starts at its end."""
+    """Return the same track, its chainage and its balises to who starts at its end."""
     length = track.line.length_m
     turned = replace(
         plan,
@@ -203,7 +205,7 @@ def _tach_time_offset_s(plan: Scenario) -> float:
 
 
 def _truth(ride: Ride, t: Array, wheel_scale: Array, edges: Array, errors: ImuErrors | None) -> pd.DataFrame:
-    """The truth at times ``t`` (n,), biases interpolated between the centres of the IMU's samples."""
+    """Return the truth at times ``t`` (n,), biases interpolated between the centres of the IMU's samples."""
     # A body that still rocks on its springs after a stop has no speed: the vehicle is at rest, exactly.
     speed = np.where(ride.motion.speed(t) == 0.0, 0.0, ride.speed_along_body(t))
     trajectory = tables.trajectory_table(t, ride.position(t), speed, ride.rpy(t))

@@ -75,13 +75,15 @@ class Element:
 
 
 def piecewise(elements: Sequence[Element]) -> PPoly:
-    """The elements one after another, from ``s = 0``, as a function of arc length."""
+    """Return the elements one after another, from ``s = 0``, as a function of arc length."""
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in elements])])
     return joined([_pieces(element, *ends) for element, *ends in zip(elements, edges[:-1], edges[1:], strict=True)])
 
 
 def ramp_law(law: Law) -> Law:
-    """The law of the cant over a transition with this law of curvature: the same; ``linear`` for a cubic parabola."""
+    """Return the law of the cant over a transition with this law of curvature: the same; ``linear`` for a cubic
+    parabola.
+    """
     return "linear" if law == "cubic-parabola" else law
 
 
@@ -115,7 +117,7 @@ _RISES: dict[str, Callable[[Array], Array]] = {
 
 
 def _cubic_rate(element: Element) -> float:
-    """The ``|c|`` of ``y'' = c x`` for which the curve is as long as it should be, 1/m^2.
+    """Return the ``|c|`` of ``y'' = c x`` for which the curve is as long as it should be, 1/m^2.
 
     With ``k = y'' = c x`` as variable, ``c length`` is the integral of ``sqrt(1 + (k^2 / 2c)^2)`` over k.
     """
@@ -138,7 +140,7 @@ def _cubic_rate(element: Element) -> float:
 
 
 def _cubic_parabola(element: Element) -> Callable[[Array], Array]:
-    """Curvature of a cubic parabola by the arc length from its start."""
+    """Return curvature of a cubic parabola by the arc length from its start."""
     side = np.sign(element.end - element.start)
     rate = _cubic_rate(element)
     x_start = side * element.start / rate

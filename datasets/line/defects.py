@@ -45,12 +45,12 @@ class Defect:
 
     @property
     def extent_m(self) -> tuple[float, float]:
-        """The first and last place that it touches."""
+        """Return the first and last place that it touches."""
         half = (1.5 if self.kind == "twist" else 0.5) * self.length_m
         return self.at_m - half, self.at_m + half
 
     def deviations(self, s: Array) -> Array:
-        """What it adds to level, alignment, cross-level and gauge at ``s``, m. Shape (n,) to (n, 4)."""
+        """Return what it adds to level, alignment, cross-level and gauge at ``s``, m. Shape (n,) to (n, 4)."""
         x = (s - self.at_m) / self.length_m
         level, alignment, cross_level, gauge = np.zeros((4, *np.shape(s)))
         left = {"left": 1.0, "right": -1.0, "both": 0.0}[self.rail]

@@ -81,26 +81,30 @@ class Irregularities:
 
     @classmethod
     def none(cls, length_m: float) -> Irregularities:
-        """A perfect track."""
+        """Return a perfect track."""
         return cls(PPoly(np.zeros((1, 1, 4)), np.array([0.0, length_m])), length_m)
 
     @classmethod
     def through(cls, values: Array, length_m: float) -> Irregularities:
-        """The quintic spline through ``values`` (n, 4), 0.25 m apart from ``s = 0``, the last at the end or beyond."""
+        """Return the quintic spline through ``values`` (n, 4), 0.25 m apart from ``s = 0``, the last at the end or
+        beyond.
+        """
         s = KNOT_M * np.arange(len(values), dtype=np.float64)
         spline = make_interp_spline(s, values, k=5)
         taylor = np.stack([spline(s[:-1], nu) / factorial(nu) for nu in range(5, -1, -1)])
         return cls(PPoly(taylor, s), length_m)
 
     def at(self, s: Array, nu: int = 0) -> Array:
-        """The four at ``s``, or their derivatives of order ``nu``, m/m^nu. Shape (...) to (..., 4).
+        """Return the four at ``s``, or their derivatives of order ``nu``, m/m^nu. Shape (...) to (..., 4).
 
         Beyond the ends they stay what they are there; drawn ones are nothing there.
         """
         return np.asarray(self.functions(np.clip(s, self.functions.x[0], self.functions.x[-1]), nu))
 
     def reversed(self) -> Irregularities:
-        """The same track to who comes from its other end: ``s`` becomes ``length - s`` and left becomes right."""
+        """Return the same track to who comes from its other end: ``s`` becomes ``length - s`` and left becomes
+        right.
+        """
         c, x = self.functions.c, self.functions.x
         columns = [mirrored(PPoly(sign * c[..., i], x), self.length_m) for i, sign in enumerate((1, -1, -1, 1))]
         turned = np.stack([column.c for column in columns], axis=-1)
@@ -110,7 +114,8 @@ class Irregularities:
 def draw_irregularities(
     model: IrregularityModel, length_m: float, rng: np.random.Generator, defects: Sequence[Defect] = ()
 ) -> Irregularities:
-    """Irregularities of a track of this length, with the defects added. The same ``rng`` state gives the same ones.
+    """Return irregularities of a track of this length, with the defects added. The same ``rng`` state gives the same
+    ones.
 
     Raises ``ValueError`` where a defect reaches beyond an end.
     """
@@ -129,7 +134,7 @@ def draw_irregularities(
 
 
 def spectra(model: IrregularityModel, wavenumber: Array) -> Array:
-    """One-sided power spectral densities of what the model draws, m^2/(rad/m), at wavenumbers in rad/m.
+    """Return one-sided power spectral densities of what the model draws, m^2/(rad/m), at wavenumbers in rad/m.
 
     Columns level, alignment, cross-level, gauge. Shape (...) to (..., 4).
     """
@@ -137,7 +142,7 @@ def spectra(model: IrregularityModel, wavenumber: Array) -> Array:
 
 
 def _shape(model: IrregularityModel, wavenumber: Array) -> Array:
-    """The unscaled spectra with their ends faded out. Shape (...) to (..., 4)."""
+    """Return the unscaled spectra with their ends faded out. Shape (...) to (..., 4)."""
     w = np.abs(np.asarray(wavenumber, dtype=np.float64))[..., None]
     w2 = w * w
     smooth = _OMEGA_C**2 / ((w2 + _OMEGA_R**2) * (w2 + _OMEGA_C**2))
@@ -146,7 +151,7 @@ def _shape(model: IrregularityModel, wavenumber: Array) -> Array:
 
 
 def _passed(model: IrregularityModel, w: Array) -> Array:
-    """The amplitude that the ends leave: 1 inside, cos^2 of the logarithm over the fade, 0 outside."""
+    """Return the amplitude that the ends leave: 1 inside, cos^2 of the logarithm over the fade, 0 outside."""
     fade = np.log(_FADE_RATIO)
     with np.errstate(divide="ignore"):
         inside = np.minimum(np.log(w * model.longest_m / (2 * np.pi)), np.log(2 * np.pi / (w * SHORTEST_M)))
@@ -154,7 +159,9 @@ def _passed(model: IrregularityModel, w: Array) -> Array:
 
 
 def _d1_variances(model: IrregularityModel) -> Array:
-    """Of the unscaled spectra, m^2: the trapezium rule over the logarithm of the wavenumber. Shape (4,)."""
+    """Return D1 variances of the unscaled spectra, m^2: the trapezium rule over the logarithm of the wavenumber. Shape
+    (4,).
+    """
     w = np.geomspace(2 * np.pi / model.longest_m, 2 * np.pi / SHORTEST_M, 4001)
     density = _shape(model, w) * (d1_gain(w) ** 2 * w)[:, None]
     return np.asarray(np.trapezoid(density, np.log(w), axis=0))
@@ -162,14 +169,14 @@ def _d1_variances(model: IrregularityModel) -> Array:
 
 @cache
 def _scales(model: IrregularityModel) -> Array:
-    """What multiplies each spectrum. Shape (4,)."""
+    """Return what multiplies each spectrum. Shape (4,)."""
     natural = np.sqrt(_d1_variances(model))
     asked = (model.level_d1_sd_m, model.alignment_d1_sd_m, model.cross_level_d1_sd_m, model.gauge_d1_sd_m)
     return np.array([1.0 if sd is None else (sd / own) ** 2 for sd, own in zip(asked, natural, strict=True)])
 
 
 def _kernels(model: IrregularityModel) -> Array:
-    """What turns white noise of variance 1 into the four, by convolution. Shape (odd, 4).
+    """Return what turns white noise of variance 1 into the four, by convolution. Shape (odd, 4).
 
     Noise convolved with a kernel of transform ``H`` has the density ``S = H^2 KNOT / pi``.
     """

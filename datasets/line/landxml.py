@@ -52,7 +52,7 @@ class LandXmlLine:
 def read_landxml(
     path: Path | str, *, name: str | None = None, speed_limit_mps: float, cross_level_base_m: float | None = None
 ) -> LandXmlLine:
-    """The alignment ``name``, or the only one, of a LandXML 1.2 file.
+    """Return the alignment ``name``, or the only one, of a LandXML 1.2 file.
 
     The file says nothing reliable about speed limits; ``speed_limit_mps`` holds for the whole line. Cant refers to
     ``cross_level_base_m``, or else to the gauge that the file's ``Cant`` names (1.5 m where it has none). Raises

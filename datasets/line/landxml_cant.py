@@ -40,7 +40,9 @@ class _Station:
 
 
 def read_cant(alignment: Node, units: Units, plan: tuple[Element, ...], station_start_m: float) -> Cant:
-    """The cant of an ``Alignment`` whose plan has these elements. Raises :class:`trackfg.errors.BadInputError`."""
+    """Return the cant of an ``Alignment`` whose plan has these elements. Raises
+    :class:`trackfg.errors.BadInputError`.
+    """
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in plan])])
     length = float(edges[-1])
     node = alignment.child("Cant")
@@ -73,7 +75,7 @@ def read_cant(alignment: Node, units: Units, plan: tuple[Element, ...], station_
 
 
 def _stations(node: Node, alignment: str, units: Units, station_start_m: float, length: float) -> list[_Station]:
-    """Stations at increasing places; of two at one place, which must agree, the first."""
+    """Return stations at increasing places; of two at one place, which must agree, the first."""
     stations: list[_Station] = []
     for number, child in enumerate(node.children("CantStation"), start=1):
         at = child.named(f"{alignment}, CantStation {number}")

@@ -29,35 +29,35 @@ class Node:
 
     @property
     def tag(self) -> str:
-        """The element's name without the namespace."""
+        """Return the element's name without the namespace."""
         return str(etree.QName(self.element).localname)
 
     def error(self, problem: str) -> BadInputError:
-        """The error that names file, line, element and ``problem``."""
+        """Return the error that names file, line, element and ``problem``."""
         return BadInputError(f"{self.file}, line {self.element.sourceline}: {self.what}: {problem}")
 
     def children(self, *tags: str) -> Iterator[Node]:
-        """Its child elements with one of these names; all of them where none is given."""
+        """Return its child elements with one of these names; all of them where none is given."""
         for child in self.element.iterchildren(f"{{{NAMESPACE}}}*"):
             name = str(etree.QName(child).localname)
             if not tags or name in tags:
                 yield Node(child, self.file, f"{self.what}, {name}")
 
     def child(self, tag: str) -> Node | None:
-        """Its first child of this name."""
+        """Return its first child of this name."""
         return next(self.children(tag), None)
 
     def named(self, what: str) -> Node:
-        """The same element under another name in messages."""
+        """Return the same element under another name in messages."""
         return Node(self.element, self.file, what)
 
     def text(self, attribute: str) -> str | None:
-        """An attribute, or None where it is absent."""
+        """Return an attribute, or None where it is absent."""
         value = self.element.get(attribute)
         return None if value is None else str(value).strip()
 
     def choice(self, attribute: str, choices: tuple[str, ...]) -> str:
-        """A required attribute that is one of ``choices``."""
+        """Return a required attribute that is one of ``choices``."""
         value = self.text(attribute)
         if value not in choices:
             problem = f"{attribute} is missing" if value is None else f"{attribute} is {value!r}"
@@ -65,14 +65,14 @@ class Node:
         return value
 
     def number(self, attribute: str, *, above: float = -math.inf) -> float:
-        """A required attribute that is a finite number above a bound."""
+        """Return a required attribute that is a finite number above a bound."""
         value = self.optional_number(attribute, above=above)
         if value is None:
             raise self.error(f"{attribute} is missing: expected {_bounded(above)}")
         return value
 
     def optional_number(self, attribute: str, *, above: float = -math.inf) -> float | None:
-        """As :meth:`number`, or None where the attribute is absent."""
+        """Return a number as :meth:`number` does, or None where the attribute is absent."""
         text = self.text(attribute)
         if text is None:
             return None
@@ -82,11 +82,11 @@ class Node:
         return value
 
     def curvature(self, attribute: str) -> float:
-        """A required attribute that is a radius above zero, or INF, as curvature in its own unit."""
+        """Return a required attribute that is a radius above zero, or INF, as curvature in its own unit."""
         return 0.0 if (self.text(attribute) or "").upper() == "INF" else 1.0 / self.number(attribute, above=0.0)
 
     def numbers(self, count: int) -> list[float]:
-        """The first ``count`` numbers of its text."""
+        """Return the first ``count`` numbers of its text."""
         words = (self.element.text or "").split()
         values = [_finite(word) for word in words[:count]]
         if len(values) < count or None in values:
@@ -95,7 +95,7 @@ class Node:
 
 
 def open_landxml(path: Path | str) -> Node:
-    """The root of a LandXML 1.2 file.
+    """Return the root of a LandXML 1.2 file.
 
     Raises :class:`BadInputError` for a file that cannot be read, is larger than 256 MiB, is not well-formed XML, has a
     document type, or is not LandXML 1.2.
@@ -138,7 +138,7 @@ class Units:
 
 
 def read_units(root: Node) -> Units:
-    """From ``Units``: lengths in the linear unit; cant in millimetres (Metric) or inches (Imperial)."""
+    """Read ``Units``: lengths in the linear unit; cant in millimetres (Metric) or inches (Imperial)."""
     units = root.child("Units")
     system = None if units is None else next(units.children("Metric", "Imperial"), None)
     if system is None:

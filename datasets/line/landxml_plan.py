@@ -129,7 +129,7 @@ def _point(node: Node, tag: str, scale: float) -> complex | None:
 
 
 def _direction(element: Element, at: _Points) -> complex | None:
-    """The tangent at an element's start."""
+    """Return the tangent at an element's start."""
     if at.start is None:
         return None
     if at.pi is not None and element.law != "constant":
@@ -143,7 +143,7 @@ def _direction(element: Element, at: _Points) -> complex | None:
 
 
 def _walk(elements: Sequence[Element], yaw: float) -> tuple[Array, Array]:
-    """Complex places (n + 1,) and headings (n + 1,) of the ends of the elements."""
+    """Return complex places (n + 1,) and headings (n + 1,) of the ends of the elements."""
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in elements])])
     flat = piecewise_linear(edges[[0, -1]], np.zeros(2))
     line = Line(piecewise(elements), flat, flat, float(edges[-1]), 1.0, np.zeros(1), np.ones(1), np.zeros(0), yaw)

@@ -53,33 +53,33 @@ class Line:
 
     @cached_property
     def knots(self) -> Array:
-        """Where any of the three functions has a kink, sorted. Shape (k,)."""
+        """Return where any of the three functions has a kink, sorted. Shape (k,)."""
         inside = np.concatenate([self.curvature.x, self.cant.x, self.grade.x])
         return np.unique(np.clip(inside, 0.0, self.length_m))
 
     def rpy(self, s: Array) -> Array:
-        """Roll, pitch and yaw of the track at ``s``, rad. Shape (...) to (..., 3)."""
+        """Return roll, pitch and yaw of the track at ``s``, rad. Shape (...) to (..., 3)."""
         return np.stack([np.arcsin(self.cant(s) / self.cross_level_base_m), -self.grade(s), self.yaw(s)], axis=-1)
 
     def rpy_slopes(self, s: Array) -> Array:
-        """Derivatives of :meth:`rpy` by ``s``, rad/m; at a kink, those to its right. Shape (...) to (..., 3)."""
+        """Return derivatives of :meth:`rpy` by ``s``, rad/m; at a kink, those to its right. Shape (...) to (..., 3)."""
         sine = self.cant(s) / self.cross_level_base_m
         roll_slope = self.cant(s, 1) / self.cross_level_base_m / np.sqrt(1.0 - sine * sine)
         return np.stack([roll_slope, -self.grade(s, 1), self.curvature(s)], axis=-1)
 
     def yaw(self, s: Array) -> Array:
-        """Heading, counter-clockwise from east, not wrapped, rad."""
+        """Return heading, counter-clockwise from east, not wrapped, rad."""
         return np.asarray(self._turn(s) + self.start_yaw_rad)
 
     def position(self, s: Array) -> Array:
-        """East, north and up, m. Shape (...) to (..., 3)."""
+        """Return east, north and up, m. Shape (...) to (..., 3)."""
         cell_edges, positions = self._cells
         s = np.asarray(s, dtype=np.float64)
         cell = np.clip(np.searchsorted(cell_edges, s, side="right") - 1, 0, len(cell_edges) - 1)
         return positions[cell] + self._integrated_tangent(cell_edges[cell], s)
 
     def reversed(self) -> Line:
-        """The same track travelled from its other end: ``s' = length - s``, at its own origin.
+        """Return the same track travelled from its other end: ``s' = length - s``, at its own origin.
 
         Left and right, uphill and downhill change places, so curvature, cant and gradient change sign, and the heading
         turns round: ``R'(s') = R(s) Rz(pi)`` and ``p'(s') = p(s) - p(length)``. Where a function jumps, it has at the
@@ -104,14 +104,14 @@ class Line:
 
     @cached_property
     def _cells(self) -> tuple[Array, Array]:
-        """Edges of cells at most ``_CELL_M`` long that no kink falls inside, and the position at each."""
+        """Return edges of cells at most ``_CELL_M`` long that no kink falls inside, and the position at each."""
         regular = np.arange(0.0, self.length_m, _CELL_M)
         edges = np.unique(np.concatenate([regular, self.knots, [0.0, self.length_m]]))
         steps = self._integrated_tangent(edges[:-1], edges[1:])
         return edges, np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
     def _integrated_tangent(self, start: Array, end: Array) -> Array:
-        """The vector from ``start`` to ``end`` along the line. Shapes (...) to (..., 3)."""
+        """Return the vector from ``start`` to ``end`` along the line. Shapes (...) to (..., 3)."""
         half = 0.5 * (end - start)[..., None]
         s = 0.5 * (start + end)[..., None] + half * _NODES
         gamma, yaw = self.grade(s), self.yaw(s)
@@ -124,6 +124,8 @@ def _negative(function: PPoly) -> PPoly:
 
 
 def piecewise_linear(s: Array, values: Array) -> PPoly:
-    """The continuous function through the points (s, values), as a polynomial of degree 1 per interval. Shapes (n,)."""
+    """Return the continuous function through the points (s, values), as a polynomial of degree 1 per interval. Shapes
+    (n,).
+    """
     slopes = np.diff(values) / np.diff(s)
     return PPoly(np.stack([slopes, values[:-1]]), s, extrapolate=True)

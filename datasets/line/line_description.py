@@ -68,17 +68,17 @@ class Curve(Model):
 
     @property
     def curvature(self) -> float:
-        """1/m, left positive."""
+        """Return the curvature, 1/m, left positive."""
         return -1.0 / self.radius_m if self.turn == "right" else 1.0 / self.radius_m
 
     @property
     def cant_m(self) -> float:
-        """m, left rail higher positive."""
+        """Return the cant, m, left rail higher positive."""
         return float(-np.sign(self.curvature)) * 1e-3 * self.cant_mm
 
 
 class Transition(Model):
-    """Between its neighbours' curvatures and cants."""
+    """A transition leads between its neighbours' curvatures and cants."""
 
     type: Literal["transition"]
     length_m: Positive
@@ -86,7 +86,7 @@ class Transition(Model):
 
 
 class Gradient(Model):
-    """From ``chainage_m`` on the track climbs ``permille``; a circle of ``vertical_radius_m`` leads to it."""
+    """The track climbs from ``chainage_m`` on, by ``permille``; a circle of ``vertical_radius_m`` leads to it."""
 
     chainage_m: float
     permille: Annotated[float, Field(ge=-1e3 * STEEPEST, le=1e3 * STEEPEST)]
@@ -94,7 +94,7 @@ class Gradient(Model):
 
 
 class SpeedLimit(Model):
-    """From ``chainage_m`` on."""
+    """The limit holds from ``chainage_m`` on."""
 
     chainage_m: float
     kmh: Positive
@@ -125,7 +125,7 @@ class LineDescription(Model):
 
 
 def read_line(path: Path | str) -> DescribedLine:
-    """The line that a TOML file describes.
+    """Return the line that a TOML file describes.
 
     A jump of the curvature is told in the remarks; a jump of the cant is an error. Raises :class:`BadInputError` naming
     the file, the element by its number, and what was expected.
@@ -146,7 +146,7 @@ def read_line(path: Path | str) -> DescribedLine:
 
 
 def line_from(description: LineDescription) -> DescribedLine:
-    """The line of a description. Raises ``ValueError`` naming the part and what was expected."""
+    """Return the line of a description. Raises ``ValueError`` naming the part and what was expected."""
     curvature, cant = _plan(description)
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in curvature])])
     length = float(edges[-1])
@@ -184,7 +184,7 @@ def line_from(description: LineDescription) -> DescribedLine:
 
 
 def _plan(description: LineDescription) -> tuple[list[Element], list[Element]]:
-    """Elements of curvature and of cant."""
+    """Return elements of curvature and of cant."""
     parts = description.element
     highest = 0.5e3 * description.cross_level_base_m
     curvature: list[Element] = []
@@ -219,12 +219,12 @@ def _plan(description: LineDescription) -> tuple[list[Element], list[Element]]:
 
 
 def _own(part: Straight | Curve | Transition) -> tuple[float, float]:
-    """Curvature and cant that an element has by itself; those between two transitions are zero."""
+    """Return curvature and cant that an element has by itself; those between two transitions are zero."""
     return (part.curvature, part.cant_m) if isinstance(part, Curve) else (0.0, 0.0)
 
 
 def _grade(description: LineDescription, length: float) -> list[Element]:
-    """Elements of the gradient's angle."""
+    """Return elements of the gradient's angle."""
     points = description.gradient
     if not points:
         return [Element("constant", length, 0.0, 0.0)]
@@ -260,7 +260,7 @@ def _grade(description: LineDescription, length: float) -> list[Element]:
 
 
 def _places(what: str, chainages: list[float], origin: float, length: float) -> Array:
-    """Arc lengths of places that must increase and lie on the line. Shape (n,)."""
+    """Return arc lengths of places that must increase and lie on the line. Shape (n,)."""
     places = np.array(chainages, dtype=np.float64) - origin
     for number, (chainage, place) in enumerate(zip(chainages, places, strict=True), start=1):
         if not 0.0 <= place <= length:
@@ -272,7 +272,7 @@ def _places(what: str, chainages: list[float], origin: float, length: float) -> 
 
 
 def _sentence(detail: dict[str, object]) -> str:
-    """What pydantic found, as ``element 3, radius_m: ...``."""
+    """Return what pydantic found, as ``element 3, radius_m: ...``."""
     words: list[str] = []
     location = [step for step in _steps(detail["loc"]) if step not in ("straight", "curve", "transition")]
     for step in location:

@@ -63,7 +63,9 @@ _HEIGHT_SCALE_M = 50.0
 
 
 def random_line(design: LineDesign, length_m: float, rng: np.random.Generator, *, start_yaw_rad: float = 0.0) -> Line:
-    """A line of at least ``length_m``. The same ``rng`` state gives the same line; a longer one begins the same way."""
+    """Return a line of at least ``length_m``. The same ``rng`` state gives the same line; a longer one begins the same
+    way.
+    """
     plan_rng, profile_rng = rng.spawn(2)
     plan = _random_plan(design, length_m, plan_rng)
     stations = _stations(design, plan.straights)
@@ -82,14 +84,14 @@ def random_line(design: LineDesign, length_m: float, rng: np.random.Generator, *
 
 
 def curve_speed(design: LineDesign, radius_m: float) -> float:
-    """The speed limit of a curve, m/s."""
+    """Return the speed limit of a curve, m/s."""
     lateral = (design.cant_max_m + design.deficiency_max_m) * units.STANDARD_GRAVITY / design.cross_level_base_m
     step = 5.0 * units.KMH
     return min(float(np.floor(np.sqrt(lateral * radius_m) / step) * step), design.line_speed_mps)
 
 
 def curve_cant(design: LineDesign, radius_m: float, speed_mps: float) -> float:
-    """The cant of a curve, m."""
+    """Return the cant of a curve, m."""
     equilibrium = design.cross_level_base_m * speed_mps**2 / (units.STANDARD_GRAVITY * radius_m)
     return float(np.clip(np.round((equilibrium - design.usual_deficiency_m) / 0.005) * 0.005, 0.0, design.cant_max_m))
 
@@ -127,7 +129,7 @@ def _random_plan(design: LineDesign, length_m: float, rng: np.random.Generator) 
 
 
 def _stations(design: LineDesign, straights: Array) -> Array:
-    """The middles of straights that are long enough, at least the spacing apart."""
+    """Return the middles of straights that are long enough, at least the spacing apart."""
     stations: list[float] = []
     for start, end in straights:
         middle = 0.5 * (start + end)
@@ -140,7 +142,7 @@ def _stations(design: LineDesign, straights: Array) -> Array:
 def _random_profile(
     design: LineDesign, length_m: float, stations: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Places and angles (n,) of the piecewise linear gradient angle."""
+    """Return places and angles (n,) of the piecewise linear gradient angle."""
     s, gamma = [0.0], [0.0]
     place, height, angle = 0.0, 0.0, 0.0
     while place < length_m:

@@ -41,7 +41,7 @@ class GivenLine:
 
 
 def read_line_file(path: Path | str) -> GivenLine:
-    """The line of a ``.toml`` or ``.xml`` file.
+    """Return the line of a ``.toml`` or ``.xml`` file.
 
     Chainage is that of the description, or begins with the station of a LandXML alignment; its gauge is 1.435 m where
     it names none. Raises :class:`~trackfg.errors.BadInputError` for another suffix and a file that cannot be used.
@@ -66,7 +66,7 @@ def read_line_file(path: Path | str) -> GivenLine:
 
 
 def with_curve_limits(line: Line) -> Line:
-    """The line with the speed limits that its curves need, in steps of 5 m, instead of its own."""
+    """Return the line with the speed limits that its curves need, in steps of 5 m, instead of its own."""
     s = np.arange(0.0, line.length_m, _GRID_M)
     edges = np.append(s, line.length_m)
     # Both ends of a step and its middle: a limit must not begin after its curve.

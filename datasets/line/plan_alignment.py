@@ -38,19 +38,19 @@ class PlanAlignment:
     length_m: float
 
     def gradient(self, plan_m: Array) -> Array:
-        """``dz/dp``. Shape (...)."""
+        """Return ``dz/dp``. Shape (...)."""
         return self._of_profile(plan_m, "gradient")
 
     def height(self, plan_m: Array) -> Array:
-        """Height, m. Shape (...)."""
+        """Return height, m. Shape (...)."""
         return self._of_profile(plan_m, "height")
 
     def plan_at(self, s: Array) -> Array:
-        """Length along the plan at the length ``s`` in space, m. Shape (...)."""
+        """Return length along the plan at the length ``s`` in space, m. Shape (...)."""
         return np.asarray(self._in_space["plan"](s))
 
     def space_at(self, plan_m: Array) -> Array:
-        """Length in space at the length ``plan_m`` along the plan, m. Shape (...)."""
+        """Return length in space at the length ``plan_m`` along the plan, m. Shape (...)."""
         return np.asarray(self._in_space["space"](plan_m))
 
     def line(
@@ -62,7 +62,7 @@ class PlanAlignment:
         limit_mps: Array,
         stations_m: Array,
     ) -> Line:
-        """The line in space; limits and stations are already places along it."""
+        """Return the line in space; limits and stations are already places along it."""
         functions = self._in_space
         return Line(
             curvature=functions["curvature"],

@@ -24,7 +24,7 @@ _MOST_PIECES = 256
 
 
 def joined(parts: Sequence[Pieces]) -> PPoly:
-    """One function from parts that follow each other; lower degrees are padded with zeros."""
+    """Return one function from parts that follow each other; lower degrees are padded with zeros."""
     order = max(len(coefficients) for _, coefficients in parts)
     padded = [np.pad(coefficients, ((order - len(coefficients), 0), (0, 0))) for _, coefficients in parts]
     edges = np.concatenate([parts[0][0][:1], *(edges[1:] for edges, _ in parts)])
@@ -32,7 +32,7 @@ def joined(parts: Sequence[Pieces]) -> PPoly:
 
 
 def substituted(coefficients: Array, offset: Array, scale: Array) -> Array:
-    """The coefficients of ``p(offset + scale t)`` in powers of ``t``. Shapes (k, m), (m,), (m,) to (k, m)."""
+    """Return the coefficients of ``p(offset + scale t)`` in powers of ``t``. Shapes (k, m), (m,), (m,) to (k, m)."""
     out = np.zeros_like(coefficients)
     for row in coefficients:
         # Horner: out <- out * (offset + scale t) + row.
@@ -44,14 +44,14 @@ def substituted(coefficients: Array, offset: Array, scale: Array) -> Array:
 
 
 def mirrored(function: PPoly, length: float) -> PPoly:
-    """The function ``g(s) = f(length - s)``, with exactly mirrored intervals."""
+    """Return the function ``g(s) = f(length - s)``, with exactly mirrored intervals."""
     widths = np.diff(function.x)
     coefficients = substituted(function.c, widths, np.full(len(widths), -1.0))
     return PPoly(coefficients[:, ::-1], length - function.x[::-1], extrapolate=True)
 
 
 def restricted(function: PPoly, edges: Array) -> Array:
-    """The coefficients of ``function`` on finer intervals. Shape (m + 1,) to (k, m).
+    """Return the coefficients of ``function`` on finer intervals. Shape (m + 1,) to (k, m).
 
     The middle of an interval decides which polynomial holds on it, so that an edge may miss a break by rounding.
     """
@@ -61,7 +61,7 @@ def restricted(function: PPoly, edges: Array) -> Array:
 
 
 def interpolated(function: Callable[[Array], Array], start: float, end: float) -> Pieces:
-    """A smooth function on [start, end] as polynomials of degree 9 through Chebyshev nodes.
+    """Return a smooth function on [start, end] as polynomials of degree 9 through Chebyshev nodes.
 
     The interval is halved until no value between nodes is off by more than 1e-13 of the largest one, or 1e-16 where
     all but vanish. Raises ``ValueError`` for a function that is not smooth.

@@ -43,21 +43,23 @@ class Track:
     gauge_m: float
 
     def centre(self, s: Array) -> Array:
-        """East, north and up of the centre line, m. Shape (...) to (..., 3)."""
+        """Return east, north and up of the centre line, m. Shape (...) to (..., 3)."""
         level, alignment, _, _ = _columns(self.irregularities.at(s))
         yaw = self.line.yaw(s)
         off = np.stack([-alignment * np.sin(yaw), alignment * np.cos(yaw), level], axis=-1)
         return np.asarray(self.line.position(s) + off)
 
     def rpy(self, s: Array) -> Array:
-        """Roll, pitch and yaw of the track, rad. Shape (...) to (..., 3)."""
+        """Return roll, pitch and yaw of the track, rad. Shape (...) to (..., 3)."""
         forward, left, up = self.tangent(s)
         pitch = -np.arctan2(up, np.hypot(forward, left))
         yaw = self.line.yaw(s) + np.arctan2(left, forward)
         return np.stack([np.arcsin(self._roll_sine(s)), pitch, yaw], axis=-1)
 
     def rpy_slopes(self, s: Array) -> Array:
-        """Derivatives of :meth:`rpy` by ``s``, rad/m; at a kink of the line, those to its right. (...) to (..., 3)."""
+        """Return derivatives of :meth:`rpy` by ``s``, rad/m; at a kink of the line, those to its right. (...) to (...,
+        3).
+        """
         forward, left, up = self.tangent(s)
         d_forward, d_left, d_up = self._tangent_slopes(s)
         flat = np.hypot(forward, left)
@@ -68,16 +70,17 @@ class Track:
         return np.stack([d_roll, d_pitch, self.line.curvature(s) + d_delta], axis=-1)
 
     def cross_level(self, s: Array) -> Array:
-        """Height of the left rail over the right one on the cross-level base, m. Shape (...) to (...)."""
+        """Return height of the left rail over the right one on the cross-level base, m. Shape (...) to (...)."""
         return np.asarray(self.line.cross_level_base_m * self._roll_sine(s))
 
     def rail(self, s: Array, side: Side, line: Literal["top", "edge"] = "top") -> Array:
-        """East, north and up of a rail's top or running edge, m. Shape (...) to (..., 3)."""
+        """Return east, north and up of a rail's top or running edge, m. Shape (...) to (..., 3)."""
         width = self.line.cross_level_base_m if line == "top" else self._gauge(s)[..., None]
         return self.centre(s) + 0.5 * _SIGN[side] * width * _axle(*_columns(self.rpy(s)))
 
     def heading_deviations(self, s: Array) -> Array:
-        """How far the paths of the centre line, the left and the right running edge turn from the designed heading.
+        """Return how far the paths of the centre line, the left and the right running edge turn from the designed
+        heading.
 
         Positive to the left, rad; small, so that they can be integrated over any distance. Shape (...) to (..., 3).
         """
@@ -92,18 +95,18 @@ class Track:
         return np.asarray(np.arctan2(paths[..., 1], paths[..., 0]))
 
     def tangent(self, s: Array) -> tuple[Array, Array, Array]:
-        """``t``, the derivative of the centre line: forward, left, up of the designed heading. Shapes (...)."""
+        """Return ``t``, the derivative of the centre line: forward, left, up of the designed heading. Shapes (...)."""
         gamma = self.line.grade(s)
         d_level, d_alignment, _, _ = _columns(self.irregularities.at(s, 1))
         forward = np.cos(gamma) - self.irregularities.at(s)[..., 1] * self.line.curvature(s)
         return forward, d_alignment, np.sin(gamma) + d_level
 
     def reversed(self) -> Track:
-        """The same track to who comes from its other end; its ENU has its origin there."""
+        """Return the same track to who comes from its other end; its ENU has its origin there."""
         return Track(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
 
     def _tangent_slopes(self, s: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of the components of :meth:`tangent`. Shapes (...)."""
+        """Return derivatives of the components of :meth:`tangent`. Shapes (...)."""
         gamma, d_gamma = self.line.grade(s), self.line.grade(s, 1)
         alignment, d_alignment = self.irregularities.at(s)[..., 1], self.irregularities.at(s, 1)[..., 1]
         dd_level, dd_alignment, _, _ = _columns(self.irregularities.at(s, 2))
@@ -123,12 +126,14 @@ def _columns(table: Array) -> Array:
 
 
 def _axle(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """The y axis of Rz(yaw) Ry(pitch) Rx(roll). Shapes (...) to (..., 3)."""
+    """Return the y axis of Rz(yaw) Ry(pitch) Rx(roll). Shapes (...) to (..., 3)."""
     return _turned(np.sin(pitch) * np.sin(roll), np.cos(roll), np.cos(pitch) * np.sin(roll), yaw)
 
 
 def _axle_slope(roll: Array, pitch: Array, yaw: Array, rpy_slopes: Array) -> Array:
-    """Derivative of :func:`_axle` in fixed axes that ``yaw`` is measured from. Shapes (...), (..., 3) to (..., 3)."""
+    """Return derivative of :func:`_axle` in fixed axes that ``yaw`` is measured from. Shapes (...), (..., 3) to (...,
+    3).
+    """
     d_roll, d_pitch, d_yaw = _columns(rpy_slopes)
     x, y = np.sin(pitch) * np.sin(roll), np.cos(roll)
     d_x = np.sin(pitch) * np.cos(roll) * d_roll + np.cos(pitch) * np.sin(roll) * d_pitch

@@ -79,7 +79,7 @@ def truth_geometry(
     s_to: float,
     lengths: OperatorLengths = OPERATOR_LENGTHS,
 ) -> pd.DataFrame:
-    """The geometry table of the stretch from ``s_from`` to ``s_to``, where chainage is ``origin + direction s``.
+    """Return the geometry table of the stretch from ``s_from`` to ``s_to``, where chainage is ``origin + direction s``.
 
     Columns ``chainage_m, curvature_1pm, gradient_permille, cross_level_mm, twist_mm, level_mm, alignment_mm,
     versine_level_mm, versine_alignment_mm, level_left_mm, level_right_mm, alignment_left_mm, alignment_right_mm,
@@ -117,13 +117,13 @@ def truth_geometry(
 
 
 def _within(values: Array, back: int, ahead: int) -> Array:
-    """NaN where fewer rows than these are on either side."""
+    """Return the values, NaN where fewer rows than these are on either side."""
     row = np.arange(len(values))
     return np.where((row >= back) & (row < len(values) - ahead), values, np.nan)
 
 
 def _whole_rows(origin: float, direction: int, s_from: float, s_to: float) -> tuple[int, int]:
-    """The first and the last whole multiple of the step of chainage between two places."""
+    """Return the first and the last whole multiple of the step of chainage between two places."""
     ends = sorted((origin + direction * s_from, origin + direction * s_to))
     # An end that misses a multiple by rounding has it.
     return int(np.ceil(ends[0] / STEP_M - 1e-6)), int(np.floor(ends[1] / STEP_M + 1e-6))
@@ -153,7 +153,7 @@ def _facing_chainage(track: Track, origin: float, direction: int, s_from: float,
 
 
 def _d1(paths: Array) -> Array:
-    """The band D1 of each column. Shape (n, c) to (n, c)."""
+    """Return the band D1 of each column. Shape (n, c) to (n, c)."""
     bends = np.diff(paths, n=2, axis=0)
     beyond = _rows(_SURROUNDINGS_M) + 1
     size = fft.next_fast_len(len(bends) + 2 * beyond, real=True)
@@ -166,7 +166,7 @@ def _d1(paths: Array) -> Array:
 
 
 def _rise(y: Array, start: int, end: int) -> Array:
-    """``y(x + end) - y(x + start)``, in rows; NaN beyond the ends. Shape (n,) to (n,)."""
+    """Return ``y(x + end) - y(x + start)``, in rows; NaN beyond the ends. Shape (n,) to (n,)."""
     out = np.full(len(y), np.nan)
     here = slice(-start, len(y) - end)
     out[here] = y[end - start :] - y[: start - end]
@@ -174,7 +174,7 @@ def _rise(y: Array, start: int, end: int) -> Array:
 
 
 def _rows(length_m: float) -> int:
-    """A length in rows. Raises ``ValueError`` where that is no whole number."""
+    """Return a length in rows. Raises ``ValueError`` where that is no whole number."""
     rows = length_m / STEP_M
     if rows < 1 or not rows.is_integer():
         raise ValueError(f"an operator must reach over a multiple of {STEP_M} m, not {length_m} m")

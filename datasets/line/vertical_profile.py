@@ -55,11 +55,11 @@ class ProfilePiece:
 
     @property
     def straight(self) -> bool:
-        """Whether the gradient is constant."""
+        """Return whether the gradient is constant."""
         return self.start == self.end
 
     def gradient(self, q: Array) -> Array:
-        """``dz/dp`` at ``q`` from the piece's start. Shape (...)."""
+        """Return ``dz/dp`` at ``q`` from the piece's start. Shape (...)."""
         u = np.asarray(q) / self.length_m
         if self.circular:
             ends = np.sin(np.arctan([self.start, self.end]))
@@ -68,25 +68,25 @@ class ProfilePiece:
         return np.asarray(self.start + (self.end - self.start) * u)
 
     def height(self, q: Array) -> Array:
-        """Height at ``q`` from the piece's start, m. Shape (...)."""
+        """Return height at ``q`` from the piece's start, m. Shape (...)."""
         g = self.gradient(q)
         chord = np.tan(0.5 * (np.arctan(self.start) + np.arctan(g))) if self.circular else 0.5 * (self.start + g)
         return np.asarray(self.height_m + q * chord)
 
     def arc(self, q: Array) -> Array:
-        """Length in space from the piece's start to ``q``, m. Shape (...)."""
+        """Return length in space from the piece's start to ``q``, m. Shape (...)."""
         half = 0.5 * np.asarray(q)[..., None]
         return np.asarray(np.sum(half * _WEIGHTS * np.hypot(1.0, self.gradient(half * (1.0 + _NODES))), axis=-1))
 
     def plan_at(self, arc: Array) -> Array:
-        """The inverse of :meth:`arc`, by Newton's method. Shape (...)."""
+        """Return the inverse of :meth:`arc`, by Newton's method. Shape (...)."""
         q = np.asarray(arc) * np.cos(np.arctan(0.5 * (self.start + self.end)))
         for _ in range(8):
             q = q - (self.arc(q) - arc) / np.hypot(1.0, self.gradient(q))
         return np.asarray(q)
 
     def cut(self, start_m: float, end_m: float) -> ProfilePiece:
-        """The part of it between two places of the plan, which for a constant gradient may lie outside."""
+        """Return the part of it between two places of the plan, which for a constant gradient may lie outside."""
         q = np.array([start_m, end_m]) - self.plan_m
         start, end = self.gradient(q)
         height = float(self.height(q[0]))
@@ -94,7 +94,7 @@ class ProfilePiece:
 
 
 def profile(vertices: Sequence[Vertex], plan_length_m: float) -> tuple[ProfilePiece, ...]:
-    """The profile through ``vertices`` over the plan from 0 to ``plan_length_m``.
+    """Return the profile through ``vertices`` over the plan from 0 to ``plan_length_m``.
 
     The first and last gradients go on beyond the first and last vertex. Raises ``ValueError`` for fewer than two
     vertices, vertices not in order, a gradient above 500 permille, a curve at the first or last vertex, and curves that
@@ -151,7 +151,7 @@ def profile(vertices: Sequence[Vertex], plan_length_m: float) -> tuple[ProfilePi
 
 
 def _reach(vertex: Vertex, g1: float, g2: float) -> Array:
-    """Where the curve begins and ends in plan, relative to its vertex."""
+    """Return where the curve begins and ends in plan, relative to its vertex."""
     if vertex.radius_m is not None:
         gamma = np.arctan([g1, g2])
         tangent = vertex.radius_m * np.tan(0.5 * np.abs(gamma[1] - gamma[0]))

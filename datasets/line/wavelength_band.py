@@ -19,7 +19,7 @@ LONGEST_M = 25.0
 
 
 def d1_gain(wavenumber: Array) -> Array:
-    """The gain at wavenumbers in rad/m, 0 at 0. Shape (...) to (...)."""
+    """Return the gain at wavenumbers in rad/m, 0 at 0. Shape (...) to (...)."""
     low, high = 2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M
     w = np.abs(np.asarray(wavenumber, dtype=np.float64))
     # Written with (w (W2 - W1))^8 in the numerator: no division by zero.

@@ -53,7 +53,7 @@ _FILES = (
 
 
 def load(folder: Path | str) -> RealRun:
-    """The segment in ``folder`` as a recording.
+    """Return the segment in ``folder`` as a recording.
 
     Raises :class:`~trackfg.errors.BadInputError` where a file is missing.
     """
@@ -88,7 +88,7 @@ def load(folder: Path | str) -> RealRun:
 def _reference(
     t: Array, ecef: Array, velocity: Array, quaternion: Array, *, zero: float, origin: Array, to_vehicle: Array
 ) -> pd.DataFrame:
-    """The pose in the trajectory columns. Its quaternion maps the phone's forward-right-down axes to ECEF."""
+    """Return the pose in the trajectory columns. Its quaternion maps the phone's forward-right-down axes to ECEF."""
     to_enu = geodesy.ecef_from_enu(origin[0], origin[1]).T
     R_nb = to_enu @ rotations.matrix_from_quaternion(quaternion.T) @ to_vehicle.T
     enu = (ecef - geodesy.geodetic_to_ecef(origin)) @ to_enu.T

@@ -58,7 +58,7 @@ _FILES = ("f_w_IMSseconds_dt.mat", "CarChip_Speed_interpolated.mat", "BESTPOS.ma
 def load(
     folder: Path | str, gnss: Literal["BESTPOS", "BESTGPSPOS"] = "BESTPOS", *, centre_speed: bool = False
 ) -> RealRun:
-    """The drive in ``folder`` as a recording, with positions from the table ``gnss``.
+    """Return the drive in ``folder`` as a recording, with positions from the table ``gnss``.
 
     ``BESTPOS`` is the receiver's INS-aided position, ``BESTGPSPOS`` GPS alone (urban multipath, errors to 79 m) with
     its own sigmas. ``centre_speed`` adds half a step to every speed but zero, which undoes the cut-off; without it the
@@ -101,7 +101,7 @@ def load(
 
 
 def _reference(ins: dict[str, Any], zero: float, origin: Array) -> pd.DataFrame:
-    """INSPVA in the trajectory columns: the unit's position, its attitude against the local level.
+    """Return INSPVA in the trajectory columns: the unit's position, its attitude against the local level.
 
     SPAN gives roll right-handed about forward (left side up positive, as here), pitch right-handed about right (nose up
     positive: the opposite of here) and azimuth clockwise from the local north, which yaw here is not: the level frame
@@ -116,7 +116,7 @@ def _reference(ins: dict[str, Any], zero: float, origin: Array) -> pd.DataFrame:
 
 
 def _flu(triad: Any) -> Array:
-    """Right-forward-up fields x, y, z of a MATLAB struct as rows (forward, left, up)."""
+    """Return right-forward-up fields x, y, z of a MATLAB struct as rows (forward, left, up)."""
     right, forward, up = (np.asarray(triad[axis].item(), dtype=np.float64) for axis in ("x", "y", "z"))
     return np.column_stack([forward, -right, up])
 

@@ -27,7 +27,7 @@ SAMPLE_S = 0.01
 
 
 def load() -> RealRun:
-    """The drive as a recording; ``reference`` has ``t_s, east_m, north_m, up_m`` of every position."""
+    """Return the drive as a recording; ``reference`` has ``t_s, east_m, north_m, up_m`` of every position."""
     raw_imu = np.loadtxt(_path("KittiEquivBiasedImu.txt"), skiprows=1)
     raw_gnss = np.loadtxt(_path("KittiGps_converted.txt"), skiprows=1, delimiter=",")
     stamps, accel, gyro = raw_imu[:, 0], raw_imu[:, 2:5], raw_imu[:, 5:8]
@@ -49,7 +49,9 @@ def load() -> RealRun:
 
 
 def _noise() -> ImuNoise:
-    """The densities of the metadata file (its sigmas are continuous-time: GTSAM's example squares them as such)."""
+    """Return the densities of the metadata file (its sigmas are continuous-time: GTSAM's example squares them as
+    such).
+    """
     table = pd.read_csv(_path("KittiEquivBiasedImu_metadata.txt"), sep=r"\s+").iloc[0]
     return ImuNoise(
         gyro_white=table["GyroscopeSigma"],

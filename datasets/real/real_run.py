@@ -24,7 +24,7 @@ class RealRun:
 
 
 def existing_files(folder: Path | str, names: tuple[str, ...], what: str) -> list[Path]:
-    """The paths of ``names`` in ``folder``. Raises :class:`BadInputError` that lists what is missing."""
+    """Return the paths of ``names`` in ``folder``. Raises :class:`BadInputError` that lists what is missing."""
     base = Path(folder)
     missing = [name for name in names if not (base / name).is_file()]
     if missing:

@@ -55,7 +55,7 @@ def _ideal_chunk(
     first = np.searchsorted(nodes, edges[:-1])
 
     def mean(values: Array) -> Array:
-        """Over each interval, of values (2 per part, 3) at the Gauss points."""
+        """Return the mean over each interval of values (2 per part, 3) at the Gauss points."""
         integral = 0.5 * lengths[:, None] * (values[::2] + values[1::2])
         return np.asarray(np.add.reduceat(integral, first) / dt)
 

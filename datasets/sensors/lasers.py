@@ -56,7 +56,7 @@ class LaserModel:
 
     @property
     def sd_m(self) -> float:
-        """Of one sample, without the offset: noise, and rounding uniform over a quantum."""
+        """Return the sigma of one sample, without the offset: noise, and rounding uniform over a quantum."""
         return float(np.hypot(self.noise_sd_m, self.quantum_m / np.sqrt(12.0)))
 
     @property
@@ -136,7 +136,7 @@ class _Rails:
 
     @classmethod
     def along(cls, ride: Ride, track: Track, models: Sequence[LaserModel], duration_s: float) -> _Rails:
-        """As far as the sensors get."""
+        """Return the rails as far as the sensors get."""
         s = ride.motion.distance(np.append(ride.motion.breaks_s[ride.motion.breaks_s < duration_s], duration_s))
         ahead = [model.position_m[0] for model in models]
         first = np.floor((s.min() + min(ahead, default=0.0)) / STEP_M) - _MARGIN

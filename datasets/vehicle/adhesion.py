@@ -91,16 +91,16 @@ class SlipEvent:
 
     @property
     def end_s(self) -> float:
-        """When the axle rolls again."""
+        """Return when the axle rolls again."""
         return self.start_s + self.duration_s
 
     @property
     def kind(self) -> Literal["slip", "slide"]:
-        """By the sign of the creep."""
+        """Return the kind by the sign of the creep."""
         return "slip" if self.creep > 0 else "slide"
 
     def corners(self) -> tuple[Array, Array]:
-        """Times (k,) and creeps (k,) between which the creep is linear; 0 at both ends."""
+        """Return times (k,) and creeps (k,) between which the creep is linear; 0 at both ends."""
         if self.shape == "sawtooth":
             n = max(1, round(self.duration_s / self.cycle_s))
             at = np.sort(np.concatenate([np.arange(n + 1.0), np.arange(n) + _APPLYING])) / n
@@ -143,12 +143,12 @@ class Slip:
 
 
 def adhesion_limit(speed_mps: Array) -> Array:
-    """Curtius and Kniffler's adhesion of a dry rail. Shape (...)."""
+    """Return Curtius and Kniffler's adhesion of a dry rail. Shape (...)."""
     return np.asarray(7.5 / (3.6 * np.abs(speed_mps) + 44.0) + 0.161)
 
 
 def draw_slip(ride: Ride, model: AdhesionModel, duration_s: float, rng: np.random.Generator) -> Slip:
-    """What happens to the measured axle on ``ride``. Raises ``ValueError`` where placed events overlap."""
+    """Return what happens to the measured axle on ``ride``. Raises ``ValueError`` where placed events overlap."""
     stretch_rng, factor_rng, event_rng = rng.spawn(3)
     spans = random_spans(1e-3 * model.stretches_per_km, model.stretch_m, ride.line.length_m, stretch_rng)
     factors = factor_rng.uniform(*model.mu_factor, len(spans))
@@ -168,7 +168,9 @@ def draw_slip(ride: Ride, model: AdhesionModel, duration_s: float, rng: np.rando
 
 
 def _demand(ride: Ride, model: AdhesionModel, low: Sequence[LowAdhesion], t: Array) -> tuple[Array, Array]:
-    """The acceleration to be transmitted, m/s^2, positive forward, and the share of the adhesion that it needs."""
+    """Return the acceleration to be transmitted, m/s^2, positive forward, and the share of the adhesion that it
+    needs.
+    """
     s, v = ride.motion.distance(t), ride.motion.speed(t)
     g = units.STANDARD_GRAVITY
     demand = np.sign(v) * (ride.motion.acceleration(t) + g * np.sin(ride.line.grade(s)))
@@ -188,7 +190,7 @@ def _creep_below_limit(model: AdhesionModel, demand: Array, used: Array) -> Arra
 def _breakaways(
     ride: Ride, model: AdhesionModel, t: Array, demand: Array, used: Array, rng: np.random.Generator
 ) -> list[SlipEvent]:
-    """An event after the other wherever more than the whole adhesion is needed."""
+    """Return an event after the other wherever more than the whole adhesion is needed."""
     over = (used > 1.0) & (np.abs(ride.motion.speed(t)) > _SLOWEST_MPS)
     way = np.where(over, np.sign(demand), 0.0)
     events: list[SlipEvent] = []
@@ -220,7 +222,7 @@ def _breakaway(
 
 
 def _creep(events: Sequence[SlipEvent], t: Array, below_limit: Array) -> PPoly:
-    """Creep below the limit, given at ``t``, and the events on top of it; nowhere below -1."""
+    """Return creep below the limit, given at ``t``, and the events on top of it; nowhere below -1."""
     for event, following in pairwise(events):
         if following.start_s < event.end_s:
             raise ValueError(f"{event} and {following} overlap")

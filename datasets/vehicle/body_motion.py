@@ -25,15 +25,19 @@ class BodyMotion:
     spline: BSpline
 
     def at(self, t: Array, nu: int = 0) -> Array:
-        """The five functions, or their derivatives of order ``nu`` <= 2, at any times. Shape (...) to (..., 5)."""
+        """Return the five functions, or their derivatives of order ``nu`` <= 2, at any times. Shape (...) to (...,
+        5).
+        """
         return np.asarray(self.spline(t, nu))
 
     @property
     def knots_s(self) -> Array:
-        """Where the third derivatives jump, sorted."""
+        """Return where the third derivatives jump, sorted."""
         return np.unique(self.spline.t)
 
 
 def through(edges: Array, values: Array) -> BodyMotion:
-    """The motion through ``values`` (n + 1, 5) at the times ``edges`` (n + 1,), twice continuously differentiable."""
+    """Return the motion through ``values`` (n + 1, 5) at the times ``edges`` (n + 1,), twice continuously
+    differentiable.
+    """
     return BodyMotion(make_interp_spline(edges, values, k=3))

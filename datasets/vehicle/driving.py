@@ -30,10 +30,10 @@ class Driver(Protocol):
     """Anything that drives along a line."""
 
     def furthest_m(self, duration_s: float) -> float:
-        """How much line it may need."""
+        """Return how much line it may need."""
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
-        """A motion of at least ``duration_s``, which begins as that of a shorter duration does.
+        """Return a motion of at least ``duration_s``, which begins as that of a shorter duration does.
 
         Raises :class:`~trackfg.errors.BadInputError` where the line is too short for it.
         """
@@ -48,7 +48,7 @@ class SpeedRestrictions:
     length_m: tuple[float, float]
 
     def impose(self, line: Line, rng: np.random.Generator) -> Line:
-        """The line with restrictions at random places; where limits overlap, the lowest holds."""
+        """Return the line with restrictions at random places; where limits overlap, the lowest holds."""
         place_rng, speed_rng = rng.spawn(2)
         spans = random_spans(1e-3 * self.per_km, self.length_m, line.length_m, place_rng)
         speeds = speed_rng.uniform(*self.speed_mps, len(spans))
@@ -77,7 +77,7 @@ class Service:
     restrictions: SpeedRestrictions | None = None
 
     def furthest_m(self, duration_s: float) -> float:
-        """The highest speed all the time."""
+        """Return the highest speed all the time."""
         return 2.0 * self.start_m + self.fastest_mps * duration_s
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
@@ -111,7 +111,7 @@ class Wandering:
     start_m: float = 0.0
 
     def furthest_m(self, duration_s: float) -> float:
-        """The highest speed all the time, and one change and hold more."""
+        """Return the highest speed all the time, and one change and hold more."""
         beyond = self.hold_s[1] + change_time(*self.speed_mps, self.limits)
         return self.start_m + self.speed_mps[1] * (duration_s + beyond)
 
@@ -139,7 +139,7 @@ class Shunting:
     dwell_s: tuple[float, float]
 
     def furthest_m(self, duration_s: float) -> float:
-        """The far end."""
+        """Return the far end."""
         return self.far_m
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
@@ -165,11 +165,11 @@ class Parked:
     place_m: float
 
     def furthest_m(self, duration_s: float) -> float:
-        """The place."""
+        """Return the place."""
         return self.place_m
 
     def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
-        """One phase."""
+        """Return a motion of one phase."""
         return _within(line, motion(rest(duration_s), self.place_m), duration_s)
 
 
@@ -178,7 +178,7 @@ def _duration(phases: list[Phase]) -> float:
 
 
 def _within(line: Line, motion: Motion, duration_s: float) -> Motion:
-    """The motion, if it stays on the line until ``duration_s``."""
+    """Return the motion, if it stays on the line until ``duration_s``."""
     turns = motion.breaks_s[motion.breaks_s < duration_s]
     furthest = float(np.max(motion.distance(np.append(turns, duration_s))))
     if furthest > line.length_m:
@@ -191,7 +191,7 @@ def _too_short(line: Line, needed_m: float) -> BadInputError:
 
 
 def _stretches(line: Line, start: float, end: float) -> tuple[Array, Array]:
-    """Lengths and speed limits of the stretches between two places."""
+    """Return lengths and speed limits of the stretches between two places."""
     inside = line.limit_from_m[(line.limit_from_m > start) & (line.limit_from_m < end)]
     cuts = np.concatenate([[start], inside, [end]])
     which = np.searchsorted(line.limit_from_m, cuts[:-1], side="right") - 1

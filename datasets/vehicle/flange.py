@@ -41,11 +41,11 @@ class Flanging:
 
     @property
     def rigid(self) -> bool:
-        """As the vehicle itself."""
+        """Return whether the vehicle itself is rigid."""
         return self.vehicle.rigid
 
     def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
-        """The vehicle's own, and the knocks."""
+        """Return the vehicle's own motion, and the knocks."""
         values = self.vehicle.body_motion(track, motion, edges).at(edges)
         knocks = self._knocks(track.line, motion.distance(edges))
         values[:, 0] += self.lateral_m * knocks
@@ -53,7 +53,7 @@ class Flanging:
         return through(edges, values)
 
     def _knocks(self, line: Line, s: Array) -> Array:
-        """Factor and bump at ``s``, positive to the left. Shape (n,)."""
+        """Return factor and bump at ``s``, positive to the left. Shape (n,)."""
         cells = int(np.ceil(line.length_m / self.spacing_m))
         place, size = np.random.default_rng(self.seed).random((cells, 2)).T
         centre = self.spacing_m * np.arange(cells) + 0.5 * self.length_m + place * (self.spacing_m - self.length_m)

@@ -44,27 +44,27 @@ class Motion:
 
     @property
     def duration_s(self) -> float:
-        """The end of the last phase."""
+        """Return the end of the last phase."""
         return float(self.distance.x[-1])
 
     @property
     def breaks_s(self) -> Array:
-        """Where the jerk jumps. Shape (n + 1,) for n phases."""
+        """Return where the jerk jumps. Shape (n + 1,) for n phases."""
         return np.asarray(self.distance.x)
 
     @cached_property
     def speed(self) -> PPoly:
-        """Signed speed, m/s, as a function of time."""
+        """Return signed speed, m/s, as a function of time."""
         return self.distance.derivative()
 
     @cached_property
     def acceleration(self) -> PPoly:
-        """Acceleration along the line, m/s^2, as a function of time."""
+        """Return acceleration along the line, m/s^2, as a function of time."""
         return self.distance.derivative(2)
 
     @cached_property
     def path(self) -> PPoly:
-        """The distance travelled whichever way, m, from 0 at t = 0."""
+        """Return the distance travelled whichever way, m, from 0 at t = 0."""
         coefficients = self.distance.c.copy()
         ends = self.distance(self.breaks_s)
         coefficients *= np.where(np.diff(ends) < 0, -1.0, 1.0)
@@ -72,7 +72,8 @@ class Motion:
         return PPoly(coefficients, self.distance.x)
 
     def times_at(self, s: Array) -> tuple[Array, Array]:
-        """Every time at which the vehicle passes one of the places ``s``, and which: (times, indices), sorted by time.
+        """Return every time at which the vehicle passes one of the places ``s``, and which: (times, indices), sorted by
+        time.
 
         Bisection within each phase, where the distance is monotonic. A place at which the vehicle stands counts once.
         """
@@ -96,7 +97,9 @@ class Motion:
 
 
 def motion(phases: Sequence[Phase], start_m: float, start_mps: float = 0.0) -> Motion:
-    """The motion that goes through ``phases`` from the place ``start_m`` at ``start_mps``, without acceleration."""
+    """Return the motion that goes through ``phases`` from the place ``start_m`` at ``start_mps``, without
+    acceleration.
+    """
     durations, jerks = np.array([phase for phase in phases if phase[0] > _INSTANT_S]).T
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
     acceleration = np.concatenate([[0.0], np.cumsum(jerks * durations)])[:-1]
@@ -109,23 +112,23 @@ def motion(phases: Sequence[Phase], start_m: float, start_mps: float = 0.0) -> M
 
 
 def rest(duration_s: float) -> list[Phase]:
-    """Standing still, or going on at the speed there is."""
+    """Return phases of standing still, or of going on at the speed there is."""
     return [(duration_s, 0.0)]
 
 
 def change_time(v1: float, v2: float, limits: Limits) -> float:
-    """How long the S-curve from ``v1`` to ``v2`` takes, s."""
+    """Return how long the S-curve from ``v1`` to ``v2`` takes, s."""
     dv, a, j = abs(v2 - v1), limits.acceleration_mps2, limits.jerk_mps3
     return float(dv / a + a / j if dv >= a * a / j else 2.0 * np.sqrt(dv / j))
 
 
 def change_distance(v1: float, v2: float, limits: Limits) -> float:
-    """How far the S-curve from ``v1`` to ``v2`` goes, m."""
+    """Return how far the S-curve from ``v1`` to ``v2`` goes, m."""
     return 0.5 * (v1 + v2) * change_time(v1, v2, limits)
 
 
 def change(v1: float, v2: float, limits: Limits) -> list[Phase]:
-    """The S-curve from ``v1`` to ``v2``."""
+    """Return the S-curve from ``v1`` to ``v2``."""
     dv, a, j = abs(v2 - v1), limits.acceleration_mps2, limits.jerk_mps3
     if dv == 0.0:
         return []
@@ -136,7 +139,7 @@ def change(v1: float, v2: float, limits: Limits) -> list[Phase]:
 
 
 def run(lengths_m: Array, limits_mps: Array, end_speeds: tuple[float, float], limits: Limits) -> list[Phase]:
-    """Along stretches of given lengths (n,) and speed limits (n,), as fast as the limits let.
+    """Run along stretches of given lengths (n,) and speed limits (n,), as fast as the limits let.
 
     ``end_speeds`` are those at the start and at the end. The speed at each boundary is the greatest from which the ones
     around it can be reached (one pass each way); within a stretch the vehicle accelerates, holds, brakes. Raises
@@ -157,7 +160,7 @@ def run(lengths_m: Array, limits_mps: Array, end_speeds: tuple[float, float], li
 
 
 def reverse(phases: Sequence[Phase]) -> list[Phase]:
-    """The same motion the other way; only from rest to rest."""
+    """Return the same motion the other way; only from rest to rest."""
     return [(duration, -jerk) for duration, jerk in phases]
 
 
@@ -178,7 +181,7 @@ def _stretch(length: float, limit: float, v1: float, v2: float, limits: Limits) 
 
 
 def _reachable(v1: float, v2: float, length: float, limits: Limits) -> float:
-    """The greatest speed up to ``v2`` that the S-curve from (or to) ``v1`` reaches within ``length``."""
+    """Return the greatest speed up to ``v2`` that the S-curve from (or to) ``v1`` reaches within ``length``."""
     if v2 <= v1 or change_distance(v1, v2, limits) <= length:
         return v2
     low, high = v1, v2

@@ -8,7 +8,7 @@ from trackfg.numerics.arrays import Array
 
 
 def random_spans(rate: float, lengths: tuple[float, float], end: float, rng: np.random.Generator) -> Array:
-    """Spans (start, end) that start between 0 and ``end``, in order and apart. Shape (k, 2).
+    """Return spans (start, end) that start between 0 and ``end``, in order and apart. Shape (k, 2).
 
     The gap before a span is exponential with mean ``1/rate``, its length uniform within ``lengths``. They are drawn one
     after the other: those up to a smaller ``end`` are the same ones.

@@ -48,23 +48,23 @@ class Kinematics:
 
     @cached_property
     def body_from_level(self) -> Array:
-        """The rotation that maps components along h, l and u to body axes. Shape (n, 3, 3)."""
+        """Return the rotation that maps components along h, l and u to body axes. Shape (n, 3, 3)."""
         roll, pitch, yaw = self.rpy.T
         return np.swapaxes(rotations.matrix_from_rpy(roll, pitch, yaw - self.heading), -1, -2)
 
     @cached_property
     def velocity_in_n(self) -> Array:
-        """Velocity in n, m/s. Shape (n, 3)."""
+        """Return velocity in n, m/s. Shape (n, 3)."""
         return _to_n(self.heading, self.velocity)
 
     @cached_property
     def acceleration_in_n(self) -> Array:
-        """Acceleration in n, m/s^2. Shape (n, 3)."""
+        """Return acceleration in n, m/s^2. Shape (n, 3)."""
         return _to_n(self.heading, self.acceleration)
 
     @cached_property
     def body_rate(self) -> Array:
-        """Angular rate relative to n, in body axes, rad/s. Shape (n, 3)."""
+        """Return angular rate relative to n, in body axes, rad/s. Shape (n, 3)."""
         return _body_rate(self.rpy, self.rpy_rates)
 
 
@@ -82,52 +82,54 @@ class Ride:
     body: BodyMotion | None = None
 
     def rpy(self, t: Array) -> Array:
-        """Roll, pitch, yaw of the body, rad. Shape (..., 3)."""
+        """Return roll, pitch, yaw of the body, rad. Shape (..., 3)."""
         designed = self.line.rpy(self.motion.distance(t))
         return designed if self.body is None else designed + self.body.at(t)[..., 2:]
 
     def rotation(self, t: Array) -> Array:
-        """``R_nb``. Shape (..., 3, 3)."""
+        """Return ``R_nb``. Shape (..., 3, 3)."""
         return rotations.matrix_from_rpy(*np.moveaxis(self.rpy(t), -1, 0))
 
     def body_rate(self, t: Array) -> Array:
-        """Angular rate relative to the navigation frame, in body axes, rad/s. Shape (..., 3)."""
+        """Return angular rate relative to the navigation frame, in body axes, rad/s. Shape (..., 3)."""
         return _body_rate(self.rpy(t), self._rpy_rates(t))
 
     def position(self, t: Array) -> Array:
-        """East, north, up of the reference point, m. Shape (..., 3)."""
+        """Return east, north, up of the reference point, m. Shape (..., 3)."""
         return self._place(t) - self.origin
 
     def velocity(self, t: Array) -> Array:
-        """Velocity of the reference point in n, m/s. Shape (..., 3)."""
+        """Return velocity of the reference point in n, m/s. Shape (..., 3)."""
         return self.kinematics(np.ravel(t)).velocity_in_n.reshape(*np.shape(t), 3)
 
     def acceleration(self, t: Array) -> Array:
-        """Acceleration of the reference point in n, m/s^2. Shape (..., 3)."""
+        """Return acceleration of the reference point in n, m/s^2. Shape (..., 3)."""
         return self.kinematics(np.ravel(t)).acceleration_in_n.reshape(*np.shape(t), 3)
 
     def speed_along_body(self, t: Array) -> Array:
-        """The velocity's component along the body's x axis, m/s, negative backwards. Shape (...)."""
+        """Return the velocity's component along the body's x axis, m/s, negative backwards. Shape (...)."""
         moment = self.kinematics(np.ravel(t))
         return np.asarray(np.einsum("ni,ni->n", moment.body_from_level[:, 0], moment.velocity).reshape(np.shape(t)))
 
     def chainage(self, s: Array) -> Array:
-        """Chainage of the place ``s``, m."""
+        """Return chainage of the place ``s``, m."""
         return self.chainage_origin_m + self.direction * s
 
     @cached_property
     def origin(self) -> Array:
-        """Where ENU has its origin, in the line's own coordinates, m. Shape (3,)."""
+        """Return where ENU has its origin, in the line's own coordinates, m. Shape (3,)."""
         return self._place(np.zeros(()))
 
     def kinks_s(self) -> Array:
-        """Every time at which a derivative of the pose jumps: motion, line, knots of the body's splines. Sorted."""
+        """Return every time at which a derivative of the pose jumps: motion, line, knots of the body's splines.
+        Sorted.
+        """
         passed, _ = self.motion.times_at(self.line.knots)
         own = [] if self.body is None else [self.body.knots_s]
         return np.unique(np.concatenate([self.motion.breaks_s, passed, *own]))
 
     def velocity_jumps(self) -> tuple[Array, Array]:
-        """Times (j,) at which the velocity jumps, and by how much along h, m/s (j,).
+        """Return times (j,) at which the velocity jumps, and by how much along h, m/s (j,).
 
         Where the line's curvature jumps, so do the turning of its axes and the velocity of what is beside it.
         """
@@ -143,7 +145,7 @@ class Ride:
         return times, -left * np.abs(self.motion.speed(times)) * jump[sudden][which]
 
     def kinematics(self, t: Array) -> Kinematics:
-        """Everything at once at times (n,); at a kink, what follows it."""
+        """Return everything at once at times (n,); at a kink, what follows it."""
         s, v, a = (function(t) for function in (self.motion.distance, self.motion.speed, self.motion.acceleration))
         rpy, slopes = self.line.rpy(s), self.line.rpy_slopes(s)
         gamma, curvature, rates = -rpy[:, 1], slopes[:, 2], slopes * v[:, None]
@@ -192,7 +194,7 @@ def _body_rate(rpy: Array, rates: Array) -> Array:
 
 
 def _to_n(heading: Array, vector: Array) -> Array:
-    """From components along h, l and u to n. Shapes (n,), (n, 3) to (n, 3)."""
+    """Turn components along h, l and u to n. Shapes (n,), (n, 3) to (n, 3)."""
     c, s = np.cos(heading), np.sin(heading)
     forward, left, up = vector.T
     return np.column_stack([c * forward - s * left, s * forward + c * left, up])

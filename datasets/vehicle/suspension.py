@@ -41,7 +41,7 @@ class LinearSystem:
     input_stiffness: Array
 
     def response(self, inputs: Array, signals: Array, force: Array, dt_s: float, rows: list[int]) -> Array:
-        """The columns ``rows`` of ``q`` at samples ``dt_s`` apart, from equilibrium and rest at the first.
+        """Return the columns ``rows`` of ``q`` at samples ``dt_s`` apart, from equilibrium and rest at the first.
 
         ``inputs`` (k, m) and the forces ``signals @ force.T``, (k, p) and (n, p), are linear in between. (k, rows).
         """
@@ -72,7 +72,7 @@ class LinearSystem:
         return q
 
     def gain(self, frequency_hz: Array, u: Array) -> Array:
-        """Complex amplitudes of ``q`` per unit of inputs that swing as ``u`` (m,). Shape (f,) to (f, n)."""
+        """Return complex amplitudes of ``q`` per unit of inputs that swing as ``u`` (m,). Shape (f,) to (f, n)."""
         w = 2.0 * np.pi * np.asarray(frequency_hz)[:, None, None]
         left = self.stiffness + 1j * w * self.damping - w * w * np.diag(self.mass)
         right = (self.input_stiffness + 1j * w * self.input_damping) @ u
@@ -107,23 +107,23 @@ class Suspension:
 
     @property
     def axles_m(self) -> tuple[float, float, float, float]:
-        """Offsets of the wheelsets from the middle of the car, from the front."""
+        """Return offsets of the wheelsets from the middle of the car, from the front."""
         pivot, axle = self.half_pivot_m, self.half_wheelbase_m
         return (pivot + axle, pivot - axle, -pivot + axle, -pivot - axle)
 
     @property
     def vertical(self) -> LinearSystem:
-        """Heights and slopes: body, front frame, rear frame, (6,)."""
+        """Return heights and slopes: body, front frame, rear frame, (6,)."""
         return self._plane(1, self.primary_vertical, self.secondary_vertical)
 
     @property
     def lateral(self) -> LinearSystem:
-        """Places to the left and headings: body, front frame, rear frame, (6,)."""
+        """Return places to the left and headings: body, front frame, rear frame, (6,)."""
         return self._plane(2, self.primary_lateral, self.secondary_lateral)
 
     @property
     def roll(self) -> LinearSystem:
-        """Rolls of the body, the front and the rear frame, (3,)."""
+        """Return rolls of the body, the front and the rear frame, (3,)."""
         inertia = np.array([self.body_mass_kg, self.bogie_mass_kg, self.bogie_mass_kg])
         inertia *= np.array([self.body_gyration_m[0], self.bogie_gyration_m[0], self.bogie_gyration_m[0]]) ** 2
         own = np.array([[1, -1, 0], [1, 0, -1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]], dtype=float)
@@ -133,7 +133,9 @@ class Suspension:
 
     @property
     def lean_moment(self) -> float:
-        """The moment on the body, N m, per rad of cant deficiency, that makes it lean by the roll coefficient."""
+        """Return the moment on the body, N m, per rad of cant deficiency, that makes it lean by the roll
+        coefficient.
+        """
         return float(self.roll_coefficient / np.linalg.inv(self.roll.stiffness)[0, 0])
 
     def _plane(self, axis: int, primary: tuple[float, float], secondary: tuple[float, float]) -> LinearSystem:
@@ -155,14 +157,16 @@ class Suspension:
 
 
 def _on_springs(mass: Array, own: Array, primary: tuple[float, float], secondary: tuple[float, float]) -> LinearSystem:
-    """From the extensions ``own @ q`` less ``u`` of two secondary and four primary springs. ``own`` is (6, n)."""
+    """Return the system of the extensions ``own @ q`` less ``u`` of two secondary and four primary springs. ``own`` is
+    (6, n).
+    """
     track = np.concatenate([np.zeros((2, 4)), np.eye(4)])
     k, c = (np.array([[second]] * 2 + [[first]] * 4) for first, second in zip(primary, secondary, strict=True))
     return LinearSystem(mass, own.T @ (c * own), own.T @ (k * own), own.T @ (c * track), own.T @ (k * track))
 
 
 def _times(real: Array, complex_weights: Array) -> Array:
-    """``real @ complex_weights``, (k, m) and (m,), without making the large factor complex."""
+    """Return ``real @ complex_weights``, (k, m) and (m,), without making the large factor complex."""
     return np.ascontiguousarray(real @ np.column_stack([complex_weights.real, complex_weights.imag])).view(complex)[
         :, 0
     ]

@@ -42,10 +42,10 @@ class Vehicle(Protocol):
 
     @property
     def rigid(self) -> bool:
-        """Whether there are no springs between the track and the body."""
+        """Return whether there are no springs between the track and the body."""
 
     def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
-        """The body's motion while the IMU samples: ``edges`` (n + 1,) are those of its intervals, s."""
+        """Return the body's motion while the IMU samples: ``edges`` (n + 1,) are those of its intervals, s."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Rigid:
 
     @property
     def rigid(self) -> bool:
-        """Yes."""
+        """Return True: there are no springs."""
         return True
 
     def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
@@ -73,11 +73,11 @@ class CarBody:
 
     @property
     def rigid(self) -> bool:
-        """No: it is on two stages of springs."""
+        """Return False: it is on two stages of springs."""
         return False
 
     def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
-        """Chord of the bogies' middles, and the springs' part."""
+        """Return the chord of the bogies' middles, and the springs' part."""
         s = motion.distance(edges)
         wheelsets = Wheelsets(track, s, self.suspension.axles_m[0])
         axles = [wheelsets.at(offset) for offset in self.suspension.axles_m]
@@ -87,7 +87,7 @@ class CarBody:
 
 
 def _on_two(track: Track, s: Array, wheelbase_m: float) -> Array:
-    """Pose of a frame on two wheelsets about the middle, in the level frame. Shape (n, 6)."""
+    """Return pose of a frame on two wheelsets about the middle, in the level frame. Shape (n, 6)."""
     wheelsets = Wheelsets(track, s, wheelbase_m)
     if wheelbase_m == 0.0:
         return wheelsets.tangent()
@@ -95,7 +95,7 @@ def _on_two(track: Track, s: Array, wheelbase_m: float) -> Array:
 
 
 def _deviation(line: Line, s: Array, pose: Array) -> Array:
-    """The columns of a body's motion from its pose in the level frame (n, 6). Shape (n, 5)."""
+    """Return the columns of a body's motion from its pose in the level frame (n, 6). Shape (n, 5)."""
     deviation = pose[:, 1:].copy()
     deviation[:, 2:4] -= line.rpy(s)[:, :2]
     return deviation

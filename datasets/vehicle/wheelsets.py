@@ -36,7 +36,7 @@ class Wheelsets:
 
     @cached_property
     def heading(self) -> Array:
-        """The designed heading at ``s``, rad. Shape (n,)."""
+        """Return the designed heading at ``s``, rad. Shape (n,)."""
         return self._track.line.yaw(self._s)
 
     @cached_property
@@ -44,7 +44,7 @@ class Wheelsets:
         return np.asarray(self._designed(self._s))
 
     def at(self, offset_m: float) -> Array:
-        """Forward, left, up, m, and roll, rad, of the wheelset at ``s + offset_m``. Shape (n, 4)."""
+        """Return forward, left, up, m, and roll, rad, of the wheelset at ``s + offset_m``. Shape (n, 4)."""
         line, s = self._track.line, self._s + offset_m
         level, alignment, cross_level, _ = self._track.irregularities.at(s).T
         east, north, up = (self._designed(s) - self._origin).T
@@ -60,16 +60,18 @@ class Wheelsets:
         )
 
     def tangent(self) -> Array:
-        """Pose of what follows the track's centre line in one point: as :func:`chord`, of length 0. Shape (n, 6)."""
+        """Return pose of what follows the track's centre line in one point: as :func:`chord`, of length 0. Shape (n,
+        6).
+        """
         return np.column_stack([self.at(0.0), *_along(*self._track.tangent(self._s))])
 
 
 def chord(front: Array, rear: Array) -> Array:
-    """Pose of what sits on two points (n, 4 or more): forward, left, up, roll, pitch, yaw. Shape (n, 6)."""
+    """Return pose of what sits on two points (n, 4 or more): forward, left, up, roll, pitch, yaw. Shape (n, 6)."""
     forward, left, up = (front - rear)[:, :3].T
     return np.column_stack([0.5 * (front + rear)[:, :4], *_along(forward, left, up)])
 
 
 def _along(forward: Array, left: Array, up: Array) -> tuple[Array, Array]:
-    """Pitch and yaw of a vector."""
+    """Return pitch and yaw of a vector."""
     return -np.arctan2(up, np.hypot(forward, left)), np.arctan2(left, forward)

@@ -135,19 +135,19 @@ def run(recording: Recording, **parameters: Any) -> BaselineResult:
 
 
 def process_noise(R0_rad2: float, dt: float, T_c_s: float) -> float:
-    """``q = R0 (dt/T_c)^2``, rad^2 per step: at R0 the filter forgets with the time constant T_c."""
+    """Return ``q = R0 (dt/T_c)^2``, rad^2 per step: at R0 the filter forgets with the time constant T_c."""
     return R0_rad2 * (dt / T_c_s) ** 2
 
 
 def window_samples(sampling_hz: float, F_hz: float) -> int:
-    """``s = fs / (2 F)``, (10), at least one."""
+    """Return ``s = fs / (2 F)``, (10), at least one."""
     return max(1, round(sampling_hz / (2.0 * F_hz)))
 
 
 def propagate(
     theta: float, phi: float, w: Sequence[float], dt: float
 ) -> tuple[float, float, tuple[float, float, float]]:
-    """(6) and its Jacobian: roll and pitch, rad, after ``dt`` s at the angular rate ``w``, rad/s, and (f, g, h).
+    """Return (6) and its Jacobian: roll and pitch, rad, after ``dt`` s at the angular rate ``w``, rad/s, and (f, g, h).
 
     The derivative of (theta', phi') by (theta, phi) is ``F = [[f, g], [h, 1]]``.
     """
@@ -160,7 +160,7 @@ def propagate(
 
 
 def kalman_filter(gyro: Array, dt: Array, y: Array, R: Array, q: float) -> tuple[Array, Array]:
-    """Angles (n, 2), rad, and their variances (n, 2) after each measurement.
+    """Return angles (n, 2), rad, and their variances (n, 2) after each measurement.
 
     ``gyro`` (n, 3) rad/s over the ``dt`` (n,) before each measurement ``y`` (n, 2) of the angles; ``R`` (n, 2) are its
     variances. The first measurement starts the filter.
@@ -205,11 +205,11 @@ class Smoothing:
     both_ways: bool
 
     def low_passed(self, x: Array) -> Array:
-        """What is below the lower edge. Shape (n, c) to the same."""
+        """Return what is below the lower edge. Shape (n, c) to the same."""
         return self._back(self._filtered(butter(_ORDER, self.low, fs=1.0, output="sos"), self._onto(x)))
 
     def vibration(self, x: Array) -> Array:
-        """The running mean square of what is between the edges. Shape (n, c) to the same."""
+        """Return the running mean square of what is between the edges. Shape (n, c) to the same."""
         band = butter(_ORDER, [self.low, self.high], btype="bandpass", fs=1.0, output="sos")
         squared = self._filtered(band, self._onto(x)) ** 2
         # A trailing window of s cells is a centred one shifted by half of it.
@@ -223,7 +223,7 @@ class Smoothing:
         return np.asarray(sosfilt(sos, x, axis=0, zi=state)[0])
 
     def _onto(self, x: Array) -> Array:
-        """Means of the samples in each cell; cells without any are interpolated."""
+        """Return means of the samples in each cell; cells without any are interpolated."""
         count = np.bincount(self.number)
         taken = np.flatnonzero(count)
         cells = np.arange(len(count))
@@ -235,7 +235,7 @@ class Smoothing:
 
 
 def in_time(motion: Motion, F_space_1pm: float) -> Smoothing:
-    """As printed: F = F_space times the mean speed while moving, over samples, one way.
+    """Filter as printed: F = F_space times the mean speed while moving, over samples, one way.
 
     Bands that a sampling rate cannot hold are cut at 0.9 of half of it.
     """
@@ -255,7 +255,7 @@ def in_time(motion: Motion, F_space_1pm: float) -> Smoothing:
 
 
 def along_the_track(motion: Motion, F_space_1pm: float) -> Smoothing:
-    """(8) for a speed that varies: over cells of the distance run, 50 to the wave of F_space, both ways.
+    """Filter by (8) for a speed that varies: over cells of the distance run, 50 to the wave of F_space, both ways.
 
     A rest is one cell: its mean.
     """

@@ -62,11 +62,12 @@ class Motion:
 
     @property
     def sampling_s(self) -> float:
-        """The sampling interval, s."""
+        """Return the sampling interval, s."""
         return float(np.median(self.dt))
 
     def without_centripetal(self) -> Array:
-        """Specific force less ``w x v`` of the forward speed v, ``(0, v wz, -v wy)``: in a curve ``v^2/R`` sideways.
+        """Return specific force less ``w x v`` of the forward speed v, ``(0, v wz, -v wy)``: in a curve ``v^2/R``
+        sideways.
 
         Shape (n, 3), m/s^2.
         """
@@ -77,7 +78,7 @@ class Motion:
 
 
 def motion_of(recording: Recording, *, remove_static_bias: bool) -> Motion:
-    """The samples of a recording. Without a standstill at the start there is no static bias to remove.
+    """Return the samples of a recording. Without a standstill at the start there is no static bias to remove.
 
     Raises ``BadInputError`` where there is no tachometer: it tells place and speed.
     """
@@ -109,7 +110,7 @@ def motion_of(recording: Recording, *, remove_static_bias: bool) -> Motion:
 
 
 def roll_and_pitch(accel: Array) -> tuple[Array, Array]:
-    """Tilt of a vehicle at rest, rad, from its specific force (..., 3): with ``f = R^T (0, 0, g)``,
+    """Return tilt of a vehicle at rest, rad, from its specific force (..., 3): with ``f = R^T (0, 0, g)``,
 
     roll = atan(fy / fz), pitch = atan(-fx / sqrt(fy^2 + fz^2)).
     """
@@ -133,7 +134,8 @@ class Attitude:
 def tables(
     name: str, recording: Recording, motion: Motion, attitude: Attitude, parameters: dict[str, float | str | bool]
 ) -> BaselineResult:
-    """The result: trajectory at 10 Hz, cross-level and twist per 0.25 m of chainage, the longest pass over a place.
+    """Return the result: trajectory at 10 Hz, cross-level and twist per 0.25 m of chainage, the longest pass over a
+    place.
 
     The sigma of the cross-level is ``base`` times that of the roll. A sensor on springs has a roll of its own: its
     geometry is empty.
@@ -153,7 +155,9 @@ def tables(
 
 
 def _place_and_speed(t: Array, distance: Array) -> tuple[Array, Array]:
-    """Mean and slope of the distance, m and m/s, over ``_PLACE_OVER_S`` around each sample, less near the ends."""
+    """Return mean and slope of the distance, m and m/s, over ``_PLACE_OVER_S`` around each sample, less near the
+    ends.
+    """
     n = len(t)
     half = max(1, round(0.5 * _PLACE_OVER_S / float(np.median(np.diff(t)))))
     i = np.arange(n)
@@ -165,13 +169,15 @@ def _place_and_speed(t: Array, distance: Array) -> tuple[Array, Array]:
 
 
 def _gravity(recording: Recording) -> float:
-    """At the recording's latitude, the standard one where that is not known."""
+    """Return gravity at the recording's latitude, the standard one where that is not known."""
     latitude = recording.description.track.latitude_deg
     return STANDARD_GRAVITY if latitude is None else normal_gravity(latitude)
 
 
 def _standstill_at_start(recording: Recording, data: Intervals) -> Array:
-    """Start and end, s, of the standstill that the run begins with; both the start of the run where it has none."""
+    """Return start and end, s, of the standstill that the run begins with; both the start of the run where it has
+    none.
+    """
     start = data.edges[0]
     spans = find_standstills(recording)
     if len(spans) and spans[0, 0] <= start + _AT_THE_START_S:
@@ -206,7 +212,7 @@ def _geometry(recording: Recording, motion: Motion, attitude: Attitude) -> pd.Da
 
 
 def _of_pass(recording: Recording, motion: Motion, attitude: Attitude, one: Pass, every: int) -> pd.DataFrame | None:
-    """The geometry table of one pass, facing increasing chainage; None for one that is too short."""
+    """Return the geometry table of one pass, facing increasing chainage; None for one that is too short."""
     track = recording.description.track
     last = len(motion.t) if (one.last + 1) * every >= len(motion.t) else one.last * every + 1
     rows = slice(one.first * every, last)

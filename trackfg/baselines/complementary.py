@@ -98,17 +98,18 @@ def run(recording: Recording, **parameters: Any) -> BaselineResult:
 
 
 def smoothing(T_s: float, dt: float) -> float:
-    """``alpha = T / (T + dt)``."""
+    """Return ``alpha = T / (T + dt)``."""
     return T_s / (T_s + dt)
 
 
 def accelerometer_roll(accel: Array) -> Array:
-    """Equation (1), rad, of specific forces (..., 3): the inclination of the y axis."""
+    """Return equation (1), rad, of specific forces (..., 3): the inclination of the y axis."""
     return np.asarray(np.arctan2(accel[..., 1], np.hypot(accel[..., 0], accel[..., 2])))
 
 
 def complementary_roll(r: Array, turned: Array, alpha: float, start: float) -> Array:
-    """Equation (4), rad, from the accelerometer's angles ``r`` and the angles ``turned`` (omega dt) of every sample.
+    """Return equation (4), rad, from the accelerometer's angles ``r`` and the angles ``turned`` (omega dt) of every
+    sample.
 
     Both (n,), rad; ``start`` is theta before the first sample.
     """

@@ -138,8 +138,9 @@ def run(
 
 
 def survey(recording: Recording, *, cycle_s: float = 0.1, average_s: float = 3.0) -> pd.DataFrame:
-    """``chainage_m, curvature_1pm`` as the system itself measures them, every metre: what the paper's table of curves
-    is made of (:func:`trackfg.baselines.curve_points.curve_table`). Chainage is set at balises; slips are left out.
+    """Return ``chainage_m, curvature_1pm`` as the system itself measures them, every metre: what the paper's table of
+    curves is made of (:func:`trackfg.baselines.curve_points.curve_table`). Chainage is set at balises; slips are left
+    out.
     """
     cycles = read_cycles(recording, cycle_s=cycle_s, average_s=average_s)
     result = run(recording, cycle_s=cycle_s, average_s=average_s)
@@ -174,7 +175,7 @@ class _Slip:
 
     @classmethod
     def until(cls, cycles: Cycles, way: Coasting, detected: int, found: bool, end: int | None) -> _Slip:
-        """What was integrated, up to the re-adhesion at cycle ``end``; all of it where that is None."""
+        """Return what was integrated, up to the re-adhesion at cycle ``end``; all of it where that is None."""
         n = len(way.speed) - 1 if end is None else end - way.start
         return cls(
             kind="slip" if cycles.disagreement[detected] < 0.0 else "slide",
@@ -188,7 +189,7 @@ class _Slip:
         )
 
     def followed_by(self, other: _Slip) -> _Slip:
-        """Both as one, ``other`` having gone on with this one's final state."""
+        """Return both as one, ``other`` having gone on with this one's final state."""
         return replace(
             self,
             readhered=other.readhered,
@@ -201,7 +202,7 @@ class _Slip:
 def _start(
     cycles: Cycles, steady: np.ndarray, detected: int, slips: list[_Slip], p: CompositeParameters
 ) -> tuple[VehicleState, bool]:
-    """Where to begin, and whether the jerk rule found it."""
+    """Return where to begin, and whether the jerk rule found it."""
     half = cycles.window // 2
     earliest = max(detected - round(_SEARCH_S / cycles.step_s), 1)
     if slips:
@@ -216,7 +217,7 @@ def _start(
 
 
 def _corrected(cycles: Cycles, slips: list[_Slip]) -> tuple[Array, Array]:
-    """Distance and speed with the slips' parts replaced. Shapes (n,)."""
+    """Return distance and speed with the slips' parts replaced. Shapes (n,)."""
     steps = np.diff(cycles.distance, prepend=cycles.distance[0])
     # Half a second of pulses: the speed of one cycle is good to 0.3 m/s only.
     speed = np.convolve(np.pad(cycles.speed, 2, mode="edge"), np.full(5, 0.2), mode="valid")
@@ -281,7 +282,8 @@ class _Position:
 
 
 def _measured_curvature(cycles: Cycles, chainage: Array, direction: int) -> tuple[Array, Array]:
-    """Places, m, and curvatures there facing increasing chainage, 1/m: over what was run in the time of an average.
+    """Return places, m, and curvatures there facing increasing chainage, 1/m: over what was run in the time of an
+    average.
 
     Both (n,); the curvature is 0 where that is less than a metre.
     """

@@ -44,7 +44,7 @@ class CurvePoints:
 
     @property
     def length_m(self) -> float:
-        """Between the crossings of the lower limit."""
+        """Return the length between the crossings of the lower limit, m."""
         return self.leave_m - self.enter_m
 
 
@@ -80,7 +80,7 @@ def curve_table(
     widest_radius_m: float = 600.0,
     limits: Diagnostics | None = None,
 ) -> list[CurvePoints]:
-    """The curves of a line that make good points, from its curvature (n,) over ascending chainage (n,).
+    """Return the curves of a line that make good points, from its curvature (n,) over ascending chainage (n,).
 
     Those sharper than ``widest_radius_m``, to one side only, with ``straight_m`` of straight before and after. The
     value of a curve is the median of what is within 10 % of its peak.
@@ -179,5 +179,5 @@ def find_curve(
 
 
 def _crossing(x: Array, y: Array, i: int, level: float) -> float:
-    """Where ``y``, straight between samples i and i + 1, is at ``level``."""
+    """Return where ``y``, straight between samples i and i + 1, is at ``level``."""
     return float(x[i] + (level - y[i]) / (y[i + 1] - y[i]) * (x[i + 1] - x[i]))

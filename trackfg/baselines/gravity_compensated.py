@@ -62,7 +62,9 @@ class VehicleState:
 
 
 def start_state(cycles: Cycles, picked: int, *, as_printed: bool) -> VehicleState:
-    """(3) and (11) from the averages at cycle ``picked``, for the middle of the time that they are over."""
+    """Return the state by (3) and (11) from the averages at cycle ``picked``, for the middle of the time that they are
+    over.
+    """
     a_x, a_y, a_z = cycles.mean_accel[picked]
     along = (a_x - cycles.wheel_acceleration[picked]) / STANDARD_GRAVITY
     across = a_y - cycles.mean_speed[picked] * cycles.mean_gyro[picked, 2]
@@ -112,7 +114,7 @@ def coast(
 def readhesion(
     cycles: Cycles, coasting: Coasting, detected: int, *, threshold_kmhps: float, speed_tolerance_kmhps: float
 ) -> int | None:
-    """The first cycle from ``detected`` on at which the wheel rolls again (3.1.3); None if there is none.
+    """Return the first cycle from ``detected`` on at which the wheel rolls again (3.1.3); None if there is none.
 
     The accelerations agree to the threshold of (1), and the speeds to ``speed_tolerance_kmhps`` times the time since
     the start.

@@ -154,17 +154,19 @@ class _Grid:
         return cls(distance, np.interp(distance, place, motion.speed[rows]), rows, place, direction)
 
     def bring(self, values: Array) -> Array:
-        """Values at the motion's samples (..., n) at the grid's places."""
+        """Return values at the motion's samples (..., n) at the grid's places."""
         return resample(self.place, values[..., self.rows], STEP_M)[1]
 
     def shifted(self, values: Array, by_m: float) -> Array:
-        """What was measured with the car at ``x`` and belongs to ``x + by_m``: at its own place, to the nearest row."""
+        """Return what was measured with the car at ``x`` and belongs to ``x + by_m``: at its own place, to the nearest
+        row.
+        """
         count = round(by_m / STEP_M)
         return weighted_neighbours(values, {-count: 1.0})
 
 
 def _units(recording: Recording) -> list[tuple[RailView, RailView]]:
-    """The units that see the left and the right rail, each in height and across, the foremost first."""
+    """Return the units that see the left and the right rail, each in height and across, the foremost first."""
     views = rail_views(recording)
     by_place = {view.along_m: [v for v in views if v.along_m == view.along_m] for view in views}
     units = [
@@ -192,7 +194,7 @@ def _five_metres_apart(
 
 
 def _seen(motion: UnitMotion, unit: tuple[RailView, RailView], origin: Array) -> Array:
-    """Both rails' height and lateral place from ``origin`` in the vehicle, in level axes. Shape (4, n).
+    """Return both rails' height and lateral place from ``origin`` in the vehicle, in level axes. Shape (4, n).
 
     Rows: height left and right, lateral left and right; the lateral ones with the heading's part.
     """
@@ -208,7 +210,7 @@ def _seen(motion: UnitMotion, unit: tuple[RailView, RailView], origin: Array) ->
 def _inertial(
     motion: UnitMotion, unit: tuple[RailView, RailView], lever_arm: Array, grid: _Grid, slowest_mps: float
 ) -> Array:
-    """Versines of the rails, m, rows as in :func:`_seen`."""
+    """Return versines of the rails, m, rows as in :func:`_seen`."""
     curvature = np.stack([motion.up, motion.left]) / np.maximum(motion.speed, slowest_mps) ** 2
     path = design_versine(grid.bring(curvature), STEP_M, _HALF_CHORD_M, _HALF_CHORD_M)
     to_rail = versine(grid.bring(_seen(motion, unit, lever_arm)), STEP_M, _HALF_CHORD_M, _HALF_CHORD_M)
@@ -218,7 +220,7 @@ def _inertial(
 def _difference(
     motion: UnitMotion, front: tuple[RailView, RailView], rear: tuple[RailView, RailView], grid: _Grid
 ) -> Array:
-    """Versines of the rails, m, rows as in :func:`_seen`."""
+    """Return versines of the rails, m, rows as in :func:`_seen`."""
     base = grid.bring(_seen(motion, front, np.zeros(3)) - _seen(motion, rear, np.zeros(3)))
     half = steps(0.5 * _HALF_CHORD_M, STEP_M, "half the distance of the units")
     about_middle = weighted_neighbours(base, {-half: 0.5, half: -0.5})
@@ -226,7 +228,7 @@ def _difference(
 
 
 def _geometry(grid: _Grid, versines: Array) -> pd.DataFrame:
-    """The geometry table, facing increasing chainage: against it, the vehicle's left is right."""
+    """Return the geometry table, facing increasing chainage: against it, the vehicle's left is right."""
     level, alignment = 1e3 * versines[:2], 1e3 * versines[2:]
     chainage, speed = grid.distance, grid.speed
     if grid.direction < 0:
@@ -245,7 +247,7 @@ def _geometry(grid: _Grid, versines: Array) -> pd.DataFrame:
 
 
 def _trajectory(motion: UnitMotion, direction: int) -> pd.DataFrame:
-    """Ten rows a second: chainage from 0, speed, and the attitude that was used."""
+    """Return ten rows a second: chainage from 0, speed, and the attitude that was used."""
     t = np.arange(motion.t[0], motion.t[-1], _TRAJECTORY_S)
     known = {
         "chainage_m": direction * motion.distance,

@@ -68,7 +68,7 @@ class UnitMotion:
 
 
 def unit_motion(recording: Recording, *, attitude_time_s: float, speed_window_s: float) -> UnitMotion:
-    """Attitude and accelerations of the unit. Speed and distance are means over ``speed_window_s``.
+    """Return attitude and accelerations of the unit. Speed and distance are means over ``speed_window_s``.
 
     Raises ``BadInputError`` where there is no tachometer.
     """
@@ -112,7 +112,7 @@ def unit_motion(recording: Recording, *, attitude_time_s: float, speed_window_s:
 
 
 def _by_wheel(distance: Array, step_s: float, window_s: float) -> tuple[Array, Array, Array]:
-    """Mean distance and speed over the window, and the mean slope of that speed. Shapes (n,).
+    """Return mean distance and speed over the window, and the mean slope of that speed. Shapes (n,).
 
     Beyond its ends the record goes on as it is on this side of them, turned round (a steady speed stays one).
     """
@@ -125,7 +125,9 @@ def _by_wheel(distance: Array, step_s: float, window_s: float) -> tuple[Array, A
 
 
 def _complementary(seen: Array, rate: Array, dt: Array, time_s: float) -> Array:
-    """The angle from the accelerometer's (``seen``) below and the gyro's ``rate`` above the corner. Shapes (n,)."""
+    """Return the angle from the accelerometer's (``seen``) below and the gyro's ``rate`` above the corner. Shapes
+    (n,).
+    """
     step = float(np.median(dt))
     a = time_s / (time_s + step)
     start = float(seen[: max(1, round(1.0 / step))].mean())
@@ -134,6 +136,6 @@ def _complementary(seen: Array, rate: Array, dt: Array, time_s: float) -> Array:
 
 
 def _integral(rate: Array, dt: Array) -> Array:
-    """To the middle of each sample, from that of the first. Shapes (n,)."""
+    """Integrate to the middle of each sample, from that of the first. Shapes (n,)."""
     half = 0.5 * rate * dt
     return np.concatenate([[0.0], np.cumsum(half[1:] + half[:-1])])

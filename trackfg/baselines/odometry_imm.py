@@ -75,7 +75,7 @@ class OdometryParameters:
 
 
 def run(recording: Recording, *, parameters: OdometryParameters | None = None) -> BaselineResult:
-    """Chainage, speed and events of the run, one row per step.
+    """Estimate chainage, speed and events of the run, one row per step.
 
     Chainage is 0 at the start and grows or falls with the track's direction; the wheel has its nominal scale, and
     positions are not used. Sigmas are those of the filter, which knows nothing of the scale's error. Raises
@@ -137,7 +137,7 @@ def _filter(t: Array, wheel: Wheel, force: Array, p: OdometryParameters) -> Mode
 
 
 def _dynamics(p: OdometryParameters) -> tuple[Array, Array, Array]:
-    """``x' = F x + mean + N(0, Q)`` of each mode: (4, 6, 6), (4, 6), (4, 6, 6)."""
+    """Return ``x' = F x + mean + N(0, Q)`` of each mode: (4, 6, 6), (4, 6), (4, 6, 6)."""
     dt = p.step_s
     moving = np.eye(6)
     moving[_S, [_V, _A]] = moving[_W, [_V, _A]] = dt, 0.5 * dt**2
@@ -150,7 +150,7 @@ def _dynamics(p: OdometryParameters) -> tuple[Array, Array, Array]:
     noise[_B, _B] += p.bias_walk**2 * dt
 
     def creeping(kept: float, mean: float, sd: float, of_new: float) -> tuple[Array, Array, Array]:
-        """``c' = kept c + (1 - kept) mean + sd e``; w gains ``(1 - of_new) c dt + of_new c' dt``."""
+        """Return ``c' = kept c + (1 - kept) mean + sd e``; w gains ``(1 - of_new) c dt + of_new c' dt``."""
         to_w = of_new * dt
         F, offset, Q = moving.copy(), np.zeros(6), noise.copy()
         F[_C, _C] = kept
@@ -175,7 +175,7 @@ def _dynamics(p: OdometryParameters) -> tuple[Array, Array, Array]:
 
 
 def _transition(p: OdometryParameters) -> Array:
-    """``p_ij`` over a step, rows and columns in the order of :data:`MODES`."""
+    """Return ``p_ij`` over a step, rows and columns in the order of :data:`MODES`."""
     leaves_adhesion, leaves_slip, leaves_rest = (
         p.step_s / mean for mean in (p.mean_adhesion_s, p.mean_slip_s, p.mean_standstill_s)
     )
@@ -192,7 +192,7 @@ def _transition(p: OdometryParameters) -> Array:
 
 
 def _events(t: Array, modes: Modes, direction: int) -> pd.DataFrame:
-    """Spans in which wheel slip (or slide, or standstill) is likelier than not."""
+    """Return spans in which wheel slip (or slide, or standstill) is likelier than not."""
     probability, state = modes.probability, modes.state
     slipping = probability[:, 1] + probability[:, 2]
     rows = []

@@ -89,7 +89,9 @@ def recorded(parameters: DataclassInstance) -> dict[str, float | str | bool]:
 
 
 def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFrame:
-    """A table with these columns: what is known, and NaN for the rest. Raises ``ValueError`` for an unknown name."""
+    """Return a table with these columns: what is known, and NaN for the rest. Raises ``ValueError`` for an unknown
+    name.
+    """
     if unknown := sorted(set(known) - set(columns)):
         raise ValueError(f"{', '.join(unknown)}: not among {', '.join(columns)}")
     rows = len(next(iter(known.values()))) if known else 0
@@ -97,7 +99,7 @@ def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFra
 
 
 def no_events() -> pd.DataFrame:
-    """An event table without rows."""
+    """Return an event table without rows."""
     return pd.DataFrame(
         {name: pd.Series(dtype="str" if name in ("kind", "detail") else "float64") for name in EVENT_COLUMNS}
     )

@@ -63,12 +63,14 @@ class Cycles:
 
     @property
     def disagreement(self) -> Array:
-        """``a_x - A_p``, m/s^2: above zero when the wheel falls behind, as in a slide."""
+        """Return ``a_x - A_p``, m/s^2: above zero when the wheel falls behind, as in a slide."""
         return self.mean_accel[:, 0] - self.wheel_acceleration
 
 
 def read_cycles(recording: Recording, *, cycle_s: float, average_s: float) -> Cycles:
-    """The recording as the system sees it. Raises ``BadInputError`` without a tachometer, or for too short a record."""
+    """Return the recording as the system sees it. Raises ``BadInputError`` without a tachometer, or for too short a
+    record.
+    """
     wheel = read_wheel(recording, _MAX_TACH_GAP_S)
     if wheel is None:
         raise BadInputError(f"{recording.description.id}: no tachometer; expected one for distance")
@@ -110,7 +112,7 @@ class JerkRule:
     between: float = 0.05
 
     def steady(self, cycles: Cycles) -> np.ndarray:
-        """Cycles that end three on end which meet the rule. Shape (n,) of bool."""
+        """Return cycles that end three on end which meet the rule. Shape (n,) of bool."""
         wheel = np.diff(cycles.wheel_acceleration, prepend=np.nan) / KMH
         inertial = np.diff(cycles.mean_accel[:, 0], prepend=np.nan) / KMH
         met = (
@@ -126,13 +128,13 @@ class JerkRule:
 
 
 def detections(cycles: Cycles, threshold_kmhps: float) -> np.ndarray:
-    """Cycles that meet (1), of bool (n,)."""
+    """Return cycles that meet (1), of bool (n,)."""
     beyond: np.ndarray = np.abs(cycles.disagreement) > threshold_kmhps * KMH
     return beyond
 
 
 def start_point(cycles: Cycles, steady: np.ndarray, detected: int, setback_s: float, earliest: int) -> int | None:
-    """The latest steady cycle, ``setback_s`` or more before ``detected`` and not before ``earliest``, if any."""
+    """Return the latest steady cycle, ``setback_s`` or more before ``detected`` and not before ``earliest``, if any."""
     latest = detected - round(setback_s / cycles.step_s)
     if latest < earliest:
         return None

@@ -15,7 +15,7 @@ from trackfg.geometry.exceedances import Judgement
 
 
 def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
-    """The exceedances by chainage, and what could not be judged with the reason."""
+    """Yield the exceedances by chainage, and what could not be judged with the reason."""
     if judgement.found.empty:
         yield Text("No exceedance of the limits that could be judged.")
     else:
@@ -53,7 +53,7 @@ def _exceedances(judgement: Judgement) -> RenderableType:
 
 
 def judgement_json(judgement: Judgement) -> str:
-    """Exceedances with the columns of the table, and the limits that were not judged, as JSON."""
+    """Return exceedances with the columns of the table, and the limits that were not judged, as JSON."""
     not_judged = [
         {**limit.model_dump(exclude_defaults=True), "reason": reason} for limit, reason in judgement.not_judged
     ]

@@ -123,7 +123,7 @@ def _into_folder(
 
 
 def _place(saved: Checkpoint, stream: Stream) -> str:
-    """Where a stream goes on."""
+    """Return where a stream goes on."""
     from trackfg.streaming.sources.json_lines import JsonLinesSource
 
     if saved.until_s is None:

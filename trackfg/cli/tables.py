@@ -48,7 +48,7 @@ def estimators(known: Mapping[str, Estimator]) -> RenderableType:
 
 
 def comparison(about: About) -> Iterator[RenderableType]:
-    """A table per case and task, the best estimator of each quantity first, and one per quantity by speed.
+    """Yield a table per case and task, the best estimator of each quantity first, and one per quantity by speed.
 
     Last what was left out, and why.
     """
@@ -104,7 +104,7 @@ def _score_cells(row: Row) -> Iterator[Text]:
 
 
 def _speed_table(case: ComparedCase, quantity: str, rows: Sequence[Row]) -> RenderableType:
-    """Error of each estimator in each band of speed."""
+    """Return error of each estimator in each band of speed."""
     names = list(dict.fromkeys(row.estimator for row in rows))
     names.sort(key=lambda name: name != REFERENCE)
     table = titled(f"{case.name}, {_labelled(quantity)}, by speed")
@@ -138,7 +138,7 @@ def _labelled(quantity: str) -> str:
 
 
 def findings(found: Sequence[Finding]) -> RenderableType:
-    """Worst first, each with its place and hint; a line where there is none."""
+    """Return the findings, worst first, each with its place and hint; a line where there is none."""
     if not found:
         return Text("Nothing to report: the recording is sound.")
     table = titled("Findings", show_lines=True)
@@ -156,7 +156,7 @@ def findings(found: Sequence[Finding]) -> RenderableType:
 
 
 def estimates(values: Mapping[str, Any]) -> RenderableType:
-    """What the data say by themselves, one row per value."""
+    """Return what the data say by themselves, one row per value."""
     table = titled("Estimated from the data")
     table.add_column("quantity", no_wrap=True)
     table.add_column("value")
@@ -166,13 +166,13 @@ def estimates(values: Mapping[str, Any]) -> RenderableType:
 
 
 def check_json(report: CheckReport) -> str:
-    """Findings and estimates as JSON."""
+    """Return findings and estimates as JSON."""
     content = {"findings": [finding.as_json() for finding in report.findings], "estimates": report.estimates}
     return json.dumps(content, indent=2)
 
 
 def summary(result: Result) -> RenderableType:
-    """The run in a dozen lines."""
+    """Return the run in a dozen lines."""
     page = result.summary
     rows = {
         "recording": page.recording_id,
@@ -191,7 +191,7 @@ def summary(result: Result) -> RenderableType:
 
 
 def named_values(title: str, rows: Mapping[str, str]) -> Table:
-    """A line for each name and its text; none where there is no text."""
+    """Return a line for each name and its text; none where there is no text."""
     table = titled(title, show_header=False)
     table.add_column(no_wrap=True)
     table.add_column()
@@ -202,7 +202,7 @@ def named_values(title: str, rows: Mapping[str, str]) -> Table:
 
 
 def titled(title: str, **options: Any) -> Table:
-    """An empty table with its title above."""
+    """Return an empty table with its title above."""
     return Table(title=title, title_justify="left", title_style="bold", **options)
 
 

@@ -54,7 +54,7 @@ MIYATA = "Miyata and Tsunashima, IMM-EKF"
 
 
 def estimators(*, peers: bool = True) -> dict[str, Estimator]:
-    """The estimators of a recording, the smoother first; other packages (``peers``) where they are installed."""
+    """Return the estimators of a recording, the smoother first; other packages (``peers``) where they are installed."""
     attitude = partial(_printable, _ATTITUDE)
     known = {
         SMOOTHER: Estimator("factor-graph smoother", "trackfg", _smoothed, get_args(Task), anchored=True),
@@ -84,8 +84,8 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
 
 
 def estimator(name: str, *, as_printed: bool = False) -> Run:
-    """The estimator of this name. Raises :class:`BadInputError` for a name that is not there, and where nothing printed
-    differs from it.
+    """Return the estimator of this name. Raises :class:`BadInputError` for a name that is not there, and where nothing
+    printed differs from it.
     """
     known = estimators()
     if name not in known:

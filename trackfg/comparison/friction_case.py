@@ -33,7 +33,7 @@ class FrictionEstimator:
 
 
 def friction_estimators() -> dict[str, FrictionEstimator]:
-    """The estimators of a car's slip angle and tyre friction, the smoother first."""
+    """Return the estimators of a car's slip angle and tyre friction, the smoother first."""
 
     def filtered(drive: pd.DataFrame, modes: int) -> pd.DataFrame:
         return imm_ekf.run(drive, modes=modes).table

@@ -78,7 +78,7 @@ class _Scored:
 
 
 def _scored(name: str, estimator: Estimator, estimate: BaselineResult, recording: Recording, truth: _Truth) -> _Scored:
-    """One estimator's scores and curves, with ``estimator``."""
+    """Return one estimator's scores and curves, with ``estimator``."""
     trajectory = estimate.trajectory
     if not estimator.anchored or recording.fixes is None:
         trajectory = from_the_true_start(trajectory, truth.trajectory)

@@ -42,7 +42,7 @@ STANDARD_S = {
 def cases_of(
     recordings: Sequence[Path] = (), scenarios: Sequence[str] = (), *, seeds: int = 3, duration_s: float | None = None
 ) -> list[Case]:
-    """The runs of a comparison; the standard scenarios where there are neither recordings nor names.
+    """Return the runs of a comparison; the standard scenarios where there are neither recordings nor names.
 
     Raises :class:`BadInputError` for an unknown scenario, a recording that cannot be read, and two of one id.
     """
@@ -108,7 +108,7 @@ def compare(
 
 
 def _runs(cases: Sequence[Case], peers: bool, jobs: int, progress: Progress | None) -> Iterator[CaseRun]:
-    """In the order of the cases. The curves of the first run of each name are kept."""
+    """Run the cases in their order. The curves of the first run of each name are kept."""
     keep = [case.name not in {earlier.name for earlier in cases[:number]} for number, case in enumerate(cases)]
     if jobs == 1 or len(cases) == 1:
         for number, case in enumerate(cases):
@@ -134,7 +134,9 @@ def _runs(cases: Sequence[Case], peers: bool, jobs: int, progress: Progress | No
 
 
 def _repeatability(runs: Sequence[CaseRun]) -> Iterator[pd.DataFrame]:
-    """Scores of every run but the first: ``sd``, the rms over sections of the standard deviation of the difference."""
+    """Return scores of every run but the first: ``sd``, the rms over sections of the standard deviation of the
+    difference.
+    """
     if len(runs) < 2:
         return
     reference, *others = runs
@@ -180,6 +182,6 @@ def _lines(runs: Sequence[CaseRun]) -> tuple[ComparedCase, ...]:
 
 
 def _left_out(runs: Sequence[CaseRun]) -> tuple[LeftOut, ...]:
-    """Once per case and estimator, with the first reason."""
+    """Return what was left out, once per case and estimator, with the first reason."""
     first = {(run.case.name, name): reason for run in reversed(runs) for name, reason in run.left_out.items()}
     return tuple(LeftOut(case=case, estimator=name, reason=reason) for (case, name), reason in reversed(first.items()))

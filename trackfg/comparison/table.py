@@ -139,7 +139,7 @@ class Row(_Model):
 
     @property
     def beats_the_smoother(self) -> bool:
-        """Whether it is better, by chance or not."""
+        """Return whether it is better, by chance or not."""
         return self.to_smoother is not None and self.to_smoother < 1.0
 
 
@@ -190,7 +190,9 @@ class Comparison:
 
 
 def rows_of(scores: pd.DataFrame) -> tuple[Row, ...]:
-    """The table of scores with :data:`SCORE_COLUMNS`: cases and quantities in order, the best estimator first."""
+    """Return the table of scores with :data:`SCORE_COLUMNS`: cases and quantities in order, the best estimator
+    first.
+    """
     rows = []
     for case, of_case in scores.groupby("case", sort=False):
         for quantity, meaning in QUANTITIES.items():
@@ -232,7 +234,7 @@ def _ranked(case: str, quantity: str, meaning: Quantity, scores: pd.DataFrame) -
 
 
 def _ratio(error: pd.Series[float], reference: pd.Series[float]) -> tuple[float | None, tuple[float, float] | None]:
-    """Geometric mean over the runs that both have, and its 95 % interval."""
+    """Return geometric mean over the runs that both have, and its 95 % interval."""
     both = pd.concat([error, reference], axis=1, join="inner").to_numpy(dtype=np.float64)
     both = both[(both > 0.0).all(axis=1)]
     if len(both) == 0:

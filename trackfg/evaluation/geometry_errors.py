@@ -24,7 +24,7 @@ from trackfg.numerics.splines import spline_at
 def geometry_errors(
     geometry: pd.DataFrame, trajectory: pd.DataFrame, truth: pd.DataFrame, truth_geometry: pd.DataFrame
 ) -> pd.DataFrame:
-    """Errors of a geometry table at the places where its rows were measured.
+    """Return errors of a geometry table at the places where its rows were measured.
 
     ``trajectory`` and ``truth`` have ``t_s, chainage_m``; a ``geometry`` with ``t_s``, as of a stream, tells by itself
     when the vehicle was where. Columns, one row per row of ``geometry``: ``chainage_m``
@@ -48,7 +48,9 @@ def geometry_errors(
 
 
 def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Array) -> Array:
-    """Error of the trajectory's chainage when it was at estimated chainages ``places``; NaN where it never was."""
+    """Return error of the trajectory's chainage when it was at estimated chainages ``places``; NaN where it never
+    was.
+    """
     t, estimated = trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy()
     true = np.interp(t, truth["t_s"].to_numpy(), truth["chainage_m"].to_numpy())
     stretches = [slice(first, stop + 1) for first, stop in _passes(true)]
@@ -64,7 +66,9 @@ def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Arra
 
 
 def _passes(chainage: Array) -> list[tuple[int, int]]:
-    """First and last row of each stretch between two changes of direction; a rest belongs to the pass before it."""
+    """Return first and last row of each stretch between two changes of direction; a rest belongs to the pass before
+    it.
+    """
     sense = np.sign(np.diff(chainage))
     moving = np.flatnonzero(sense)
     if moving.size == 0:

@@ -18,7 +18,7 @@ from trackfg.numerics.spans import Span
 
 
 def withhold(gnss: pd.DataFrame, spans: Sequence[Span]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The rows outside all spans, and those inside one of them. ``gnss`` has ``t_s``."""
+    """Return the rows outside all spans, and those inside one of them. ``gnss`` has ``t_s``."""
     t = gnss["t_s"].to_numpy()
     inside = np.zeros(len(t), dtype=bool)
     for start, end in spans:
@@ -29,7 +29,7 @@ def withhold(gnss: pd.DataFrame, spans: Sequence[Span]) -> tuple[pd.DataFrame, p
 def horizontal_errors(
     trajectory: pd.DataFrame, positions: pd.DataFrame, lever_arm_m: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> pd.DataFrame:
-    """Error and 1-sigma at each position inside the trajectory's time: ``t_s, error_m, sd_m``.
+    """Return error and 1-sigma at each position inside the trajectory's time: ``t_s, error_m, sd_m``.
 
     ``positions`` has ``t_s, east_m, north_m`` of a point at ``lever_arm_m`` (body axes) from the reference point. The
     trajectory is interpolated linearly, its sigma is that of the reference point.
@@ -52,7 +52,9 @@ def horizontal_errors(
 
 
 def straight_line_errors(kept: pd.DataFrame, withheld: pd.DataFrame) -> Array:
-    """Horizontal error, m, of what needs no sensor at all: straight lines between the positions that were kept."""
+    """Return horizontal error, m, of what needs no sensor at all: straight lines between the positions that were
+    kept.
+    """
 
     def error(column: str) -> Array:
         line: Array = np.interp(withheld["t_s"].to_numpy(), kept["t_s"].to_numpy(), kept[column].to_numpy())
@@ -69,7 +71,7 @@ def score_outages(
     spans: Sequence[Span],
     lever_arm_m: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> pd.DataFrame:
-    """One row per span and a last one for all of them together.
+    """Return one row per span and a last one for all of them together.
 
     ``gnss`` holds all positions; those in ``spans`` were withheld from the trajectory. Columns: ``start_s, end_s``
     (empty in the last row), ``positions, rms_m, max_m, mean_sd_m, straight_rms_m``.

@@ -31,7 +31,7 @@ _FULL_SHARE = 0.9
 
 
 def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0.0, within_m: float) -> float:
-    """The shift ``d``, m, for which ``run`` at ``chainage + d`` agrees best with ``reference`` at ``chainage``.
+    """Return the shift ``d``, m, for which ``run`` at ``chainage + d`` agrees best with ``reference`` at ``chainage``.
 
     Both have ``chainage_m`` on whole multiples of one step, and at least one of :data:`ALIGNED_BY`. Sought within
     ``about_m`` +- ``within_m``. NaN where they have no place in common.
@@ -67,7 +67,7 @@ def section_repeatability(
     each_section: bool,
     section_m: float = 200.0,
 ) -> pd.DataFrame:
-    """The standard deviation of the difference of each column per section that both runs hold.
+    """Return the standard deviation of the difference of each column per section that both runs hold.
 
     Shifted by the whole run's best shift, or with ``each_section`` by each section's own. Columns ``from_m, to_m,
     shift_m``, and one per name in ``columns`` with its standard deviation, in its unit.
@@ -95,7 +95,7 @@ def section_repeatability(
 
 
 def _on_cells(table: pd.DataFrame, column: str, first: int, count: int, step: float) -> Array:
-    """A column on ``count`` cells from ``first`` on; NaN where it has none."""
+    """Return a column on ``count`` cells from ``first`` on; NaN where it has none."""
     row = cells_of(table, step) - first
     out = np.full(count, np.nan)
     inside = (row >= 0) & (row < count)
@@ -104,7 +104,7 @@ def _on_cells(table: pd.DataFrame, column: str, first: int, count: int, step: fl
 
 
 def _mean(values: Array) -> float:
-    """Of the finite values; NaN if there are none."""
+    """Return the mean of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else np.nan
 

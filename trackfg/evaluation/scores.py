@@ -23,12 +23,12 @@ STATISTICS = (*_OF_ERROR, *_OF_SIGMA)
 
 
 def quantities(table: pd.DataFrame) -> list[str]:
-    """The columns that have a sigma, but for the place."""
+    """Return the columns that have a sigma, but for the place."""
     return [name for name in map(str, table) if f"{name}_sd" in table and name not in PLACE]
 
 
 def score_run(errors: pd.DataFrame, band_kmh: float | None = 10.0) -> pd.DataFrame:
-    """One run's scores: a row per quantity for all of it, and one per speed band (None: no bands).
+    """Return one run's scores: a row per quantity for all of it, and one per speed band (None: no bands).
 
     Columns: ``quantity``; ``from_kmh`` (NaN in the row for all); ``places``, the number of rows that have an error;
     ``rms``, of the error; ``sd``, of the error about its mean over the whole run (the constant offset removed, in every
@@ -74,7 +74,7 @@ def _statistics(error: Array, sd: Array, offset: float) -> dict[str, float]:
 
 
 def score_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """The scores of many runs (rows of :func:`score_run` under each other), one row per quantity.
+    """Return the scores of many runs (rows of :func:`score_run` under each other), one row per quantity.
 
     ``runs``, how many have the quantity; ``rms, sd, mean_abs, mean_sd, coverage``: the mean over runs of each run's;
     ``max`` over all; ``ratio``: over all, every run with one weight; ``rms_margin`` and so on (but for ``mean_sd``):
@@ -94,7 +94,7 @@ def score_runs(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def score_bands(runs: pd.DataFrame) -> pd.DataFrame:
-    """The scores of many runs by speed band, every place with one weight: a row per quantity and band.
+    """Return the scores of many runs by speed band, every place with one weight: a row per quantity and band.
 
     The columns of :func:`score_run`.
     """
@@ -117,7 +117,7 @@ def score_bands(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def margin(values: Array) -> float:
-    """Half the width of the 95 % interval of the mean (Student's t); NaN for one value."""
+    """Return half the width of the 95 % interval of the mean (Student's t); NaN for one value."""
     if len(values) < 2:
         return np.nan
     return float(stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values)))
@@ -128,5 +128,5 @@ def _mean_square_root(values: pd.Series[float], weights: Array | None = None) ->
 
 
 def rms(values: Array | pd.Series) -> float:
-    """The root of the mean square; NaN of no values, and where one is."""
+    """Return the root of the mean square; NaN of no values, and where one is."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.nan

@@ -41,13 +41,13 @@ class SlipScore:
 
     @property
     def recall(self) -> float:
-        """NaN where nothing was to be found."""
+        """Return the recall; NaN where nothing was to be found."""
         asked = len(self.found) + len(self.missed)
         return len(self.found) / asked if asked else np.nan
 
     @property
     def precision(self) -> float:
-        """NaN where nothing was reported."""
+        """Return the precision; NaN where nothing was reported."""
         return 1.0 - len(self.false) / self.events if self.events else np.nan
 
 
@@ -86,7 +86,7 @@ def score_slips(
 
 
 def together(scores: Sequence[SlipScore]) -> SlipScore:
-    """The score of many runs as of one: every slip and every event has one weight."""
+    """Return the score of many runs as of one: every slip and every event has one weight."""
     tables = {
         name: pd.concat([getattr(score, name) for score in scores], ignore_index=True)
         for name in ("found", "missed", "false", "distances")
@@ -95,7 +95,7 @@ def together(scores: Sequence[SlipScore]) -> SlipScore:
 
 
 def _matches(slips: pd.DataFrame, reported: pd.DataFrame) -> np.ndarray:
-    """Which true slip (rows) matches which event (columns), of bool."""
+    """Return which true slip (rows) matches which event (columns), of bool."""
     (a, b), (c, d) = (
         (table["start_s"].to_numpy(dtype=float), table["end_s"].to_numpy(dtype=float)) for table in (slips, reported)
     )
@@ -107,7 +107,7 @@ def _matches(slips: pd.DataFrame, reported: pd.DataFrame) -> np.ndarray:
 
 
 def _distances(slips: pd.DataFrame, reported: pd.DataFrame, match: np.ndarray) -> pd.DataFrame:
-    """True and removed distance of each group."""
+    """Return true and removed distance of each group."""
     n = len(slips)
     row, column = np.nonzero(match)
     graph = coo_array((np.ones(row.size), (row, n + column)), shape=(n + len(reported),) * 2)

@@ -46,7 +46,7 @@ def write_exceedances(judgement: Judgement, path: Path) -> None:
 
 
 def _without_holes(geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
-    """The table with a row at every step: NaN where the run did not pass."""
+    """Return the table with a row at every step: NaN where the run did not pass."""
     cells = cells_of(geometry, step_m)
     every = np.arange(cells[0], cells[-1] + 1)
     if len(every) == len(cells):

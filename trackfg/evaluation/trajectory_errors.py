@@ -27,8 +27,8 @@ _IN_UNITS = {
 
 
 def trajectory_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
-    """The error of every quantity at each instant that the truth holds, and its sigma ``_sd``: ``t_s``, ``speed_mps``,
-    ``along_track_m``, ``roll_mrad, pitch_mrad, speed_kmh, east_m, north_m``.
+    """Return the error of every quantity at each instant that the truth holds, and its sigma ``_sd``: ``t_s``,
+    ``speed_mps``, ``along_track_m``, ``roll_mrad, pitch_mrad, speed_kmh, east_m, north_m``.
 
     ``trajectory`` has :data:`trackfg.results.columns.TRAJECTORY_COLUMNS`, NaN where nothing is said; ``truth`` any of
     them, interpolated linearly.
@@ -46,15 +46,15 @@ def trajectory_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataF
 
 
 def from_the_true_start(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
-    """The trajectory with its chainage shifted to be right at its first row: for estimators that only count."""
+    """Return the trajectory with its chainage shifted to be right at its first row: for estimators that only count."""
     first = trajectory.iloc[0]
     shift = np.interp(first["t_s"], truth["t_s"], truth["chainage_m"]) - first["chainage_m"]
     return trajectory.assign(chainage_m=trajectory["chainage_m"] + shift)
 
 
 def distance_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
-    """The error of the distance over each whole kilometre of true way, to or fro, from the start: ``speed_mps``, the
-    mean speed over it, and ``distance_percent`` of the true distance, whose sigma is not known (NaN).
+    """Return the error of the distance over each whole kilometre of true way, to or fro, from the start: ``speed_mps``,
+    the mean speed over it, and ``distance_percent`` of the true distance, whose sigma is not known (NaN).
     """
     clock, chainage = truth["t_s"].to_numpy(), truth["chainage_m"].to_numpy()
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(chainage)))])

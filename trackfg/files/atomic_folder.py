@@ -38,7 +38,7 @@ _OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST}
 
 @contextmanager
 def replaced_folder(target: Path) -> Iterator[Path]:
-    """An empty folder to write into; when the block ends without an exception, it becomes ``target``.
+    """Yield an empty folder to write into; when the block ends without an exception, it becomes ``target``.
 
     With an exception (Ctrl-C included) the target stays as it was and nothing is left behind. Parents are created. What
     the target held before is deleted: whether that is allowed is for the caller to decide. Raises ``OSError`` where the
@@ -102,7 +102,9 @@ def _publish(new: Path, target: Path, aside: Path) -> None:
 
 
 def _settle(target: Path, aside: Path) -> None:
-    """Moved away: back if nothing came in its place, else out of :func:`recover`'s sight before it is taken apart."""
+    """Settle what was moved away: back if nothing came in its place, else out of :func:`recover`'s sight before it is
+    taken apart.
+    """
     if aside.exists():
         aside.rename(aside.with_name(_DISCARDED) if target.exists() else target)
 
@@ -148,7 +150,9 @@ def _lock_if_abandoned(workspace: Path) -> int | None:
 
 
 def _lock(workspace: Path, *, wait: bool) -> int | None:
-    """The open lock of a workspace, or None: another holds it, or a process that cleans up has just removed it."""
+    """Return the open lock of a workspace, or None: another holds it, or a process that cleans up has just removed
+    it.
+    """
     path = workspace / _LOCK
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -178,7 +182,7 @@ def _remove_leftovers(target: Path) -> None:
 
 
 def _flush(folder: Path) -> None:
-    """Everything below ``folder`` on the disk, so that a power cut cannot publish names without content."""
+    """Put everything below ``folder`` on the disk, so that a power cut cannot publish names without content."""
     for parent, _, files in os.walk(folder):
         for name in files:
             sync(Path(parent) / name)
@@ -186,7 +190,7 @@ def _flush(folder: Path) -> None:
 
 
 def sync(path: Path) -> None:
-    """A file, or the names in a folder, on the disk."""
+    """Put a file, or the names in a folder, on the disk."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)

@@ -26,7 +26,7 @@ class FolderKind:
     files: tuple[str, ...]
 
     def holds(self, folder: Path) -> bool:
-        """Whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
+        """Return whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
         try:
             content = json.loads((folder / self.head).read_bytes())
         except (OSError, ValueError):
@@ -56,7 +56,7 @@ class FolderKind:
             )
 
     def read(self, folder: Path) -> dict[str, bytes]:
-        """Every file of one version of the folder, also while another process replaces it.
+        """Read every file of one version of the folder, also while another process replaces it.
 
         An open folder stays the same one whatever happens to its name, so all files come from it; if it is deleted
         meanwhile, its successor is read instead. Raises :class:`BadInputError` if it, or a file of it, is not there.

@@ -55,28 +55,28 @@ class Car:
 
     @property
     def C(self) -> Array:
-        """Cornering powers, front and rear."""
+        """Return cornering powers, front and rear."""
         return np.array([self.C_f, self.C_r])
 
     @property
     def K(self) -> Array:
-        """``pi C / (2 W)``, W the load of one tyre, front and rear."""
+        """Return ``pi C / (2 W)``, W the load of one tyre, front and rear."""
         load = 0.5 * self.m * STANDARD_GRAVITY * np.array([self.l_r, self.l_f]) / (self.l_f + self.l_r)
         return np.asarray(np.pi * self.C / (2.0 * load))
 
     @property
     def D(self) -> Array:
-        """Forces of the tyres to accelerations above the axles, eq. 10. Shape (2, 2)."""
+        """Return forces of the tyres to accelerations above the axles, eq. 10. Shape (2, 2)."""
         across = 1.0 / self.m - self.l_f * self.l_r / self.I
         front, rear = 1.0 / self.m + self.l_f**2 / self.I, 1.0 / self.m + self.l_r**2 / self.I
         return 2.0 * np.array([[front, across], [across, rear]])
 
     def A(self, dt: float) -> Array:
-        """The state without forces, eq. 9. Shape (2, 2)."""
+        """Return the state without forces, eq. 9. Shape (2, 2)."""
         return np.array([[1.0, -dt], [0.0, 1.0]])
 
     def G(self, dt: float) -> Array:
-        """Forces of the tyres to the state, eq. 9. Shape (2, 2).
+        """Return forces of the tyres to the state, eq. 9. Shape (2, 2).
 
         The paper's eq. 11 lacks the factor 2 and the sign of l_r: noise would enter otherwise than the force it is on.
         """
@@ -93,17 +93,17 @@ class Noise:
 
     @property
     def Q(self) -> Array:
-        """The paper's diag(400, 400), N^2."""
+        """Return the paper's diag(400, 400), N^2."""
         return np.diag(np.square(self.force_sd))
 
     @property
     def R(self) -> Array:
-        """The paper's diag(0.25, 0.25), (m/s^2)^2."""
+        """Return the paper's diag(0.25, 0.25), (m/s^2)^2."""
         return np.diag(np.square(self.acceleration_sd))
 
 
 def drive_arrays(drive: pd.DataFrame) -> tuple[Array, float, Array, Array]:
-    """Times (n,), their step, steer (n,) and accelerations (n, 2) of a table with :data:`DRIVE_COLUMNS`.
+    """Return times (n,), their step, steer (n,) and accelerations (n, 2) of a table with :data:`DRIVE_COLUMNS`.
 
     Raises :class:`~trackfg.errors.BadInputError` where a column is missing, a value not finite, the step not constant
     (to a thousandth) or a row alone.
@@ -130,7 +130,7 @@ class TyreForces(NamedTuple):
 
 
 def tyre_forces(car: Car, x: Array, delta: Array | float, mu: Array | float) -> TyreForces:
-    """Equations 3 to 6 without noise. Shapes: ``x`` (..., 2), ``delta`` and ``mu`` (...)."""
+    """Return equations 3 to 6 without noise. Shapes: ``x`` (..., 2), ``delta`` and ``mu`` (...)."""
     C, K = car.C, car.K
     arm = np.array([car.l_f, -car.l_r]) / car.V
     slip = x[..., :1] + arm * x[..., 1:] - np.asarray(delta)[..., None] * np.array([1.0, 0.0])

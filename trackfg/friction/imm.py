@@ -100,14 +100,14 @@ def interacting_multiple_models(
 
 
 def moments(probability: Array, state: Array, covariance: Array) -> tuple[Array, Array]:
-    """Mean (n,) and covariance (n, n) of the mixture, eq. 25."""
+    """Return mean (n,) and covariance (n, n) of the mixture, eq. 25."""
     mean = probability @ state
     off = state - mean
     return mean, np.einsum("i,iab->ab", probability, covariance) + np.einsum("i,ia,ib->ab", probability, off, off)
 
 
 def measured(state: Array, covariance: Array, error: Array, H: Array, R: Array) -> ModeSteps:
-    """The update (13, 14, 16, 23) of every mode with the innovation ``error`` (M, p) of its predicted measurement.
+    """Update (13, 14, 16, 23) every mode with the innovation ``error`` (M, p) of its predicted measurement.
 
     Shapes: ``state`` (M, n), ``covariance`` (M, n, n), ``H`` (M, p, n), ``R`` (p, p) or (M, p, p). The covariance is
     updated in Joseph's form.

@@ -94,7 +94,7 @@ def run(
 
 
 def transition_matrix(modes: int, *, as_printed: bool = False) -> Array:
-    """``p_ij``: eq. 28 for 3 modes, the rule below it for more. Shape (modes, modes).
+    """Return ``p_ij``: eq. 28 for 3 modes, the rule below it for more. Shape (modes, modes).
 
     0.5 to stay, 0.2 to either neighbour (0.3 where there is one only), the rest shared by all others. Raises
     ``ValueError`` for fewer than 3 modes.

@@ -56,7 +56,7 @@ class FrictionModel:
 def smooth_friction(
     drive: pd.DataFrame, *, car: Car | None = None, noise: Noise | None = None, model: FrictionModel | None = None
 ) -> pd.DataFrame:
-    """Columns :data:`trackfg.friction.bicycle.FRICTION_COLUMNS` from ``drive``, a table with columns
+    """Return columns :data:`trackfg.friction.bicycle.FRICTION_COLUMNS` from ``drive``, a table with columns
     :data:`trackfg.friction.bicycle.DRIVE_COLUMNS` at a fixed rate.
 
     ``car`` and ``noise`` are the paper's by default. Raises :class:`~trackfg.errors.UnsolvableError` where the
@@ -109,7 +109,7 @@ class _Problem:
         )
 
     def start(self) -> Array:
-        """What the car would do with the prior's friction. Shape (n, 3)."""
+        """Return what the car would do with the prior's friction. Shape (n, 3)."""
         z = np.zeros((len(self.y), 3))
         z[:, 2] = self.model.start
         A, G = self.car.A(self.dt), self.car.G(self.dt)
@@ -118,7 +118,7 @@ class _Problem:
         return z
 
     def residuals(self, z: Array) -> tuple[Array, Array, Array, TyreForces]:
-        """Whitened: start (3,), steps (n - 1, 4), last measurement (2,); and the forces."""
+        """Return the whitened residuals: start (3,), steps (n - 1, 4), last measurement (2,); and the forces."""
         forces = tyre_forces(self.car, z[:, :2], self.steer, z[:, 2])
         off = self.y - forces.F @ self.car.D.T
         moved = z[1:, :2] - z[:-1, :2] @ self.car.A(self.dt).T - forces.F[:-1] @ self.car.G(self.dt).T
@@ -134,7 +134,9 @@ class _Problem:
         return np.array([*self.model.state_sd, self.model.start_sd])
 
     def cost(self, z: Array, width: float) -> float:
-        """Half the sum of squared whitened residuals, those of friction under the loss; infinite below the least mu."""
+        """Return half the sum of squared whitened residuals, those of friction under the loss; infinite below the
+        least mu.
+        """
         if z[:, 2].min() < self.model.least:
             return float("inf")
         start, steps, last, _ = self.residuals(z)
@@ -143,7 +145,9 @@ class _Problem:
         return float(0.5 * (start @ start + np.sum(steps**2) + last @ last + np.sum(walk)))
 
     def linearized(self, z: Array, walk_weight: Array) -> gtsam.GaussianFactorGraph:
-        """The linear factors at ``z``, the friction factors weighted by ``walk_weight`` (n - 1,). Keys are steps."""
+        """Return the linear factors at ``z``, the friction factors weighted by ``walk_weight`` (n - 1,). Keys are
+        steps.
+        """
         n = len(z)
         start, steps, last, forces = self.residuals(z)
         A, G, D = self.car.A(self.dt), self.car.G(self.dt), self.car.D
@@ -173,13 +177,13 @@ def _eliminate(problem: _Problem, z: Array, walk_weight: Array) -> gtsam.Gaussia
 
 
 def _walk_weight(problem: _Problem, z: Array, width: float) -> Array:
-    """Geman and McClure's weights of the friction increments, ``(c^2 / (c^2 + u^2))^2``. Shape (n - 1,)."""
+    """Return Geman and McClure's weights of the friction increments, ``(c^2 / (c^2 + u^2))^2``. Shape (n - 1,)."""
     u = np.diff(z[:, 2]) / problem.walk_sd
     return np.asarray(1.0 / np.square(1.0 + np.square(u / width)))
 
 
 def _minimise(problem: _Problem, z: Array, width: float) -> Array:
-    """Reweighted Gauss-Newton steps, halved until the cost falls, until it hardly does."""
+    """Minimise by reweighted Gauss-Newton steps, halved until the cost falls, until it hardly does."""
     cost = problem.cost(z, width)
     for _ in range(_MOST_ITERATIONS):
         step = _eliminate(problem, z, _walk_weight(problem, z, width)).optimize()
@@ -198,7 +202,7 @@ def _minimise(problem: _Problem, z: Array, width: float) -> Array:
 
 
 def _marginal_variances(bayes_net: gtsam.GaussianBayesNet, n: int) -> Array:
-    """Backwards over the Bayes net: ``z_k = -R^-1 S z_k+1 + R^-1 e``, e of unit covariance. Shape (n, 3)."""
+    """Run backwards over the Bayes net: ``z_k = -R^-1 S z_k+1 + R^-1 e``, e of unit covariance. Shape (n, 3)."""
     variance = np.empty((n, 3))
     P = np.zeros((3, 3))
     for k in range(n - 1, -1, -1):

@@ -64,7 +64,8 @@ BANDS = {"D0": D0, "D1": D1, "D2": D2, "D3": D3}
 
 
 def band_pass(y: ArrayLike, step_m: float, band: Band) -> Array:
-    """The part of a profile (..., n) in a band, in its unit; NaN nearer than :func:`end_margin_m` to an end or a hole.
+    """Return the part of a profile (..., n) in a band, in its unit; NaN nearer than :func:`end_margin_m` to an end or a
+    hole.
 
     A hole in one row is a hole in all. Raises ``BadInputError`` where the step is too long for the band.
     """
@@ -81,7 +82,7 @@ def band_pass(y: ArrayLike, step_m: float, band: Band) -> Array:
 
 
 def band_response(wavelength_m: ArrayLike, band: Band) -> Array:
-    """The gain ``G`` of a band, real; 0 for an infinite wavelength."""
+    """Return the gain ``G`` of a band, real; 0 for an infinite wavelength."""
     W = wave_number(wavelength_m)
     low, high = 2.0 * np.pi / band.longest_m, 2.0 * np.pi / band.shortest_m
     safe = np.where(W == 0.0, 1.0, W)
@@ -90,7 +91,7 @@ def band_response(wavelength_m: ArrayLike, band: Band) -> Array:
 
 
 def realised_band_response(wavelength_m: ArrayLike, step_m: float, band: Band) -> Array:
-    """The response of :func:`band_pass` away from the ends, real: the kernel's times the second difference's."""
+    """Return the response of :func:`band_pass` away from the ends, real: the kernel's times the second difference's."""
     W = wave_number(wavelength_m)
     kernel = _kernel(band, step_m)
     half = len(kernel) // 2
@@ -100,12 +101,12 @@ def realised_band_response(wavelength_m: ArrayLike, step_m: float, band: Band) -
 
 
 def end_margin_m(step_m: float, band: Band) -> float:
-    """How far from an end :func:`band_pass` gives its first value, m."""
+    """Return how far from an end :func:`band_pass` gives its first value, m."""
     return _end_margin(band, step_m) * step_m
 
 
 def _band_of_run(y: Array, step_m: float, band: Band, kernel: Array) -> Array:
-    """The band of a profile without holes, continued at both ends."""
+    """Return the band of a profile without holes, continued at both ends."""
     second = y[..., 2:] - y[..., 1:-1]
     second -= y[..., 1:-1] - y[..., :-2]  # difference of differences: the large values cancel first
     second /= step_m**2
@@ -125,7 +126,7 @@ def _mean_over(band: Band, step_m: float) -> int:
 
 @lru_cache(maxsize=32)
 def _kernel(band: Band, step_m: float) -> Array:
-    """``K`` at the steps from ``-reach`` to ``reach``; its last eighth tapered, its sum zero."""
+    """Return ``K`` at the steps from ``-reach`` to ``reach``; its last eighth tapered, its sum zero."""
     if not 0.0 < step_m < band.shortest_m / 2.0:
         raise BadInputError(f"step_m is {step_m!r}; expected less than half of the band's {band.shortest_m:g} m")
     count = 2 ** int(np.ceil(np.log2(_PERIOD * band.longest_m / step_m)))
@@ -148,7 +149,7 @@ def _kernel(band: Band, step_m: float) -> Array:
 
 @lru_cache(maxsize=32)
 def _end_margin(band: Band, step_m: float) -> int:
-    """Steps from an end to where the part of the kernel beyond it does less than ``_END_ERROR`` of any sine.
+    """Return steps from an end to where the part of the kernel beyond it does less than ``_END_ERROR`` of any sine.
 
     At ``m`` steps from the end, a sine (second difference 1) is wrong by ``sum_{j > m} K_j (exp(i w (j - m)) - c)``,
     with ``c`` the mean that it is continued by.

@@ -6,7 +6,7 @@ from trackfg.numerics.arrays import Array
 
 
 def convolve_inside(y: Array, kernel: Array) -> Array:
-    """``sum_k kernel[k] y[..., i + m - 1 - k]`` where the kernel of ``m`` taps fits.
+    """Return ``sum_k kernel[k] y[..., i + m - 1 - k]`` where the kernel of ``m`` taps fits.
 
     Shape (..., n) to (..., n - m + 1).
 

@@ -19,18 +19,18 @@ Convention = Literal["left-high", "right-high", "inner-rail"]
 
 
 def cross_level(roll_rad: ArrayLike, base_m: float) -> Array:
-    """Cross-level, m, left rail higher is positive, of track rolls (left side up positive). Any shape."""
+    """Return cross-level, m, left rail higher is positive, of track rolls (left side up positive). Any shape."""
     return np.asarray(base_m * np.sin(np.asarray(roll_rad, dtype=np.float64)))
 
 
 def roll_of_cross_level(cross_level_m: ArrayLike, base_m: float) -> Array:
-    """The track roll, rad: inverse of :func:`cross_level`. NaN where the cross-level exceeds the base."""
+    """Return the track roll, rad: inverse of :func:`cross_level`. NaN where the cross-level exceeds the base."""
     ratio = np.asarray(cross_level_m, dtype=np.float64) / base_m
     return np.asarray(np.arcsin(np.where(np.abs(ratio) <= 1.0, ratio, np.nan)))
 
 
 def to_base(cross_level_m: ArrayLike, from_base_m: float, to_base_m: float) -> Array:
-    """The same track's cross-level over another base: ``base2/base1`` times as much, exactly."""
+    """Return the same track's cross-level over another base: ``base2/base1`` times as much, exactly."""
     return np.asarray(np.asarray(cross_level_m, dtype=np.float64) * (to_base_m / from_base_m))
 
 
@@ -41,7 +41,7 @@ def in_convention(
     cant_m: ArrayLike | None = None,
     curvature_1pm: ArrayLike | None = None,
 ) -> Array:
-    """A cross-level (left rail higher positive) in the sign of ``convention``.
+    """Return a cross-level (left rail higher positive) in the sign of ``convention``.
 
     ``"inner-rail"`` is the Japanese rule: the inner rail is the reference, more than the design cant is positive; on
     straights the left rail is the reference, so that the right rail higher is positive. It needs the design's

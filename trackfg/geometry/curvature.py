@@ -18,7 +18,7 @@ from trackfg.numerics.arrays import Array
 
 
 def curvature(heading_rad: ArrayLike, step_m: float, base_m: float = 10.0) -> Array:
-    """Curvature, 1/m, positive to the left, of headings (..., n) that are positive to the left and not wrapped.
+    """Return curvature, 1/m, positive to the left, of headings (..., n) that are positive to the left and not wrapped.
 
     NaN within half a base of an end. Raises ``BadInputError`` where half the base is no whole multiple of ``step_m``.
     """
@@ -27,12 +27,12 @@ def curvature(heading_rad: ArrayLike, step_m: float, base_m: float = 10.0) -> Ar
 
 
 def curvature_response(wavelength_m: ArrayLike, base_m: float = 10.0) -> np.ndarray:
-    """Complex response of :func:`curvature` to the heading, 1/m."""
+    """Return complex response of :func:`curvature` to the heading, 1/m."""
     return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)
 
 
 def heading_of_lateral(u: ArrayLike, step_m: float, half_m: float = 1.0) -> Array:
-    """Heading, rad, of lateral positions (..., n) in m; NaN within ``half_m`` of an end.
+    """Return heading, rad, of lateral positions (..., n) in m; NaN within ``half_m`` of an end.
 
     Raises ``BadInputError`` where ``half_m`` is no whole multiple of ``step_m``, or of fewer than two steps.
     """
@@ -40,18 +40,18 @@ def heading_of_lateral(u: ArrayLike, step_m: float, half_m: float = 1.0) -> Arra
 
 
 def heading_of_lateral_response(wavelength_m: ArrayLike, step_m: float, half_m: float = 1.0) -> np.ndarray:
-    """Complex response of :func:`heading_of_lateral` to u, 1/m."""
+    """Return complex response of :func:`heading_of_lateral` to u, 1/m."""
     W = wave_number(wavelength_m)
     return np.asarray(sum(weight * np.exp(1j * W * k * step_m) for k, weight in _slope_weights(step_m, half_m)))
 
 
 def heading_noise(step_m: float, half_m: float = 1.0) -> float:
-    """Sigma of the heading, rad, for independent errors of 1 m in u."""
+    """Return sigma of the heading, rad, for independent errors of 1 m in u."""
     return float(np.sqrt(sum(weight**2 for _, weight in _slope_weights(step_m, half_m))))
 
 
 def _slope_weights(step_m: float, half_m: float) -> list[tuple[int, float]]:
-    """Weights of the neighbours in the slope, at the middle, of the cubic fitted by least squares."""
+    """Return weights of the neighbours in the slope, at the middle, of the cubic fitted by least squares."""
     half = steps(half_m, step_m, "half_m")
     if half < 2:
         raise BadInputError(f"half_m is {half_m:g} m; expected two steps of {step_m:g} m or more")

@@ -15,7 +15,7 @@ _MEAN_OVER_M = 50.0
 
 
 def mean_curvature(chainage_m: Array, curvature_1pm: Array) -> Array:
-    """The curvature averaged over 50 m, 1/m, on a uniform grid; NaN does not count. Shape (n,)."""
+    """Return the curvature averaged over 50 m, 1/m, on a uniform grid; NaN does not count. Shape (n,)."""
     if len(chainage_m) < 2:
         return curvature_1pm
     rows = 2 * round(_MEAN_OVER_M / 2.0 / (chainage_m[1] - chainage_m[0])) + 1
@@ -23,7 +23,7 @@ def mean_curvature(chainage_m: Array, curvature_1pm: Array) -> Array:
 
 
 def curve_sense(chainage_m: Array, curvature_1pm: Array, from_1pm: float = CURVED_FROM_1PM) -> Array:
-    """1 in a curve to the left, -1 to the right, 0 on straight track. Shape (n,), on a uniform grid.
+    """Return 1 in a curve to the left, -1 to the right, 0 on straight track. Shape (n,), on a uniform grid.
 
     A curve is where the curvature averaged over 50 m is above ``from_1pm``. Near places where it was measured this also
     says something of one where it was not (NaN); far from them it is 0.

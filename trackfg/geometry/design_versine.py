@@ -21,7 +21,8 @@ from trackfg.numerics.arrays import Array
 
 
 def design_versine(curvature_1pm: ArrayLike, step_m: float, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """Versines, m, of a design with curvatures (..., n) in 1/m; NaN where the chord, or a step more, does not fit.
+    """Return versines, m, of a design with curvatures (..., n) in 1/m; NaN where the chord, or a step more, does not
+    fit.
 
     Raises ``BadInputError`` where ``behind_m`` or ``ahead_m`` is no whole multiple of ``step_m``.
     """
@@ -42,7 +43,8 @@ def design_versine(curvature_1pm: ArrayLike, step_m: float, behind_m: float = 5.
 
 
 def design_versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> np.ndarray:
-    """Complex response of :func:`design_versine` to the curvature, m^2, for steps much shorter than the wavelength.
+    """Return complex response of :func:`design_versine` to the curvature, m^2, for steps much shorter than the
+    wavelength.
 
     That of the versine over that of ``y'' = -W^2 y``; ``-p q / 2``, a circle's, for an infinite wavelength.
     """
@@ -56,7 +58,7 @@ def design_versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahea
 def running_design_versine(
     versines: ArrayLike, step_m: float, median_m: float = 60.0, average_m: float = 20.0
 ) -> Array:
-    """An estimate of the design's versines from the measured ones (..., n) alone, in their unit.
+    """Return an estimate of the design's versines from the measured ones (..., n) alone, in their unit.
 
     Running median over ``median_m``, then moving average over ``average_m``; NaN within half of both of an end or a
     hole. A fault that fills less than half of the median's window leaves no trace; transitions much shorter than it are

@@ -115,7 +115,7 @@ def exceedances(
 
 
 def _applies(limit: Limit, speed: Array, to_left: Array) -> np.ndarray:
-    """Where the limit's speeds and track hold."""
+    """Return where the limit's speeds and track hold."""
     applies = np.ones(len(speed), dtype=bool)
     if limit.speed_from_kmh is not None:
         applies &= speed > limit.speed_from_kmh

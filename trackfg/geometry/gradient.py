@@ -12,7 +12,7 @@ from trackfg.numerics.arrays import Array
 
 
 def gradient(z: ArrayLike, step_m: float, base_m: float = 25.0) -> Array:
-    """Gradient, m/m, positive uphill, of heights (..., n) in m; NaN within half a base of an end.
+    """Return gradient, m/m, positive uphill, of heights (..., n) in m; NaN within half a base of an end.
 
     Raises ``BadInputError`` where half the base is no whole multiple of ``step_m``.
     """
@@ -21,5 +21,5 @@ def gradient(z: ArrayLike, step_m: float, base_m: float = 25.0) -> Array:
 
 
 def gradient_response(wavelength_m: ArrayLike, base_m: float = 25.0) -> np.ndarray:
-    """Complex response of :func:`gradient` to the height, 1/m."""
+    """Return complex response of :func:`gradient` to the height, 1/m."""
     return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)

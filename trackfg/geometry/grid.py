@@ -15,7 +15,9 @@ _TOLERANCE = 1e-6
 
 
 def steps(length_m: float, step_m: float, what: str) -> int:
-    """``length_m`` as a whole number of steps, at least one. Raises ``BadInputError`` that names ``what`` it is."""
+    """Return ``length_m`` as a whole number of steps, at least one. Raises ``BadInputError`` that names ``what`` it
+    is.
+    """
     if not (np.isfinite(step_m) and step_m > 0.0):
         raise BadInputError(f"step_m is {step_m!r}; expected a length above 0")
     count = round(length_m / step_m) if np.isfinite(length_m) else 0
@@ -25,7 +27,7 @@ def steps(length_m: float, step_m: float, what: str) -> int:
 
 
 def weighted_neighbours(y: ArrayLike, weights: Mapping[int, float]) -> Array:
-    """``sum_k weights[k] y[..., i + k]``, NaN where a neighbour is beyond an end. Shape (..., n) to the same."""
+    """Return ``sum_k weights[k] y[..., i + k]``, NaN where a neighbour is beyond an end. Shape (..., n) to the same."""
     y = np.asarray(y, dtype=np.float64)
     n = y.shape[-1]
     first, stop = max(0, -min(weights)), n - max(0, *weights)
@@ -40,8 +42,8 @@ def weighted_neighbours(y: ArrayLike, weights: Mapping[int, float]) -> Array:
 
 
 def window_sums(y: Array, count: int) -> Array:
-    """Sums of ``count`` neighbours by repeated doubling: as exact as adding them one by one, and a NaN stays where it
-    is (a difference of cumulative sums would keep neither promise). Shape (..., n) to (..., n - count + 1).
+    """Return sums of ``count`` neighbours by repeated doubling: as exact as adding them one by one, and a NaN stays
+    where it is (a difference of cumulative sums would keep neither promise). Shape (..., n) to (..., n - count + 1).
     """
     length = y.shape[-1] - count + 1
     if length < 1:
@@ -59,5 +61,5 @@ def window_sums(y: Array, count: int) -> Array:
 
 
 def wave_number(wavelength_m: ArrayLike) -> Array:
-    """``W = 2 pi / wavelength``, rad/m; zero for an infinite wavelength."""
+    """Return ``W = 2 pi / wavelength``, rad/m; zero for an infinite wavelength."""
     return np.asarray(2.0 * np.pi / np.asarray(wavelength_m, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""From the columns of a geometry table to the quantity that a limit speaks of; or why that cannot be had.
+"""Turn the columns of a geometry table into the quantity that a limit speaks of, or say why that cannot be had.
 
 Used are the standard columns (``level_mm``, ``versine_level_mm``, ``cross_level_mm``, ``twist_mm``, ``gauge_mm``; each
 also for the rails, ``level_left_mm``), the design's ``cant_mm``, and *profiles*: ``profile_level_m`` and
@@ -51,7 +51,7 @@ class JudgedQuantity:
 
 
 def step_of(chainage_m: Array) -> float:
-    """The step of a uniform chainage. Raises ``BadInputError`` where it is not uniform, with the row."""
+    """Return the step of a uniform chainage. Raises ``BadInputError`` where it is not uniform, with the row."""
     if len(chainage_m) < 2:
         raise BadInputError(f"geometry with {len(chainage_m)} rows; expected at least 2")
     step = float(chainage_m[-1] - chainage_m[0]) / (len(chainage_m) - 1)
@@ -130,7 +130,9 @@ def quantities(
 def _offsets(
     table: pd.DataFrame, limit: Limit, chainage: Array, step: float, lengths: ColumnLengths
 ) -> list[JudgedQuantity] | str:
-    """Level and alignment, in a band or from a chord: of every profile there is, or else of the standard columns."""
+    """Return level and alignment, in a band or from a chord: of every profile there is, or else of the standard
+    columns.
+    """
     found = []
     for side in _SIDES:
         name = f"profile_{limit.parameter}{side}_m"
@@ -159,8 +161,8 @@ def _offsets(
 
 
 def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limit: Limit) -> JudgedQuantity:
-    """Versines, or their deviations from uniformity, of a chord of any length: where a quarter of it is no multiple of
-    the step (31 ft is 9.4488 m), on a slightly finer grid of which it is one."""
+    """Return versines, or their deviations from uniformity, of a chord of any length: where a quarter of it is no
+    multiple of the step (31 ft is 9.4488 m), on a slightly finer grid of which it is one."""
     assert limit.chord_m is not None
     quarter = limit.chord_m / 4.0
     per_quarter = int(np.ceil(quarter / step - 1e-6))
@@ -174,7 +176,7 @@ def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limi
 
 
 def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array]:
-    """A profile on another grid, by a cubic spline; NaN next to where it is NaN."""
+    """Return a profile on another grid, by a cubic spline; NaN next to where it is NaN."""
     from scipy.interpolate import CubicSpline
 
     grid = chainage[0] + step * np.arange(int((chainage[-1] - chainage[0]) / step) + 1)
@@ -189,8 +191,8 @@ def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array
 
 
 def _range_within(value: Array, step: float, length_m: float) -> Array:
-    """The greatest difference between two places less than ``length_m`` apart, centred; NaN where the window does not
-    fit or meets a hole."""
+    """Return the greatest difference between two places less than ``length_m`` apart, centred; NaN where the window
+    does not fit or meets a hole."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
     count = max(1, int(np.ceil(length_m / step - 1e-6)))  # places of which the outermost are less than that apart

@@ -104,7 +104,7 @@ class Limit(BaseModel):
 
     @property
     def quantity(self) -> str:
-        """The limited quantity in words: parameter, band, chord or base, and kind."""
+        """Return the limited quantity in words: parameter, band, chord or base, and kind."""
         over = [self.band, self.chord_m and f"{self.chord_m:g} m chord", self.base_m and f"over {self.base_m:g} m"]
         words = [self.parameter.replace("_", " "), *(str(part) for part in over if part)]
         words += ["uniformity"] if self.uniformity else []
@@ -205,7 +205,7 @@ def _parse(text: str, file: str) -> tuple[Limit, ...]:
 
 
 def _sentence(detail: ErrorDetails, file: str) -> str:
-    """What is wrong where, in the words of this format."""
+    """Say what is wrong where, in the words of this format."""
     loc: tuple[Any, ...] = detail["loc"]
     place = [file]
     if len(loc) > 1:

@@ -23,7 +23,7 @@ ALIGNMENT_WINDOWS_M = (24.0, 18.0)
 
 
 def moving_average(y: ArrayLike, step_m: float, window_m: float) -> Array:
-    """Centred mean over ``window_m``. Shape (..., n) to the same, NaN within half a window of an end or a hole.
+    """Return centred mean over ``window_m``. Shape (..., n) to the same, NaN within half a window of an end or a hole.
 
     Raises ``BadInputError`` where half the window is no whole multiple of ``step_m``.
     """
@@ -38,7 +38,9 @@ def moving_average(y: ArrayLike, step_m: float, window_m: float) -> Array:
 
 
 def remove_baseline(y: ArrayLike, step_m: float, windows_m: Sequence[float] = LEVEL_WINDOWS_M) -> Array:
-    """``y`` less its baseline, the moving averages over ``windows_m`` one after another. Shape (..., n) to the same."""
+    """Return ``y`` less its baseline, the moving averages over ``windows_m`` one after another. Shape (..., n) to the
+    same.
+    """
     y = np.asarray(y, dtype=np.float64)
     baseline = y
     for window in windows_m:
@@ -47,7 +49,7 @@ def remove_baseline(y: ArrayLike, step_m: float, windows_m: Sequence[float] = LE
 
 
 def moving_average_response(wavelength_m: ArrayLike, window_m: float, step_m: float | None = None) -> Array:
-    """Response of :func:`moving_average`, real: as realised with ``step_m``, the continuous one without."""
+    """Return response of :func:`moving_average`, real: as realised with ``step_m``, the continuous one without."""
     W = wave_number(wavelength_m)
     if step_m is None:
         return np.asarray(np.sinc(W * window_m / (2.0 * np.pi)))
@@ -60,7 +62,7 @@ def moving_average_response(wavelength_m: ArrayLike, window_m: float, step_m: fl
 def baseline_removed_response(
     wavelength_m: ArrayLike, windows_m: Sequence[float] = LEVEL_WINDOWS_M, step_m: float | None = None
 ) -> Array:
-    """Response of :func:`remove_baseline`, real: one less the product of the averages' responses."""
+    """Return response of :func:`remove_baseline`, real: one less the product of the averages' responses."""
     baseline = np.ones(np.shape(wavelength_m))
     for window in windows_m:
         baseline = baseline * moving_average_response(wavelength_m, window, step_m)

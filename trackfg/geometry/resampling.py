@@ -1,4 +1,4 @@
-"""From samples at any places to a uniform step, neither inventing nor losing wavelengths.
+"""Bring samples at any places to a uniform step, neither inventing nor losing wavelengths.
 
 Samples taken at a steady rate lie close where the vehicle is slow and far apart where it is fast. In three steps:
 
@@ -37,8 +37,8 @@ _CHUNK = 10_000
 def resample(
     chainage_m: ArrayLike, values: ArrayLike, step_m: float = 0.25, *, max_hole_m: float = 1.0
 ) -> tuple[Array, Array]:
-    """Values (..., n) at places (n,), in any order, at whole multiples of ``step_m``: the grid (m,) and values (...,
-    m).
+    """Return values (..., n) at places (n,), in any order, at whole multiples of ``step_m``: the grid (m,) and values
+    (..., m).
 
     NaN where the low-pass reaches (2.4 m with 0.25 m) beyond an end, or into a hole: two samples more than
     ``max_hole_m`` apart. A sample that is NaN in any row is left out. Raises ``BadInputError`` for fewer than four
@@ -79,7 +79,7 @@ def resample(
 
 
 def resampling_response(wavelength_m: ArrayLike, step_m: float = 0.25) -> Array:
-    """Response of :func:`resample` where samples are dense, real: that of its low-pass."""
+    """Return response of :func:`resample` where samples are dense, real: that of its low-pass."""
     taps = _low_pass()
     half = len(taps) // 2
     phase = wave_number(wavelength_m)[..., None] * step_m / _CELLS * np.arange(1, half + 1)
@@ -87,12 +87,12 @@ def resampling_response(wavelength_m: ArrayLike, step_m: float = 0.25) -> Array:
 
 
 def resampling_reach_m(step_m: float = 0.25) -> float:
-    """How far :func:`resample` looks to either side of a place, m."""
+    """Return how far :func:`resample` looks to either side of a place, m."""
     return len(_low_pass()) // 2 * step_m / _CELLS
 
 
 def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
-    """Places and values, sorted, without those that are NaN in a row."""
+    """Return places and values, sorted, without those that are NaN in a row."""
     place, value = np.asarray(chainage_m, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if place.ndim != 1 or value.shape[-1:] != place.shape:
         raise BadInputError(f"{value.shape} values at {place.shape} places; expected one column of values per place")
@@ -108,7 +108,7 @@ def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
 
 
 def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
-    """One node per cell that has samples, no two nearer than half a cell."""
+    """Return one node per cell that has samples, no two nearer than half a cell."""
     number = np.floor(place / cell)
     starts = np.flatnonzero(np.diff(number, prepend=np.nan) != 0.0)
     if len(starts) < len(place):
@@ -131,7 +131,7 @@ def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
 
 
 def _decimate(fine: Array, taps: Array) -> Array:
-    """The low-pass of ``fine`` (cells,), where it fits, at every step."""
+    """Return the low-pass of ``fine`` (cells,), where it fits, at every step."""
     from scipy.signal import upfirdn
 
     reach = len(taps) - 1
@@ -143,7 +143,7 @@ def _decimate(fine: Array, taps: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def _low_pass() -> Array:
-    """Taps at the cells, symmetrical, of sum one (Kaiser's design rules)."""
+    """Return taps at the cells, symmetrical, of sum one (Kaiser's design rules)."""
     pass_edge, stop_edge = 1.0 / (_PASS_STEPS * _CELLS), 1.0 / (_STOP_STEPS * _CELLS)  # cycles per cell
     transition = 2.0 * np.pi * (stop_edge - pass_edge)
     half = int(np.ceil((_ATTENUATION_DB - 7.95) / (2.285 * transition) / 2.0))

@@ -19,7 +19,7 @@ from trackfg.numerics.spans import true_runs
 def section_statistics(
     chainage_m: ArrayLike, values: ArrayLike, *, section_m: float = 200.0, threshold: float | None = None
 ) -> pd.DataFrame:
-    """One row per section that has values, sections beginning at whole multiples of ``section_m``.
+    """Return one row per section that has values, sections beginning at whole multiples of ``section_m``.
 
     Shape (n,) both. Columns ``from_m, to_m, count, mean, sd, mean_abs, max_abs`` and, with a ``threshold``,
     ``share_beyond``: the share of values with ``|x| > threshold``.
@@ -49,7 +49,7 @@ def section_statistics(
 
 
 def sliding_sd(y: ArrayLike, step_m: float, length_m: float = 200.0) -> Array:
-    """Standard deviation over ``length_m`` centred at each place. Shape (..., n) to the same.
+    """Return standard deviation over ``length_m`` centred at each place. Shape (..., n) to the same.
 
     NaN within half the length of an end, and where less than half of the values count. Raises ``BadInputError`` where
     half the length is no whole multiple of ``step_m``.
@@ -75,7 +75,7 @@ def sliding_sd(y: ArrayLike, step_m: float, length_m: float = 200.0) -> Array:
 
 
 def share_beyond(y: ArrayLike, threshold: float) -> Array:
-    """The share of values with ``|y| > threshold``. Shape (..., n) to (...); NaN for a row without values."""
+    """Return the share of values with ``|y| > threshold``. Shape (..., n) to (...); NaN for a row without values."""
     y = np.asarray(y, dtype=np.float64)
     counts = np.isfinite(y)
     with np.errstate(invalid="ignore"):
@@ -83,7 +83,7 @@ def share_beyond(y: ArrayLike, threshold: float) -> Array:
 
 
 def peaks(chainage_m: ArrayLike, values: ArrayLike, limit: float | Array) -> pd.DataFrame:
-    """The exceedances: one row per run of values of one sign with ``|x| > limit``, at its largest value.
+    """Return the exceedances: one row per run of values of one sign with ``|x| > limit``, at its largest value.
 
     Shape (n,) all, or one ``limit`` for all. Columns ``chainage_m`` and ``value`` of the extreme, ``from_m, to_m`` and
     ``length_m`` of the run (0 for a single place). A NaN ends a run.

@@ -12,7 +12,7 @@ from trackfg.numerics.arrays import Array
 
 
 def twist(cross_level: ArrayLike, step_m: float, base_m: float = 5.0) -> Array:
-    """Twist, in the unit of ``cross_level`` (..., n); NaN within a base of the beginning.
+    """Return twist, in the unit of ``cross_level`` (..., n); NaN within a base of the beginning.
 
     Raises ``BadInputError`` where ``base_m`` is no whole multiple of ``step_m``.
     """
@@ -20,5 +20,5 @@ def twist(cross_level: ArrayLike, step_m: float, base_m: float = 5.0) -> Array:
 
 
 def twist_response(wavelength_m: ArrayLike, base_m: float = 5.0) -> np.ndarray:
-    """Complex response of :func:`twist`."""
+    """Return complex response of :func:`twist`."""
     return np.asarray(1.0 - np.exp(-1j * wave_number(wavelength_m) * base_m))

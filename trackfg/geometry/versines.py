@@ -19,7 +19,7 @@ from trackfg.numerics.arrays import Array
 
 
 def versine(y: ArrayLike, step_m: float, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """Versines of a profile (..., n), in its unit; NaN where the chord does not fit.
+    """Return versines of a profile (..., n), in its unit; NaN where the chord does not fit.
 
     Raises ``BadInputError`` where ``behind_m`` or ``ahead_m`` is no whole multiple of ``step_m``.
     """
@@ -28,7 +28,7 @@ def versine(y: ArrayLike, step_m: float, behind_m: float = 5.0, ahead_m: float =
 
 
 def versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> np.ndarray:
-    """Complex response of :func:`versine`; its argument says how far an asymmetrical chord shifts a wave."""
+    """Return complex response of :func:`versine`; its argument says how far an asymmetrical chord shifts a wave."""
     W = wave_number(wavelength_m)
     chord = behind_m + ahead_m
     ends = ahead_m * np.exp(-1j * W * behind_m) + behind_m * np.exp(1j * W * ahead_m)
@@ -36,17 +36,18 @@ def versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahead_m: fl
 
 
 def versine_of_curvature(curvature_1pm: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """The versine, m, of a circle that the whole chord lies on."""
+    """Return the versine, m, of a circle that the whole chord lies on."""
     return np.asarray(-0.5 * behind_m * ahead_m * np.asarray(curvature_1pm, dtype=np.float64))
 
 
 def curvature_of_versine(versine_m: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """The curvature, 1/m, of the circle with this versine. Inverse of :func:`versine_of_curvature`."""
+    """Return the curvature, 1/m, of the circle with this versine. Inverse of :func:`versine_of_curvature`."""
     return np.asarray(np.asarray(versine_m, dtype=np.float64) / (-0.5 * behind_m * ahead_m))
 
 
 def uniformity_deviation(versines: ArrayLike, step_m: float, chord_m: float) -> Array:
-    """Versines less their uniformity, the mean of nine of them a quarter chord apart and centred (49 CFR 213.327(a)).
+    """Return versines less their uniformity, the mean of nine of them a quarter chord apart and centred (49 CFR
+    213.327(a)).
 
     ``versines`` (..., n) are those of the symmetrical chord ``chord_m``; NaN within a chord of an end. Raises
     ``BadInputError`` where a quarter of the chord is no whole multiple of ``step_m``.
@@ -56,6 +57,8 @@ def uniformity_deviation(versines: ArrayLike, step_m: float, chord_m: float) -> 
 
 
 def uniformity_deviation_response(wavelength_m: ArrayLike, chord_m: float) -> Array:
-    """Response of :func:`uniformity_deviation` to the versines, real: ``1 - (1 + 2 sum_k cos(k W chord/4)) / 9``."""
+    """Return response of :func:`uniformity_deviation` to the versines, real: ``1 - (1 + 2 sum_k cos(k W chord/4)) /
+    9``.
+    """
     phase = wave_number(wavelength_m)[..., None] * chord_m / 4.0 * np.arange(1, 5)
     return np.asarray(1.0 - (1.0 + 2.0 * np.cos(phase).sum(axis=-1)) / 9.0)

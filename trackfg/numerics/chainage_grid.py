@@ -9,15 +9,15 @@ from trackfg.numerics.arrays import Array
 
 
 def step_of(table: pd.DataFrame) -> float:
-    """The step, m, of two rows or more: the least distance between neighbours."""
+    """Return the step, m, of two rows or more: the least distance between neighbours."""
     return float(np.diff(table["chainage_m"].to_numpy()).min())
 
 
 def cells_of(table: pd.DataFrame, step_m: float) -> np.ndarray:
-    """Chainage in whole steps."""
+    """Return chainage in whole steps."""
     return np.rint(table["chainage_m"].to_numpy() / step_m).astype(np.int64)
 
 
 def multiples_between(first_m: float, last_m: float, step_m: float) -> Array:
-    """The whole multiples of a step from one place to another, both included."""
+    """Return the whole multiples of a step from one place to another, both included."""
     return np.arange(np.ceil(first_m / step_m), np.floor(last_m / step_m) + 1.0) * step_m

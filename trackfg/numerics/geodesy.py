@@ -25,25 +25,25 @@ _CORRECTIONS = 6
 
 
 def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
-    """Gravity on the WGS 84 ellipsoid, m/s^2 (Somigliana's formula with the free-air gradient)."""
+    """Return gravity on the WGS 84 ellipsoid, m/s^2 (Somigliana's formula with the free-air gradient)."""
     s2 = np.sin(np.radians(latitude_deg)) ** 2
     surface = 9.7803253359 * (1.0 + 0.00193185265241 * s2) / np.sqrt(1.0 - _E2 * s2)
     return float(surface - 3.086e-6 * height_m)
 
 
 def earth_rate_enu(latitude_deg: float) -> Array:
-    """The Earth's rotation in ENU, rad/s. Shape (3,)."""
+    """Return the Earth's rotation in ENU, rad/s. Shape (3,)."""
     latitude = np.radians(latitude_deg)
     return EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
 
 def transport_rate(velocity: Array) -> Array:
-    """How fast the level frame turns under a vehicle with this velocity in n, rad/s; 0.65 deg/h at 20 m/s."""
+    """Return how fast the level frame turns under a vehicle with this velocity in n, rad/s; 0.65 deg/h at 20 m/s."""
     return np.stack([-velocity[..., 1], velocity[..., 0], np.zeros_like(velocity[..., 0])], axis=-1) / EARTH_RADIUS
 
 
 def geodetic_to_ecef(geodetic: Array) -> Array:
-    """WGS 84 (latitude deg, longitude deg, height m) to ECEF in m. Shape (..., 3) to (..., 3)."""
+    """Convert WGS 84 (latitude deg, longitude deg, height m) to ECEF in m. Shape (..., 3) to (..., 3)."""
     lat, lon = np.radians(geodetic[..., 0]), np.radians(geodetic[..., 1])
     height = geodetic[..., 2]
     n = _A / np.sqrt(1.0 - _E2 * np.sin(lat) ** 2)
@@ -54,7 +54,7 @@ def geodetic_to_ecef(geodetic: Array) -> Array:
 
 
 def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Array:
-    """The rotation that maps ENU vectors at a place to ECEF. Shape (3, 3)."""
+    """Return the rotation that maps ENU vectors at a place to ECEF. Shape (3, 3)."""
     lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
     return np.array(
@@ -67,7 +67,7 @@ def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Array:
 
 
 def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
-    """WGS 84 positions in the level frame n about ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m.
+    """Return WGS 84 positions in the level frame n about ``origin`` (lat deg, lon deg, height m). Shape (..., 3), m.
 
     East and north on the tangent plane of the origin (short by 6e-5 of the distance at 70 km), up as the difference in
     height: level stays level.
@@ -79,7 +79,7 @@ def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
 
 
 def ecef_to_geodetic(ecef: Array) -> Array:
-    """ECEF in m to WGS 84 (latitude deg, longitude deg, height m). Shape (..., 3) to (..., 3).
+    """Convert ECEF in m to WGS 84 (latitude deg, longitude deg, height m). Shape (..., 3) to (..., 3).
 
     Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23 (1976), applied twice: better
     than 1e-9 m within 100 km of the surface.
@@ -97,7 +97,9 @@ def ecef_to_geodetic(ecef: Array) -> Array:
 
 
 def enu_to_geodetic(enu: Array, origin: tuple[float, float, float]) -> Array:
-    """Positions in the level frame about ``origin`` to (latitude deg, longitude deg, height m). Shape (..., 3)."""
+    """Convert positions in the level frame about ``origin`` to (latitude deg, longitude deg, height m). Shape (...,
+    3).
+    """
     place = np.asarray(origin)
     rotation = ecef_from_enu(origin[0], origin[1])
     centre = geodetic_to_ecef(place)

@@ -10,7 +10,7 @@ from trackfg.numerics.arrays import Array
 
 
 def hermite_weights(f: Array, T: Array) -> tuple[Array, Array, Array, Array]:
-    """``(w0, w1, u0, u1)`` at fractions f of intervals T, of any shapes that fit."""
+    """Return ``(w0, w1, u0, u1)`` at fractions f of intervals T, of any shapes that fit."""
     f2 = f * f
     f3 = f2 * f
     w1 = 3.0 * f2 - 2.0 * f3
@@ -18,7 +18,7 @@ def hermite_weights(f: Array, T: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def hermite_rates(f: Array, T: Array) -> tuple[Array, Array, Array, Array]:
-    """The derivatives of :func:`hermite_weights` by time."""
+    """Return the derivatives of :func:`hermite_weights` by time."""
     f2 = f * f
     w1 = 6.0 * (f - f2) / T
     return -w1, w1, 1.0 - 4.0 * f + 3.0 * f2, 3.0 * f2 - 2.0 * f

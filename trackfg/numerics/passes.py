@@ -15,20 +15,20 @@ _MOVED_M = 0.05
 
 @dataclass(frozen=True)
 class Pass:
-    """From keyframe ``first`` to keyframe ``last``, in which distance grows (``sense`` 1) or falls (-1)."""
+    """A pass goes from keyframe ``first`` to keyframe ``last``; distance grows (``sense`` 1) or falls (-1)."""
 
     first: int
     last: int
     sense: int
 
     def rows(self, keyframe_times: Array, t: Array) -> slice:
-        """Which of the sorted times ``t`` lie in it."""
+        """Return which of the sorted times ``t`` lie in it."""
         ends = keyframe_times[[self.first, self.last]] + [-1e-9, 1e-9]
         return slice(*np.searchsorted(t, ends).tolist())
 
 
 def passes(distance: Array) -> list[Pass]:
-    """All passes in order, from the distance at the keyframes, m (n,). A rest belongs to the pass before it."""
+    """Return all passes in order, from the distance at the keyframes, m (n,). A rest belongs to the pass before it."""
     steps = np.diff(distance)
     moving = np.flatnonzero(np.abs(steps) > _MOVED_M)
     if moving.size == 0:

@@ -19,12 +19,12 @@ from trackfg.numerics.arrays import Array
 
 
 def matrices(entries: Sequence[Array]) -> Array:
-    """3 x 3 matrices from their nine entries (...), row by row. Shape (..., 3, 3)."""
+    """Return 3 x 3 matrices from their nine entries (...), row by row. Shape (..., 3, 3)."""
     return _filled(entries, (3, 3))
 
 
 def _filled(entries: Sequence[Array], shape: tuple[int, ...]) -> Array:
-    """``np.stack`` along new last axes; for the few rows of a stream ten times as fast."""
+    """Return ``np.stack`` along new last axes; for the few rows of a stream ten times as fast."""
     out = np.empty((*entries[0].shape, len(entries)))
     for k, entry in enumerate(entries):
         out[..., k] = entry
@@ -32,13 +32,13 @@ def _filled(entries: Sequence[Array], shape: tuple[int, ...]) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """``np.cross`` of vectors (m, 3), for the few rows of a stream three times as fast."""
+    """Return ``np.cross`` of vectors (m, 3), for the few rows of a stream three times as fast."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return _filled([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], (3,))
 
 
 def skew(v: Array) -> Array:
-    """The matrix ``[v]x`` with ``[v]x u = v x u``. Shape (..., 3) to (..., 3, 3)."""
+    """Return the matrix ``[v]x`` with ``[v]x u = v x u``. Shape (..., 3) to (..., 3, 3)."""
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -47,7 +47,7 @@ def skew(v: Array) -> Array:
 
 
 def so3_exp(v: Array) -> Array:
-    """The rotation matrix of the rotation vector ``v`` (Rodrigues' formula). Shape (..., 3) to (..., 3, 3)."""
+    """Return the rotation matrix of the rotation vector ``v`` (Rodrigues' formula). Shape (..., 3) to (..., 3, 3)."""
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     angle2 = x * x + y * y + z * z
     angle = np.sqrt(angle2)
@@ -71,12 +71,14 @@ def so3_exp(v: Array) -> Array:
 
 
 def so3_log(R: Array) -> Array:
-    """The rotation vector of ``R``, angle in [0, pi). Inverse of :func:`so3_exp`. Shape (..., 3, 3) to (..., 3)."""
+    """Return the rotation vector of ``R``, angle in [0, pi). Inverse of :func:`so3_exp`. Shape (..., 3, 3) to (...,
+    3).
+    """
     return np.moveaxis(quaternion_log(_quaternion(R)), 0, -1)
 
 
 def quaternion(R: Array) -> Array:
-    """The unit quaternion (w, x, y, z) of ``R`` with w >= 0. Shape (..., 3, 3) to (..., 4)."""
+    """Return the unit quaternion (w, x, y, z) of ``R`` with w >= 0. Shape (..., 3, 3) to (..., 4)."""
     q = np.moveaxis(_quaternion(R), 0, -1)
     q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     upper: Array = np.where(q[..., :1] < 0, -q, q)
@@ -84,7 +86,7 @@ def quaternion(R: Array) -> Array:
 
 
 def _quaternion(R: Array) -> Array:
-    """A quaternion of ``R`` of any length and sign, components first (Shepperd's method)."""
+    """Return a quaternion of ``R`` of any length and sign, components first (Shepperd's method)."""
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     x, y, z = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     trace = m00 + m11 + m22
@@ -101,7 +103,7 @@ def _quaternion(R: Array) -> Array:
 
 
 def quaternion_exp(v: Array) -> Array:
-    """The unit quaternions (w, x, y, z) of rotation vectors, components first. Shape (3, m) to (4, m)."""
+    """Return the unit quaternions (w, x, y, z) of rotation vectors, components first. Shape (3, m) to (4, m)."""
     half = 0.5 * np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     out = np.empty((4, v.shape[1]))
     np.cos(half, out=out[0])
@@ -110,7 +112,7 @@ def quaternion_exp(v: Array) -> Array:
 
 
 def quaternion_log(q: Array) -> Array:
-    """The rotation vectors of quaternions of any length, angle in [0, pi], components first. Shape (4, ...) to
+    """Return the rotation vectors of quaternions of any length, angle in [0, pi], components first. Shape (4, ...) to
     (3, ...).
     """
     norm, along = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), np.abs(q[0])
@@ -121,7 +123,7 @@ def quaternion_log(q: Array) -> Array:
 
 
 def quaternion_product(p: Array, q: Array) -> Array:
-    """The quaternions of ``R(p) R(q)``, components first. Shapes (4, m)."""
+    """Return the quaternions of ``R(p) R(q)``, components first. Shapes (4, m)."""
     out = np.empty(np.broadcast_shapes(p.shape, q.shape))
     out[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
     out[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
@@ -131,7 +133,7 @@ def quaternion_product(p: Array, q: Array) -> Array:
 
 
 def matrix_from_quaternion(q: Array) -> Array:
-    """The rotation matrices of unit quaternions, components first. Shape (4, m) to (m, 3, 3)."""
+    """Return the rotation matrices of unit quaternions, components first. Shape (4, m) to (m, 3, 3)."""
     w, x, y, z = q
     out = np.empty((q.shape[1], 3, 3))
     x2, y2, z2 = 2.0 * x, 2.0 * y, 2.0 * z
@@ -144,7 +146,7 @@ def matrix_from_quaternion(q: Array) -> Array:
 
 
 def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Shape (...) each to (..., 3, 3)."""
+    """Return ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``. Shape (...) each to (..., 3, 3)."""
     roll, pitch, yaw = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (roll, pitch, yaw)))
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
     first = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
@@ -153,7 +155,7 @@ def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """(roll, pitch, yaw) of ``R_nb``, yaw in (-pi, pi]. Shape (..., 3, 3) to (..., 3)."""
+    """Return (roll, pitch, yaw) of ``R_nb``, yaw in (-pi, pi]. Shape (..., 3, 3) to (..., 3)."""
     roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
     pitch = np.arcsin(np.clip(-R[..., 2, 0], -1.0, 1.0))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
@@ -161,7 +163,9 @@ def rpy_from_matrix(R: Array) -> Array:
 
 
 def euler_rates(rpy: Array) -> Array:
-    """The matrices that make angular rates in body axes the rates of roll, pitch and yaw. Shape (n, 3) to (n, 3, 3)."""
+    """Return the matrices that make angular rates in body axes the rates of roll, pitch and yaw. Shape (n, 3) to (n,
+    3, 3).
+    """
     roll, pitch = rpy[:, 0], rpy[:, 1]
     sin_r, cos_r, cos_p, tan_p = np.sin(roll), np.cos(roll), np.cos(pitch), np.tan(pitch)
     zero = np.zeros(len(rpy))
@@ -170,7 +174,9 @@ def euler_rates(rpy: Array) -> Array:
 
 
 def body_rates(rpy: Array) -> Array:
-    """The other way: rates of roll, pitch and yaw into angular rates in body axes. Shape (n, 3) to (n, 3, 3)."""
+    """Return the matrices that make rates of roll, pitch and yaw angular rates in body axes. Shape (n, 3) to (n, 3,
+    3).
+    """
     roll, pitch = rpy[:, 0], rpy[:, 1]
     sin_r, cos_r, sin_p, cos_p = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
     zero = np.zeros(len(rpy))
@@ -178,7 +184,7 @@ def body_rates(rpy: Array) -> Array:
 
 
 def axes_matrix(axes: str) -> Array:
-    """The signed permutation that maps sensor columns to FLU, from a string such as ``"RFU"``.
+    """Return the signed permutation that maps sensor columns to FLU, from a string such as ``"RFU"``.
 
     Letter i says where column i points: F or B, L or R, U or D. Raises ``ValueError`` unless the three letters name
     three different axes of a right-handed or left-handed triad (a left-handed one is accepted here: each column is
@@ -197,7 +203,7 @@ def axes_matrix(axes: str) -> Array:
 
 
 def so3_right_jacobian_inverse(v: Array) -> Array:
-    """``Jr(v)^-1``, with ``Log(Exp(v) Exp(d)) = v + Jr(v)^-1 d`` to first order. Shape (..., 3) to (..., 3, 3).
+    """Return ``Jr(v)^-1``, with ``Log(Exp(v) Exp(d)) = v + Jr(v)^-1 d`` to first order. Shape (..., 3) to (..., 3, 3).
 
     Chirikjian, "Stochastic Models, Information Theory, and Lie Groups", vol. 2, eq. 10.86 (right-hand form).
     """

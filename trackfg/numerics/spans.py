@@ -8,13 +8,15 @@ from trackfg.numerics.arrays import Array
 
 
 def true_runs(mask: np.ndarray) -> np.ndarray:
-    """First index and index after the last of each run of true entries, in order. Shape (n,) of bool to (k, 2)."""
+    """Return first index and index after the last of each run of true entries, in order. Shape (n,) of bool to (k,
+    2).
+    """
     padded = np.concatenate([[False], mask, [False]]).astype(np.int8)
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
 def within(t: Array, spans: Array) -> np.ndarray:
-    """Which times lie in one of the spans (m, 2), in order and disjoint. Ends included."""
+    """Return which times lie in one of the spans (m, 2), in order and disjoint. Ends included."""
     if len(spans) == 0:
         return np.zeros(len(t), dtype=bool)
     k = np.searchsorted(spans[:, 0], t, side="right") - 1
@@ -23,7 +25,7 @@ def within(t: Array, spans: Array) -> np.ndarray:
 
 
 def subtract(spans: Array, breaks: Array) -> Array:
-    """Spans (m, 2), in order and disjoint, without what lies in ``breaks`` (b, 2): one about a break becomes two."""
+    """Return spans (m, 2), ordered and disjoint, without what lies in ``breaks`` (b, 2): one may become two."""
     for begin, end in breaks:
         before = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
         after = np.column_stack([np.maximum(spans[:, 0], end), spans[:, 1]])
@@ -34,7 +36,7 @@ def subtract(spans: Array, breaks: Array) -> Array:
 
 
 def union(spans: Array) -> Array:
-    """Spans (m, 2) in order, those that overlap or touch as one."""
+    """Return spans (m, 2) in order, those that overlap or touch as one."""
     if len(spans) == 0:
         return spans
     ordered = spans[np.argsort(spans[:, 0], kind="stable")]
@@ -44,7 +46,7 @@ def union(spans: Array) -> Array:
 
 
 def median_interval(t: Array) -> float:
-    """Of times that grow, s; 0 where there are fewer than two."""
+    """Return the median interval of times that grow, s; 0 where there are fewer than two."""
     return float(np.median(np.diff(t))) if t.size > 1 else 0.0
 
 

@@ -13,7 +13,8 @@ _DEGREE = 5
 
 
 def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
-    """``y`` (n, ...) over ascending, evenly spaced ``x`` (n,) as a quintic spline through the rows that are finite.
+    """Return ``y`` (n, ...) over ascending, evenly spaced ``x`` (n,) as a quintic spline through the rows that are
+    finite.
 
     It takes places of any shape, to which that of a row is added; NaN outside of the finite rows, in gaps between them,
     and everywhere if they are fewer than six.
@@ -37,5 +38,5 @@ def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:
 
 
 def spline_at(x: Array, y: Array, places: Array) -> Array:
-    """:func:`spline_through` at ``places``."""
+    """Return :func:`spline_through` at ``places``."""
     return spline_through(x, y)(places)

@@ -1,4 +1,4 @@
-"""Whether the package behind a peer is there. None of them is needed for anything else."""
+"""Tell whether the package behind a peer is there. None of them is needed for anything else."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class NotInstalledError(TrackfgError):
 
 
 def is_installed(peer: Peer) -> bool:
-    """Whether the distribution of that name can be imported. Nothing is imported to find out."""
+    """Return whether the distribution of that name can be imported. Nothing is imported to find out."""
     return find_spec(_MODULES[peer]) is not None
 
 

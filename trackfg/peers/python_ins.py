@@ -93,7 +93,7 @@ class Filtered:
 
 
 def run(recording: Recording) -> BaselineResult:
-    """Attitude and position with their sigmas, cross-level and twist of a recording.
+    """Estimate attitude and position with their sigmas, cross-level and twist of a recording.
 
     Raises :class:`~trackfg.peers.installed.NotInstalledError` without the package, ``BadInputError`` without a
     tachometer.
@@ -137,7 +137,7 @@ def feedback_filter(
     wheel_scale: float = 1.0,
     time_step_s: float = 0.1,
 ) -> Filtered:
-    """python-ins' filter over the samples of ``motion``. ``wheel_scale`` multiplies the nominal speed; the filter's
+    """Run python-ins' filter over the samples of ``motion``. ``wheel_scale`` multiplies the nominal speed; the filter's
     covariance moves on by at most ``time_step_s``. The caller sees to it that the package is installed.
     """
     from pyins import filters, strapdown
@@ -217,8 +217,8 @@ def _measurements(recording: Recording, motion: Motion, wheel_scale: float) -> l
 
 
 def geodetic_of(enu: Array, origin: Array) -> Array:
-    """The inverse of :func:`trackfg.numerics.geodesy.geodetic_to_enu`: latitude and longitude in deg, height in m. (n,
-    3).
+    """Return the inverse of :func:`trackfg.numerics.geodesy.geodetic_to_enu`: latitude and longitude in deg, height in
+    m. (n, 3).
     """
     from pyins.transform import perturb_lla
 
@@ -230,7 +230,7 @@ def geodetic_of(enu: Array, origin: Array) -> Array:
 
 
 def _origin(recording: Recording) -> Array:
-    """Where the level frame of the tables touches the Earth, (latitude deg, longitude deg, height m)."""
+    """Return where the level frame of the tables touches the Earth, (latitude deg, longitude deg, height m)."""
     if recording.gnss_origin is not None:
         return recording.gnss_origin
     latitude = recording.description.track.latitude_deg
@@ -238,13 +238,15 @@ def _origin(recording: Recording) -> Array:
 
 
 def _convergence(place: Array, origin: Array) -> Array:
-    """How far local north is turned to the left of that at the origin, rad. (..., 2), latitude and longitude in deg."""
+    """Return how far local north is turned to the left of that at the origin, rad. (..., 2), latitude and longitude in
+    deg.
+    """
     middle = 0.5 * (place[..., 0] + origin[0])
     return np.asarray(np.radians(place[..., 1] - origin[1]) * np.sin(np.radians(middle)))
 
 
 def _start(recording: Recording, motion: Motion) -> Start:
-    """Tilt, heading and place at the first sample, as far as they can be had."""
+    """Return tilt, heading and place at the first sample, as far as they can be had."""
     track, gnss, lever_arm = recording.description.track, recording.gnss, recording.description.imu.lever_arm_m
     yaw = 0.0 if track.heading_deg is None else np.radians(90.0 - track.heading_deg)
     wheel = read_wheel(recording, _MAX_TACH_GAP_S)
@@ -268,7 +270,9 @@ def _start(recording: Recording, motion: Motion) -> Start:
 
 
 def _with_place(trajectory: pd.DataFrame, recording: Recording, filtered: Filtered) -> pd.DataFrame:
-    """The trajectory with yaw and the vehicle reference point in the level frame at the origin, and their sigmas."""
+    """Return the trajectory with yaw and the vehicle reference point in the level frame at the origin, and their
+    sigmas.
+    """
     origin, lever_arm = _origin(recording), np.array(recording.description.imu.lever_arm_m)
     rpy = filtered.rpy.copy()
     rpy[:, 2] += _convergence(filtered.geodetic[:, :2], origin[:2])

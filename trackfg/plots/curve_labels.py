@@ -15,7 +15,7 @@ _BODY = 0.8
 
 
 def sense_and_radius(curvature_1pm: float) -> str:
-    """``left R 402 m``; ``straight`` where the radius is above 10 km, empty where there is no curvature."""
+    """Return ``left R 402 m``; ``straight`` where the radius is above 10 km, empty where there is no curvature."""
     if not np.isfinite(curvature_1pm):
         return ""
     if abs(curvature_1pm) < _STRAIGHT_1PM:
@@ -24,7 +24,7 @@ def sense_and_radius(curvature_1pm: float) -> str:
 
 
 def curves(chainage_m: Array, curvature_1pm: Array) -> list[tuple[float, float, str]]:
-    """Start, end (m) and :func:`sense_and_radius` of each curve, the longest first.
+    """Return start, end (m) and :func:`sense_and_radius` of each curve, the longest first.
 
     The table is on a uniform grid. The radius is the median one of the curve's sharpest part.
     """

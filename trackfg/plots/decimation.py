@@ -13,7 +13,7 @@ from trackfg.numerics.arrays import Array
 
 
 def extremes(values: Array, stretches: int) -> NDArray[np.intp]:
-    """Indices, sorted, of what a curve needs to look the same in ``stretches`` columns of pixels.
+    """Return indices, sorted, of what a curve needs to look the same in ``stretches`` columns of pixels.
 
     Of each of that many equal stretches: the least and the greatest value, the first and the last NaN with the values
     before and after, so that no peak is lost and no gap is closed; and both ends. Short curves are kept whole.

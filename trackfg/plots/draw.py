@@ -10,7 +10,7 @@ from trackfg.plots.sheet import Sheet
 
 
 def picture_path(path: str | os.PathLike[str]) -> Path:
-    """``path``, if its suffix names a kind of picture that can be drawn; else raises :class:`BadInputError`."""
+    """Return ``path``, if its suffix names a kind of picture that can be drawn; else raise :class:`BadInputError`."""
     path = Path(path)
     if path.suffix not in (".png", ".svg", ".html"):
         raise BadInputError(f"{path}: expected a file that ends in .png, .svg or .html")

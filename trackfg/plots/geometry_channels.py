@@ -55,17 +55,17 @@ CURVATURE = Channel("curvature_1pm", "curvature", "1/km", 0.1, scale=1000.0, sha
 
 
 def centre_or_rails(table: pd.DataFrame) -> tuple[Channel, ...]:
-    """Level and alignment, of each rail and with the gauge where the table has them."""
+    """Return level and alignment, of each rail and with the gauge where the table has them."""
     return RAILS if RAIL_COLUMNS[0] in table else CENTRE
 
 
 def base_of(channel: Channel, conventions: GeometryConventions) -> float:
-    """Where a line marks that nothing deviates, in the channel's unit."""
+    """Return where a line marks that nothing deviates, in the channel's unit."""
     return 1000.0 * conventions.gauge_m if channel.column == "gauge_mm" else 0.0
 
 
 def channel_values(table: pd.DataFrame, channel: Channel) -> tuple[Array, Array]:
-    """Values and sigmas in the channel's unit; a sigma of zero where the table has none."""
+    """Return values and sigmas in the channel's unit; a sigma of zero where the table has none."""
     values = channel.scale * table[channel.column].to_numpy()
     name = f"{channel.column}_sd"
     sigmas = channel.scale * table[name].to_numpy() if name in table else np.zeros(len(values))
@@ -73,7 +73,7 @@ def channel_values(table: pd.DataFrame, channel: Channel) -> tuple[Array, Array]
 
 
 def channel_extent(table: pd.DataFrame, channel: Channel, base: float) -> tuple[float, float]:
-    """What its axis must show (:func:`trackfg.plots.scales.extent`), for both rails together."""
+    """Return what its axis must show (:func:`trackfg.plots.scales.extent`), for both rails together."""
     low, high = extent(*channel_values(table, channel), base, channel.least)
     if channel.twin:
         other = extent(*channel_values(table, replace(channel, column=channel.twin)), base, channel.least)

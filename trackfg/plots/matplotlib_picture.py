@@ -59,7 +59,7 @@ def _with_map(sheet: Sheet) -> Figure:
 
 
 def _strips(sheet: Sheet) -> Figure:
-    """A4 landscape with margins that never change, so that sheets can be laid over each other."""
+    """Draw on A4 landscape with margins that never change, so that sheets can be laid over each other."""
     with mpl.rc_context(_STRIPS):
         figure = Figure(figsize=(11.69, 8.27))
         figure.text(0.012, 0.985, sheet.title, ha="left", va="top", fontsize=11.0, fontweight="bold")
@@ -74,7 +74,7 @@ def _strips(sheet: Sheet) -> Figure:
 
 
 def _strip(axes: Axes, panel: Panel, *, last: bool) -> None:
-    """Labels that can be read without turning the head, few ticks, and what is drawn over the panel."""
+    """Draw a strip: labels that can be read without turning the head, few ticks, and what is drawn over the panel."""
     axes.spines["bottom"].set_visible(last)
     axes.tick_params(axis="x", bottom=last)
     _few_ticks(axes, panel)
@@ -95,7 +95,7 @@ def _strip(axes: Axes, panel: Panel, *, last: bool) -> None:
 
 
 def _panels(figure: Figure, grid: GridSpec, sheet: Sheet) -> list[Axes]:
-    """The panels in the last column of ``grid``, over a common axis."""
+    """Draw the panels in the last column of ``grid``, over a common axis."""
     column: list[Axes] = []
     for row, panel in enumerate(sheet.panels):
         axes = figure.add_subplot(grid[row, -1], sharex=column[0] if column else None)

@@ -59,7 +59,9 @@ def _with_map(figure: go.Figure, sheet: Sheet) -> None:
 
 
 def _strips(figure: go.Figure, sheet: Sheet) -> None:
-    """One hover for all panels, labels that can be read without turning the head, limits named at the right."""
+    """Draw strips with one hover for all panels, labels that can be read without turning the head, limits named at the
+    right.
+    """
     _panels(figure, sheet, left=0.0, gap=0.012)
     for number, panel in enumerate(sheet.panels, start=1):
         low, high = figure.layout[f"yaxis{number}"].domain
@@ -115,7 +117,7 @@ def _note(figure: go.Figure, text: str, **place: Any) -> None:
 
 
 def _panels(figure: go.Figure, sheet: Sheet, left: float, gap: float) -> None:
-    """The panels from top to bottom, right of ``left``, on one horizontal axis; panel 1 is the axis ``yaxis1``.
+    """Draw the panels from top to bottom, right of ``left``, on one horizontal axis; panel 1 is the axis ``yaxis1``.
 
     What is drawn over panel ``i`` has the axis ``i`` + the number of panels.
     """
@@ -248,7 +250,9 @@ def _traces(curve: Curve) -> list[go.Scatter]:
 
 
 def _outline(curve: Curve) -> tuple[Array, Array]:
-    """Around the band, there and back; one closed line for each stretch without NaN, and NaN between them."""
+    """Return the outline of the band, there and back; one closed line for each stretch without NaN, and NaN between
+    them.
+    """
     assert curve.half_band is not None
     low, high = curve.y - curve.half_band, curve.y + curve.half_band
     x, y = [np.empty(0)], [np.empty(0)]
@@ -260,7 +264,7 @@ def _outline(curve: Curve) -> tuple[Array, Array]:
 
 
 def _small(values: Array) -> NDArray[np.float32]:
-    """Seven digits: what a screen cannot tell from more, in half the bytes."""
+    """Round to seven digits: what a screen cannot tell from more, in half the bytes."""
     return values.astype(np.float32)
 
 

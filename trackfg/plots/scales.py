@@ -20,7 +20,7 @@ _MARGIN = 0.08
 
 
 def extent(values: Array, sigmas: Array, base: float, least: float) -> tuple[float, float]:
-    """Least and greatest of the values measured well, ``base`` among them and, from it, ``least`` at least."""
+    """Return least and greatest of the values measured well, ``base`` among them and, from it, ``least`` at least."""
     finite = np.isfinite(values) & np.isfinite(sigmas)
     y, sd = values[finite], sigmas[finite]
     if y.size == 0:
@@ -33,20 +33,20 @@ def extent(values: Array, sigmas: Array, base: float, least: float) -> tuple[flo
 
 
 def with_limits(low: float, high: float, base: float, limits: Array) -> tuple[float, float]:
-    """The extent with those limits that are near enough not to squeeze the values."""
+    """Return the extent with those limits that are near enough not to squeeze the values."""
     reach = _NEAR * max(base - low, high - base)
     near = limits[np.abs(limits - base) <= reach]
     return float(np.min(near, initial=low)), float(np.max(near, initial=high))
 
 
 def symmetric(low: float, high: float, base: float) -> tuple[float, float]:
-    """The extent with ``base`` in its middle."""
+    """Return the extent with ``base`` in its middle."""
     reach = max(base - low, high - base)
     return base - reach, base + reach
 
 
 def with_margin(low: float, high: float) -> tuple[float, float]:
-    """The extent with some air above and below."""
+    """Return the extent with some air above and below."""
     air = _MARGIN * (high - low)
     return low - air, high + air
 
@@ -54,7 +54,7 @@ def with_margin(low: float, high: float) -> tuple[float, float]:
 def common_zero(
     first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Both extents widened so that zero, which is in both, is at the same height of one panel."""
+    """Return both extents widened so that zero, which is in both, is at the same height of one panel."""
     sizes = [max(-low, high) for low, high in (first, second)]
     low = min(first[0] / sizes[0], second[0] / sizes[1])
     high = max(first[1] / sizes[0], second[1] / sizes[1])

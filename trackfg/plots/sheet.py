@@ -96,7 +96,7 @@ class Sheet:
 
 
 def limit_labels(panel: Panel) -> list[tuple[float, str]]:
-    """Height (0 bottom, 1 top of the panel) and text of each limit with a label, far enough apart to be read.
+    """Return height (0 bottom, 1 top of the panel) and text of each limit with a label, far enough apart to be read.
 
     With its value, because it may stand away from its line; that of a limit beyond the panel stands at the edge.
     """

@@ -79,7 +79,7 @@ def plot_geometry(
 
 
 def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, limits: Sequence[LimitLine]) -> Sheet:
-    """What :func:`plot_geometry` draws, in the units of its labels and thinned."""
+    """Return what :func:`plot_geometry` draws, in the units of its labels and thinned."""
     table = _between(result, from_m, to_m)
     chainage = table["chainage_m"].to_numpy()
     start = float(chainage[0]) if from_m is None else from_m
@@ -148,7 +148,9 @@ class _Chart:
         )
 
     def foot(self) -> Panel:
-        """Curvature, and over it the cross-level upside down: where cant fits the curve the two run together."""
+        """Return the panel of curvature, and over it the cross-level upside down: where cant fits the curve the two
+        run together.
+        """
         curvature = self._curve(CURVATURE, BLUE)
         curvature = replace(curvature, notes=tuple(sense_and_radius(y / 1000.0) for y in curvature.y))
         cant = replace(self._curve(CROSS_LEVEL, ORANGE), half_band=None)
@@ -175,7 +177,7 @@ class _Chart:
         return Curve(channel.label.replace("\n", " "), channel.unit, x, values[keep], colour, band)
 
     def _marks(self) -> tuple[tuple[float, str], ...]:
-        """The longest curves whose texts have room beside each other."""
+        """Return the longest curves whose texts have room beside each other."""
         chainage = self.table["chainage_m"].to_numpy()
         room = _MARK_SHARE * (chainage[-1] - chainage[0])
         placed: list[tuple[float, str]] = []

@@ -25,7 +25,8 @@ from trackfg.results.summary import GeometryConventions
 def limit_lines(
     result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None
 ) -> tuple[list[LimitLine], Counter[str]]:
-    """What :func:`trackfg.plots.strip_chart.plot_geometry` can draw of ``limits``, and how many it cannot, by reason.
+    """Return what :func:`trackfg.plots.strip_chart.plot_geometry` can draw of ``limits``, and how many it cannot, by
+    reason.
 
     ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. Raises :class:`BadInputError`
     where limits depend on it and it is not given.
@@ -76,7 +77,7 @@ def _reason_against(limit: Limit, result: Result) -> str | None:
 
 
 def _columns(limit: Limit, result: Result) -> list[str]:
-    """Those of the chart: with rails, the band of level and alignment is drawn of each rail."""
+    """Return the columns of the chart: with rails, the band of level and alignment is drawn of each rail."""
     if limit.parameter in ("gauge_wide", "gauge_narrow"):
         return ["gauge_mm"]
     if limit.parameter == "reverse_cross_level":
@@ -89,7 +90,7 @@ def _columns(limit: Limit, result: Result) -> list[str]:
 
 
 def _values(limit: Limit, sense: Array, conventions: GeometryConventions) -> list[Array]:
-    """The line or lines, row by row, NaN where the limit does not hold."""
+    """Return the line or lines, row by row, NaN where the limit does not hold."""
     nominal = 1000.0 * conventions.gauge_m
     everywhere = np.full(len(sense), limit.value_mm)
     on = limit.track
@@ -107,7 +108,7 @@ def _values(limit: Limit, sense: Array, conventions: GeometryConventions) -> lis
 
 
 def _steps(chainage: Array, value: Array) -> tuple[Array, Array]:
-    """A value that is constant for long stretches by the ends of them, NaN between them."""
+    """Return a value that is constant for long stretches by the ends of them, NaN between them."""
     absent = np.isnan(value)
     ends = np.flatnonzero((value[1:] != value[:-1]) & ~(absent[1:] & absent[:-1])) + 1
     stretches = np.stack([np.append(0, ends), np.append(ends, len(value)) - 1], axis=1)

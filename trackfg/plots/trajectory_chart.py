@@ -41,7 +41,7 @@ def plot_trajectory(
 
 
 def sheet_of(result: Result, reference: pd.DataFrame | None, title: str, spans: tuple[Span, ...]) -> Sheet:
-    """What :func:`plot_trajectory` draws, in the units of its labels and thinned."""
+    """Return what :func:`plot_trajectory` draws, in the units of its labels and thinned."""
     table = result.trajectory
     t = table["t_s"].to_numpy()
 

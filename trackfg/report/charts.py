@@ -72,7 +72,7 @@ class View:
     sigma: Column | None
 
     def columns(self) -> Iterator[Column]:
-        """Two or three."""
+        """Yield two or three columns."""
         yield from (self.x, self.y)
         if self.sigma is not None:
             yield self.sigma
@@ -116,11 +116,11 @@ class Strips:
 
     @cached_property
     def views(self) -> dict[Line, View | None]:
-        """The first view of every line, None where that is all of it."""
+        """Return the first view of every line, None where that is all of it."""
         return {line: _view(line) for panel in self.panels for line in panel.lines}
 
     def columns(self) -> Iterator[Column]:
-        """Every column that is drawn."""
+        """Yield every column that is drawn."""
         for line, view in self.views.items():
             yield line.x
             yield from (line.y.first, line.y.second) if isinstance(line.y, Difference) else (line.y,)
@@ -130,7 +130,7 @@ class Strips:
                 yield from view.columns()
 
     def spec(self, number: dict[Column, int]) -> dict[str, Any]:
-        """For ``page.js``; ``number`` says which column of the page is which."""
+        """Return what ``page.js`` draws; ``number`` says which column of the page is which."""
 
         def reference(y: Column | Difference) -> Any:
             return [number[y.first], number[y.second]] if isinstance(y, Difference) else number[y]
@@ -180,7 +180,7 @@ class Figure:
     height: int
 
     def columns(self) -> Iterator[Column]:
-        """None: its numbers are in its traces."""
+        """Yield nothing: its numbers are in its traces."""
         yield from ()
 
     def spec(self, _: dict[Column, int]) -> dict[str, Any]:
@@ -201,12 +201,12 @@ def _view(line: Line) -> View | None:
 
 
 def whole_range(*axes: Array) -> tuple[float, float]:
-    """From the least to the greatest of some axes; one unit wide where all are at one place."""
+    """Return the range from the least to the greatest of some axes; one unit wide where all are at one place."""
     values = np.concatenate(axes)
     low, high = float(values.min()), float(values.max())
     return (low, high) if high > low else (low - 0.5, high + 0.5)
 
 
 def plain(text: str) -> str:
-    """A text that plotly shows as it is: it takes tags for markup, links among them."""
+    """Return a text that plotly shows as it is: it takes tags for markup, links among them."""
     return html.escape(text, quote=False)

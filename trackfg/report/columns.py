@@ -50,17 +50,17 @@ class Difference:
 
     @property
     def numbers(self) -> Array:
-        """As it is drawn, but for the rounding."""
+        """Return the numbers as drawn, but for the rounding."""
         return self.first.numbers - self.second.numbers
 
     @property
     def step(self) -> float:
-        """That of the coarser one."""
+        """Return the step of the coarser one."""
         return max(self.first.step, self.second.step)
 
 
 def packed_value(values: Array, sigmas: Array | None = None) -> Column:
-    """Values (n,) to a twentieth of their median sigma, or where there is none to 1e-5 of their range."""
+    """Return values (n,) to a twentieth of their median sigma, or where there is none to 1e-5 of their range."""
     finite = values[np.isfinite(values)]
     known = np.empty(0) if sigmas is None else sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
     if known.size:
@@ -69,13 +69,13 @@ def packed_value(values: Array, sigmas: Array | None = None) -> Column:
 
 
 def packed_sigma(sigmas: Array) -> Column:
-    """Sigmas (n,) to half a percent of their lower quartile."""
+    """Return sigmas (n,) to half a percent of their lower quartile."""
     known = sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
     return packed(sigmas, float(np.quantile(known, 0.25)) / _OF_SIZE if known.size else 1.0)
 
 
 def packed(values: Array, accuracy: float) -> Column:
-    """Values (n,), not finite where there is none, to the largest power of ten that is not above ``accuracy``.
+    """Return values (n,), not finite where there is none, to the largest power of ten that is not above ``accuracy``.
 
     To a coarser one where the numbers would not fit.
     """
@@ -100,7 +100,7 @@ def packed(values: Array, accuracy: float) -> Column:
 
 
 def _filled(values: Array, gap: NDArray[np.bool_]) -> Array:
-    """Without gaps: each repeats the value before it, one at the start the first there is."""
+    """Fill the gaps: each repeats the value before it, one at the start the first there is."""
     known = np.flatnonzero(~gap)
     if known.size == 0:
         return np.zeros(len(values))

@@ -39,13 +39,13 @@ class CaseCurves:
 
 
 def colours(names: Iterable[str]) -> dict[str, str]:
-    """One for each estimator, the same in every chart."""
+    """Return one colour for each estimator, the same in every chart."""
     others = [name for name in names if name != REFERENCE]
     return {REFERENCE: BLUE} | {name: PALETTE[i % len(PALETTE)] for i, name in enumerate(others)}
 
 
 def case_curves(comparison: Comparison, case: str, colour: Mapping[str, str]) -> CaseCurves:
-    """All that the comparison keeps of a case."""
+    """Return all that the comparison keeps of a case."""
     scored: dict[str, list[str]] = {}
     for row in comparison.about.rows:
         if row.case == case and row.from_kmh is None:
@@ -60,7 +60,7 @@ def case_curves(comparison: Comparison, case: str, colour: Mapping[str, str]) ->
 
 
 def _of_case(table: pd.DataFrame, case: str) -> dict[str, pd.DataFrame]:
-    """The case's table of each estimator."""
+    """Return the case's table of each estimator."""
     if "case" not in table:
         return {}
     return {str(name): rows for name, rows in table[table["case"] == case].groupby("estimator", sort=False)}
@@ -75,7 +75,7 @@ class _Chart:
     colour: Mapping[str, str]
 
     def over_chainage(self, tables: Mapping[str, pd.DataFrame]) -> tuple[Strips | None, Strips | None]:
-        """Values with the truth, and errors."""
+        """Draw values with the truth, and errors, over chainage."""
         every = [table["chainage_m"].to_numpy() for table in tables.values()]
         unit, scale = chainage_axis(np.concatenate(every))
         x = {name: packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE) for name, table in tables.items()}
@@ -89,7 +89,7 @@ class _Chart:
         )
 
     def over_time(self, tables: Mapping[str, pd.DataFrame]) -> Strips | None:
-        """Errors."""
+        """Draw errors over time."""
         x = {name: packed(table["t_s"].to_numpy(), _INSTANT) for name, table in tables.items()}
         x_range = whole_range(*(table["t_s"].to_numpy() for table in tables.values()))
         panels = [panel for quantity in QUANTITIES if (panel := self._errors(tables, x, quantity, ""))]
@@ -118,7 +118,9 @@ class _Chart:
     def _errors(
         self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str, suffix: str
     ) -> Panel | None:
-        """The smoother's with the band that it claims; where an unknown offset is not scored it is not drawn either."""
+        """Return the errors, the smoother's with the band that it claims; where an unknown offset is not scored it is
+        not drawn either.
+        """
         known = self._known(tables, quantity, quantity + suffix)
         known.pop(TRUTH, None)
         if not known:
@@ -144,7 +146,9 @@ class _Chart:
         return _panel(quantity, tuple(lines), with_margin(-reach, reach), centred=centred)
 
     def _known(self, tables: Mapping[str, pd.DataFrame], quantity: str, column: str) -> dict[str, Array]:
-        """The truth, and who is scored for the quantity (everybody in a case without scores), where they have it."""
+        """Return the truth, and the estimators scored for the quantity (all in a case without scores), where they have
+        it.
+        """
         known = {}
         for name, table in tables.items():
             if column not in table or not (name == TRUTH or not self.scored or name in self.scored.get(quantity, ())):
@@ -164,14 +168,14 @@ def _panel(quantity: str, lines: tuple[Line, ...], y_range: tuple[float, float],
 
 
 def _packed(values: Array) -> Column:
-    """To a hundredth of the usual size."""
+    """Pack to a hundredth of the usual size."""
     known = np.abs(values[np.isfinite(values)])
     known = known[known > 0.0]
     return packed(values, float(np.median(known)) / _OF_SIZE if known.size else 1.0)
 
 
 def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Figure | None:
-    """Error over speed of what is scored by speed, one line per estimator, on a logarithmic scale."""
+    """Draw error over speed of what is scored by speed, one line per estimator, on a logarithmic scale."""
     banded = [row for row in rows if row.case == case and row.from_kmh is not None]
     quantities = list(dict.fromkeys(row.quantity for row in banded))
     if len({row.from_kmh for row in banded}) < _LEAST_BANDS:
@@ -225,7 +229,7 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
 
 
 def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None:
-    """Seconds per kilometre of each estimator, its median over the cases, on a logarithmic scale."""
+    """Draw seconds per kilometre of each estimator, its median over the cases, on a logarithmic scale."""
     times: dict[str, dict[str, float]] = {}
     for row in rows:
         if row.seconds_per_km is not None and row.seconds_per_km > 0.0:

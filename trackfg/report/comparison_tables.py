@@ -13,13 +13,13 @@ _STATISTIC = {"rms": "RMS", "sd": "SD"}
 
 
 def quantity_text(quantity: str) -> str:
-    """Label and unit."""
+    """Return label and unit."""
     meaning = QUANTITIES[quantity]
     return f"{meaning.label}, {meaning.unit}" if meaning.unit else meaning.label
 
 
 def case_table(about: About) -> Table:
-    """What was compared, and on how many runs."""
+    """Return the table of what was compared, and on how many runs."""
     rows = tuple(
         Row(
             (
@@ -39,12 +39,12 @@ def case_table(about: About) -> Table:
 
 
 def estimator_names(about: About) -> list[str]:
-    """Everybody who is described or has a score."""
+    """Return the estimators that are described or have a score."""
     return list(dict.fromkeys([*about.estimators, *(row.estimator for row in about.rows)]))
 
 
 def estimator_table(about: About) -> Table:
-    """A line on each."""
+    """Return a table with a line on each."""
     rows = tuple(
         Row((name, about.estimators.get(name, NONE)), mark="own" if name == REFERENCE else "")
         for name in estimator_names(about)
@@ -53,7 +53,9 @@ def estimator_table(about: About) -> Table:
 
 
 def beaten_table(about: About) -> Table:
-    """Every score in which another system is better than the smoother: the sure ones first, then by the ratio."""
+    """Return every score in which another system is better than the smoother: the sure ones first, then by the
+    ratio.
+    """
     own = {_place(row): row for row in about.rows if row.estimator == REFERENCE}
     beaten = [row for row in about.rows if row.beats_the_smoother]
     beaten.sort(key=lambda row: (not surely_beats(row), row.to_smoother))
@@ -89,7 +91,9 @@ def beaten_table(about: About) -> Table:
 
 
 def score_table(about: About, task: Task) -> Table:
-    """One task, for whole runs: a group of rows for each case and quantity, the best estimator first."""
+    """Return the table of one task, for whole runs: a group of rows for each case and quantity, the best estimator
+    first.
+    """
     rows: list[Row] = []
     before: tuple[str, str] | None = None
     for row in about.rows:
@@ -126,13 +130,13 @@ def score_table(about: About, task: Task) -> Table:
 
 
 def left_out_table(about: About) -> Table:
-    """What could not be used, and why."""
+    """Return the table of what could not be used, and why."""
     rows = tuple(Row((one.case, one.estimator, one.reason)) for one in about.left_out)
     return Table(("case", "estimator", "why"), rows)
 
 
 def tasks(rows: Sequence[Score]) -> list[Task]:
-    """Those with scores, in the order of the rows."""
+    """Return the tasks with scores, in the order of the rows."""
     return list(dict.fromkeys(row.task for row in rows))
 
 
@@ -151,7 +155,7 @@ def _error(row: Score) -> str:
 
 
 def surely_beats(row: Score) -> bool:
-    """Whether the whole 95 % interval says that it is better than the smoother."""
+    """Return whether the whole 95 % interval says that it is better than the smoother."""
     return row.to_smoother_interval is not None and row.to_smoother_interval[1] < 1.0
 
 

@@ -48,7 +48,7 @@ class Named:
 
 
 def named(column: str) -> Named:
-    """Words and unit of a column, and the factor from the column's own unit."""
+    """Return words and unit of a column, and the factor from the column's own unit."""
     words, _, suffix = column.rpartition("_")
     if suffix in _UNITS and words:
         return Named(words.replace("cross_level", "cross-level").replace("_", " "), *_UNITS[suffix])
@@ -56,7 +56,7 @@ def named(column: str) -> Named:
 
 
 def noise_bars(ratios: Mapping[str, float]) -> Figure:
-    """Actual over assumed noise of each group of factors, on a scale of doublings about 1.
+    """Draw actual over assumed noise of each group of factors, on a scale of doublings about 1.
 
     A bar that leaves the scale ends at its edge; its number says where.
     """
@@ -101,7 +101,7 @@ def _power(power: int) -> str:
 
 
 def error_table(errors: pd.DataFrame) -> Table:
-    """One row per quantity that has an error."""
+    """Return one row per quantity that has an error."""
     scores = score_run(errors, band_kmh=None)
     rows = []
     for score in scores[scores["places"] > 0].to_dict("records"):
@@ -116,7 +116,7 @@ def error_table(errors: pd.DataFrame) -> Table:
 
 
 def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> Table:
-    """RMS of some quantities by speed."""
+    """Return RMS of some quantities by speed."""
     scores = score_run(errors, band_kmh=_BAND_KMH)
     scores = scores[scores["from_kmh"].notna() & scores["quantity"].isin(list(columns))]
     wide = scores.pivot_table(index="from_kmh", columns="quantity", values="rms", sort=False).sort_index()
@@ -134,7 +134,7 @@ def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> Table:
 
 
 def coverage_table(errors: pd.DataFrame) -> Table:
-    """How often an error is within so many sigmas, beside what a normal distribution has there."""
+    """Return how often an error is within so many sigmas, beside what a normal distribution has there."""
     rows = [
         Row(
             (named(name).name, *(percent(float(np.mean(np.abs(ratio) <= within))) for within in _WITHIN)),
@@ -150,7 +150,7 @@ def coverage_table(errors: pd.DataFrame) -> Table:
 
 
 def histograms(errors: pd.DataFrame) -> Figure | None:
-    """Error over sigma of each quantity, beside the normal density; None where no error has a sigma."""
+    """Draw error over sigma of each quantity, beside the normal density; None where no error has a sigma."""
     found = list(_normalised(errors))
     if not found:
         return None
@@ -193,7 +193,7 @@ def histograms(errors: pd.DataFrame) -> Figure | None:
 
 
 def _normalised(errors: pd.DataFrame) -> Iterator[tuple[str, Array]]:
-    """Error over sigma of each quantity, where there are both."""
+    """Return error over sigma of each quantity, where there are both."""
     for name in quantities(errors):
         sigma = errors[f"{name}_sd"].to_numpy()
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -34,12 +34,12 @@ _ROBUST = 0.998
 
 
 def channels(table: pd.DataFrame) -> tuple[Channel, ...]:
-    """Everything that a geometry table holds, in the order of the chart."""
+    """Return everything that a geometry table holds, in the order of the chart."""
     return (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1])
 
 
 def chainage_axis(chainage_m: Array) -> tuple[str, float]:
-    """The unit of the axis and what brings metres into it."""
+    """Return the unit of the axis and what brings metres into it."""
     return ("km", 1e-3) if np.ptp(chainage_m) > LONG_M else ("m", 1.0)
 
 
@@ -99,7 +99,7 @@ def _error_panel(channel: Channel, x: Column, error: Array, y: Column, sigmas: A
 
 
 def error_range(error: Array, sigmas: Array) -> tuple[float, float]:
-    """Symmetric about zero, with nearly all errors and bands."""
+    """Return symmetric about zero, with nearly all errors and bands."""
     size = np.concatenate([np.abs(error[np.isfinite(error)]), BAND * sigmas[np.isfinite(sigmas)]])
     reach = float(np.quantile(size, _ROBUST)) if size.size else 0.0
     reach = reach or 1.0

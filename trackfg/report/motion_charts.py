@@ -41,7 +41,7 @@ _ERRORS = {
 
 
 def motion_strips(result: Result) -> Strips:
-    """Speed and attitude with bands, heading, and the sigmas of the position."""
+    """Draw speed and attitude with bands, heading, and the sigmas of the position."""
     table = result.trajectory
     t = table["t_s"].to_numpy()
     x = packed(t, _INSTANT)
@@ -62,7 +62,7 @@ def motion_strips(result: Result) -> Strips:
 
 
 def error_strips(errors: pd.DataFrame, events: pd.DataFrame) -> Strips | None:
-    """Errors of the trajectory over time about their bands; None where the truth says nothing of it."""
+    """Draw errors of the trajectory over time about their bands; None where the truth says nothing of it."""
     t = errors["t_s"].to_numpy()
     x = packed(t, _INSTANT)
     panels = []
@@ -77,7 +77,7 @@ def error_strips(errors: pd.DataFrame, events: pd.DataFrame) -> Strips | None:
 
 
 def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
-    """The path, with equal scales to the east and north, chainages along it, and the events."""
+    """Draw the path, with equal scales to the east and north, chainages along it, and the events."""
     table = result.trajectory
     traces = []
     if truth is not None and {"east_m", "north_m"} <= set(truth):
@@ -137,7 +137,7 @@ def _spans(events: pd.DataFrame) -> tuple[Span, ...]:
 
 
 def _posts(chainage_m: Array) -> tuple[NDArray[np.intp], list[str]]:
-    """Rows at which a round chainage is passed first, about ten of them, and its text."""
+    """Return rows at which a round chainage is passed first, about ten of them, and its text."""
     low, high = float(chainage_m.min()), float(chainage_m.max())
     rough = max(high - low, 1.0) / _POSTS
     decade = 10.0 ** np.floor(np.log10(rough))
@@ -185,5 +185,5 @@ def _event_markers(result: Result) -> list[dict[str, object]]:
 
 
 def _numbers(values: pd.Series[float], places: int = 3) -> list[float | None]:
-    """For JSON, which has no NaN."""
+    """Return numbers for JSON, which has no NaN."""
     return [round(value, places) if np.isfinite(value) else None for value in values.tolist()]

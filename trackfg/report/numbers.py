@@ -9,7 +9,9 @@ NONE = "–"
 
 
 def digits(value: float | None, significant: int = 3) -> str:
-    """Significant digits without trailing dots or exponents of ordinary sizes: ``0.0123``, ``12.3``, ``1230``."""
+    """Format significant digits without trailing dots or exponents of ordinary sizes: ``0.0123``, ``12.3``,
+    ``1230``.
+    """
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0.0:
@@ -21,13 +23,13 @@ def digits(value: float | None, significant: int = 3) -> str:
 
 
 def with_unit(value: float | None, unit: str, significant: int = 3) -> str:
-    """The same with its unit."""
+    """Format a number as :func:`digits` does, with its unit."""
     text = digits(value, significant)
     return text if text == NONE or not unit else f"{text} {unit}"
 
 
 def with_sd(value: float, sd: float, unit: str) -> str:
-    """Value and 1-sigma to two digits of the sigma."""
+    """Format value and 1-sigma to two digits of the sigma."""
     if not (math.isfinite(sd) and sd > 0.0):
         return with_unit(value, unit, 6)
     places = max(1 - math.floor(math.log10(sd)), 0)
@@ -35,17 +37,17 @@ def with_sd(value: float, sd: float, unit: str) -> str:
 
 
 def percent(share: float | None, places: int = 1) -> str:
-    """A share of 1 in percent."""
+    """Format a share of 1 in percent."""
     return NONE if share is None or not math.isfinite(share) else f"{100.0 * share:.{places}f} %"
 
 
 def interval(bounds: tuple[float, float] | None) -> str:
-    """From - to."""
+    """Format an interval."""
     return NONE if bounds is None else f"{digits(bounds[0])} – {digits(bounds[1])}"
 
 
 def duration(seconds: float) -> str:
-    """Hours, minutes and seconds as far as they are needed."""
+    """Format hours, minutes and seconds as far as they are needed."""
     if seconds < 60.0:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -54,5 +56,5 @@ def duration(seconds: float) -> str:
 
 
 def length(metres: float) -> str:
-    """In m below a kilometre."""
+    """Format a length, in m below a kilometre."""
     return f"{metres:.1f} m" if abs(metres) < 1000.0 else f"{metres / 1000.0:.3f} km"

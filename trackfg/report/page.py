@@ -130,11 +130,11 @@ class Page:
     sections: tuple[Section, ...]
 
     def charts(self) -> list[Chart]:
-        """From top to bottom."""
+        """Return the charts from top to bottom."""
         return [drawing.chart for section in self.sections for drawing in _drawings(section.blocks)]
 
     def html(self) -> str:
-        """The whole file; the same page gives the same text."""
+        """Return the whole file; the same page gives the same text."""
         charts = self.charts()
         columns = list(dict.fromkeys(column for chart in charts for column in chart.columns()))
         number = {column: i for i, column in enumerate(columns)}
@@ -195,7 +195,7 @@ def _header(column: Column) -> dict[str, Any]:
 
 
 def _json(content: Any) -> str:
-    """JSON that cannot end the script element that holds it."""
+    """Return JSON that cannot end the script element that holds it."""
     text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -231,7 +231,7 @@ def _part(name: str) -> str:
 
 @cache
 def _plotly() -> str:
-    """plotly.js, its factory in parentheses: browsers then compile it as they read it, and not a second time."""
+    """Return plotly.js, its factory in parentheses: browsers then compile it as they read it, and not a second time."""
     from plotly.offline import get_plotlyjs
 
     script: str = get_plotlyjs()
@@ -242,7 +242,7 @@ def _plotly() -> str:
 
 
 def _umask() -> int:
-    """That of the process; it can only be read by setting it."""
+    """Return the mask of the process; it can only be read by setting it."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask

@@ -191,7 +191,7 @@ def _geometry(result: Result, against: Against | None, judgement: Judgement | No
 
 
 def _errors(result: Result, against: Against | None) -> pd.DataFrame:
-    """Of the geometry, in the order of its chart; no columns where there are none."""
+    """Return the errors of the geometry, in the order of its chart; no columns where there are none."""
     if against is None or result.geometry.empty:
         return pd.DataFrame()
     errors = against.geometry_errors

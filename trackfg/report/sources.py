@@ -1,4 +1,4 @@
-"""From a folder that trackfg wrote to the page about it: one entry per kind of folder."""
+"""Make the page about a folder that trackfg wrote: one entry per kind of folder."""
 
 from __future__ import annotations
 

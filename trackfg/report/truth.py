@@ -28,8 +28,8 @@ class Against:
 
     @cached_property
     def geometry_errors(self) -> pd.DataFrame:
-        """As of :func:`trackfg.evaluation.geometry_errors.geometry_errors`; no columns but the place without a true
-        geometry.
+        """Return the errors as of :func:`trackfg.evaluation.geometry_errors.geometry_errors`; no columns but the place
+        without a true geometry.
         """
         truth = self.geometry
         if truth is None or self.result.geometry.empty:
@@ -38,12 +38,12 @@ class Against:
 
     @cached_property
     def trajectory_errors(self) -> pd.DataFrame:
-        """As of :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`."""
+        """Return the errors as of :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`."""
         return trajectory_errors(self.result.trajectory, self.trajectory)
 
 
 def against(result: Result, recording: str | os.PathLike[str]) -> Against:
-    """The truth of the recording that the result was made from.
+    """Return the truth of the recording that the result was made from.
 
     Raises :class:`BadInputError` if it has none, or is another recording.
     """

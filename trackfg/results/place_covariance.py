@@ -38,17 +38,19 @@ class PlaceCovariance:
 
     @classmethod
     def none(cls) -> PlaceCovariance:
-        """Of a run that tells nothing of the track."""
+        """Return the covariance of a run that tells nothing of the track."""
         return cls(np.zeros(0), np.zeros((0, 0)))
 
     def at(self, chainage: Array) -> Array:
-        """The joint covariance at other places (m,), shape (2 m, 2 m); beyond the ends that of the ends."""
+        """Return the joint covariance at other places (m,), shape (2 m, 2 m); beyond the ends that of the ends."""
         weights = interpolation_weights(self.chainage_m, chainage)
         both = np.kron(np.eye(2), weights)
         return np.asarray(both @ self.matrix @ both.T)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per quantity and place: ``quantity, chainage_m``, then its covariances with each ``quantity@m``."""
+        """Return one row per quantity and place: ``quantity, chainage_m``, then its covariances with each
+        ``quantity@m``.
+        """
         names = [f"{name}@{place:.10g}" for name in _OF for place in self.chainage_m]
         table = pd.DataFrame(self.matrix, columns=names)
         table.insert(0, "quantity", np.repeat(_OF, len(self.chainage_m)))
@@ -57,7 +59,7 @@ class PlaceCovariance:
 
     @classmethod
     def from_frame(cls, table: pd.DataFrame) -> PlaceCovariance:
-        """What :meth:`to_frame` gave. Raises ``ValueError`` for any other table."""
+        """Read what :meth:`to_frame` gave. Raises ``ValueError`` for any other table."""
         places = len(table) // 2
         if list(table.columns[:2]) != ["quantity", "chainage_m"] or list(table["quantity"]) != list(
             np.repeat(_OF, places)
@@ -68,7 +70,9 @@ class PlaceCovariance:
 
 
 def interpolation_weights(places: Array, at: Array) -> Array:
-    """W (m, p): ``W @ values`` is the linear interpolation of values at ascending places (p,), constant beyond."""
+    """Return W (m, p): ``W @ values`` is the linear interpolation of values at ascending places (p,), constant
+    beyond.
+    """
     weights = np.zeros((len(at), len(places)))
     left, f = _bracketed(places, at)
     row = np.arange(len(at))
@@ -78,7 +82,9 @@ def interpolation_weights(places: Array, at: Array) -> Array:
 
 
 def interpolated_variance(places: Array, covariance: Array, at: Array) -> Array:
-    """Of a quantity known at ascending places (p,) and linear in between, constant beyond. Shape (m,)."""
+    """Return the variance of a quantity known at ascending places (p,) and linear in between, constant beyond. Shape
+    (m,).
+    """
     left, f = _bracketed(places, at)
     variance = np.append(np.diag(covariance), 0.0)
     beside = np.append(np.diag(covariance, 1), 0.0)
@@ -86,7 +92,7 @@ def interpolated_variance(places: Array, covariance: Array, at: Array) -> Array:
 
 
 def _bracketed(places: Array, at: Array) -> tuple[np.ndarray, Array]:
-    """The place before each (m,), and the share of the way to the next: 0 before the first, 1 after the last."""
+    """Return the place before each (m,), and the share of the way to the next: 0 before the first, 1 after the last."""
     if len(places) == 1:
         return np.zeros(len(at), dtype=np.int64), np.zeros(len(at))
     left = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(places) - 2)

@@ -68,7 +68,7 @@ class Result:
 
     @property
     def has_rails(self) -> bool:
-        """Whether the geometry has each rail by itself and the gauge."""
+        """Return whether the geometry has each rail by itself and the gauge."""
         return RAIL_COLUMNS[0] in self.geometry
 
     def write(self, folder: str | os.PathLike[str]) -> Path:
