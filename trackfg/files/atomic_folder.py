@@ -30,7 +30,11 @@ from pathlib import Path
 
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
 _AT_FDCWD = -100
+"""Paths are relative to the working directory (Linux, fcntl.h)."""
+
 _RENAME_EXCHANGE = 2
+"""Both names change places in one step (Linux, renameat2(2))."""
+
 _CANNOT_EXCHANGE = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 CANNOT_LOCK = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 _OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST}

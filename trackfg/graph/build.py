@@ -44,6 +44,8 @@ from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 
 _ANYWHERE_SD_M = 1e5
+"""Sigma of a start that may be anywhere along the track, m: wider than any line between two fixes."""
+
 _SET_SD_M = 1e-4
 """Of a place that is 0 by convention."""
 

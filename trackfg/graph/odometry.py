@@ -26,8 +26,14 @@ from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.spans import within
 
 _DISTANCE_SD_M = 1e-5
+"""Distances of an interval and of the chain are one quantity: far below what any sensor resolves, m."""
+
 _ARC_SD_M = 2e-4
+"""Sigma of the length of the path over an interval, m: what the chord-to-arc correction leaves out."""
+
 _ARC_SD_RELATIVE = 1e-5
+"""The same, in proportion to the distance."""
+
 _MOVED_SD_M = 1e4
 """For an interval in which the wheel says nothing: any distance."""
 

@@ -34,24 +34,37 @@ from trackfg.sensors.imu_intervals import Intervals, means_around
 from trackfg.sensors.tach import Wheel
 
 _STEP_S = 0.5
+"""Step of the grid, s: slips last longer, and a minute of slip is 120 steps."""
+
 _ACCELERATION_SD = 0.02
 """m/s in 1 s: noise, vibration, the body on its springs."""
 _ERROR_WALK = 1e-3
 """m/s^2 in 1 s: pitch from the gyro."""
 _SCALE_SD = 0.01
+"""Relative sigma of the wheel's scale: diameters are described to about 1 %, as ``tach.scale_sd`` has it."""
+
 _CREEP = 2e-3
 """Of the distance, besides that which goes with the force."""
 _REST_SD_MPS = 0.01
+"""Sigma of the speed at rest, m/s."""
+
 _SILENT_SD_M = 1e6
+"""Sigma of a distance that the wheel does not tell, m: any."""
 
 _FEWEST = 5
 """Times: a shorter run is not searched."""
 
 _GATE_SIGMAS = 4.0
+"""A filter passes over a distance that is further off, in sigmas: 6e-5 of good ones are."""
+
 _LONE_SIGMAS = 3.5
 """Where a lone error is as likely a slip."""
 _LEAST_WEIGHT = 1e-6
+"""Weights are at least this, so that the banded system stays positive definite."""
+
 _ROUNDS = 8
+"""Rounds of least squares and probabilities at most; :data:`_SETTLED` ends them earlier."""
+
 _SETTLED = 0.01
 """No weight changes by more."""
 

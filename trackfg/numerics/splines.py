@@ -10,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 from trackfg.numerics.arrays import Array
 
 _DEGREE = 5
+"""Quintic: curvature is then a cubic, smooth over waves of 3 m."""
 
 
 def spline_through(x: Array, y: Array) -> Callable[[Array], Array]:

@@ -31,6 +31,8 @@ from trackfg.numerics.rotations import (
 from trackfg.sensors.imu_intervals import compress, increment_starts, running_turn
 
 _LONGEST_STEP_S = 0.02
+"""A row of dense motion is no longer than this, s: 50 Hz, above the motion of a body on springs (below 10 Hz)."""
+
 _CHUNK = 400
 """Intervals at a time: what is needed on the way stays small."""
 

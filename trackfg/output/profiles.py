@@ -23,6 +23,7 @@ from trackfg.output.profile_samples import Points
 from trackfg.sensors.displacement import Side
 
 SHORTEST_PASS_M = 10.0
+"""A shorter pass gives no geometry, m: it does not hold the default chord."""
 
 
 @dataclass(frozen=True)

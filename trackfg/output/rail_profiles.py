@@ -26,6 +26,8 @@ _KEPT = 0.78
 band that the grid can show."""
 
 _SLOWEST_MPS = 0.05
+"""At a crawl readings per step count as at this speed, m/s, lest a stop average the noise away."""
+
 _SLOPE_M = 1.0
 """The heading is the slope of a cubic fitted within this to either side."""
 

@@ -28,12 +28,26 @@ from trackfg.sensors.tach import Wheel
 from trackfg.solver.covariance import Covariance
 
 _STEP_S = 0.1
+"""Step of the clock of the excess, s: a fifth of the window."""
+
 _WINDOW_S = 0.5
+"""The rate of the excess is taken over this, s; slips shorter than it are not resolved."""
+
 _LEAST_CREEP = 0.02
+"""An event reaches this creep. Rolling wheels creep below 1-2 % at the adhesion that is used (Kalker; Polach 2005)."""
+
 _EDGE_CREEP = 0.015
+"""An event begins and ends at this creep, between the usual creep and :data:`_LEAST_CREEP`."""
+
 _EDGE_SIGMAS = 2.5
+"""An event begins and ends where the rate leaves its noise by so many sigmas."""
+
 _LEAST_SIGMAS = 4.0
+"""An event's distance is beyond its noise by so many sigmas: 6e-5 of spans without slip are."""
+
 _WAYS = (1.0, -1.0)
+"""Slip, where the wheel rolls too far, and slide."""
+
 _RELEASE_S = 0.7
 """Slide protection holds a brake released for no longer."""
 

@@ -15,6 +15,7 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 
 APART_M = 250.0
+"""Distance of the places whose covariance a result holds, m: in between, errors are linear to a few mm."""
 
 
 _OF = ("chainage_m", "cross_level_mm")

@@ -23,7 +23,11 @@ from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_
 from trackfg.sensors.tach import Wheel
 
 _GRID_S = 0.1
+"""Step of the first pass, s: it resolves a train's motion, and ten times fewer rows than the IMU has suffice."""
+
 _CROSSOVER_S = 20.0
+"""Attitude comes from the specific force below ``1 / (2 pi 20 s)`` and from the gyro above. At 20 s a gyro of 5 deg/h
+drifts by 0.03 deg, less than the 0.1 deg that an acceleration wrong by 0.02 m/s^2 tilts."""
 
 
 @dataclass(frozen=True)

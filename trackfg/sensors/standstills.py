@@ -25,6 +25,8 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
 _BLOCK_S = 0.5
+"""Scatter and means are those of blocks this long, s: several periods of an idling engine's or a body's vibration."""
+
 _MARGIN_S = 1.5  # a gentle start takes this long to show: trimmed from both ends of a candidate
 _LAST_SECOND_M = 4.0  # no vehicle rolls further in its last second before a stop: 8 m/s^2
 _QUIET_RATIO = 5.0  # scatter of a block against the quiet level of its candidate

@@ -20,6 +20,8 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
 _GRID_S = 0.1
+"""Step at which force and acceleration are compared, s."""
+
 CRAWL_MPS = 0.25
 """A reversal needs a stop, and a stop may be too short for the tach to show: slower than this may be one."""
 
@@ -29,7 +31,11 @@ counts as backwards.
 """
 
 _LEAST_ROUNDING_M = 1e-4
+"""A reading is no better than this, m: what a wheel's roundness and its bearings leave of a fine resolution."""
+
 _USUAL_INTERVALS = 3.5
+"""A silence of more usual intervals than this is a gap: one row may be late, three are missing."""
+
 _EDGE_STAMPED_FRACTION = 0.1
 """Rounding error, in pulses, of a count whose rows are the pulses' own times."""
 

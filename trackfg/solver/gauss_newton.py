@@ -28,7 +28,11 @@ from trackfg.solver.elimination import eliminate
 from trackfg.solver.square_root import SquareRoot
 
 _SHORTEST = 2.0**-10
+"""A step is halved no further than this share of it."""
+
 _LONGEST = 8.0
+"""A step is doubled no further than this multiple of it."""
+
 _ROUGH = 3.0
 """In sigmas per square root of the number of variables: until a step is shorter, gentler losses stand in."""
 

@@ -25,6 +25,7 @@ _LEAST_REDUNDANCY = 20.0
 """Groups that the rest of the graph hardly checks say nothing about their own noise."""
 
 _FAR_OFF = 2.0
+"""Ratio of seen to assumed noise from which on it is a finding: sigmas are wrong by as much."""
 
 GROUPS = {
     FactorType.NON_HOLONOMIC: "motion",
