@@ -24,7 +24,7 @@ stable side
 **Beyond it** the axle breaks away. It speeds up or slows down ``gain`` times (5 to 10) as fast as the vehicle is
 driven, so its creep grows by ``(gain - 1) |d| / v`` a second, up to a peak drawn log-uniformly; it stays there, or on
 the brake cycles below it as slide protection releases and applies (a saw-tooth), until the demand falls below the
-supply or somebody lets go, after a time drawn log-normally (median 4 s, 90 % within 10 s) and kept to 1-30 s. If the
+supply or the driver lets go, after a time drawn log-normally (median 4 s, 90 % within 10 s) and kept to 1-30 s. If the
 demand is still there after a pause, it starts again. Creep is piecewise linear in time.
 """
 
@@ -46,7 +46,7 @@ from trackfg.numerics.arrays import Array
 
 _GRID_HZ = 10.0
 _SLOWEST_MPS = 1.0
-"""Below it nobody would notice."""
+"""A slip below this creep is not drawn: it would hardly show."""
 _SHORTEST_S, _LONGEST_S = 1.0, 30.0
 _MEDIAN_S = 4.0
 _LOG_SD = float(np.log(10.0 / _MEDIAN_S) / 1.2816)

@@ -145,19 +145,23 @@ def find_curve(
     i, j = int(longest[0]), int(longest[1]) - 1
     if i == 0 or j + 1 >= len(rows):
         return None
-    gone = direction * place[rows]
-    enter = _crossing(gone, np.abs(size), i - 1, limit)
-    leave = _crossing(gone, np.abs(size), j, limit)
+    travelled = direction * place[rows]
+    enter = _crossing(travelled, np.abs(size), i - 1, limit)
+    leave = _crossing(travelled, np.abs(size), j, limit)
     straight = np.abs(size) < limits.straight_1pm
     before, after = true_runs(straight[:i]), j + 1 + true_runs(straight[j + 1 :])
-    entry = float(gone[before[-1][1] - 1] - gone[before[-1][0]]) if len(before) else 0.0
-    leaving = float(gone[after[0][1] - 1] - gone[after[0][0]]) if len(after) else 0.0
+    entry = float(travelled[before[-1][1] - 1] - travelled[before[-1][0]]) if len(before) else 0.0
+    leaving = float(travelled[after[0][1] - 1] - travelled[after[0][0]]) if len(after) else 0.0
     straights = (curve.entry_m - curve.start_m, curve.end_m - curve.exit_m)
     needed_before, needed_after = straights if direction > 0 else straights[::-1]
 
-    reached = gone >= (gone[after[0][0]] if len(after) else gone[j]) + needed_after
+    reached = travelled >= (travelled[after[0][0]] if len(after) else travelled[j]) + needed_after
     checked = int(rows[np.argmax(reached)]) if reached.any() else int(rows[-1])
-    began = int(rows[np.searchsorted(gone, (gone[before[-1][1] - 1] if len(before) else gone[i]) - needed_before)])
+    began = int(
+        rows[
+            np.searchsorted(travelled, (travelled[before[-1][1] - 1] if len(before) else travelled[i]) - needed_before)
+        ]
+    )
     way = slice(began, checked + 1)
     reasons = [
         (entry < needed_before, f"entry straight of {entry:.0f} m"),

@@ -1,4 +1,4 @@
-"""Folders that trackfg writes and replaces, each of a kind: what may be replaced, and what is somebody's own."""
+"""Folders that trackfg writes and replaces, each of a kind: what may be replaced, and what is foreign."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def refuse_used(path: Path, why: str) -> None:
 def sole_writer(folder: Path) -> Iterator[None]:
     """Keep other processes from writing to a folder, until the block ends or this one does, however it does.
 
-    Raises :class:`BadInputError` while another process does. A file system without locks keeps nobody away.
+    Raises :class:`BadInputError` while another process does. A file system without locks excludes no other process.
     """
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:

@@ -45,7 +45,7 @@ _MARK_SHARE = 0.075
 """Width of the text at a curve, as a share of the chart's."""
 
 _SMALL_CURVE = 0.2
-"""A curve shorter than this share of its text is not named: nobody could tell which one is meant."""
+"""A curve shorter than this share of its text is not named: it would be unclear which one is meant."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class PlaceCovariance:
     """Joint covariance of the errors at places ``chainage_m`` (p,), ascending.
 
     ``matrix`` (2 p, 2 p): of the chainage of all places (m), then of the cross-level of all places (mm), both facing
-    increasing chainage. What nobody knows of the mounting's roll is not in it. Raises ``ValueError`` for other shapes.
+    increasing chainage. The uncertainty of the mounting's roll is not in it. Raises ``ValueError`` for other shapes.
     """
 
     chainage_m: Array

@@ -6,7 +6,7 @@ file                content
 trajectory.parquet  one row per instant of a uniform clock, columns :data:`TRAJECTORY_COLUMNS`
 geometry.parquet    one row per 0.25 m of chainage, columns :data:`GEOMETRY_COLUMNS`, with lasers :data:`RAIL_COLUMNS`
                     too; the file's metadata (key ``trackfg``) hold :class:`GeometryConventions`
-covariance.parquet  how errors of chainage and cross-level hang together (:mod:`trackfg.output.place_covariance`)
+covariance.parquet  joint covariance of the errors of chainage and cross-level (:mod:`trackfg.output.place_covariance`)
 events.csv          one row per event, columns :data:`EVENT_COLUMNS`
 summary.json        :class:`Summary`
 ==================  ==========================================================================================
