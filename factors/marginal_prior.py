@@ -63,8 +63,9 @@ def _nav_coordinates(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rat
 
 def step_from(origin: States, states: States) -> Step:
     """Return the step from ``origin`` to other states of as many keyframes, in this chart."""
-    parts = [local_coordinates(states.of(kind), origin.of(kind)) for kind in _KINDS]
-    return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), np.concatenate(parts[_IN_KEYFRAME:], axis=1)[0])
+    parts = [local_coordinates(states.of(kind), origin.of(kind)) for kind in (*_KINDS, Kind.SENSOR)]
+    shared = np.concatenate([part.ravel() for part in parts[_IN_KEYFRAME:]])
+    return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), shared)
 
 
 def change_of_linearisation_point(origin: States, other: States) -> tuple[Array, Step]:
@@ -72,7 +73,7 @@ def change_of_linearisation_point(origin: States, other: States) -> tuple[Array,
 
     J is square, of KEYFRAME_DIM + SHARED_DIM.
     """
-    J = np.eye(sum(kind.dim for kind in _KINDS))
+    J = np.eye(sum(kind.dim for kind in _KINDS) + origin.sensor.size)
     at = offset_in_keyframe(Kind.NAV)
     J[at : at + Kind.NAV.dim, at : at + Kind.NAV.dim] = _by_nav(
         other.nav, origin.nav, rpy_from_matrix(other.nav.R), body_rates(rpy_from_matrix(origin.nav.R))
@@ -93,17 +94,20 @@ def retract_in_chart(origin: States, step: Step) -> States:
 def _past(
     *values: Value, R: Array, p: Array, v: Array, A: Array, b: Array, **origins: Array
 ) -> tuple[Array, tuple[Array, ...]]:
+    sensors = len(values) - len(_KINDS)
+    origin_of = [*(origins.get(kind.attribute) for kind in _KINDS), *(origins["sensor"][:, j] for j in range(sensors))]
+    kinds, at = (*_KINDS, *[Kind.SENSOR] * sensors), 0
     tangents, jacobians = [], []
-    for kind, value in zip(_KINDS, values, strict=True):
-        at = offset_in_keyframe(kind)
+    for kind, value, other in zip(kinds, values, origin_of, strict=True):
         block = A[:, :, at : at + kind.dim]
+        at += kind.dim
         if isinstance(value, Nav):
             origin, (rpy, rpy_origin) = Nav(R, p, v), (rpy_from_matrix(one) for one in (value.R, R))
             rates = body_rates(rpy_origin)
             tangents.append(_nav_coordinates(value, origin, rpy, rpy_origin, rates))
             block = block @ _by_nav(value, origin, rpy, rates)
         else:
-            tangents.append(vectors(value) - origins[kind.attribute])
+            tangents.append(vectors(value) - other)
         jacobians.append(block)
     x = np.concatenate(tangents, axis=1)
     return (A @ x[:, :, None])[:, :, 0] - b, tuple(jacobians)
@@ -128,8 +132,10 @@ def marginal_prior(rows: Array, origin: States) -> Family:
     zero = np.zeros(1, dtype=np.int64)
     nav = origin.nav
     others = {kind.attribute: vectors(origin.of(kind)) for kind in _OTHERS}
+    others["sensor"] = origin.sensor[None]
     data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "A": rows[None, :, :-1], "b": rows[None, :, -1]}
-    slots = tuple(Slot(kind, zero) for kind in _KINDS)
+    sensors = np.arange(len(origin.sensor))[:, None]
+    slots = (*(Slot(kind, zero) for kind in _KINDS), *(Slot(Kind.SENSOR, j) for j in sensors))
     return Family(FactorType.MARGINAL_PRIOR, _past, slots, data, np.ones((1, len(rows))))
 
 

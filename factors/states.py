@@ -15,6 +15,8 @@ kind       dim   content and tangent
 ``WHEEL``  4     shared: where the wheel runs in curves, to the left and to the outside of the centre line (m), and its
                  creep per force in traction and in braking (share of the distance per g), as
                  :func:`trackfg.factors.odometry.tach_distance` says
+``SENSOR`` 2     shared, one per further sensor of distance or speed: what its scale is off by (share of the distance),
+                 and its clock's offset (s) or the yaw of its mounting (rad)
 =========  ====  =================================================================================================
 
 Position and velocity of one keyframe are one variable with its attitude, and the odometer's scalars are another: the
@@ -45,6 +47,7 @@ class Kind(Enum):
     CLOCK = ("c", 3, True)
     IMU = ("i", 21, True)
     WHEEL = ("w", 4, True)
+    SENSOR = ("s", 2, True)
 
     def __init__(self, letter: str, dim: int, shared: bool) -> None:
         self.letter = letter
@@ -64,11 +67,16 @@ ELIMINATION_ORDER = (Kind.ODO, Kind.BIAS, Kind.NAV)
 KEYFRAME_DIM = sum(kind.dim for kind in ELIMINATION_ORDER)
 SHARED = (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL)
 SHARED_DIM = sum(kind.dim for kind in SHARED)
+"""Without further sensors: of these a run has any number, none as a rule. They follow the other shared variables."""
 
 
 @cache
 def offset_in_keyframe(kind: Kind) -> int:
-    """Where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow."""
+    """Where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow: the first of
+    several.
+    """
+    if kind is Kind.SENSOR:
+        return KEYFRAME_DIM + SHARED_DIM
     if kind.shared:
         return KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)])
     before = ELIMINATION_ORDER[: ELIMINATION_ORDER.index(kind)]
@@ -164,7 +172,9 @@ def vectors(value: Value) -> Array:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run: n keyframes' of nav, bias and odo, and one of each shared kind, (1, dim)."""
+    """Values of all variables of a run: n keyframes' of nav, bias and odo, one of each shared kind, (1, dim), and one for
+    each further sensor, (m, dim).
+    """
 
     nav: Nav
     bias: Array
@@ -173,13 +183,14 @@ class States:
     clock: Array
     imu: Array
     wheel: Array = field(default_factory=lambda: np.zeros((1, Kind.WHEEL.dim)))
+    sensor: Array = field(default_factory=lambda: np.zeros((0, Kind.SENSOR.dim)))
 
     def __len__(self) -> int:
         return len(self.nav)
 
     def take(self, rows: slice) -> States:
         """The keyframes of some rows, and the shared variables."""
-        return States(self.nav[rows], self.bias[rows], self.odo[rows], self.mount, self.clock, self.imu, self.wheel)
+        return replace(self, nav=self.nav[rows], bias=self.bias[rows], odo=self.odo[rows])
 
     def joined(self, *later: States) -> States:
         """These keyframes, then the later ones; shared variables of the last."""
@@ -202,8 +213,8 @@ class States:
         nav = np.concatenate([so3_log(self.nav.R), self.nav.p, self.nav.v], axis=1)
         parts = {Kind.NAV: nav, Kind.BIAS: self.bias, Kind.ODO: self.odo.array}
         keyframes = np.concatenate([parts[kind] for kind in ELIMINATION_ORDER], axis=1)
-        shared = np.concatenate([vectors(self.of(kind))[0] for kind in SHARED])
-        return _zero(len(self)).retract(Step(keyframes, shared).to_gtsam())
+        shared = np.concatenate([vectors(self.of(kind)).ravel() for kind in (*SHARED, Kind.SENSOR)])
+        return _zero(len(self), len(self.sensor)).retract(Step(keyframes, shared).to_gtsam())
 
     def inertial_to_gtsam(self) -> gtsam.Values:
         """What inertial factors touch alone."""
@@ -217,19 +228,24 @@ class States:
         nav, odo = parts[Kind.NAV], parts[Kind.ODO]
         assert isinstance(nav, Nav)
         assert isinstance(odo, Odo)
-        return States(nav, vectors(parts[Kind.BIAS]), odo, *(vectors(parts[kind]) for kind in SHARED))
+        shared = (vectors(parts[kind]) for kind in (*SHARED, Kind.SENSOR))
+        return States(nav, vectors(parts[Kind.BIAS]), odo, *shared)
 
 
 @dataclass(frozen=True)
 class Step:
-    """Tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM) and shared variables (SHARED_DIM,)."""
+    """Tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM) and shared variables (SHARED_DIM,), which those of
+    further sensors follow.
+    """
 
     keyframes: Array
     shared: Array
 
     def of(self, kind: Kind) -> Array:
-        """The tangents of one kind: (n, dim), or (1, dim) for a shared one."""
+        """The tangents of one kind: (n, dim), or (1, dim) for a shared one, (m, dim) of further sensors."""
         start = offset_in_keyframe(kind)
+        if kind is Kind.SENSOR:
+            return self.shared[start - KEYFRAME_DIM :].reshape(-1, kind.dim)
         if kind.shared:
             return self.shared[None, start - KEYFRAME_DIM : start - KEYFRAME_DIM + kind.dim]
         return self.keyframes[:, start : start + kind.dim]
@@ -260,14 +276,14 @@ def _keys(kind: Kind, count: int) -> tuple[int, ...]:
     return tuple(kind.keys(np.arange(count)).tolist())
 
 
-def _zero(keyframes: int) -> gtsam.Values:
+def _zero(keyframes: int, sensors: int) -> gtsam.Values:
     """All variables at zero, attitudes at the identity."""
     values = _no_motion.__wrapped__(keyframes)
     for key in _keys(Kind.ODO, keyframes):
         values.insert(key, np.zeros(Kind.ODO.dim))
-    for kind in SHARED:
-        (key,) = _keys(kind, 1)
-        values.insert(key, np.zeros(kind.dim))
+    for kind, count in (*((kind, 1) for kind in SHARED), (Kind.SENSOR, sensors)):
+        for key in _keys(kind, count):
+            values.insert(key, np.zeros(kind.dim))
     return values
 
 

@@ -65,7 +65,7 @@ def calibration_table(run: RunContext, motion: DenseMotion, states: States, cova
     J[:, 1:, bias : bias + 6] = np.eye(6)
     J[:, 1:, imu : imu + Kind.IMU.dim] = -run.response
     values = np.column_stack([states.odo.scale, own])
-    variance = np.einsum("nij,njk,nik->ni", J, covariance.marginal, J, optimize=True)
+    variance = np.einsum("nij,njk,nik->ni", J, covariance.leading(J.shape[2]), J, optimize=True)
     names = ["wheel_scale"]
     names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
     k, f = motion.keyframe, motion.fraction[:, None]
@@ -82,7 +82,7 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
     ``mount_roll_sd``, rad, is the uncertainty of the mounting's roll: it adds to that of the vehicle's roll.
     """
     J = keyframe_jacobian(states, lever_arm)
-    variance = np.asarray(np.sum((J @ covariance.marginal) * J, axis=2))
+    variance = np.asarray(np.sum((J @ covariance.leading(J.shape[2])) * J, axis=2))
     variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
     return variance
 

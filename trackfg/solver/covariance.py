@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
-from trackfg.solver.square_root import SIZE, SquareRoot
+from trackfg.solver.square_root import SquareRoot
 
 _STACKED = 64
 """Keyframes whose products are summed by one multiplication."""
@@ -24,17 +24,25 @@ _STACKED = 64
 class Covariance:
     """``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
 
-    d is KEYFRAME_DIM + SHARED_DIM, in elimination order.
+    d is KEYFRAME_DIM + SHARED_DIM, in elimination order, and the dimension of each further sensor.
     """
 
     marginal: Array
     gain: Array
 
     def of(self, kind: Kind) -> Array:
-        """Marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one."""
+        """Marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one, of further sensors of all
+        together.
+        """
         start = offset_in_keyframe(kind)
+        if kind is Kind.SENSOR:
+            return self.marginal[:1, start:, start:]
         rows = self.marginal[:1] if kind.shared else self.marginal
         return rows[:, start : start + kind.dim, start : start + kind.dim]
+
+    def leading(self, size: int) -> Array:
+        """Return those of the first variables of z_k alone, shape (n, size, size)."""
+        return self.marginal[:, :size, :size]
 
     def with_added_distance_variance(self, variance: Array | float) -> Covariance:
         """With so much more variance (n,), m^2, of the distances along the track."""
@@ -57,35 +65,35 @@ class Covariance:
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
     """Run the recursion. Cost is linear in the number of keyframes."""
-    n, dim = len(root.inverse), KEYFRAME_DIM
+    n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
     spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
-    marginal, cross = np.empty((n, SIZE, SIZE)), np.empty((n, SIZE, SIZE)) if root.ahead.any() else None
+    marginal, cross = np.empty((n, size, size)), np.empty((n, size, size)) if root.ahead.any() else None
     window = np.zeros((root.parents(n - 1), root.parents(n - 1)))
-    window[dim:SIZE, dim:SIZE] = root.shared_inverse @ root.shared_inverse.T
+    window[dim:size, dim:size] = root.shared_inverse @ root.shared_inverse.T
     for k in range(n - 1, -1, -1):
         A, kept = root.regression[k, :, : len(window)], root.kept(k)
         ahead = A @ window
         if cross is not None:
-            cross[k, :dim], cross[k, dim:] = ahead[:, :SIZE], window[dim:SIZE, :SIZE]
+            cross[k, :dim], cross[k, dim:] = ahead[:, :size], window[dim:size, :size]
         own, both = ahead @ A.T + spread[k], ahead[:, kept]
         later, window = window[kept[:, None], kept], np.empty((dim + kept.size, dim + kept.size))
         window[:dim, :dim] = 0.5 * (own + own.T)
         window[:dim, dim:], window[dim:, :dim], window[dim:, dim:] = both, both.T, later
-        marginal[k] = window[:SIZE, :SIZE]
+        marginal[k] = window[:size, :size]
     return Covariance(marginal, _chain_gain(root) if cross is None else _gain(marginal, cross))
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
     """Tangent vectors (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
-    n = len(root.inverse)
-    samples = np.empty((n, SIZE, count))
+    n, size = len(root.inverse), root.size
+    samples = np.empty((n, size, count))
     noise = root.inverse @ rng.standard_normal((n, KEYFRAME_DIM, count))
     window = np.zeros((root.parents(n - 1), count))
-    window[KEYFRAME_DIM:SIZE] = root.shared_inverse @ rng.standard_normal((SHARED_DIM, count))
+    window[KEYFRAME_DIM:size] = root.shared_inverse @ rng.standard_normal((size - KEYFRAME_DIM, count))
     for k in range(n - 1, -1, -1):
         own = root.regression[k, :, : len(window)] @ window + noise[k]
         window = np.concatenate([own, window[root.kept(k)]])
-        samples[k] = window[:SIZE]
+        samples[k] = window[:size]
     return samples
 
 
@@ -108,7 +116,7 @@ def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
     Cost is linear in the number of keyframes and quadratic in that of the functions.
     """
     total, carried = covariance_given_next(root, functions)
-    last = root.shared_inverse.T @ carried[KEYFRAME_DIM:SIZE]
+    last = root.shared_inverse.T @ carried[KEYFRAME_DIM:]
     total += last.T @ last
     return np.asarray(0.5 * (total + total.T))
 
@@ -117,10 +125,10 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
     """Functions as ``G' z + e`` of z = (x_n, s), the keyframe after the root's last one and the shared variables: the
     covariance of e, (m, m), and G, (d, m). The functions may touch x_n.
     """
-    n, m, dim = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM
+    n, m, dim, size = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM, root.size
     total = np.zeros((m, m))
     stacked: list[Array] = []
-    carried = np.zeros((SIZE, m))
+    carried = np.zeros((size, m))
     own = np.searchsorted(functions.keyframe, np.arange(n + 1))
     for k in range(n):
         right = carried[:dim].copy()
@@ -139,8 +147,8 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
             stacked = []
     last = slice(own[max(n - 1, 0)], own[n])
     carried[:dim, last] += functions.by_second[last].T
-    carried[dim:SIZE] += functions.by_shared.T
-    return total, carried[:SIZE]
+    carried[dim : dim + functions.by_shared.shape[1]] += functions.by_shared.T  # what is behind is not touched
+    return total, carried[:size]
 
 
 def _add_products(total: Array, parts: list[Array]) -> None:
@@ -156,9 +164,9 @@ def _add_products(total: Array, parts: list[Array]) -> None:
 
 
 def _chain_gain(root: SquareRoot) -> Array:
-    gain = np.zeros((len(root.regression) - 1, SIZE, SIZE))
+    gain = np.zeros((len(root.regression) - 1, root.size, root.size))
     gain[:, :KEYFRAME_DIM] = root.regression[:-1]
-    gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(SHARED_DIM)
+    gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(root.size - KEYFRAME_DIM)
     return gain
 
 

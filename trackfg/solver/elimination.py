@@ -27,12 +27,9 @@ from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_key
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.solver.square_root import NAV, NAV_DIM, SIZE, SquareRoot
+from trackfg.solver.square_root import NAV, NAV_DIM, SquareRoot
 
 _PAIR = 2 * KEYFRAME_DIM
-_TAIL = SHARED_DIM + 1
-"""Columns of the shared variables and of the right-hand side."""
-
 _AT_A_TIME = 256
 """Keyframes whose rows are stacked together."""
 
@@ -68,29 +65,36 @@ def eliminate_with_marginals(
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
-    placed = [_Placed.of(one) for one in factors]
+    placed, shared_dim = [_Placed.of(one) for one in factors], _shared_dim(factors)
     ahead = _ahead(placed, keyframes)
     if leading_counts and ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
     widths = _PAIR + NAV_DIM * ahead
     with one_thread():
-        conditional, alone, left = _factored(_systems(placed, widths), widths, leading_counts)
-        shared = _triangle(alone)[:SHARED_DIM]
-        if len(shared) < SHARED_DIM:
+        tail = shared_dim + 1
+        conditional, alone, left = _factored(_systems(placed, widths, tail), widths, tail, leading_counts)
+        shared = _triangle(alone)[:shared_dim]
+        if len(shared) < shared_dim:
             raise UnsolvableError(_UNDETERMINED)
         R, sign = _positive(np.triu(shared[:, :-1]))
-        return SquareRoot(*_conditionals(conditional, ahead), R, shared[:, -1] * sign, ahead), left
+        return SquareRoot(*_conditionals(conditional, ahead, shared_dim), R, shared[:, -1] * sign, ahead), left
 
 
-def stacked_pair(factors: Sequence[LinearFactors]) -> Array:
+def _shared_dim(factors: Sequence[LinearFactors]) -> int:
+    """The dimension of the shared variables: each further sensor has a factor, its prior or what that has become."""
+    sensors = (slot.index for one in factors for slot in one.slots if slot.kind is Kind.SENSOR and slot.index.size)
+    return SHARED_DIM + Kind.SENSOR.dim * max((int(index.max()) + 1 for index in sensors), default=0)
+
+
+def stacked_pair(factors: Sequence[LinearFactors], shared_dim: int = SHARED_DIM) -> Array:
     """Rows [A b] over (x_0, x_1, s) of factors of two keyframes."""
-    rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + _TAIL))
+    rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + shared_dim + 1))
     end = 0
     for slots, own in factors:
         count, tall, _ = own.shape
         begin, end = end, end + count * tall
         row, none = np.arange(begin, end).reshape(count, tall), np.zeros(count, dtype=np.int64)
-        column = _columns(slots, slice(None), none, none + _PAIR, further=False)
+        column = _columns(slots, slice(None), none, none + _PAIR, shared_dim=shared_dim, further=False)
         rows[row[:, :, None], column[:, None, :]] = own
     return rows
 
@@ -105,12 +109,13 @@ def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
     """The square root of the information in rows of :func:`stacked_pair`, by one dense QR; and what these rows say of
     (x_1, s) alone, as rows [A b].
     """
-    R, dim = compressed(rows)[: _PAIR + SHARED_DIM], KEYFRAME_DIM
-    if len(R) < _PAIR + SHARED_DIM:
+    variables, dim = rows.shape[1] - 1, KEYFRAME_DIM
+    R = compressed(rows)[:variables]
+    if len(R) < variables:
         raise UnsolvableError(_UNDETERMINED)
     R = R * _positive(R[:, :-1])[1][:, None]
-    first, second, shared = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, _PAIR + SHARED_DIM)
-    S = np.zeros((2, dim, SIZE))
+    first, second, shared = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, variables)
+    S = np.zeros((2, dim, variables - dim))
     S[0], S[1, :, dim:] = R[first, dim:-1], R[second, _PAIR:-1]
     root = SquareRoot(
         np.array([R[first, first], R[second, second]]),
@@ -124,59 +129,59 @@ def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
 
 
 def _factored(
-    systems: Iterator[Array], widths: np.ndarray, leading_counts: Collection[int]
+    systems: Iterator[Array], widths: np.ndarray, tail: int, leading_counts: Collection[int]
 ) -> tuple[Array, Array, dict[int, Array]]:
     """Return rows of all keyframes, rows of the shared variables alone, and the marginals by their counts.
 
     The first are [R_k S_k d_k], shape (n, KEYFRAME_DIM, widest window), laid out as each keyframe's window; the last
-    are those of :func:`eliminate_with_marginals`.
+    are those of :func:`eliminate_with_marginals`. ``tail``: columns of the shared variables and of the right-hand side.
     """
     keyframes = len(widths)
-    conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + _TAIL))
+    conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + tail))
     alone = [next(systems)]
     left, marginals = np.zeros((0, 0)), {}
     place: np.ndarray | slice = slice(0)
     for k, own in enumerate(systems):
         width, carried = int(widths[k]), len(left)
-        system = np.zeros((carried + len(own), width + _TAIL), order="F")
+        system = np.zeros((carried + len(own), width + tail), order="F")
         system[:carried, place] = left
         system[carried:] = own
         if len(system) < KEYFRAME_DIM:
             raise UnsolvableError(_UNDETERMINED)
         triangle = dgeqrf(system, overwrite_a=True)[0]
-        conditional[k, :, : width + _TAIL] = triangle[:KEYFRAME_DIM]
+        conditional[k, :, : width + tail] = triangle[:KEYFRAME_DIM]
         rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
         after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
-        place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]))
+        place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]), tail)
         if k + 1 in leading_counts:
-            marginals[k + 1] = _left(left, np.concatenate(alone))
+            marginals[k + 1] = _left(left, np.concatenate(alone), tail - 1)
     return conditional, np.concatenate(alone), marginals
 
 
-def _left(left: Array, alone: Array) -> Array:
-    """Return the rows of both over (x, s | b), shape (SIZE, SIZE + 1)."""
-    shared = _triangle(alone)[:SHARED_DIM]
-    rest = np.zeros((SIZE, SIZE + 1))
+def _left(left: Array, alone: Array, shared_dim: int) -> Array:
+    """Return the rows of both over (x, s | b), of the size of (x, s) and one column more."""
+    shared, size = _triangle(alone)[:shared_dim], KEYFRAME_DIM + shared_dim
+    rest = np.zeros((size, size + 1))
     rest[: len(left)] = left
     rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
     return rest
 
 
-def _conditionals(conditional: Array, ahead: np.ndarray) -> Conditionals:
+def _conditionals(conditional: Array, ahead: np.ndarray, shared_dim: int) -> Conditionals:
     """From what :func:`_factored` gives."""
     R, sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
-    later = _PAIR - KEYFRAME_DIM + SHARED_DIM
+    later = _PAIR - KEYFRAME_DIM + shared_dim
     S = np.zeros((len(ahead), KEYFRAME_DIM, conditional.shape[2] - KEYFRAME_DIM - 1))
     d = np.empty((len(ahead), KEYFRAME_DIM))
     for count in np.unique(ahead).tolist():  # the shared variables before the later navigation states
         own, end = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
         S[own, :, : _PAIR - KEYFRAME_DIM] = conditional[own, :, KEYFRAME_DIM:_PAIR]
-        S[own, :, _PAIR - KEYFRAME_DIM : later] = conditional[own, :, end : end + SHARED_DIM]
+        S[own, :, _PAIR - KEYFRAME_DIM : later] = conditional[own, :, end : end + shared_dim]
         S[own, :, later : later + NAV_DIM * count] = conditional[own, :, _PAIR:end]
-        d[own] = conditional[own, :, end + SHARED_DIM]
+        d[own] = conditional[own, :, end + shared_dim]
     S *= sign[:, :, None]
     return Conditionals(R, S, d * sign)
 
@@ -214,12 +219,12 @@ def _upper(rows: int, columns: int) -> Array:
 
 
 @lru_cache
-def _columns_in_next(width: int, next_width: int) -> np.ndarray:
+def _columns_in_next(width: int, next_width: int, tail: int) -> np.ndarray:
     """Where the columns of y_k are in the window of keyframe k + 1."""
     x = np.arange(KEYFRAME_DIM)
     nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: width - _PAIR]
     later = np.arange(_PAIR, width - NAV_DIM)
-    return np.concatenate([x, nav, later, next_width + np.arange(_TAIL)])
+    return np.concatenate([x, nav, later, next_width + np.arange(tail)])
 
 
 class _Placed(NamedTuple):
@@ -251,22 +256,24 @@ def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
 
 
-def _systems(factors: Sequence[_Placed], widths: np.ndarray) -> Iterator[Array]:
+def _systems(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> Iterator[Array]:
     """Rows of shared variables alone, then those of each keyframe, laid out as its window, the right-hand side last.
 
     Stacked some keyframes at a time: windows differ, and at the widest all rows together would fill the memory.
     """
     shared = [one for one in factors if one.first.size and one.first[0] < 0]
-    yield _stacked(shared, -1, 0, np.array([_PAIR]))[0][:, _PAIR:] if shared else np.zeros((0, _TAIL))
+    yield _stacked(shared, -1, 0, np.array([_PAIR]), tail)[0][:, _PAIR:] if shared else np.zeros((0, tail))
     own = [one for one in factors if one.first.size and one.first[0] >= 0]
     for begin in range(0, len(widths), _AT_A_TIME):
         end = min(begin + _AT_A_TIME, len(widths))
-        rows, starts = _stacked(own, begin, end, widths[begin:end])
+        rows, starts = _stacked(own, begin, end, widths[begin:end], tail)
         for k, width in enumerate(widths[begin:end].tolist()):
-            yield rows[starts[k] : starts[k + 1], : width + _TAIL]
+            yield rows[starts[k] : starts[k + 1], : width + tail]
 
 
-def _stacked(factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarray) -> tuple[Array, np.ndarray]:
+def _stacked(
+    factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarray, tail: int
+) -> tuple[Array, np.ndarray]:
     """The rows of the keyframes from ``begin`` to ``end``, in order (m, widest window); where those of each start."""
     parts = []
     for one, first, _ in factors:
@@ -285,27 +292,32 @@ def _stacked(factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarra
     starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
 
     widest = int(widths.max())
-    rows = np.zeros((int(ends[-1]) if len(ends) else 0, widest + _TAIL))
+    rows = np.zeros((int(ends[-1]) if len(ends) else 0, widest + tail))
     after, further = 0, widest > _PAIR
     for k, (slots, own, first, some) in zip(number, parts, strict=True):
         before, after = after, after + len(k)
         row = begins[before:after, None] + _counted(own.shape[1])
-        column = _columns(slots, some, first, widths[k], further=further)
+        column = _columns(slots, some, first, widths[k], shared_dim=tail - 1, further=further)
         rows[row[:, :, None], column[:, None, :]] = own
     return rows, starts
 
 
-def _columns(slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.ndarray, *, further: bool) -> np.ndarray:
+def _columns(
+    slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.ndarray, *, shared_dim: int, further: bool
+) -> np.ndarray:
     """Which columns of their windows, of some ``width`` (m,), factors fill whose ``first`` keyframe is this (m,):
     (m, c + 1), the right-hand side last. ``further``: whether any window reaches further than to the next keyframe.
     """
     kinds = tuple(slot.kind for slot in slots)
-    at, slot_of, behind = _layout(kinds)
+    at, slot_of, behind = _layout(kinds, shared_dim)
     later = np.zeros((len(first), len(slots) + 1), dtype=np.int64)
     for j, slot in enumerate(slots):
         if not slot.kind.shared:
             later[:, j] = slot.index[some] - first
     columns: np.ndarray = at + (KEYFRAME_DIM * later)[:, slot_of]
+    for j, slot in enumerate(slots):
+        if slot.kind is Kind.SENSOR:
+            columns += (slot.kind.dim * slot.index[some])[:, None] * (slot_of == j)
     if not further:
         return columns
     far = later >= 2
@@ -319,13 +331,13 @@ def _columns(slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.nd
 
 
 @lru_cache
-def _layout(kinds: tuple[Kind, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _layout(kinds: tuple[Kind, ...], shared_dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns of such factors where all slots are of the first keyframe and the window reaches to the next one, and
     that of the right-hand side; the number of the slot of each; and which are behind all keyframes. All (c + 1,).
     """
     starts = (offset_in_keyframe(kind) + (_PAIR - KEYFRAME_DIM) * kind.shared for kind in kinds)
     at = [start + np.arange(kind.dim) for start, kind in zip(starts, kinds, strict=True)]
-    columns = np.concatenate([*at, [_PAIR + SHARED_DIM]])
+    columns = np.concatenate([*at, [_PAIR + shared_dim]])
     slot_of = np.repeat(np.arange(len(kinds) + 1), [*(kind.dim for kind in kinds), 1])
     return columns, slot_of, columns >= _PAIR
 

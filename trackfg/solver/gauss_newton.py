@@ -63,7 +63,7 @@ class _Stop(NamedTuple):
 def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
     """Minimise the graph's cost. Raises ``UnsolvableError`` where the measurements do not determine the states."""
     keyframes = len(problem.t)
-    variables = KEYFRAME_DIM * keyframes + SHARED_DIM
+    variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
     values = problem.initial.to_gtsam()
     states = problem.initial
     families = tuple(family.convex_start() for family in problem.families)

@@ -20,7 +20,7 @@ from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step, offset_
 from trackfg.numerics.arrays import Array
 
 SIZE = KEYFRAME_DIM + SHARED_DIM
-"""Of (x_k, s)."""
+"""Of (x_k, s) without further sensors."""
 
 NAV_DIM = Kind.NAV.dim
 NAV = slice(offset_in_keyframe(Kind.NAV), offset_in_keyframe(Kind.NAV) + NAV_DIM)
@@ -42,6 +42,11 @@ class SquareRoot:
     R_shared: Array
     d_shared: Array
     ahead: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Of (x_k, s)."""
+        return KEYFRAME_DIM + len(self.R_shared)
 
     def last(self, keyframes: int) -> SquareRoot:
         """Of the last keyframes alone, all others eliminated; along a chain."""
@@ -67,11 +72,11 @@ class SquareRoot:
 
     def parents(self, k: int) -> int:
         """The size of y_k as far as it is carried."""
-        return SIZE + NAV_DIM * int(self.ahead[k])
+        return self.size + NAV_DIM * int(self.ahead[k])
 
     def kept(self, k: int) -> np.ndarray:
         """Which entries of y_k are in y_{k-1} behind x_k: s, and the navigation states from k + 1 on."""
-        return _kept(int(self.ahead[k - 1]) if k > 0 else 0)
+        return _kept(self.size, int(self.ahead[k - 1]) if k > 0 else 0)
 
     def solution(self) -> Step:
         """The least-squares solution, backwards from the last keyframe."""
@@ -79,7 +84,7 @@ class SquareRoot:
         shared = self.shared_inverse @ self.d_shared
         x = np.empty((n, KEYFRAME_DIM))
         y = np.zeros(self.parents(n - 1))
-        y[KEYFRAME_DIM:SIZE] = shared
+        y[KEYFRAME_DIM : self.size] = shared
         for k in range(n - 1, -1, -1):
             x[k] = self.inverse[k] @ (self.d[k] - self.S[k, :, : y.size] @ y)
             y = np.concatenate([x[k], y[self.kept(k)]])
@@ -92,7 +97,7 @@ class SquareRoot:
 
 
 @lru_cache
-def _kept(count: int) -> np.ndarray:
+def _kept(size: int, count: int) -> np.ndarray:
     nav = np.arange(NAV.start, NAV.stop)[: NAV_DIM * min(count, 1)]
-    later = SIZE + np.arange(NAV_DIM * max(count - 1, 0))
-    return np.concatenate([np.arange(KEYFRAME_DIM, SIZE), nav, later])
+    later = size + np.arange(NAV_DIM * max(count - 1, 0))
+    return np.concatenate([np.arange(KEYFRAME_DIM, size), nav, later])

@@ -104,7 +104,7 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
     here, there = np.zeros((2, m, d, size))
     for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
         target = there if not slot.kind.shared and (slot.index != first).any() else here
-        target[:, :, _columns(slot.kind)] += jacobian
+        target[:, :, _columns(slot.kind, int(slot.index[0]) if slot.kind is Kind.SENSOR else 0)] += jacobian
     spread = np.sum((here @ covariance.marginal[first]) * here, axis=2)
     if there.any():
         cross = covariance.gain[np.minimum(first, len(covariance.gain) - 1)] @ covariance.marginal[last]
@@ -114,6 +114,7 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
     return float(np.sum(linear.b**2)), float(np.sum(weight) * d - np.sum(spread))
 
 
-def _columns(kind: Kind) -> np.ndarray:
-    start = offset_in_keyframe(kind)
+def _columns(kind: Kind, sensor: int = 0) -> np.ndarray:
+    """Of a variable in a keyframe's tangent; a family is of one further sensor."""
+    start = offset_in_keyframe(kind) + kind.dim * sensor
     return np.arange(start, start + kind.dim)
