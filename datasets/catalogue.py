@@ -17,6 +17,7 @@ from trackfg.datasets.sensors.imu_grades import ADIS16480, ADIS16495_1
 from trackfg.datasets.sensors.lasers import two_units
 from trackfg.datasets.sensors.odometer import TachModel
 from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
+from trackfg.datasets.sensors.speed_over_ground import SpeedModel
 from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Parked, Service, Shunting, SpeedRestrictions, Wandering
 from trackfg.datasets.vehicle.motion import Limits
@@ -298,6 +299,7 @@ def _slippery_lines() -> list[Scenario]:
         balises=BaliseModel(spacing_m=1000.0, sd_m=0.1),
         length_m=14_500.0,
     )
+    radar = SpeedModel(place_m=(3.0, 0.0, -0.5), dropouts_per_hour=20.0)
     leaves = AdhesionModel(stretches_per_km=1.0, stretch_m=(200.0, 800.0), mu_factor=(0.05, 0.3))
     return [
         wet,
@@ -306,6 +308,12 @@ def _slippery_lines() -> list[Scenario]:
             name="slippery-line-leaves",
             summary="the same line under leaves: some 30 events a run",
             adhesion=leaves,
+        ),
+        replace(
+            wet,
+            name="slippery-line-radar",
+            summary="the same line with a Doppler radar under the body, silent below 0.5 m/s and 20 times an hour",
+            speeds=(radar,),
         ),
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ import pandas as pd
 from trackfg.datasets import tables
 from trackfg.datasets.line.track import Track
 from trackfg.datasets.scenario import Scenario, TableName
-from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning
+from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning, speed_over_ground
 from trackfg.datasets.sensors.clocks import dropped, stamped
 from trackfg.datasets.sensors.imu_errors import ImuErrors
 from trackfg.datasets.vehicle.adhesion import draw_slip
@@ -22,7 +22,7 @@ from trackfg.recording.description import RecordingDescription, Tach
 from trackfg.recording.description import Track as TrackDescription
 from trackfg.recording.model import Recording
 
-Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders"]
+Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders", "speeds"]
 Kept = Literal["imu", "tach"]
 
 LONGITUDE_DEG = 139.0
@@ -48,6 +48,7 @@ class Measurement:
     errors: ImuErrors | None
     wheel_scale: float
     slips: pd.DataFrame | None
+    speed_scales: tuple[float, ...] = ()
 
 
 def measure(
@@ -69,6 +70,7 @@ def measure(
         gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
     wheel = _wheel(plan, ride, duration_s, streams)
     fixes, gnss = _positions(plan, ride, duration_s, streams)
+    speeds, speed_scales = _speeds(plan, ride, duration_s, streams)
     laser_rng = None if streams is None else streams.run["lasers"]
     on_earth = gnss is not None and plan.latitude_deg is not None
     origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
@@ -86,6 +88,7 @@ def measure(
             tach=wheel.description,
             fixes=None if fixes is None else tables.fixes_description(),
             gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
+            speed=tuple(speed_over_ground.speed_description(model, i) for i, model in enumerate(plan.speeds, start=1)),
             laser=tuple(lasers.laser_description(model) for model in plan.lasers),
         ),
         imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),
@@ -94,10 +97,11 @@ def measure(
         gnss=gnss,
         lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
         gnss_origin=origin,
+        others={f"speed/{i}": table for i, table in enumerate(speeds, start=1)},
     )
     if streams is not None:
         recording = _recorded(plan, recording, streams.run["recorders"])
-    return Measurement(recording, errors, wheel.scale, wheel.slips)
+    return Measurement(recording, errors, wheel.scale, wheel.slips, speed_scales)
 
 
 @dataclass(frozen=True)
@@ -132,10 +136,22 @@ def _positions(
     return None if fixes is None or fixes.empty else fixes, gnss
 
 
+def _speeds(
+    plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None
+) -> tuple[list[pd.DataFrame], tuple[float, ...]]:
+    """The tables of the sensors of the speed over ground, and their true scales."""
+    rngs = [None] * len(plan.speeds) if streams is None else streams.run["speeds"].spawn(len(plan.speeds))
+    measured = [
+        speed_over_ground.speed_table(ride, model, duration_s, rng)
+        for model, rng in zip(plan.speeds, rngs, strict=True)
+    ]
+    return [table for table, _ in measured], tuple(scale for _, scale in measured)
+
+
 def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) -> Recording:
     """The recording as its recorders stamp and keep the rows."""
     seeds: dict[TableName, int] = dict(
-        zip(("imu", "tach", "fixes", "gnss", "lasers"), rng.integers(2**63, size=5).tolist(), strict=True)
+        zip(get_args(TableName), rng.integers(2**63, size=len(get_args(TableName))).tolist(), strict=True)
     )
 
     def kept(name: TableName, table: pd.DataFrame) -> pd.DataFrame:
@@ -153,6 +169,7 @@ def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) ->
         fixes=None if recording.fixes is None else kept("fixes", recording.fixes),
         gnss=None if recording.gnss is None else kept("gnss", recording.gnss),
         lasers={name: kept("lasers", table) for name, table in recording.lasers.items()},
+        others={name: kept("speeds", table) for name, table in recording.others.items()},
     )
 
 

@@ -15,11 +15,12 @@ from trackfg.datasets.sensors.imu_errors import ImuModel
 from trackfg.datasets.sensors.lasers import LaserModel
 from trackfg.datasets.sensors.odometer import TachModel
 from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
+from trackfg.datasets.sensors.speed_over_ground import SpeedModel
 from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Driver
 from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
 
-TableName = Literal["imu", "tach", "fixes", "gnss", "lasers"]
+TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "speeds"]
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class Scenario:
     adhesion: AdhesionModel | None = None
     balises: BaliseModel | None = None
     gnss: GnssModel | None = None
+    speeds: tuple[SpeedModel, ...] = ()
     recorders: Mapping[TableName, Recorder] = field(default_factory=dict)
     latitude_deg: float | None = None
     chainage_origin_m: float = 0.0

@@ -61,6 +61,8 @@ class Simulation:
     """The truth of slips and slides (:func:`trackfg.datasets.sensors.odometer.slip_table`), where adhesion was
     simulated.
     """
+    speed_scales: tuple[float, ...] = ()
+    """Of the sensors of the speed over ground, true speed over measured speed."""
 
     def write(self, folder: Path | str, table_format: Literal["parquet", "csv"] = "parquet") -> None:
         """Write recording and truth as a recording folder."""
@@ -148,6 +150,7 @@ def simulate(
         tach_time_offset_s=_tach_time_offset_s(plan) if noise else 0.0,
         mount_rpy_rad=(0.0, 0.0, 0.0) if measured.errors is None else measured.errors.mount_rpy_rad,
         slips=measured.slips,
+        speed_scales=measured.speed_scales,
     )
 
 

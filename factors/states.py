@@ -16,7 +16,7 @@ kind       dim   content and tangent
                  creep per force in traction and in braking (share of the distance per g), as
                  :func:`trackfg.factors.odometry.tach_distance` says
 ``SENSOR`` 2     shared, one per further sensor of distance or speed: what its scale is off by (share of the distance),
-                 and its clock's offset (s) or the yaw of its mounting (rad)
+                 and its clock's offset (s) or the tangent of its mounting's yaw
 =========  ====  =================================================================================================
 
 Position and velocity of one keyframe are one variable with its attitude, and the odometer's scalars are another: the

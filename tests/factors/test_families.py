@@ -10,6 +10,7 @@ from trackfg.factors.bias import bias_walk
 from trackfg.factors.checking import check_jacobians
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
+from trackfg.factors.further_sensors import speed_distance, tach_increment
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
@@ -36,7 +37,8 @@ def random_states(seed: int, spread: float = 1.0) -> States:
     base = so3_exp(normal(1, 3))
     nav = Nav(base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3))
     odo = Odo(normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0])
-    return States(nav, normal(KEYFRAMES, 6), odo, 0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21), normal(1, 4))
+    shared = (0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21), normal(1, 4), normal(2, 2))
+    return States(nav, normal(KEYFRAMES, 6), odo, *shared)
 
 
 def families(seed: int, loss: Loss | None = None) -> list[Family]:
@@ -91,6 +93,13 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         prior(Kind.WHEEL, np.array([0]), normal(1, 4), sigma(1, 4)),
         rail_pairs(first, first)[0],
         rail_pairs(first[:-2], first[:-2] + 2)[1],
+        prior(Kind.SENSOR, np.array([0, 1]), normal(2, 2), sigma(2, 2)),
+        tach_increment(
+            first, 1, {"counted": normal(f), "faster": normal(f), "response": normal(f, 4)}, sigma(f, 1), loss, "tach/2"
+        ),
+        speed_distance(
+            first, 0, {"distance": normal(f), "swing": normal(f), "across": normal(f)}, sigma(f, 1), loss, "speed/1"
+        ),
         nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9)),
     ]
 
@@ -173,7 +182,7 @@ def test_a_chained_loss_is_frozen_before_gtsam_sees_it() -> None:
 
 def assert_same(values: gtsam.Values, states: States, rounding: float) -> None:
     for kind in Kind:
-        for i, key in enumerate(kind.keys(np.arange(1 if kind.shared else len(states))).tolist()):
+        for i, key in enumerate(kind.keys(np.arange(len(states.of(kind)))).tolist()):
             if kind is Kind.NAV:
                 nav = values.atNavState(key)
                 np.testing.assert_allclose(nav.attitude().matrix(), states.nav.R[i], atol=rounding)
@@ -192,7 +201,9 @@ def test_gtsam_has_the_same_states() -> None:
 @pytest.mark.parametrize("scale", [1.0, 0.25])
 def test_a_step_moves_gtsams_values_and_ours_alike(scale: float) -> None:
     rng, states = np.random.default_rng(6), random_states(5)
-    step = Step(rng.normal(size=(len(states), KEYFRAME_DIM)), rng.normal(size=SHARED_DIM)).scaled(scale)
+    step = Step(rng.normal(size=(len(states), KEYFRAME_DIM)), rng.normal(size=SHARED_DIM + states.sensor.size)).scaled(
+        scale
+    )
     assert_same(states.to_gtsam().retract(step.to_gtsam()), states.moved(step), 1e-12)
 
 

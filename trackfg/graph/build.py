@@ -27,6 +27,13 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Odo, States
+from trackfg.graph.further_sensors import (
+    further_distances,
+    further_sensors,
+    measures_speed,
+    sensor_priors,
+    with_distance_by_speed,
+)
 from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
 from trackfg.graph.inputs import GraphInputs, World, world_of
 from trackfg.graph.keyframes import nearest, place_keyframes
@@ -95,16 +102,24 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
         )
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
-    speedless = wheel is None and recording.gnss is None
+    speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     rests, path, rolls = _first_pass(recording, config, world, data, wheel, speedless)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
     inputs = GraphInputs(recording, config, world, data, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1]))
-    states = inputs.initial_states()
+    sensors = np.zeros((len(further_sensors(recording.description)), Kind.SENSOR.dim))
+    states = replace(inputs.initial_states(), sensor=sensors)
     moving = [tilt(inputs)] if speedless else motion(inputs)
-    families = [*_priors(inputs, states), own_bias_walk(inputs), *odometer(inputs), *moving, *positions(inputs)]
+    families = [
+        *_priors(inputs, states),
+        own_bias_walk(inputs),
+        *odometer(inputs),
+        *moving,
+        *positions(inputs),
+        *further_distances(inputs),
+    ]
     description = recording.description
     run = RunContext(
         t=t,
@@ -137,11 +152,14 @@ def _first_pass(
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
-    found = None
+    found, guide = None, wheel
+    if wheel is None and recording.gnss is None and not speedless:
+        recording = with_distance_by_speed(recording)
+        guide = read_wheel(recording, config.tach.max_gap_s)
     for attempt in range(3):
         rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
         rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
-        rolled = wheel if found is None else found.wheel
+        rolled = guide if found is None else found.wheel
         path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
         if wheel is None or attempt == 2:
             break
@@ -227,4 +245,5 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
         prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
+        *sensor_priors(inputs.recording.description),
     ]

@@ -64,7 +64,8 @@ class Tables:
         for name, values in {**read, part.time: t}.items():
             if values is not None:
                 place = ColumnPlace(part.file, name, None if name == part.time else t)
-                findings = findings + columns.not_finite(values, place)
+                empty = np.isnan(values) & (name != part.time) & sensor.may_be_silent
+                findings = findings + columns.not_finite(np.where(empty, 0.0, values), place)
         if t is not None and np.isfinite(t).all():
             findings = findings + columns.not_increasing(t, ColumnPlace(part.file, part.time))
             if gap_limits := sensor.gap_limits_s(limits):
@@ -81,4 +82,5 @@ def canonical_table(part: Table, columns: Columns) -> tuple[pd.DataFrame, Conver
     sensor = format_of(part)
     converter, t = sensor.converter(part), sensor.on_common_clock(part, columns.t_s)
     data = (t, *converter(t, columns.data))
-    return pd.DataFrame(dict(zip(sensor.canonical, data, strict=True))), converter
+    table = pd.DataFrame(dict(zip(sensor.canonical, data, strict=True)))
+    return table.dropna(ignore_index=True) if sensor.may_be_silent else table, converter

@@ -144,6 +144,23 @@ class Gnss(Table):
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
 
 
+class Speed(Table):
+    """A sensor of the speed over ground: a Doppler radar, or an optical one. It looks forwards.
+
+    ``sd_mps`` is the noise of a row, ``scale_sd`` that of the scale, ``yaw_sd_deg`` that of the direction in which it
+    looks. Below ``lowest_mps`` it says nothing; where it has no echo, rows are missing or empty.
+    """
+
+    column: str
+    unit: Literal["m/s", "km/h"] = "m/s"
+    sd_mps: Positive = 0.05
+    scale_sd: Positive = 0.01
+    yaw_sd_deg: Positive = 0.5
+    lowest_mps: Annotated[float, Field(ge=0)] = 0.0
+    signed: bool = False
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+
+
 class Laser(Table):
     """A displacement sensor: where one rail is relative to the unit, along one body axis."""
 
@@ -173,6 +190,7 @@ class RecordingDescription(Model):
     tach: Tach | None = None
     fixes: Fixes | None = None
     gnss: Gnss | None = None
+    speed: tuple[Speed, ...] = ()
     laser: tuple[Laser, ...] = ()
     truth: Truth | None = None
 

@@ -11,6 +11,7 @@ table       columns
             integrated (trapezoid)
 ``fixes``   ``t_s, chainage_m, chainage_sd_m``
 ``gnss``    ``t_s, east_m, north_m, up_m, east_sd_m, north_sd_m, up_sd_m``, ENU tangent at ``gnss_origin``
+``others``  by name, ``"speed/1"``: ``t_s, speed_mps``, without rows where the sensor says nothing
 ``lasers``  by name: ``t_s, displacement_m``
 ==========  =====================================================================================================
 
@@ -38,8 +39,12 @@ FIX_COLUMNS = ("t_s", "chainage_m", "chainage_sd_m")
 GNSS_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "east_sd_m", "north_sd_m", "up_sd_m")
 LASER_COLUMNS = ("t_s", "displacement_m")
 
+SPEED_COLUMNS = ("t_s", "speed_mps")
+
 LASER_TABLE = "laser/"
 """The table of a laser is called so, and by the laser's name."""
+
+_SINGLE = ("tach", "fixes", "gnss")
 
 
 @dataclass(frozen=True)
@@ -58,19 +63,23 @@ class Recording:
     gnss_origin: Array | None = None
     folder: Path | None = None
     findings: tuple[Finding, ...] = ()
+    others: dict[str, pd.DataFrame] = field(default_factory=dict)
+    """Tables of further sensors by name."""
 
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """The tables that there are, by name: ``imu``, ``tach``, ``fixes``, ``gnss``, ``laser/NAME``."""
+        """The tables that there are, by name: ``imu``, ``tach``, ``fixes``, ``gnss``, ``laser/NAME``, others."""
         single = {"imu": self.imu, "tach": self.tach, "fixes": self.fixes, "gnss": self.gnss}
         lasers = {f"{LASER_TABLE}{name}": table for name, table in self.lasers.items()}
-        return {name: table for name, table in single.items() if table is not None} | lasers
+        return {name: table for name, table in single.items() if table is not None} | self.others | lasers
 
     @classmethod
     def of_tables(cls, description: RecordingDescription, tables: Mapping[str, pd.DataFrame]) -> Recording:
         """From :attr:`tables`."""
         lasers = {name.removeprefix(LASER_TABLE): t for name, t in tables.items() if name.startswith(LASER_TABLE)}
-        return cls(description, tables["imu"], tables.get("tach"), tables.get("fixes"), tables.get("gnss"), lasers)
+        single = [tables.get(name) for name in _SINGLE]
+        others = {n: t for n, t in tables.items() if n not in ("imu", *_SINGLE) and not n.startswith(LASER_TABLE)}
+        return cls(description, tables["imu"], *single, lasers, others=others)
 
     @property
     def gyro(self) -> Array:

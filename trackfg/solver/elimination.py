@@ -86,8 +86,11 @@ def _shared_dim(factors: Sequence[LinearFactors]) -> int:
     return SHARED_DIM + Kind.SENSOR.dim * max((int(index.max()) + 1 for index in sensors), default=0)
 
 
-def stacked_pair(factors: Sequence[LinearFactors], shared_dim: int = SHARED_DIM) -> Array:
-    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes."""
+def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -> Array:
+    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes. ``sensors``: how many further ones the run has, if
+    these factors do not touch them all.
+    """
+    shared_dim = _shared_dim(factors) if sensors is None else SHARED_DIM + Kind.SENSOR.dim * sensors
     rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + shared_dim + 1))
     end = 0
     for slots, own in factors:

@@ -79,6 +79,8 @@ class Rows:
     until_s: float = -np.inf
     gnss_origin: Array | None = None
     breaks: Mapping[str, Array] = field(default_factory=dict)
+    others: Mapping[str, Array] = field(default_factory=dict)
+    """Tables of further sensors by name."""
 
     def __len__(self) -> int:
         return sum(table.shape[0] for table in self.tables().values())
@@ -86,14 +88,15 @@ class Rows:
     def tables(self) -> dict[str, Array]:
         """By name."""
         lasers = {f"{LASER}{name}": table for name, table in self.lasers.items()}
-        return {"imu": self.imu, "tach": self.tach, "fixes": self.fixes, "gnss": self.gnss, **lasers}
+        return {"imu": self.imu, "tach": self.tach, "fixes": self.fixes, "gnss": self.gnss, **self.others, **lasers}
 
     @classmethod
     def of(cls, tables: RowTables, until_s: float, origin: Array | None = None) -> Rows:
         """From canonical tables by name."""
         lasers = {name.removeprefix(LASER): table for name, table in tables.items() if name.startswith(LASER)}
         imu, tach, fixes, gnss = (tables.get(name, no_rows(name)) for name in _SINGLE)
-        return cls(imu, tach, fixes, gnss, lasers, until_s, origin)
+        others = {name: rows for name, rows in tables.items() if name not in _SINGLE and not name.startswith(LASER)}
+        return cls(imu, tach, fixes, gnss, lasers, until_s, origin, others=others)
 
     def frame(self, table: str) -> pd.DataFrame:
         """One table with its columns' names."""

@@ -514,3 +514,40 @@ def test_a_table_in_a_folder_below_is_fine(draft: Draft, tmp_path: Path) -> None
     (folder / "recording.toml").write_text(toml)
     assert tomllib.loads(toml)["imu"]["file"] == "raw/imu.csv"
     assert len(read_recording(folder).imu) == len(draft["imu"])
+
+
+SPEED = """
+[[speed]]
+file = "radar.csv"
+column = "kmh"
+unit = "km/h"
+lowest_mps = 1.0
+lever_arm_m = [3.0, 0.0, -0.5]
+"""
+
+
+def with_speed(draft: Draft, folder: Path, rows: str) -> Path:
+    """The draft's recording with a radar whose rows these are."""
+    written = Path(draft.write(folder))
+    (written / "radar.csv").write_text("t,kmh\n" + rows, encoding="utf-8")
+    toml = written / "recording.toml"
+    toml.write_text(toml.read_text(encoding="utf-8") + SPEED, encoding="utf-8")
+    return written
+
+
+def test_a_speed_over_ground_has_no_rows_where_it_says_nothing(draft: Draft, tmp_path: Path) -> None:
+    recording = read_recording(with_speed(draft, tmp_path / "rec", "0,36\n0.1,\n0.2,3.5\n0.3,72\n"))
+    np.testing.assert_allclose(recording.others["speed/1"].to_numpy(), [[0.0, 10.0], [0.3, 20.0]])
+    write_recording(recording, tmp_path / "again")
+    again = read_recording(tmp_path / "again")
+    pd.testing.assert_frame_equal(again.others["speed/1"], recording.others["speed/1"], check_exact=True)
+    assert again.description.speed[0].lever_arm_m == (3.0, 0.0, -0.5)
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"),
+    [("0,36\n0.1,-4\n", "speed-backwards"), ("0,3600\n0.1,3600\n", "speed-unit"), ("0,inf\n", "infinite")],
+)
+def test_an_impossible_speed_over_ground_is_refused(draft: Draft, tmp_path: Path, rows: str, code: str) -> None:
+    report = check_recording(with_speed(draft, tmp_path / "rec", rows))
+    assert code in [finding.code for finding in report.findings if finding.level == "error"]

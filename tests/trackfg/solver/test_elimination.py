@@ -31,7 +31,7 @@ def measured_once(mixed: Kind | None = None, apart: float = 0.0) -> list[LinearF
 def test_every_variable_measured_once_is_determined() -> None:
     root = eliminate(measured_once(), KEYFRAMES)
     np.testing.assert_allclose(root.R, np.tile(np.eye(KEYFRAME_DIM), (KEYFRAMES, 1, 1)))
-    np.testing.assert_allclose(root.R_shared, np.eye(SHARED_DIM))
+    np.testing.assert_allclose(root.R_shared, np.eye(SHARED_DIM + Kind.SENSOR.dim))
 
 
 @pytest.mark.parametrize("kind", list(Kind), ids=lambda kind: kind.name)

@@ -31,7 +31,7 @@ def one_keyframe(distance: float, *measured: Family) -> Any:
     nav = Nav(np.eye(3)[None], *np.zeros((2, 1, 3)))
     odo = np.array([[distance, 1.0, 0.0, 0.0]])
     shared = [np.zeros((1, kind.dim)) for kind in (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL)]
-    others = [kind for kind in Kind if kind not in (Kind.NAV, Kind.ODO)]
+    others = [kind for kind in Kind if kind not in (Kind.NAV, Kind.ODO, Kind.SENSOR)]
     priors = [prior(kind, index, np.zeros((1, kind.dim)), np.ones((1, kind.dim))) for kind in others]
     return SimpleNamespace(
         t=np.zeros(1),

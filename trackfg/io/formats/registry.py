@@ -10,10 +10,18 @@ from trackfg.io.formats.gnss import GnssFormat
 from trackfg.io.formats.imu import ImuFormat
 from trackfg.io.formats.laser import LaserFormat
 from trackfg.io.formats.sensor_format import SensorFormat
+from trackfg.io.formats.speed import SpeedFormat
 from trackfg.io.formats.tach import TachFormat
 from trackfg.recording.description import RecordingDescription, Table
 
-FORMATS: tuple[SensorFormat[Any], ...] = (ImuFormat(), TachFormat(), FixesFormat(), GnssFormat(), LaserFormat())
+FORMATS: tuple[SensorFormat[Any], ...] = (
+    ImuFormat(),
+    TachFormat(),
+    FixesFormat(),
+    GnssFormat(),
+    SpeedFormat(),
+    LaserFormat(),
+)
 """In the order in which tables are read, checked and streamed; the IMU first."""
 
 _BY_MODEL = {sensor.model: sensor for sensor in FORMATS}

@@ -70,7 +70,7 @@ class SensorFormat(ABC, Generic[Part]):
 
     ``key`` is the part's name in ``recording.toml``, ``model`` its class, ``canonical`` the columns in memory, the time
     first. With ``several`` the key holds a list, one table per sensor. A table of fewer than ``min_rows`` rows says
-    nothing.
+    nothing. If a sensor ``may_be_silent``, empty cells are no fault, and rows without a value are left out.
     """
 
     key: ClassVar[str]
@@ -78,6 +78,7 @@ class SensorFormat(ABC, Generic[Part]):
     canonical: ClassVar[tuple[str, ...]]
     several: ClassVar[bool] = False
     min_rows: ClassVar[int] = 1
+    may_be_silent: ClassVar[bool] = False
 
     @abstractmethod
     def columns(self, part: Part) -> tuple[str, ...]:

@@ -39,7 +39,10 @@ class Conversion:
             rows = self._possible(name, rows, report)
             if rows.shape[0]:
                 t, *columns = rows.T
-                tables[name] = np.column_stack([t, *self._converters[name](t, columns)])
+                converted = np.column_stack([t, *self._converters[name](t, columns)])
+                if format_of(self._parts[name]).may_be_silent:
+                    converted = converted[np.isfinite(converted).all(axis=1)]
+                tables[name] = converted
         return tables
 
     def _possible(self, name: str, rows: Array, report: LossReport) -> Array:

@@ -50,7 +50,7 @@ class Begun:
         """From the newest keyframe alone."""
         pair = tip.extended(ahead.interval)
         pair = pair.with_families(walk_of(pair.t, pair.response, noise))
-        return cls(ahead, pair, compressed(stacked_pair(pair.linearized(left_out=OTHER_ROWS))))
+        return cls(ahead, pair, compressed(stacked_pair(pair.linearized(left_out=OTHER_ROWS), len(pair.states.sensor))))
 
     def step(self, interval: Interval) -> Found:
         """With the whole interval. Raises as :meth:`Window.moved` does."""
@@ -62,10 +62,10 @@ class Begun:
             for one in pair.families
             if one.type in OTHER_ROWS and len(one)
         ]
-        root, left = eliminate_pair(np.concatenate([self.rows, stacked_pair(others)]))
+        root, left = eliminate_pair(np.concatenate([self.rows, stacked_pair(others, len(there.sensor))]))
         found = pair.by(root)
-        nothing = np.zeros(1, dtype=bool)
-        rolls = (one.tail_of_chain(nothing, found.states).shifted(-1) for one in pair.families if one.is_chained)
+        chained = (one for one in pair.families if one.is_chained)
+        rolls = (one.tail_of_chain(np.zeros(len(one), dtype=bool), found.states).shifted(-1) for one in chained)
         known = (marginal_prior(left, pair.states.take(slice(1, 2))), *rolls)
         tip = Window(pair.t[1:], found.states.take(slice(1, 2)), (), pair.response[1:], known)
         return Found(found, root, tip, Gone.of(pair.t, root, pair.states, 1))
@@ -76,7 +76,7 @@ def _between(predicted: Interval, interval: Interval) -> Step:
     says nothing of attitudes. Of both keyframes.
     """
     here, there = predicted.ahead.nav, interval.ahead.nav
-    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM))
+    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM + predicted.ahead.sensor.size))
     step.of(Kind.NAV)[1, 3:6] = here.R[0].T @ (there.p - here.p)[0]
     step.of(Kind.NAV)[1, 6:9] = here.R[0].T @ (there.v - here.v)[0]
     step.of(Kind.ODO)[1] = (interval.ahead.odo.array - predicted.ahead.odo.array)[0]

@@ -17,6 +17,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Nav, Odo, States
+from trackfg.graph.further_sensors import further_distances
 from trackfg.graph.inertial import preintegrated
 from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.motion import along_track
@@ -39,7 +40,14 @@ OFF_S = 60.0
 _BELIEVED_SIGMAS = 4.0
 _OF_THE_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
 """Families that may touch the older keyframe alone, and are new all the same."""
-OTHER_ROWS = (FactorType.TACH_DISTANCE, FactorType.TACH_READING, *_OF_THE_INTERVAL, FactorType.WITHHELD_FIX)
+OTHER_ROWS = (
+    FactorType.TACH_DISTANCE,
+    FactorType.TACH_READING,
+    *_OF_THE_INTERVAL,
+    FactorType.WITHHELD_FIX,
+    FactorType.TACH_INCREMENT,
+    FactorType.SPEED_DISTANCE,
+)
 """Families of other rows than the inertial sensor's."""
 
 
@@ -98,7 +106,7 @@ def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd:
         else:
             further = 0.0
         there = replace(there, odo=Odo(there.odo.array + np.array([further, 0.0, more, further])))
-    families = (*interval.families, *_new([*tach_factors(inputs), *positions(inputs)]))
+    families = (*interval.families, *_new([*tach_factors(inputs), *positions(inputs), *further_distances(inputs)]))
     return interval._replace(ahead=there, families=families)
 
 

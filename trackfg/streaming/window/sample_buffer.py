@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
+from trackfg.graph.further_sensors import BEFORE_S
 from trackfg.graph.motion import RATE_WINDOW_S
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
@@ -24,6 +25,8 @@ from trackfg.streaming.window.growable_array import Growing, GrowingIntervals
 _FIRST_SAMPLES = 10
 """As many tell the sampling interval."""
 _POSITIONS = ("fixes", "gnss")
+_OTHERS_AFTER_S = 0.3
+"""Rows of further sensors so much later than an interval (s) are at hand when it is completed."""
 _AT_REST_S = 0.5
 """Of a long rest, what lasers show at its begin and at its end."""
 
@@ -45,6 +48,8 @@ class Tape:
     """By table: fixes and GNSS."""
     lasers: dict[str, Array] = field(default_factory=dict)
     """By the sensor's name."""
+    others: dict[str, Array] = field(default_factory=dict)
+    """Of further sensors, by table."""
     breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
     """By table: spans (b, 2), s, over which nobody knows what happened."""
 
@@ -63,6 +68,8 @@ class Tape:
         for name, table in (("fixes", rows.fixes), ("gnss", rows.gnss)):
             if len(table):
                 self.positions[name] = np.concatenate([self.positions[name], table])
+        for name, table in rows.others.items():
+            self.others[name] = np.concatenate([self.others[name], table]) if name in self.others else table
         for name, table in rows.lasers.items():
             self.lasers[name] = np.concatenate([self.lasers[name], table]) if name in self.lasers else table
         if len(rows.imu):
@@ -128,7 +135,7 @@ class Tape:
         return bool(((after >= begin) & (after < until)).any())
 
     def positions_between(self, begin: float, end: float) -> Recording:
-        """A recording of fixes and GNSS alone."""
+        """A recording of fixes and GNSS, and of further sensors, whose rows just before and after are needed too."""
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
         return Recording(
             self.description,
@@ -137,7 +144,14 @@ class Tape:
             fixes if self.description.fixes is not None else None,
             gnss if self.description.gnss is not None else None,
             gnss_origin=self.gnss_origin,
+            others=self._others_between(begin, end),
         )
+
+    def _others_between(self, begin: float, end: float) -> dict[str, pd.DataFrame]:
+        tables = {
+            name: self._frame(name, rows, begin - BEFORE_S, end + _OTHERS_AFTER_S) for name, rows in self.others.items()
+        }
+        return {name: table for name, table in tables.items() if table is not None}
 
     def recording(self, begin: float, end: float) -> Recording:
         """The rows from one time to another."""
@@ -149,12 +163,14 @@ class Tape:
 
     def first_speed(self, since: float) -> float | None:
         """Return when the first row from ``since`` (s) on was measured that tells of the speed: of the tach or GNSS."""
-        tables = (self.tach, self.positions["gnss"])
+        tables = (self.tach, self.positions["gnss"], *self.others.values())
         return min((float(table[i, 0]) for table in tables if (i := _first(table, since)) < len(table)), default=None)
 
     def measures_speed(self, begin: float, end: float) -> bool:
         """Return whether the tach or GNSS has two rows between two times, s."""
-        return any(len(_between(table, begin, end)) > 1 for table in (self.tach, self.positions["gnss"]))
+        return any(
+            len(_between(table, begin, end)) > 1 for table in (self.tach, self.positions["gnss"], *self.others.values())
+        )
 
     def rails(self) -> list[RailView]:
         """What the lasers saw of the rails; nothing until all of them have told something."""
@@ -178,6 +194,7 @@ class Tape:
         self.samples = Growing(samples[np.searchsorted(samples[:, 0], newer) :])
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
         self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
+        self.others = {name: table[table[:, 0] >= newer] for name, table in self.others.items()}
         self.lasers = {name: table[table[:, 0] >= before] for name, table in self.lasers.items()}
         self.breaks = {name: spans[spans[:, 1] >= before] for name, spans in self.breaks.items()}
 

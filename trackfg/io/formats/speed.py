@@ -1,0 +1,81 @@
+"""The table of a sensor of the speed over ground: a Doppler radar, or an optical sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from trackfg.checks.columns import ColumnPlace, negative_speed
+from trackfg.checks.limits import CheckLimits
+from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
+from trackfg.numerics.arrays import Array
+from trackfg.recording.description import Speed
+from trackfg.recording.findings import Finding, Section
+from trackfg.recording.model import SPEED_COLUMNS
+from trackfg.units import to_si
+
+
+class SpeedConverter(Converter):
+    """Makes m/s; a speed below the sensor's lowest one is none."""
+
+    def __init__(self, part: Speed) -> None:
+        self._part = part
+
+    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
+        """The speed, one column, NaN where the sensor says nothing."""
+        speed = columns[0] * to_si("speed", self._part.unit)
+        return (np.where(np.abs(speed) < self._part.lowest_mps, np.nan, speed),)
+
+
+class SpeedFormat(SensorFormat[Speed]):
+    """Speeds, with rows that are empty or missing where the sensor had no echo."""
+
+    key = "speed"
+    model = Speed
+    canonical = SPEED_COLUMNS
+    several = True
+    may_be_silent = True
+
+    def columns(self, part: Speed) -> tuple[str, ...]:
+        """One."""
+        return (part.column,)
+
+    def converter(self, part: Speed) -> SpeedConverter:
+        """To m/s."""
+        return SpeedConverter(part)
+
+    def value_faults(self, part: Speed, read: ReadColumns) -> list[Finding]:
+        """A sensor that is declared unsigned and goes backwards."""
+        speed = read.named[part.column]
+        if part.signed or speed is None:
+            return []
+        return negative_speed(speed, ColumnPlace(part.file, part.column, read.t), "speed.signed")
+
+    def doubts(self, part: Speed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
+        """Speeds of no vehicle."""
+        fastest = float(np.quantile(np.abs(table["speed_mps"]), 0.99)) if len(table) else 0.0
+        if fastest <= limits.speed_error_mps:
+            return []
+        return [
+            Finding(
+                "error",
+                "speed-unit",
+                f"speeds of {fastest:.4g} m/s as declared",
+                file=part.file,
+                column=part.column,
+                expected=f"at most {limits.speed_error_mps:g} m/s",
+                hint=f"check {section.name}.unit",
+            )
+        ]
+
+    def impossible(self, part: Speed, columns: Sequence[Array]) -> Impossible | None:
+        """Speeds of no vehicle, and below zero although the sensor is declared unsigned."""
+        speed = columns[0] * to_si("speed", part.unit)
+        wrong = (np.abs(speed) > CheckLimits().speed_error_mps) | ((speed < 0.0) & (not part.signed))
+        return Impossible("speed-jump", wrong)
+
+    def written(self, part: Speed, table: pd.DataFrame) -> WrittenTable:
+        """In m/s."""
+        return WrittenTable({"column": SPEED_COLUMNS[1], "unit": "m/s"}, table)
