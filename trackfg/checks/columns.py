@@ -117,11 +117,18 @@ def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
     return _at_first(back, place, "tach-backwards", "the tach runs backwards", expected, hint, distance)
 
 
-def negative_speed(speed: Array, place: ColumnPlace, key: str = "tach.signed") -> list[Finding]:
-    """A speed below zero although the tach, or what has the ``key``, is declared unsigned."""
-    hint, sensor = f"set {key} = true if the vehicle rolled back", key.partition(".")[0]
-    expected = f"a speed of zero or more, as {key} = false"
-    return _at_first(speed < 0, place, f"{sensor}-backwards", f"the {sensor} runs backwards", expected, hint, speed)
+def negative_speed(speed: Array, place: ColumnPlace) -> list[Finding]:
+    """A speed below zero although the tach is declared unsigned."""
+    hint = "set tach.signed = true if the vehicle rolled back"
+    expected = "a speed of zero or more, as tach.signed = false"
+    return _at_first(speed < 0, place, "tach-backwards", "the tach runs backwards", expected, hint, speed)
+
+
+def negative_speed_over_ground(speed: Array, place: ColumnPlace) -> list[Finding]:
+    """A speed over ground below zero although its sensor is declared unsigned."""
+    hint = "set speed.signed = true if the vehicle rolled back"
+    expected = "a speed of zero or more, as speed.signed = false"
+    return _at_first(speed < 0, place, "speed-backwards", "the sensor sees it go backwards", expected, hint, speed)
 
 
 def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[Finding]:

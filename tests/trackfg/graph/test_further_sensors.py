@@ -58,17 +58,20 @@ def test_without_noise_the_factors_hold_at_the_truth() -> None:
     assert smoothed.solution.states.sensor[0, 0] == pytest.approx(0.0, abs=2e-4)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_radar_helps_where_wheels_slip_and_its_sigmas_are_true(seed: int) -> None:
-    """As measured over four seeds: 0.06 m instead of 0.10 m rms."""
-    run = simulate(RADAR, seed=seed, duration_s=300.0)
-    smoothed = smooth_states(run.recording, SmoothConfig())
-    error, sd = errors(run, smoothed)
-    alone, _ = errors(run, smooth_states(without_radar(run).recording, SmoothConfig()))
-    assert np.sqrt(np.mean(error**2)) < 0.9 * np.sqrt(np.mean(alone**2))
-    assert np.mean(np.abs(error) < 1.96 * sd) > 0.9
-    scale = 1.0 + smoothed.solution.states.sensor[0, 0]
-    assert scale == pytest.approx(run.speed_scales[0], abs=3e-4)
+def test_a_radar_helps_where_wheels_slip_and_its_sigmas_are_true() -> None:
+    """As measured over four seeds of 400 s: 0.066 m instead of 0.104 m rms."""
+    squares, covered = [], []
+    for seed in (1, 2, 3):
+        run = simulate(RADAR, seed=seed, duration_s=300.0)
+        smoothed = smooth_states(run.recording, SmoothConfig())
+        error, sd = errors(run, smoothed)
+        alone, _ = errors(run, smooth_states(without_radar(run).recording, SmoothConfig()))
+        squares.append([np.mean(error**2), np.mean(alone**2)])
+        covered.append(np.mean(np.abs(error) < 1.96 * sd))
+        assert 1.0 + smoothed.solution.states.sensor[0, 0] == pytest.approx(run.speed_scales[0], abs=3e-4)
+    with_it, without = np.sqrt(np.mean(squares, axis=0))
+    assert with_it < 0.8 * without
+    assert np.mean(covered) > 0.95
 
 
 def test_a_radar_alone_measures_the_speed() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from trackfg.checks.columns import ColumnPlace, negative_speed
+from trackfg.checks.columns import ColumnPlace, negative_speed_over_ground
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
@@ -51,7 +51,7 @@ class SpeedFormat(SensorFormat[Speed]):
         speed = read.named[part.column]
         if part.signed or speed is None:
             return []
-        return negative_speed(speed, ColumnPlace(part.file, part.column, read.t), "speed.signed")
+        return negative_speed_over_ground(speed, ColumnPlace(part.file, part.column, read.t))
 
     def doubts(self, part: Speed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """Speeds of no vehicle."""
