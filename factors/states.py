@@ -172,8 +172,8 @@ def vectors(value: Value) -> Array:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run: n keyframes' of nav, bias and odo, one of each shared kind, (1, dim), and one for
-    each further sensor, (m, dim).
+    """Values of all variables of a run: n keyframes' of nav, bias and odo, one of each shared kind, (1, dim), and one
+    for each further sensor, (m, dim).
     """
 
     nav: Nav
@@ -234,8 +234,8 @@ class States:
 
 @dataclass(frozen=True)
 class Step:
-    """Tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM) and shared variables (SHARED_DIM,), which those of
-    further sensors follow.
+    """Tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM) and shared variables (SHARED_DIM,), which those
+    of further sensors follow.
     """
 
     keyframes: Array
