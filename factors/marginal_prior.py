@@ -95,10 +95,12 @@ def _past(
     *values: Value, R: Array, p: Array, v: Array, A: Array, b: Array, **origins: Array
 ) -> tuple[Array, tuple[Array, ...]]:
     sensors = len(values) - len(_KINDS)
-    origin_of = [*(origins.get(kind.attribute) for kind in _KINDS), *(origins["sensor"][:, j] for j in range(sensors))]
     kinds, at = (*_KINDS, *[Kind.SENSOR] * sensors), 0
+    vector_origins = iter([
+        *(origins[kind.attribute] for kind in _OTHERS), *(origins["sensor"][:, j] for j in range(sensors))
+    ])  # fmt: skip
     tangents, jacobians = [], []
-    for kind, value, other in zip(kinds, values, origin_of, strict=True):
+    for kind, value in zip(kinds, values, strict=True):
         block = A[:, :, at : at + kind.dim]
         at += kind.dim
         if isinstance(value, Nav):
@@ -107,7 +109,7 @@ def _past(
             tangents.append(_nav_coordinates(value, origin, rpy, rpy_origin, rates))
             block = block @ _by_nav(value, origin, rpy, rates)
         else:
-            tangents.append(vectors(value) - other)
+            tangents.append(vectors(value) - next(vector_origins))
         jacobians.append(block)
     x = np.concatenate(tangents, axis=1)
     return (A @ x[:, :, None])[:, :, 0] - b, tuple(jacobians)

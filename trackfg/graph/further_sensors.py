@@ -50,11 +50,11 @@ _SLOW_MPS = 2.0
 
 
 class FurtherSensor(NamedTuple):
-    """A sensor with the ``name`` of its table, its ``part`` of the description, and the ``index`` of its variable."""
+    """A sensor with the ``name`` of its table, its ``part`` of the description, and the index of its ``variable``."""
 
     name: str
     part: Speed
-    index: int
+    variable: int
 
 
 def further_sensors(description: RecordingDescription) -> list[FurtherSensor]:
@@ -67,7 +67,7 @@ def sensor_priors(description: RecordingDescription) -> Iterator[Family]:
     """Yield what is declared of each further sensor: scale, and yaw of its mounting."""
     for sensor in further_sensors(description):
         sigma = np.array([[sensor.part.scale_sd, np.radians(sensor.part.yaw_sd_deg)]])
-        yield prior(Kind.SENSOR, np.array([sensor.index]), np.zeros((1, Kind.SENSOR.dim)), sigma)
+        yield prior(Kind.SENSOR, np.array([sensor.variable]), np.zeros((1, Kind.SENSOR.dim)), sigma)
 
 
 def measures_speed(recording: Recording) -> bool:
@@ -116,7 +116,7 @@ def _speed(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     measured = {"distance": way * integral[k], "swing": swing[:, 0], "across": swing[:, 1]}
     sigma = np.hypot(part.sd_mps * np.sqrt(interval_s * inputs.durations[k]), _SWAY_SD_M)[:, None]
     loss = SwitchChain(config.tach.robust_width, config.keyframes.interval_s)
-    return speed_distance(k, sensor.index, measured, sigma, loss, sensor.name)
+    return speed_distance(k, sensor.variable, measured, sigma, loss, sensor.name)
 
 
 def integrated(t: Array, speed: Array, at: Array, max_gap_s: float) -> tuple[np.ndarray, Array, float]:

@@ -77,9 +77,9 @@ class Recording:
     def of_tables(cls, description: RecordingDescription, tables: Mapping[str, pd.DataFrame]) -> Recording:
         """From :attr:`tables`."""
         lasers = {name.removeprefix(LASER_TABLE): t for name, t in tables.items() if name.startswith(LASER_TABLE)}
-        single = [tables.get(name) for name in _SINGLE]
+        tach, fixes, gnss = (tables.get(name) for name in _SINGLE)
         others = {n: t for n, t in tables.items() if n not in ("imu", *_SINGLE) and not n.startswith(LASER_TABLE)}
-        return cls(description, tables["imu"], *single, lasers, others=others)
+        return cls(description, tables["imu"], tach, fixes, gnss, lasers, others=others)
 
     @property
     def gyro(self) -> Array:
