@@ -1,7 +1,7 @@
 """Where curves are, roughly: a first chain of curves for each group of them.
 
 Averaged over five cells (50 m), curvature above a threshold is part of a curve: half the widest one's, or four sigmas
-of the irregularities, whichever is more. Curves closer together than :data:`APART_M` form a group that is fitted as
+of the irregularities, whichever is more. Curves closer together than :data:`GROUP_GAP_M` form a group that is fitted as
 one; more than three are parted where the straights between are longest.
 
 Over a group and some straight beside it, the curvature of the cells is cut into constant and linear pieces such that
@@ -23,7 +23,7 @@ from trackfg.curves.transition_laws import TransitionLaw
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
-APART_M = 60.0
+GROUP_GAP_M = 60.0
 _AVERAGED = 5
 _SIGMAS = 4.0
 _FIRST_LAW: TransitionLaw = "clothoid"
@@ -45,7 +45,7 @@ def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
     least = max(0.5 / widest_radius_m, _SIGMAS * sd / _AVERAGED)
     groups: list[list[int]] = []
     for first, stop in true_runs(np.abs(mean) > least):
-        if groups and (first - groups[-1][1]) * cells.base_m < APART_M:
+        if groups and (first - groups[-1][1]) * cells.base_m < GROUP_GAP_M:
             groups[-1][1] = int(stop)
         else:
             groups.append([int(first), int(stop)])

@@ -1,24 +1,14 @@
-"""What runs over one line say together: joining them into a map, finding a run on it, seeing what changed.
+"""Maps from repeated runs over one line: a run is recognised on a map, joined to it, and compared with it.
 
-==================  ==================================================================================================
-module              content
-==================  ==================================================================================================
-``recognition``     where a run's profile lies on a map's, by ``likelihood``, ``place_chain`` and ``local_match`` of
-                    ``profiles``
-``following``       the same as the run goes on, section by section
-``warp``            from one chainage to another, and tables with it
-``marks``           what one run says of the map's variables, all else eliminated
-``joint``           the estimate of these variables from all runs
-``merging``         profiles of many runs on one grid
-``survey``          a map in the making; ``joining`` adds a run, ``finishing`` moves it to the joint estimate
-``reference_line``  the centre line in east, north, up
-``design``          the designed cant, from the curves
-``landmarks``       the curves' points, the same ones in every version
-``build``           :func:`build_map`, :func:`with_runs`
-``map_difference``  what moved from one map to another, and by how many sigmas
-``placing``         a run laid over a map, for whatever is to be done with it then
-``finding``         :func:`find_changes`: by ``changes``, with ``overlay``, ``remaining_shift`` and ``change_noise``
-==================  ==================================================================================================
+===============  =====================================================================================================
+package          content
+===============  =====================================================================================================
+``recognition``  where a run's profile lies on a map's: a hidden Markov model over places, then least squares
+``joining``      a run's information on the map's variables, their joint estimate, the averaged profile, landmarks
+``changes``      what changed of the track, and what moved from one version of a map to another
+===============  =====================================================================================================
+
+``recognition`` needs no map, only two profiles; ``joining`` and ``changes`` both start from it.
 """
 
 from __future__ import annotations
@@ -35,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Difference", "Recognition", "build_map", "difference", "find_changes", "recognise", "with_runs"]
 
-# Late, because the smoother needs recognition and no database.
+# Imported late, because the smoother needs recognition and no database.
 __getattr__ = lazy_imports(
     __name__,
     {

@@ -1,13 +1,13 @@
-"""Where on a map a run was: its profile recognised on the map's, and the graph that knows it.
+"""Localisation of a run on a map: its profile is recognised there, and the run is solved again with that.
 
 The run is smoothed by itself first. Where its profile lies on the map's
-(:mod:`trackfg.mapping.recognition.recognition`) becomes landmark factors, one per recognised stretch, with the sigma of
-the match alone and a loss that lets a wrong one go: a wrong match is an outlier, not a jump. Where nothing is
-recognised, or several places are as likely, there is no factor and the chainage's sigma grows.
+(:mod:`trackfg.mapping.recognition.recognition`) becomes landmark factors, one per recognised section, with the sigma of
+the match and a robust loss, so that a wrong match is an outlier and no jump. Where nothing is recognised, or several
+places are as likely, there is no factor and the chainage's sigma grows.
 
-All chainages are the map's then, and what all matches have in common is added to their variance at the end: the map's
-own uncertainty, and, for a sensor on springs, that its body follows the track's curves late. A fix, which knows nothing
-of the map, is taken to be as uncertain as both together.
+All chainages are the map's then. The errors that all matches have in common are added to their variance at the end: the
+map's own, and, for a sensor on springs, that its body follows the track's curves late. A fix, which does not depend on
+the map, is given a sigma that contains the map's.
 """
 
 from __future__ import annotations
@@ -37,35 +37,40 @@ if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
 
 _LEAST_SD_M = 0.01
-"""Of a match: between sections a wheel creeps by that much in kinks."""
+"""Least sigma of a match, m: a creep of 1 mm per root of a metre over a section of 100 m."""
 SURE = 0.99
-"""The probability from which a place found without any fix is believed."""
+"""Probability from which a place found without any fix is believed."""
 _ON_SPRINGS_SD_M = 0.8
-"""What a body's lag behind the track's curves does to the place, as measured on simulated car bodies at 50-100 km/h."""
+"""Sigma of a place, m, by a body's lag behind the track's curves. Chosen on simulated car bodies at 50-100 km/h; see
+Assumptions in docs/engine.md."""
 
 
 @dataclass(frozen=True)
 class MapChainage:
-    """How well a place is known that is known on a map: the chainage of the map's grid, and what else all matches have
-    in common. ``on_springs``: they are of the body's motion.
+    """The chainage of a map and its uncertainty.
+
+    ``grid``: the map's grid. ``on_springs``: the matches are of the motion of a body on springs.
     """
 
     grid: pd.DataFrame
     on_springs: bool
 
     def sd_m(self, chainage: Array) -> Array:
-        """The map's own sigma."""
+        """Return the sigma of the map's own chainage at places (n,), m."""
         return np.asarray(np.interp(chainage, self.grid["chainage_m"], self.grid["chainage_m_sd"]))
 
     def with_uncertainty(self, covariance: Covariance, states: States, direction: int) -> Covariance:
-        """Chainages as uncertain as the map's own are, besides."""
+        """Return the covariance with that of the map's chainage added, and of a body's lag on springs."""
         common = _ON_SPRINGS_SD_M if self.on_springs else 0.0
         return covariance.with_added_distance_variance(self.sd_m(direction * states.odo.distance) ** 2 + common**2)
 
 
 @dataclass(frozen=True)
 class Located:
-    """The problem with landmarks, ready to be solved again, and the chainage that it is in."""
+    """A problem with landmarks, ready to be solved again.
+
+    ``chainage``: that which it is in. ``use``: what of the map was used.
+    """
 
     problem: Problem
     chainage: MapChainage
@@ -134,13 +139,14 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
 
 
 def landmark_loss(config: PositionConfig) -> Loss | None:
-    """The loss of matches."""
+    """Return the loss of matches."""
     return Cauchy(config.fix_width) if config.robust else None
 
 
 def landmark_sd(used: pd.DataFrame) -> Array:
-    """The sigma of matches, rows of :attr:`trackfg.mapping.recognition.recognition.Recognition.used`, as landmarks.
-    Shape (m,).
+    """Return the sigmas of matches as landmarks, (m,).
+
+    ``used``: rows of :attr:`trackfg.mapping.recognition.recognition.Recognition.used`.
     """
     return np.asarray(np.hypot(used["match_sd_m"].to_numpy(), _LEAST_SD_M))
 
@@ -159,7 +165,7 @@ def _landmarks(
     direction: int,
     loss: Loss | None,
 ) -> Family:
-    """One factor per section, at the time when its middle was passed: on the longest pass, as in the table."""
+    """Return one factor per section, at the time when its middle was passed on the longest pass, as in the table."""
     place = used["run_m"].to_numpy()
     when = np.full(len(place), np.nan)
     for profile in sorted(passes, key=len, reverse=True):

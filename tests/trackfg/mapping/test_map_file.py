@@ -142,4 +142,4 @@ def test_runs_of_two_hundred_metres(tmp_path: Path) -> None:
     replace(result, geometry=result.geometry[inside].reset_index(drop=True)).write(tmp_path / "inside")
     refused = trackfg("map", "build", tmp_path / "out0", tmp_path / "inside", "-o", tmp_path / "no.gpkg")
     assert refused.returncode == 2
-    assert "passes none of the map's places" in refused.stderr
+    assert "passes none of the map's anchors" in refused.stderr

@@ -1,1 +1,1 @@
-"""What changed of a track: a run against a map, a map against another."""
+"""Changes of the track are found here: of a run against a map, and of a map against another."""

@@ -36,16 +36,23 @@ WITHOUT_SLOW_PART = ("cross_level_mm", "gradient_permille")
 """What is compared without its slow difference, see :mod:`trackfg.mapping.changes.changes`."""
 
 _LEAST_CROSSINGS = 100
+"""Sign changes from which a spread is trusted: as many independent values know it to some 10 %."""
 _FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
+"""Residuals from which a sigma is known: it errs by 16 %, and by 22 % where its course along the line is borrowed.
+Chosen on simulated runs; see Assumptions in docs/engine.md."""
 _SLOWEST_MPS = 0.5
+"""Least speed of a band of speed, m/s."""
 _FEWEST_CROSSINGS_PER_M = 0.02
-"""Of a profile too short to tell."""
+"""Sign changes per m of a profile too short to count them: half of the fewest that were counted, 0.04 of the
+gradient."""
 
 
 @dataclass(frozen=True)
 class ChangeNoise:
-    """Of one quantity: sigma of the difference (n,), how much the residuals raised it, how often it crosses zero, and
-    from how many residuals, so to say, the sigma is known.
+    """The noise of one quantity's difference.
+
+    ``sigma`` (n,): of the difference. ``factor``: by which the residuals raised it. ``crossings_per_m``: how often it
+    crosses zero. ``freedom``: the number of residuals from which a sigma is known.
     """
 
     sigma: Array
@@ -54,13 +61,13 @@ class ChangeNoise:
     freedom: float
 
     def sigmas_for(self, alarms_per_m: float) -> float:
-        """The threshold, in sigmas, that noise alone exceeds this often."""
+        """Return the threshold, in sigmas, that noise alone exceeds this often."""
         ratio = self.crossings_per_m / alarms_per_m
         return float(np.sqrt(self.freedom * max(ratio ** (2.0 / self.freedom) - 1.0, 0.0)))
 
 
 def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
-    """Of the local difference of each quantity but for the shift. Shapes (n,)."""
+    """Return the sigmas of the local difference of each quantity by the tables, without the shift's. Shapes (n,)."""
     run, grid = {name: over.run_column(f"{name}_sd") for name in QUANTITIES}, over.grid
     level_of_map = grid["versine_level_mm_sd"].to_numpy()
     ratio = run["twist_mm"] / run["versine_level_mm"]
@@ -75,7 +82,7 @@ def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
 
 
 def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_sd: Array) -> ChangeNoise:
-    """The sigma of ``change`` (n,), as stated and as seen."""
+    """Return the noise of ``change`` (n,): as stated, and raised to what its own spread shows."""
     before = over.before(name)
     sides = np.stack([over.before_at(name, sign * shift_sd) - before for sign in (-1.0, 1.0)])
     sides = np.where(np.isfinite(sides), sides, sides[::-1])  # next to a hole there is one side only
@@ -109,5 +116,5 @@ def _spread(ratio: Array) -> float:
 
 
 def _crossings(ratio: Array) -> int:
-    """Sign changes between neighbours that are both known."""
+    """Return the number of sign changes between neighbours that are both known."""
     return int(np.sum(ratio[1:] * ratio[:-1] < 0.0))

@@ -1,7 +1,7 @@
-"""What has changed of the track: a run held against the map, cell by cell.
+"""Changes of the track: a run compared with the map, cell by cell.
 
-The run is laid over the map (:mod:`trackfg.mapping.changes.overlay`), what is left of its shift is fitted
-(:mod:`trackfg.mapping.changes.residual_shift`), and every quantity's difference, run less map, is held against its
+The run is laid over the map (:mod:`trackfg.mapping.changes.overlay`), its residual shift is fitted
+(:mod:`trackfg.mapping.changes.residual_shift`), and every quantity's difference, run less map, is compared with its
 noise (:mod:`trackfg.mapping.changes.change_noise`). Cross-level and gradient carry the run's offset and wander: their
 difference is taken without its running median over 150 m, smoothed over 50 m, so a change of them counts as far as it
 is local. A lasting step of the cross-level shows in the twist.
@@ -13,8 +13,8 @@ A cell has changed in a quantity if the difference is both
 * and large: ``floor_mm`` or more in cross-level, twist and versines, in gradient that over its base, in curvature that
   of a circle with such a versine over its base, ``8 floor / base^2``.
 
-Changed cells no more than 10 m apart are one change, whatever the quantities: a dip of 5 m shows in the versine over
-15 m, in the twist at either end, in the gradient 12 m before and behind.
+Changed cells no more than 10 m apart are one change, whatever the quantities: a dip of 5 m shows in the versine over 15
+m, in the twist at either end, in the gradient 12 m before and behind.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise, change_noise, stated_sigmas
-from trackfg.mapping.changes.overlay import QUANTITIES, Overlay, overlay
-from trackfg.mapping.changes.residual_shift import remaining_shift
+from trackfg.mapping.changes.overlay import QUANTITIES, SUMMARY_M, Overlay, overlay
+from trackfg.mapping.changes.residual_shift import residual_shift
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.results.summary import GeometryConventions
@@ -38,15 +38,19 @@ Kind = Literal["dip", "kick", "twist", "curvature"]
 CHANGE_COLUMNS = ("from_m", "to_m", "quantity", "change", "change_sd", "sigmas", "before", "after", "kind")
 
 _SLOW_M, _SMOOTHED_M = 150.0, 50.0
+"""Windows of the running median and mean that are the slow part of a difference, m: longer than any defect, shorter
+than the wander of a sensor. Chosen on simulated runs; see Assumptions in docs/engine.md."""
 _TOGETHER_M = 10.0
+"""Changed cells this near, m, are one change: the base of versines and curvature."""
 _LONG_M = 30.0
-"""A lateral change that is seen over more than this is of the curve, not of a place in it."""
-_SECTION_M = 200.0
+"""Length, m, above which a lateral change is one of the curve and not of a place in it: three bases."""
 
 
 @dataclass(frozen=True)
 class Changes:
-    """``table``: one row per change, columns :data:`CHANGE_COLUMNS`: where, the quantity that changed most in mm (or,
+    """Changes of the track, and what would have been found.
+
+    ``table``: one row per change, columns :data:`CHANGE_COLUMNS`: where, the quantity that changed most in mm (or,
     where none in mm did, of gradient and curvature the one that is larger by its floor), its change at the cell where
     it is largest, ``before`` in the map and ``after`` in the run, without the slow difference, in the quantity's unit.
 
@@ -80,10 +84,10 @@ def changes(
     floor_mm: float = 1.0,
     false_alarms_per_10_km: float = 0.1,
 ) -> Changes:
-    """Hold the geometry of a run (:attr:`trackfg.results.result.Result.geometry`) against the grid of a map.
+    """Compare the geometry of a run (:attr:`trackfg.results.result.Result.geometry`) with the grid of a map.
 
     Both must mean the same: ``conventions`` are the run's, and the map's. ``to_map`` turns the run's chainage into the
-    map's, rising with it; ``shift_sd_m`` says how well, for each row of ``run``.
+    map's, rising with it; ``shift_sd_m`` is its sigma, for each row of ``run``.
 
     Raises ``ValueError`` for a ``to_map`` that does not rise, or another number of sigmas than rows.
     """
@@ -96,7 +100,7 @@ def changes(
         twist_base_m=conventions.twist_base_m,
     )
     stated = stated_sigmas(over, conventions.chord_m)
-    shift, shift_sd = remaining_shift(over, stated)
+    shift, shift_sd = residual_shift(over, stated)
     alike = _like_a_millimetre(conventions)
     each = false_alarms_per_10_km / 1e4 / len(QUANTITIES)
     found: dict[str, _Compared] = {}
@@ -119,7 +123,10 @@ def changes(
 
 @dataclass(frozen=True)
 class _Compared:
-    """One quantity: its change, (n,), and from where on it counts. ``like_a_mm``: what is as large as 1 mm."""
+    """One quantity: its change, (n,), its noise, and the threshold in sigmas and in size.
+
+    ``like_a_mm``: the change of this quantity that counts as large as 1 mm.
+    """
 
     change: Array
     noise: ChangeNoise
@@ -129,19 +136,21 @@ class _Compared:
 
     @property
     def floor(self) -> float:
+        """The least size of a change, in the quantity's unit."""
         return self.floor_mm * self.like_a_mm
 
     @property
     def least(self) -> Array:
-        """What would be found, (n,)."""
+        """The least change that would be found, (n,)."""
         return np.where(np.isfinite(self.change), np.maximum(self.sigmas * self.noise.sigma, self.floor), np.nan)
 
     @property
     def changed(self) -> np.ndarray:
+        """True where the quantity has changed, (n,)."""
         return np.asarray(np.abs(self.change) >= self.least)
 
     def largest(self, rows: slice) -> int:
-        """The row within ``rows`` where the changed cells change most; -1 without one."""
+        """Return the row within ``rows`` where the changed cells change most; -1 without one."""
         size = np.where(self.changed[rows], np.abs(self.change[rows]), -1.0)
         at = int(np.argmax(size))
         return rows.start + at if size[at] >= 0.0 else -1
@@ -155,7 +164,7 @@ def _like_a_millimetre(conventions: GeometryConventions) -> dict[str, float]:
 
 
 def _slow(change: Array, step_m: float) -> Array:
-    """Ends and holes shorten the window."""
+    """Return the slow part of a difference (n,); ends and holes shorten the window."""
     middle = pd.Series(change).rolling(2 * round(0.5 * _SLOW_M / step_m) + 1, center=True, min_periods=1).median()
     smooth = middle.rolling(2 * round(0.5 * _SMOOTHED_M / step_m) + 1, center=True, min_periods=1).mean()
     return smooth.to_numpy()
@@ -172,7 +181,7 @@ def _table(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
 
 
 def _row(over: Overlay, found: dict[str, _Compared], rows: slice) -> dict[str, object]:
-    """One change: cells ``rows``, the first and the last of them changed."""
+    """Return one change as a row: cells ``rows``, the first and the last of them changed."""
     places = {name: at for name, one in found.items() if (at := one.largest(rows)) >= 0}
     size = {name: abs(found[name].change[at]) / found[name].like_a_mm for name, at in places.items()}
     in_mm = [name for name in size if name.endswith("_mm")]
@@ -193,7 +202,7 @@ def _row(over: Overlay, found: dict[str, _Compared], rows: slice) -> dict[str, o
 
 
 def _kind(found: dict[str, _Compared], size: dict[str, float], rows: slice, long: float) -> Kind:
-    """A guess from which quantities changed, ``size`` as if in mm.
+    """Guess the kind of a change from the quantities that changed, ``size`` as if in mm.
 
     One rail that dips takes the cross-level to one side and the level with it; a twist takes it to both sides, or
     leaves the level alone.
@@ -226,7 +235,7 @@ def _coverage(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
     least = pd.DataFrame({name: one.least for name, one in found.items()})
     groups = least.assign(
         compared=least.notna().all(axis=1).astype(np.float64), observations=over.grid["observations"].to_numpy()
-    ).groupby(np.floor(over.chainage / _SECTION_M + 1e-9) * _SECTION_M)
+    ).groupby(np.floor(over.chainage / SUMMARY_M + 1e-9) * SUMMARY_M)
     table = pd.concat([groups["compared"].mean(), groups["observations"].min(), groups[list(found)].max()], axis=1)
-    table.insert(0, "to_m", table.index + _SECTION_M)
+    table.insert(0, "to_m", table.index + SUMMARY_M)
     return table.rename_axis("from_m").reset_index()

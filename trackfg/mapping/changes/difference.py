@@ -34,6 +34,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from trackfg.mapping.changes.overlay import SUMMARY_M
 from trackfg.mapping.recognition.conventions import recognised_near
 from trackfg.mapping.recognition.warp import warped
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
@@ -43,7 +44,7 @@ from trackfg.numerics.chainage_grid import cells_of
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]
 
 LANDMARK_QUANTITIES = ("chainage_m", "radius_m", "transition_length_m", "arc_length_m", "cant_mm")
-SECTION_M = 200.0
+"""Quantities of landmarks that are compared."""
 
 _RATE_SD = 1e-4
 """Of one map's scale against another's: fixes some kilometres apart have settled both."""
@@ -54,12 +55,14 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Difference:
-    """``moved``: one row per landmark in both maps and quantity that both know: ``landmark_id, kind, name, quantity``
-    (its name says the unit), ``a, b, difference`` (b - a), ``difference_sd, sigmas``.
+    """The difference of two maps, b less a.
 
-    ``added``, ``removed``: the landmarks of b or a alone. ``sections``: one row per 200 m and grid quantity with cells
-    in both maps: ``start_m, end_m, quantity, cells, mean, rms, largest`` (with its sign), ``largest_at_m, rms_sigmas,
-    largest_sigmas``, of b - a. ``cells_added``, ``cells_removed``: grid cells of b or a alone.
+    ``moved``: one row per landmark in both maps and quantity that both know: ``landmark_id, kind, name, quantity`` (its
+    name has the unit), ``a, b, difference`` (b - a), ``difference_sd, sigmas``.
+
+    ``added``, ``removed``: the landmarks that only b or only a has. ``sections``: one row per 200 m and grid quantity
+    with cells in both maps: ``start_m, end_m, quantity, cells, mean, rms, largest`` (with its sign), ``largest_at_m,
+    rms_sigmas, largest_sigmas``, of b - a. ``cells_added``, ``cells_removed``: grid cells that only b or only a has.
     """
 
     relation: Relation
@@ -72,7 +75,7 @@ class Difference:
 
 
 def difference(a: FeatureMap, b: FeatureMap) -> Difference:
-    """Landmarks are the same where their ids are, grid cells where their track is.
+    """Compare two maps: landmarks are the same where their ids are, grid cells where their track is.
 
     Raises ``ValueError`` where the grids have different steps.
     """
@@ -107,7 +110,7 @@ def _relation(a: FeatureMap, b: FeatureMap) -> Relation:
 
 
 def _sigma(relation: Relation, sd_a: Array, sd_b: Array) -> Array:
-    """Of b - a. What rounding leaves of two equal variances is zero; a variance below zero gives NaN."""
+    """Return the sigma of b - a. Rounding of two equal variances is taken as zero; a variance below zero gives NaN."""
     va, vb = sd_a**2, sd_b**2
     match relation:
         case "extended":
@@ -124,14 +127,14 @@ def _sigma(relation: Relation, sd_a: Array, sd_b: Array) -> Array:
 
 
 def _in_sigmas(change: Array, sd: Array) -> Array:
-    """Nothing moved is no sigma, also where the difference is known exactly."""
+    """Return the change in sigmas; 0 where nothing has moved, also where the difference is known exactly."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.abs(change) / sd
     return np.where((change == 0.0) & (sd == 0.0), 0.0, ratio)
 
 
 def _on_chainage_of(b: FeatureMap, a: FeatureMap) -> pd.DataFrame:
-    """The grid of a by b's chainage; as it is where its track is not recognised there."""
+    """Return the grid of a by the chainage of b, unchanged if its track is not recognised there."""
     if a.grid.empty or b.grid.empty:
         return a.grid
     map_sd = float(b.grid["chainage_m_sd"].median())
@@ -168,7 +171,7 @@ def _moved(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame
 
 
 def _sections(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
-    """``reduceat`` over the runs of equal section numbers: rows are in order."""
+    """Return the rows of ``Difference.sections``, by ``reduceat`` over the rows of each section, which are in order."""
     tables = []
     chainage = b["chainage_m"].to_numpy()
     for quantity in GRID_QUANTITIES:
@@ -179,15 +182,15 @@ def _sections(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFr
         sd = _sigma(relation, a[f"{quantity}_sd"].to_numpy(), b[f"{quantity}_sd"].to_numpy())
         ratio = _in_sigmas(change, sd)[known]
         change, place = change[known], chainage[known]
-        section = np.floor(place / SECTION_M)
+        section = np.floor(place / SUMMARY_M)
         starts = np.flatnonzero(np.r_[True, np.diff(section) > 0])
         cells = np.diff(np.r_[starts, section.size])
         largest = _first_largest(np.abs(change), starts, cells)
         tables.append(
             pd.DataFrame(
                 {
-                    "start_m": section[starts] * SECTION_M,
-                    "end_m": (section[starts] + 1.0) * SECTION_M,
+                    "start_m": section[starts] * SUMMARY_M,
+                    "end_m": (section[starts] + 1.0) * SUMMARY_M,
                     "quantity": quantity,
                     "cells": cells,
                     "mean": np.add.reduceat(change, starts) / cells,
@@ -216,10 +219,11 @@ SECTION_COLUMNS = (
     "rms_sigmas",
     "largest_sigmas",
 )
+"""Columns of ``Difference.sections``."""
 
 
 def _first_largest(size: Array, starts: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """The index of the first largest entry of each section."""
+    """Return the index of the first largest entry of each section."""
     top = np.repeat(np.maximum.reduceat(size, starts), cells)
     at = np.flatnonzero(size == top)
     return np.asarray(at[np.searchsorted(at, starts)])

@@ -1,4 +1,4 @@
-"""What a run shows otherwise than the map: recognised, laid over it, and held against it."""
+"""Changes of the track that a smoothed run shows against a map: the run is recognised, laid over it and compared."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from trackfg.results.result import Result
 
 
 def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1.0) -> Changes:
-    """Changes of at least ``floor_mm`` that are no noise, and every cell's difference
-    (:mod:`trackfg.mapping.changes.changes`).
+    """Find changes of at least ``floor_mm`` that are no noise (:mod:`trackfg.mapping.changes.changes`).
 
     Raises :class:`~trackfg.errors.BadInputError` for a run without track geometry, with other conventions, or not
     recognised on the map.

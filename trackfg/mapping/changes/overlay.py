@@ -1,4 +1,4 @@
-"""A run laid over the map: both at the map's cells, in the columns' units.
+"""The overlay has a run and a map at the same cells, in the columns' units.
 
 The run's rows lie at ``to_map(chainage of the run)``; between them its values are a quintic spline, as everywhere where
 runs are compared (:mod:`trackfg.evaluation.geometry_errors`). The map's twist is taken from its cross-level.
@@ -24,15 +24,19 @@ QUANTITIES = (
     "versine_level_mm",
     "versine_alignment_mm",
 )
-"""What is compared."""
+"""Columns that are compared."""
+
+
+SUMMARY_M = 200.0
+"""Length of line, m, that a row of a summary table covers."""
 
 
 @dataclass(frozen=True)
 class Overlay:
-    """All whole steps (n,) of the map's chainage between the first and the last that both cover, holes included.
+    """A run and a map at all whole steps (n,) of the map's chainage that both cover, holes included.
 
     ``run_chainage``: where the run was there, by its own chainage; ``stretch`` its derivative by the map's.
-    ``shift_sd_m``: how well that is known. ``grid`` has a row per cell, NaN in the holes of the map.
+    ``shift_sd_m``: the sigma of that. ``grid`` has a row per cell, NaN in the holes of the map.
     """
 
     chainage: Array
@@ -46,19 +50,19 @@ class Overlay:
     grid_splines: dict[str, Callable[[Array], Array]]
 
     def before(self, quantity: str) -> Array:
-        """The map's values, (n,)."""
+        """Return the map's values, (n,)."""
         return self.grid[quantity].to_numpy(dtype=np.float64)
 
     def before_at(self, quantity: str, shift: Array) -> Array:
-        """The map's values ``shift`` m (n,) ahead of each cell."""
+        """Return the map's values ``shift`` m (n,) ahead of each cell."""
         return self.grid_splines[quantity](self.chainage + shift)
 
     def after_at(self, quantity: str, shift: Array) -> Array:
-        """The run's values ``shift`` m (n,), by the map's chainage, ahead of each cell."""
+        """Return the run's values ``shift`` m (n,), by the map's chainage, ahead of each cell."""
         return self.run_splines[quantity](self.run_chainage + self.stretch * shift)
 
     def run_column(self, name: str) -> Array:
-        """Any column of the run, joined by straight lines: its sigmas, its speed. (n,)."""
+        """Return any column of the run, such as its sigmas or its speed, interpolated linearly, (n,)."""
         there = np.interp(self.run_chainage, self.run["chainage_m"].to_numpy(), self.run[name].to_numpy())
         return np.asarray(there, dtype=np.float64)
 
@@ -72,7 +76,7 @@ def overlay(
     step_m: float,
     twist_base_m: float,
 ) -> Overlay:
-    """``run`` is a result's geometry, ``grid`` a map's; ``shift_sd_m`` has a value per row of ``run``.
+    """Lay ``run``, a result's geometry, over ``grid``, a map's. ``shift_sd_m`` has a value per row of ``run``.
 
     Raises ``ValueError`` where ``to_map`` does not rise all along the run, or for sigmas of another number than rows.
     """

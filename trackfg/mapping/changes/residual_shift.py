@@ -1,13 +1,13 @@
-"""What is left of the shift between a run and the map, from how they differ.
+"""The residual shift between a run and the map, fitted to their difference.
 
 A run laid ``e`` m wrong differs from the map by ``-e`` times the slope of the map's profile, everywhere alike, while
 noise and changes of the track do not go with the slope. So the shift is a least-squares fit along the line,
 
     minimise  sum_q sum_i w (after_q(x_i + e(x_i)) - before_q(x_i))^2 / sigma_q^2  +  sum_k (e_k / sigma_e)^2,
 
-``e`` linear between knots 50 m apart, ``sigma_e`` what was known of it before, but 5 cm at least; by Gauss-Newton
-steps, with Huber's weights, so that a changed place has little say. Profiles with sharp features everywhere and no slow
-errors take part.
+``e`` linear between knots 50 m apart, ``sigma_e`` its prior sigma, but 5 cm at least; by Gauss-Newton steps, with
+Huber's weights, so that a changed place has little weight. Profiles with sharp features everywhere and no slow errors
+take part.
 """
 
 from __future__ import annotations
@@ -19,19 +19,22 @@ from trackfg.mapping.changes.overlay import Overlay
 from trackfg.numerics.arrays import Array
 
 ALIGNED_BY = ("twist_mm", "versine_level_mm", "versine_alignment_mm")
+"""Columns that the shift is fitted to."""
 
 _KNOTS_M = 50.0
-"""Chainage errors change over hundreds of metres."""
+"""Distance of the knots, m: chainage errors change over hundreds of metres."""
 _INDEPENDENT_M = 2.5
 """Errors this far apart count as independent: half of the shortest base that they are seen over."""
 _LEAST_SD_M = 0.05
 """Recognition knows the middles of its sections better, but not what a wheel did between them."""
 _HUBER = 2.0
+"""Width of Huber's loss, sigmas."""
 _STEPS = 4
+"""Gauss-Newton steps."""
 
 
-def remaining_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Array]:
-    """The shift, m, by which the run is to be read ahead of each cell, and its sigma. Shapes (n,).
+def residual_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Array]:
+    """Return the shift, m, by which the run is to be read ahead of each cell, and its sigma. Shapes (n,).
 
     ``sigma``: of the difference, for each of :data:`ALIGNED_BY`.
     """
@@ -68,14 +71,17 @@ def remaining_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Arra
 
 
 def _gathered(k: np.ndarray, here: Array, ahead: Array) -> Array:
-    """Sums over the cells of ``here`` at their knots ``k`` and of ``ahead`` at the next; the last knot has no cells."""
+    """Return sums over the cells of ``here`` at their knots ``k`` and of ``ahead`` at the next knots."""
     knots = int(k.max()) + 2
     sums = np.bincount(k, here, knots) + np.bincount(k + 1, ahead, knots)
     return sums.astype(np.float64)
 
 
 def _inverse_diagonal(diagonal: Array, beside: Array) -> Array:
-    """Of a symmetric tridiagonal matrix: ``1 / (p + q - a)`` with the pivots of eliminating it from either end."""
+    """Return the diagonal of the inverse of a symmetric tridiagonal matrix.
+
+    It is ``1 / (p + q - a)`` with the pivots p and q of eliminating the matrix from either end and its diagonal a.
+    """
     pivots = []
     for a, b in ((diagonal, beside), (diagonal[::-1], beside[::-1])):
         pivot = a.copy()

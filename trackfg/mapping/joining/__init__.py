@@ -1,1 +1,1 @@
-"""Joining runs into one map."""
+"""Runs are joined into a map here: each is condensed to rows on the map's variables, and all are solved together."""

@@ -1,17 +1,17 @@
-"""What one run says of a map's variables.
+"""A run's information on the map's variables, all states of the run eliminated.
 
-A map's variables are, for marks some 250 m apart, ``M_j``, the chainage at which a mark's stretch of track lies, and
-``C_j``, its mean cross-level; and the roll ``b`` of each sensor's mounting that is not known. A mark is no post: it is
-the track around it, known again by its profile. Facing increasing chainage, a run that saw mark j at its own chainage
-``D_j``, with mean cross-level ``c_j``, says
+The variables are, for *anchors* some 250 m apart, the chainage ``M_j`` at which an anchor's stretch of track lies and
+its mean cross-level ``C_j``; and the roll ``b`` of each sensor's mounting that is not known. An anchor is no post
+beside the track: it is the track about it, recognised by its profile. A run that sighted anchor j at its own chainage
+``D_j``, with mean cross-level ``c_j`` (facing increasing chainage), gives
 
-    M_j - o        = D_j + (its chainage's error there) + (error of recognising the place),
-    C_j + g B b    = c_j + (its cross-level's error there),
+    M_j - o        = D_j + (error of its chainage there) + (error of the match),
+    C_j + g B b    = c_j + (error of its cross-level there),
 
-with the offset ``o`` of a run that no fix told where it was (else 0), ``g`` its direction, ``B`` the cross-level base.
-The errors' joint covariance P is the marginal of the run's own graph (:mod:`trackfg.output.place_covariance`); so with
-``P = L L'`` the rows ``L^-1 [...]`` are all that the run's graph, every state of it eliminated, says about them. In
-runs both ways ``g`` changes sign, which is what tells b from C.
+with ``o`` the offset of a run that had no fix (else 0), ``g`` its direction and ``B`` the cross-level base. The errors'
+joint covariance P is the marginal of the run's own graph (:mod:`trackfg.output.place_covariance`). With ``P = L L'``
+the rows ``L^-1 [...]`` are whitened and contain all that the run's graph knows of the variables. In runs both ways
+``g`` changes sign, which separates b from C.
 """
 
 from __future__ import annotations
@@ -28,49 +28,53 @@ from trackfg.numerics.arrays import Array
 from trackfg.results.place_covariance import PlaceCovariance
 
 WINDOW_M = 100.0
-"""The length of track over which the cross-level of a mark is the mean."""
+"""Length of track over which the cross-level of an anchor is the mean, m."""
 
 _LEAST_SD_M = 5e-3
+"""Least sigma of a sighted chainage, m: the error of linear interpolation between places of the covariance."""
 _LEAST_SD_MM = 0.02
-"""What linear interpolation between places of the covariance leaves out."""
+"""Least sigma of a sighted cross-level, mm: the same."""
 
 _WRONG_SIGMAS = 5.0
+"""Innovation, in sigmas, above which a sighting is left out: one normal value in 1.7 million."""
 
 
-def chainage_variable(mark: str) -> str:
-    """The name of M_j, m."""
-    return f"mark/{mark}/chainage_m"
+def chainage_variable(anchor: str) -> str:
+    """Return the name of M_j, m."""
+    return f"mark/{anchor}/chainage_m"
 
 
-def cross_level_variable(mark: str) -> str:
-    """The name of C_j, mm."""
-    return f"mark/{mark}/cross_level_mm"
+def cross_level_variable(anchor: str) -> str:
+    """Return the name of C_j, mm."""
+    return f"mark/{anchor}/cross_level_mm"
 
 
 def offset_variable(run_id: str) -> str:
-    """The name of the offset of a run's chainage, m."""
+    """Return the name of the offset of a run's chainage, m."""
     return f"run/{run_id}/offset_m"
 
 
 def roll_variable(sensor: str) -> str:
-    """The name of a sensor's roll in its mounting, mrad."""
+    """Return the name of the roll of a sensor's mounting, mrad."""
     return f"sensor/{sensor}/roll_mrad"
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """The marks (m,) that a run saw: at its own ``chainage_m``, recognised to ``match_sd_m`` (0: it is the one that
-    made the mark), with mean ``cross_level_mm`` (NaN: not known). Each (m,), in order of chainage.
+    """The anchors (m,) that a run passed, in order of its chainage.
+
+    ``chainage_m``: where, by its own chainage. ``match_sd_m``: sigma of the match; 0 for anchors that this run defines.
+    ``cross_level_mm``: mean cross-level, NaN where not known. Each (m,).
     """
 
-    marks: tuple[str, ...]
+    anchors: tuple[str, ...]
     chainage_m: Array
     match_sd_m: Array
     cross_level_mm: Array
 
     def __getitem__(self, rows: np.ndarray) -> Sightings:
-        marks = tuple(self.marks[i] for i in np.arange(len(self.marks))[rows])
-        return Sightings(marks, self.chainage_m[rows], self.match_sd_m[rows], self.cross_level_mm[rows])
+        anchors = tuple(self.anchors[i] for i in np.arange(len(self.anchors))[rows])
+        return Sightings(anchors, self.chainage_m[rows], self.match_sd_m[rows], self.cross_level_mm[rows])
 
 
 @dataclass(frozen=True)
@@ -87,20 +91,20 @@ class Sensor:
     mm_per_mrad: float
 
 
-def said_of_marks(
+def information_on_anchors(
     run_id: str, seen: Sightings, errors: PlaceCovariance, sensor: Sensor | None, *, anchored: bool
 ) -> RunInformation:
     """Return the rows of a run. ``sensor`` is None where the roll of its mounting is known: ``b`` is then no variable.
 
     The first run of a sensor brings the prior of its roll.
     """
-    m = len(seen.marks)
+    m = len(seen.anchors)
     covariance = errors.at(seen.chainage_m)
     covariance[np.diag_indices(2 * m)] += np.r_[seen.match_sd_m**2 + _LEAST_SD_M**2, np.full(m, _LEAST_SD_MM**2)]
     level = np.flatnonzero(np.isfinite(seen.cross_level_mm))
     kept = np.r_[np.arange(m), m + level]
-    variables = [chainage_variable(mark) for mark in seen.marks]
-    variables += [cross_level_variable(seen.marks[i]) for i in level]
+    variables = [chainage_variable(anchor) for anchor in seen.anchors]
+    variables += [cross_level_variable(seen.anchors[i]) for i in level]
     H = np.eye(len(kept))
     if level.size and sensor is not None:
         variables.append(roll_variable(sensor.name))
@@ -118,22 +122,25 @@ def said_of_marks(
     return RunInformation(tuple(variables), R, d)
 
 
-def seen_by(information: RunInformation) -> pd.Series[float]:
-    """The run's own values of the marks' variables, by name: what :func:`said_of_marks` was given."""
+def sighted_values(information: RunInformation) -> pd.Series[float]:
+    """Return the run's own values of the anchors' variables, by name: the inverse of :func:`information_on_anchors`."""
     names = [name for name in information.variables if name.startswith("mark/")]
     R, d = information.R[: len(names), : len(names)], information.d[: len(names)]
     return pd.Series(solve_triangular(R, d, lower=True), index=names)
 
 
-def without_wrong(
+def agreeing_sightings(
     seen: Sightings, errors: PlaceCovariance, chainage: Array, covariance: Array, *, anchored: bool
 ) -> np.ndarray:
-    """Which sightings agree with the map, which has the marks at ``chainage`` with ``covariance`` (m, m). Bool (m,).
+    """Return which sightings agree with the map, bool (m,).
 
-    One is wrong where the error of its match, as the others lead to expect it, is more than five of its sigmas: with
-    the innovations v and their covariance S that is ``(S^-1 v)_j / sqrt((S^-1)_jj)``. The worst goes, then again.
+    The map has the anchors at ``chainage`` (m,) with ``covariance`` (m, m).
+
+    The test is on the innovation of one sighting given all others: with the innovations v and their covariance S it is
+    ``(S^-1 v)_j``, of sigma ``sqrt((S^-1)_jj)``. The sighting with the largest is left out if it is above five sigmas,
+    then the test is repeated.
     """
-    m = len(seen.marks)
+    m = len(seen.anchors)
     P = errors.at(seen.chainage_m)[:m, :m] + covariance
     P[np.diag_indices(m)] += seen.match_sd_m**2 + _LEAST_SD_M**2
     if not anchored:
@@ -149,11 +156,11 @@ def without_wrong(
     return good
 
 
-def sensor_of(name: str | None, run_id: str) -> str:
-    """The sensor's own name, or one that no other run has."""
+def sensor_name(name: str | None, run_id: str) -> str:
+    """Return the sensor's id, or for a sensor without one a name that no other run has."""
     return run_id if name is None else name
 
 
-def mark_names(places: Sequence[float] | Array) -> list[str]:
-    """Of marks made at these chainages, whole metres."""
+def anchor_names(places: Sequence[float] | Array) -> list[str]:
+    """Return the names of anchors made at these chainages: whole metres."""
     return [f"{place:.0f}" for place in places]

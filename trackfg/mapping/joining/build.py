@@ -1,11 +1,10 @@
 """Maps from runs: one run starts a map, every further one is recognised on it and joined.
 
-run -> where its profile lies on the map's (``recognition``) -> what it says of the map's variables (``marks``), and its
-profile merged into the grid (``merging``) -> the joint solution of all runs (``joint``) -> grid moved to it, landmarks,
-line
+The steps, with the modules that take them: where the run's profile lies on the map's (``recognition``), its information
+on the map's variables (``joining.anchors``), its profile merged into the grid (``joining.merging``), the joint solution
+of all runs (``joining.joint_solution``), and grid, landmarks and line moved to that (``joining.finishing``).
 
-The runs that are in the map already are not needed again: what they said of the variables is kept, and the grid is
-their weighted mean.
+The runs in the map are not needed again: their information is kept, and the grid is their weighted mean.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ Progress = Callable[[str, float], None]
 
 
 def build_map(results: Sequence[Result], *, name: str, progress: Progress | None = None) -> FeatureMap:
-    """One map from any number of smoothed runs.
+    """Build one map from any number of smoothed runs.
 
-    ``progress(run, fraction)`` is called before each. Raises :class:`~trackfg.errors.BadInputError` for a run that says
-    nothing of the track, is there twice, has other conventions, or is not recognised.
+    ``progress(run, fraction)`` is called before each. Raises :class:`~trackfg.errors.BadInputError` for a run without
+    track geometry, one that is there twice, has other conventions, or is not recognised.
     """
     if not results:
         raise BadInputError("a map needs at least one run")
@@ -34,12 +33,12 @@ def build_map(results: Sequence[Result], *, name: str, progress: Progress | None
 
 
 def with_runs(feature_map: FeatureMap, results: Sequence[Result], *, progress: Progress | None = None) -> FeatureMap:
-    """The map with more runs. Raises as :func:`build_map`."""
+    """Return the map with more runs. Raises as :func:`build_map`."""
     return _with_runs(reopened(feature_map), results, progress)
 
 
 def _with_runs(survey: Survey, results: Sequence[Result], progress: Progress | None) -> FeatureMap:
-    """Those that fixes told where they were come first: the others are placed by them."""
+    """Join runs with fixes first, since the others are placed by them."""
     show = progress or (lambda what, done: None)
     for number, result in enumerate(sorted(results, key=lambda result: not run_facts(result).anchored)):
         show(result.summary.recording_id, number / (len(results) + 1))

@@ -1,14 +1,14 @@
-"""Which curve of a new version is which of the version before.
+"""Identity of curves: which curve of a new version of a map is which of the version before.
 
 Both are rows of curves in order of chainage. A pair of one sense differs by
 
     d^2 = sum over q of (q_new - q_old)^2 / (sigma_new^2 + sigma_old^2 + floor^2),
 
-where ``q`` are the chainage of the points that both have, the logarithm of the radius and the length of the circle. Of
-all ways to pair them in order, the one is taken whose sum of ``d^2``, plus half a gate for each curve that is left
-alone, is least (dynamic programming, as in Needleman and Wunsch, Journal of Molecular Biology 48, 1970): a curve that
-appears or vanishes between others does not shift the rest, and a pair beyond the gate is none. The floors are what may
-change of a curve that remains the same one, by maintenance or because it is seen better.
+where ``q`` are the mean chainage of the points that both have, the logarithm of the radius and the length of the
+circle. Of all ways to pair them in order, the one with the least sum of ``d^2``, plus half a gate for each curve
+without a partner, is taken (dynamic programming, as in Needleman and Wunsch, Journal of Molecular Biology 48, 1970): a
+curve that appears or vanishes between others does not shift the rest, and a pair beyond the gate is none. The floors
+are changes that leave a curve the same one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,18 @@ import numpy as np
 from scipy.stats import chi2 as chi_squared
 
 _FLOOR_M, _FLOOR_LOG_RADIUS, _FLOOR_LENGTH_M = 5.0, 0.03, 10.0
+"""Changes of a curve that remains the same one, 1-sigma: m of its points, relative of its radius, m of its circle.
+Chosen: what maintenance moves is less."""
 _GATE = float(chi_squared.isf(1e-4, 3))
+"""Greatest ``d^2`` of a pair: three quantities of the same curve exceed it once in 10,000."""
 
 
 @dataclass(frozen=True)
 class CurveFeatures:
-    """What a curve is known by: its sense, and radius, length of the circle, and points by their kind ("BTC" ...) as
-    (value, sigma), m. What is not known is NaN, or no point.
+    """The features by which a curve is identified: its sense, and (value, sigma) pairs in m.
+
+    ``radius_m``; ``arc_length_m``, of the circle; ``points_m`` by their kind ("BTC" ...). What is not known is NaN, or
+    no point.
     """
 
     sense: str
@@ -38,7 +43,7 @@ class CurveFeatures:
 
 
 def paired(old: Sequence[CurveFeatures], new: Sequence[CurveFeatures]) -> list[int | None]:
-    """For each new curve, in order of chainage, the index of the old one that it is, or None."""
+    """Return for each new curve, in order of chainage, the index of the same old one, or None."""
     m, n = len(old), len(new)
     apart = np.array([[_distance(a, b) for b in new] for a in old]).reshape(m, n)
     alone = 0.5 * _GATE
@@ -61,7 +66,7 @@ def paired(old: Sequence[CurveFeatures], new: Sequence[CurveFeatures]) -> list[i
 
 
 def _distance(a: CurveFeatures, b: CurveFeatures) -> float:
-    """``d^2``; infinite for another sense, or without a point in common."""
+    """Return ``d^2``, infinite for another sense or without a point in common."""
     common = a.points_m.keys() & b.points_m.keys()
     if a.sense != b.sense or not common:
         return math.inf

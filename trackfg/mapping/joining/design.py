@@ -1,4 +1,4 @@
-"""The designed cant along a line from its curves."""
+"""The designed cant along a line, from its curves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trackfg.numerics.arrays import Array
 
 
 def cant_profile(curves: Sequence[Curve], chainage: Array) -> tuple[Array, Array]:
-    """Cant and its 1-sigma, mm, left rail higher, at ascending places (n,).
+    """Return cant and its sigma, mm, left rail higher, at ascending places (n,).
 
     A curve's cant rises over its first transition and falls over its last, by their laws; between two circles of a
     compound curve the fall of the one and the rise of the next are one transition, and the sum is right.
@@ -32,7 +32,7 @@ def cant_profile(curves: Sequence[Curve], chainage: Array) -> tuple[Array, Array
 
 
 def _risen(law: str, begin: float, end: float, chainage: Array, unseen: float) -> Array:
-    """The share that a transition has risen at places; ``unseen`` everywhere where the profile does not reach it."""
+    """Return the share that a transition has risen at places; ``unseen`` where the profile does not reach it."""
     if not (np.isfinite(begin) and np.isfinite(end)):
         return np.full(len(chainage), unseen)
     known = next((name for name in LAWS if name == law), None)

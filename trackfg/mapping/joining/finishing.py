@@ -1,4 +1,4 @@
-"""A survey moved to the joint solution of its runs: the map."""
+"""The finished map: a survey moved to the joint solution of its runs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from trackfg.curves import find_curves
-from trackfg.mapping.joining.anchors import seen_by
+from trackfg.mapping.joining.anchors import sighted_values
 from trackfg.mapping.joining.design import cant_profile
-from trackfg.mapping.joining.joint_solution import Joint
+from trackfg.mapping.joining.joint_solution import JointSolution
 from trackfg.mapping.joining.landmarks import landmarks
 from trackfg.mapping.joining.reference_line import drawn_line, moved_line, positions_on
 from trackfg.mapping.joining.survey import Chainages, Survey, SurveyedRun
@@ -22,17 +22,17 @@ from trackfg.results.summary import versions
 
 
 def finished(survey: Survey) -> FeatureMap:
-    """Everything moved to the joint solution."""
+    """Return the map of a survey: grid, line and landmarks moved to the joint solution."""
     assert survey.grid is not None
     assert survey.conventions is not None
-    at = survey.at
-    move = Warp(np.array([survey.place[mark] for mark in at.marks]), at.place)
+    at = survey.chainages
+    move = Warp(np.array([survey.place[anchor] for anchor in at.anchors]), at.place)
     grid = warped(survey.grid, move, survey.conventions.step_m)
     x = grid["chainage_m"].to_numpy()
     grid["chainage_m_sd"] = np.sqrt(interpolated_variance(at.place, at.covariance, x))
-    marks, place, level, covariance = at.levels()
-    if marks:
-        change = level - np.array([survey.level[mark] for mark in marks])
+    anchors, place, level, covariance = at.levels()
+    if anchors:
+        change = level - np.array([survey.level[anchor] for anchor in anchors])
         grid["cross_level_mm"] += np.interp(x, place, change)
         grid["cross_level_mm_sd"] = np.sqrt(
             grid["cross_level_mm_sd"] ** 2 + interpolated_variance(place, covariance, x)
@@ -69,14 +69,19 @@ def finished(survey: Survey) -> FeatureMap:
 
 
 def _run_table(survey: Survey, at: Chainages) -> pd.DataFrame:
-    """What each run brought along, from its own values at the marks and the map's."""
+    """Return what each run differed by, from its own values at the anchors and the map's."""
     rows = [_run_row(run_id, run, survey.information[run_id], at.joint) for run_id, run in survey.runs.items()]
     return pd.DataFrame(rows, columns=list(RUN_COLUMNS))
 
 
-def _run_row(run_id: str, run: SurveyedRun, information: RunInformation, joint: Joint) -> tuple[str | float, ...]:
-    """Offset and scale are those of the straight line through the marks, the bias is the mean over them."""
-    own = seen_by(information)
+def _run_row(
+    run_id: str, run: SurveyedRun, information: RunInformation, joint: JointSolution
+) -> tuple[str | float, ...]:
+    """Return a row of :data:`~trackfg.maps.feature_map.RUN_COLUMNS`.
+
+    Offset and scale are those of the straight line through the anchors, the bias is the mean over them.
+    """
+    own = sighted_values(information)
     place, level = own[own.index.str.endswith("/chainage_m")], own[own.index.str.endswith("/cross_level_mm")]
     x, which = place.to_numpy(), joint.rows(list(place.index))
     line = np.vander(x - x.mean(), min(2, len(x)), increasing=True)

@@ -1,9 +1,9 @@
-"""The estimate of a map's variables from what all its runs say.
+"""The joint estimate of a map's variables from the information of all its runs.
 
-A run says ``R_r x = d_r + e``, ``e ~ N(0, I)``, of the variables x that it touches
-(:mod:`trackfg.mapping.joining.anchors`). The runs' errors are independent, so that the joint estimate is the
-least-squares solution of all rows stacked, by QR: what the full joint graph of all runs would give, since eliminating a
-run's own states first changes nothing.
+A run gives rows ``R_r x = d_r + e``, ``e ~ N(0, I)``, on the variables x that it touches
+(:mod:`trackfg.mapping.joining.anchors`). The runs' errors are independent, so the joint estimate is the least-squares
+solution of all rows stacked, by QR. It equals that of the joint graph of all states of all runs, since the order of
+elimination does not change the solution.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 
 _HELD_SD = 1e-3
-"""Of the offset of one run, m, where no run knows where on the line it was."""
+"""Sigma of the offset of the first run, m, where no run had a fix: the map counts from its start."""
 
 
 @dataclass(frozen=True)
-class Joint:
-    """Variables by name, their estimates ``x`` (n,) and ``covariance`` (n, n)."""
+class JointSolution:
+    """The variables by name, their estimates ``x`` (n,) and ``covariance`` (n, n)."""
 
     names: tuple[str, ...]
     x: Array
@@ -33,29 +33,33 @@ class Joint:
 
     @cached_property
     def index(self) -> dict[str, int]:
-        """Where each variable is."""
+        """The number of each variable, by name."""
         return {name: i for i, name in enumerate(self.names)}
 
     def rows(self, names: Sequence[str]) -> np.ndarray:
-        """Where these variables are, shape (m,). Raises ``KeyError`` for an unknown one."""
+        """Return the numbers of these variables, (m,). Raises ``KeyError`` for an unknown one."""
         return np.array([self.index[name] for name in names], dtype=np.int64)
 
 
-def joint_solution(said: Iterable[RunInformation]) -> Joint:
-    """From all runs. Where none knows where it was, the first one's offset is held at 0."""
-    said = list(said)
-    names = tuple(dict.fromkeys(name for information in said for name in information.variables))
+def joint_solution(information: Iterable[RunInformation]) -> JointSolution:
+    """Solve the rows of all runs. The first run's offset is held at 0 where no run had a fix.
+
+    Every variable must be determined by the rows: an anchor by the run that defined it, a roll by its prior, an offset
+    by an anchor that another run has sighted too.
+    """
+    runs = list(information)
+    names = tuple(dict.fromkeys(name for run in runs for name in run.variables))
     column = {name: i for i, name in enumerate(names)}
-    rows = [_widened(information, column) for information in said]
+    rows = [_widened(run, column) for run in runs]
     offsets = [name for name in names if name.endswith("/offset_m")]
-    if len(offsets) == len(said):
+    if len(offsets) == len(runs):
         rows.append(np.zeros((1, len(names) + 1)))
         rows[-1][0, column[offsets[0]]] = 1.0 / _HELD_SD
     with one_thread():
         triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     R, d = triangle[: len(names), :-1], triangle[: len(names), -1]
     inverse = solve_triangular(R, np.eye(len(names)))
-    return Joint(names, inverse @ d, inverse @ inverse.T)
+    return JointSolution(names, inverse @ d, inverse @ inverse.T)
 
 
 def _widened(information: RunInformation, column: dict[str, int]) -> Array:

@@ -38,12 +38,12 @@ def landmarks(
     position: Callable[[Array], tuple[Array, Array]] | None,
     observations: Callable[[Array], Array],
 ) -> tuple[pd.DataFrame, Array]:
-    """The table of landmarks (:data:`~trackfg.maps.feature_map.LANDMARK_COLUMNS`), ascending chainage, and the
-    covariance of their chainages, m^2 (n, n).
+    """Return the table of landmarks and the covariance of their chainages, m^2 (n, n).
 
-    ``curves`` are those of the map's profile, in order of chainage; ``previous`` is the table of the version before.
-    Of chainages (n,), ``place_covariance`` gives the covariance of the map's chainage there, m^2 (n, n), ``position``
-    east, north, up and their sigmas, m, each (n, 3), and ``observations`` how many runs saw them (n,).
+    The columns are :data:`~trackfg.maps.feature_map.LANDMARK_COLUMNS`, in order of chainage. ``curves`` are those of
+    the map's profile, in order of chainage; ``previous`` is the table of the version before. For chainages (n,),
+    ``place_covariance`` returns the covariance of the map's chainage, m^2 (n, n), ``position`` east, north, up and
+    their sigmas, m, each (n, 3), and ``observations`` the number of runs there (n,).
     """
     nodes, of_profile = _nodes(curves)
     chainage = np.array([node.chainage_m for node in nodes])
@@ -93,11 +93,12 @@ class _Node:
 
     @property
     def kind(self) -> str:
+        """The kind of the point: "BTC" and so on."""
         return CURVE_POINTS[self.point]
 
 
 def _nodes(curves: Sequence[Curve]) -> tuple[list[_Node], Array]:
-    """The landmarks in order of chainage, and the covariance of their places on the profile."""
+    """Return the landmarks in order of chainage, and the covariance of their places on the profile."""
     nodes: list[_Node] = []
     covariance = np.zeros((0, 0))
     for number, curve in enumerate(curves):
@@ -123,8 +124,9 @@ def _nodes(curves: Sequence[Curve]) -> tuple[list[_Node], Array]:
 
 
 def _joined(known: Array, own: Array, rows: list[int], shared: list[int], added: list[int]) -> Array:
-    """The covariance ``known`` (n, n) with more variables: ``added`` of ``own``, of which ``shared`` are ``rows`` of
-    the known. Given these, they are independent of the rest.
+    """Return the covariance ``known`` (n, n) extended by the variables ``added`` of the covariance ``own``.
+
+    ``shared`` of its variables are ``rows`` of the known ones; given these, the added ones are independent of the rest.
     """
     gain = own[np.ix_(added, shared)] @ np.linalg.pinv(own[np.ix_(shared, shared)], hermitian=True)
     across = gain @ known[rows]
@@ -133,7 +135,7 @@ def _joined(known: Array, own: Array, rows: list[int], shared: list[int], added:
 
 
 def _ids(curves: Sequence[Curve], nodes: Sequence[_Node], sd: Array, previous: pd.DataFrame | None) -> list[str]:
-    """The curves' ids."""
+    """Return the curves' ids: those of the same curves of the version before, and new ones."""
     old: dict[str, CurveFeatures] = {} if previous is None else _features_of_table(previous)
     sigmas = {node.chainage_m: float(sd[k]) for k, node in enumerate(nodes)}
     new = [_features_of(curve, sigmas) for curve in curves]
@@ -163,7 +165,7 @@ def _features_of(curve: Curve, sigmas: dict[float, float]) -> CurveFeatures:
 
 
 def _features_of_table(table: pd.DataFrame) -> dict[str, CurveFeatures]:
-    """By curve id, in order of chainage."""
+    """Return the features of the curves of a table by their ids, in order of chainage."""
     found = {}
     for curve_id, rows in table[table["kind"].isin(CURVE_POINTS)].groupby("curve_id", sort=False):
         row = rows.iloc[0]
@@ -180,6 +182,6 @@ def _features_of_table(table: pd.DataFrame) -> dict[str, CurveFeatures]:
 
 
 def _measured(column: str, curve: Curve, name: str | None) -> dict[str, float]:
-    """A quantity of a curve and its sigma, as two columns."""
+    """Return a quantity of a curve and its sigma, as two columns."""
     value, sd = (np.nan, np.nan) if name is None else (float(getattr(curve, name)), curve.sd(name))
     return {column: value, f"{column}_sd": sd}

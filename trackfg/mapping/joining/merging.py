@@ -1,8 +1,8 @@
-"""Profiles of many runs on one grid: weighted means with their sigmas.
+"""Merging of profiles on one grid: weighted means with their sigmas.
 
-The errors of different runs are independent, so a cell's value is the mean weighted by inverse variances, and that
-needs no more of the runs before than their mean and its sigma. Cross-level is different, because most of its error is
-one offset per run. It is taken apart: its means over the stretches of the marks come from the joint solution
+The errors of different runs are independent, so a cell's value is the mean weighted by inverse variances, which needs
+no more of the earlier runs than their mean and its sigma. Cross-level is different, because most of its error is one
+offset per run. It is taken apart: its means over the anchors' stretches come from the joint solution
 (:mod:`trackfg.mapping.joining.joint_solution`), and what is merged here is the shape in between, whose error is local.
 """
 
@@ -15,16 +15,18 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of, step_of
 
 MERGED = ("curvature_1pm", "gradient_permille", "cross_level_mm", "versine_level_mm", "versine_alignment_mm")
-"""Each with its ``_sd``."""
+"""Columns that are merged, each with its ``_sd``."""
 
 _LEAST_SD = 1e-9
+"""Least sigma of a weight, in the unit of the column: keeps it finite."""
 _STEEP_OVER_M = 10.0
+"""Length over which the slope of a profile is taken as rms, m: a base of curvature and versines."""
 _WALK_SHARE = 8.0
 """Variance of a random walk pinned every 250 m, as a multiple of that of its change over 5 m: 250 / 5 / 6."""
 
 
 def local_cross_level_sd(run: pd.DataFrame) -> Array:
-    """The sigma of a run's cross-level against its means over the marks' stretches, mm, for each row.
+    """Return the sigma of a run's cross-level against its means over the anchors' stretches, mm, for each row.
 
     A tilt's error wanders like a random walk, whose change over the twist's base the run knows.
     """
@@ -32,9 +34,10 @@ def local_cross_level_sd(run: pd.DataFrame) -> Array:
 
 
 def with_place_noise(run: pd.DataFrame, place_sd_m: Array | float) -> pd.DataFrame:
-    """Sigmas with what an error of the place (1-sigma, for each row) makes of the profile's slope.
+    """Return the run with sigmas that contain an error of the place, of 1-sigma ``place_sd_m`` for each row.
 
-    The slope is the rms over 10 m: what counts is how steep the profile is thereabouts, not at one point.
+    Its share is the slope of the profile times that, the slope as rms over 10 m: what counts is how steep the profile
+    is thereabouts, not at one point.
     """
     step, columns = step_of(run), {}
     for name in MERGED:
@@ -45,8 +48,10 @@ def with_place_noise(run: pd.DataFrame, place_sd_m: Array | float) -> pd.DataFra
 
 
 def merged(grid: pd.DataFrame, run: pd.DataFrame) -> pd.DataFrame:
-    """Both have ``chainage_m`` on multiples of the same step, the columns :data:`MERGED` with sigmas and
-    ``observations``; cross-level by its local sigma. The result covers what either covers.
+    """Return the weighted mean of a grid and a run, wherever either of them is known.
+
+    Both have ``chainage_m`` on multiples of one step, the columns :data:`MERGED` with sigmas and ``observations``; the
+    sigma of the cross-level is the local one.
     """
     step = min(step_of(grid), step_of(run))
     cells = [cells_of(table, step) for table in (grid, run)]
@@ -73,7 +78,7 @@ def merged(grid: pd.DataFrame, run: pd.DataFrame) -> pd.DataFrame:
 
 
 def window_means(grid: pd.DataFrame, name: str, centres: Array, length_m: float) -> Array:
-    """Means of a column over stretches about ``centres`` (m,); NaN where less than half of one is known."""
+    """Return means of a column over stretches about ``centres`` (m,); NaN where less than half of one is known."""
     step, x = step_of(grid), grid["chainage_m"].to_numpy()
     value = grid[name].to_numpy()
     known = np.isfinite(value)

@@ -1,4 +1,4 @@
-"""A map in the making: the grid as it is, and what every run said.
+"""The survey is a map in the making: the grid as it is, and the information of every run.
 
 While runs are joined, the grid stays in the chainage of the first one; once all are in, everything is moved to the
 joint solution (:mod:`trackfg.mapping.joining.finishing`). A finished map opens again for more runs.
@@ -15,7 +15,7 @@ import pandas as pd
 from pydantic import JsonValue
 
 from trackfg.mapping.joining.anchors import chainage_variable, cross_level_variable, offset_variable
-from trackfg.mapping.joining.joint_solution import Joint, joint_solution
+from trackfg.mapping.joining.joint_solution import JointSolution, joint_solution
 from trackfg.mapping.joining.reference_line import Origin
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.numerics.arrays import Array
@@ -25,14 +25,18 @@ from trackfg.results.summary import RunFacts
 
 @dataclass(frozen=True)
 class SurveyedRun:
+    """A run of the survey: its recording and its facts."""
+
     recording_id: str
     facts: RunFacts
 
 
 @dataclass(frozen=True)
 class Survey:
-    """A map in the making. ``place`` and ``level``: chainage and mean cross-level of each mark on the grid as it is;
-    the grid's cross-level has the sigma of its shape between marks.
+    """A map in the making.
+
+    ``place`` and ``level``: chainage and mean cross-level of each anchor on the grid as it is. The sigma of the grid's
+    cross-level is that of its shape between anchors.
     """
 
     name: str
@@ -49,13 +53,13 @@ class Survey:
     version: int | None = None
 
     @cached_property
-    def at(self) -> Chainages:
-        """The joint estimate from what was said so far."""
+    def chainages(self) -> Chainages:
+        """The joint estimate from the runs so far."""
         return Chainages.of(joint_solution(self.information.values()))
 
     @property
     def anchored(self) -> bool:
-        """Whether any run knew where on the line it was."""
+        """True if any run had fixes."""
         return any(run.facts.anchored for run in self.runs.values())
 
     @property
@@ -66,43 +70,49 @@ class Survey:
 
 @dataclass(frozen=True)
 class Chainages:
-    """The joint estimate of the marks, in order along the track."""
+    """The joint estimate of the anchors, in order along the track."""
 
-    joint: Joint
-    marks: tuple[str, ...]
+    joint: JointSolution
+    anchors: tuple[str, ...]
 
     @classmethod
-    def of(cls, joint: Joint) -> Chainages:
-        marks = [name.split("/")[1] for name in joint.names if name.endswith("/chainage_m")]
-        place = {mark: joint.x[joint.index[chainage_variable(mark)]] for mark in marks}
-        return cls(joint, tuple(sorted(marks, key=lambda mark: place[mark])))
+    def of(cls, joint: JointSolution) -> Chainages:
+        """Return the anchors of a joint solution in order."""
+        anchors = [name.split("/")[1] for name in joint.names if name.endswith("/chainage_m")]
+        place = {anchor: joint.x[joint.index[chainage_variable(anchor)]] for anchor in anchors}
+        return cls(joint, tuple(sorted(anchors, key=lambda anchor: place[anchor])))
 
     @property
     def place(self) -> Array:
+        """The chainages of the anchors, m (m,)."""
         return np.asarray(self.joint.x[self._rows])
 
     @property
     def covariance(self) -> Array:
+        """The covariance of these, m^2 (m, m)."""
         return np.asarray(self.joint.covariance[np.ix_(self._rows, self._rows)])
 
     def levels(self) -> tuple[list[str], Array, Array, Array]:
-        """Marks whose cross-level is known, their places, means and covariance."""
-        known = [mark for mark in self.marks if cross_level_variable(mark) in self.joint.index]
-        rows = self.joint.rows([cross_level_variable(mark) for mark in known])
-        place = self.joint.x[self.joint.rows([chainage_variable(mark) for mark in known])]
+        """Return the anchors with a known cross-level: names, places, mean cross-levels and their covariance."""
+        known = [anchor for anchor in self.anchors if cross_level_variable(anchor) in self.joint.index]
+        rows = self.joint.rows([cross_level_variable(anchor) for anchor in known])
+        place = self.joint.x[self.joint.rows([chainage_variable(anchor) for anchor in known])]
         return known, place, self.joint.x[rows], self.joint.covariance[np.ix_(rows, rows)]
 
     @property
     def _rows(self) -> np.ndarray:
-        return self.joint.rows([chainage_variable(mark) for mark in self.marks])
+        return self.joint.rows([chainage_variable(anchor) for anchor in self.anchors])
 
 
 def reopened(feature_map: FeatureMap) -> Survey:
-    """A finished map, ready for more: what the grid's cross-level has from the joint solution is taken out again."""
+    """Return a finished map as a survey, ready for more runs.
+
+    The variance that the grid's cross-level has from the joint solution is taken out again.
+    """
     at = Chainages.of(joint_solution(feature_map.information.values()))
     grid = feature_map.grid.drop(columns=["cant_mm", "cant_mm_sd"])
-    marks, place, level, covariance = at.levels()
-    if marks:
+    anchors, place, level, covariance = at.levels()
+    if anchors:
         common = interpolated_variance(place, covariance, grid["chainage_m"].to_numpy())
         local = np.maximum(grid["cross_level_mm_sd"] ** 2 - common, 1e-6 * grid["cross_level_mm_sd"] ** 2)
         grid = grid.assign(cross_level_mm_sd=np.sqrt(local))
@@ -125,8 +135,8 @@ def reopened(feature_map: FeatureMap) -> Survey:
         grid=grid,
         line=None if feature_map.origin is None else feature_map.line,
         origin=feature_map.origin,
-        place=dict(zip(at.marks, at.place.tolist(), strict=True)),
-        level=dict(zip(marks, level.tolist(), strict=True)),
+        place=dict(zip(at.anchors, at.place.tolist(), strict=True)),
+        level=dict(zip(anchors, level.tolist(), strict=True)),
         information=dict(feature_map.information),
         runs=runs,
         landmarks=feature_map.landmarks,
@@ -136,6 +146,6 @@ def reopened(feature_map: FeatureMap) -> Survey:
 
 
 def _sensor_in(information: RunInformation, run_id: str) -> str | None:
-    """The sensor that a run's rows name, None for one that is nobody else's."""
+    """Return the sensor that a run's rows name, None for one of the run's own."""
     names = [name.split("/")[1] for name in information.variables if name.startswith("sensor/")]
     return None if not names or names[0] == run_id else names[0]

@@ -1,4 +1,4 @@
-"""A smoothed run laid over a map: what both must mean alike, and the way from the run's chainage to the map's."""
+"""A smoothed run on a map: the check that both mean the same, and the recognition of the one on the other."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from trackfg.maps.feature_map import MapConventions
 
 _SCALE_SD_WITHOUT_WHEEL = 1e-3
+"""Prior sigma of the scale of a chainage without a wheel, relative. Chosen; see Assumptions in docs/engine.md."""
 
 
 def check_conventions(meaning: GeometryConventions, conventions: MapConventions, run: str) -> None:
@@ -27,9 +28,9 @@ def check_conventions(meaning: GeometryConventions, conventions: MapConventions,
 
 
 def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Recognition:
-    """A run recognised on a grid; its ``warp`` is the way from the run's chainage to the grid's.
+    """Recognise a run on a grid; the result's ``warp`` is the function from the run's chainage to the grid's.
 
-    ``map_sd_m``: how well the grid's chainage is known; None where run and grid do not count from the same place.
+    ``map_sd_m``: sigma of the grid's chainage; None where run and grid do not count from the same place.
     """
     wheel, facts = result.summary.wheel_scale, result.summary.run
     return recognised_near(
@@ -44,8 +45,9 @@ def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Rec
 def recognised_near(
     run: pd.DataFrame, grid: pd.DataFrame, grid_sd_m: float | None, *, rate_sd: float, direction: int
 ) -> Recognition:
-    """A geometry table recognised about where its own chainage says, to the sigmas of both; anywhere where
-    ``grid_sd_m``, how well the grid's chainage is known, is None.
+    """Recognise a geometry table about where its own chainage has it, to the sigmas of both.
+
+    ``grid_sd_m``: sigma of the grid's chainage; None to search everywhere.
     """
     place_sd = None if grid_sd_m is None else np.hypot(run["chainage_m_sd"].to_numpy(), grid_sd_m)
     return recognise(run, grid, place_sd_m=place_sd, rate_sd=rate_sd, direction=direction)

@@ -31,6 +31,9 @@ CURVATURE, CROSS_LEVEL = "curvature_1pm", "cross_level_mm"
 FEATURES = (CURVATURE, CROSS_LEVEL, "versine_level_mm")
 """Columns that are compared. They are independent of each other; at short waves the versine of alignment has the same
 information as curvature."""
+SECTION_M = 100
+"""Usual length of a section, m: its short waves differ from those of other places, and its scale hardly
+changes within it."""
 LONG_M = 20
 """Base of the mean of curvature, m: twice the usual base of curvature itself."""
 

@@ -23,6 +23,7 @@ from trackfg.mapping.recognition.likelihood import PLACE_M, LogLikelihoods, log_
 from trackfg.mapping.recognition.place_hmm import NEAR, PlaceHmm, PlacePosterior, PlaceWindows
 from trackfg.mapping.recognition.profiles import (
     LONG_M,
+    SECTION_M,
     FeatureProfile,
     common_features,
     common_step,
@@ -103,7 +104,7 @@ def recognise(
     place_sd_m: Array | None,
     rate_sd: float,
     direction: int,
-    section_m: float = 100.0,
+    section_m: float = SECTION_M,
 ) -> Recognition:
     """Find a run on a reference.
 

@@ -15,7 +15,7 @@ import pandas as pd
 
 from trackfg.mapping.recognition.likelihood import PLACE_M, log_likelihoods_of
 from trackfg.mapping.recognition.place_hmm import Message, PlaceHmm, PlaceWindows
-from trackfg.mapping.recognition.profiles import FEATURES, FeatureProfile, common_step, profile_of
+from trackfg.mapping.recognition.profiles import FEATURES, SECTION_M, FeatureProfile, common_step, profile_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 
@@ -47,7 +47,7 @@ class PlaceTracker:
     """
 
     rate_sd: float
-    section_m: int = 100
+    section_m: int = SECTION_M
     state: Message | None = None
     begin_m: int = 0
     seen: tuple[int, int] | None = None

@@ -1,4 +1,4 @@
-"""From one chainage to another along one track, and tables with it.
+"""A warp is a function from one chainage to another along one track; tables are brought along by it.
 
 Two estimates of the chainage of one place differ by an error that changes slowly; a :class:`Warp` is its piecewise
 linear form. A table on whole multiples of a step is brought to the other chainage's multiples by quintic splines.
@@ -18,7 +18,10 @@ from trackfg.numerics.splines import spline_at
 
 @dataclass(frozen=True)
 class Warp:
-    """Piecewise linear from ``old`` (n,) to ``new`` (n,), m, both ascending; beyond the ends shifted as at the ends."""
+    """A piecewise linear function from ``old`` (n,) to ``new`` (n,), m, both ascending.
+
+    Beyond the ends it shifts as at the ends. Raises ``ValueError`` for places that do not ascend.
+    """
 
     old: Array
     new: Array
@@ -28,19 +31,20 @@ class Warp:
             raise ValueError("a warp needs places that ascend in both chainages")
 
     def __call__(self, old: Array) -> Array:
-        """The new chainages of old ones."""
+        """Return the new chainages of old ones."""
         return old + np.interp(old, self.old, self.new - self.old)
 
     def inverse(self, new: Array) -> Array:
-        """The old chainages of new ones."""
+        """Return the old chainages of new ones."""
         return new - np.interp(new, self.new, self.new - self.old)
 
 
 def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
-    """``table`` (``chainage_m`` ascending on multiples of the step, perhaps with gaps) by new chainages.
+    """Return a table by new chainages, on multiples of the step.
 
-    Values by splines; sigmas (``_sd``) linearly; whole numbers from the nearest row. Rows whose nearest old row is not
-    there are left out.
+    ``table`` has ``chainage_m`` ascending on multiples of the step, perhaps with gaps. Values are brought over by
+    splines, sigmas (``_sd``) linearly, whole numbers from the nearest row. Rows whose nearest old row is missing are
+    left out.
     """
     old = table["chainage_m"].to_numpy()
     new = warp(old)

@@ -24,7 +24,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, offset_in_keyframe
 from trackfg.graph.run_context import geometry_conventions
 from trackfg.mapping.recognition.conventions import check_conventions
-from trackfg.mapping.recognition.profiles import FEATURES
+from trackfg.mapping.recognition.profiles import FEATURES, SECTION_M
 from trackfg.mapping.recognition.recognition import Recognition, recognise
 from trackfg.mapping.recognition.tracker import PlaceTracker, reference_of
 from trackfg.numerics.arrays import Array
@@ -33,7 +33,7 @@ from trackfg.smoothing.localisation import SURE, MapChainage, landmark_loss, lan
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.locating.delayed_positions import Passed, ToldLate, told_late
-from trackfg.streaming.locating.recent_track import SECTION_M, SeenTrack
+from trackfg.streaming.locating.recent_track import SeenTrack
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.tables.smoothed_tables import Sight
 from trackfg.streaming.window.marginalised import History

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from trackfg.mapping.recognition.profiles import FEATURES
+from trackfg.mapping.recognition.profiles import FEATURES, SECTION_M
 from trackfg.numerics.arrays import Array
 from trackfg.streaming.tables.smoothed_tables import Sight
 
-SECTION_M = 100
 LONGEST_M = 2000.0
 """So much is recognised at a time: fewer sections would not tell the noise."""
 

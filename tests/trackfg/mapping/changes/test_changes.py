@@ -23,7 +23,7 @@ from trackfg.geometry.versines import versine
 from trackfg.mapping.changes.change_noise import ChangeNoise
 from trackfg.mapping.changes.changes import CHANGE_COLUMNS, Changes, changes
 from trackfg.mapping.changes.overlay import QUANTITIES, overlay
-from trackfg.mapping.changes.residual_shift import ALIGNED_BY, remaining_shift
+from trackfg.mapping.changes.residual_shift import ALIGNED_BY, residual_shift
 from trackfg.numerics.arrays import Array
 from trackfg.results.summary import GeometryConventions
 
@@ -293,7 +293,7 @@ def test_the_shift_is_known_as_well_as_it_says(seed: int) -> None:
         twist_base_m=5.0,
     )
     sigma = {name: np.sqrt(2.0) * over.run_column(f"{name}_sd") for name in ALIGNED_BY}
-    found, sd = remaining_shift(over, sigma)
+    found, sd = residual_shift(over, sigma)
     error = (found - shift)[100:-100]
     assert error.std() < 0.02
     assert np.sqrt(np.mean((error / sd[100:-100]) ** 2)) < 1.5
@@ -306,7 +306,7 @@ def test_a_shift_without_track_to_tell_it_stays_unknown(grid: pd.DataFrame) -> N
         seen(shape_of(0), 1), part, to_map=same, shift_sd_m=np.full(CELLS, 0.2), step_m=STEP, twist_base_m=5.0
     )
     sigma = {name: np.sqrt(2.0) * over.run_column(f"{name}_sd") for name in ALIGNED_BY}
-    shift, sd = remaining_shift(over, sigma)
+    shift, sd = residual_shift(over, sigma)
     middle = over.chainage == 1200.0
     assert shift[middle] == pytest.approx(0.0, abs=0.01)
     assert sd[middle] == pytest.approx(0.2, rel=0.01)

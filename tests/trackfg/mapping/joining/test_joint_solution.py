@@ -1,4 +1,4 @@
-"""Runs condensed to what they say of the marks, against the joint graph of all their states."""
+"""Runs condensed to what they say of the anchors, against the joint graph of all their states."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from trackfg.mapping.joining.anchors import (
     Sightings,
     chainage_variable,
     cross_level_variable,
+    information_on_anchors,
     roll_variable,
-    said_of_marks,
-    seen_by,
+    sighted_values,
 )
 from trackfg.mapping.joining.joint_solution import joint_solution
 from trackfg.numerics.arrays import Array
@@ -30,7 +30,7 @@ from trackfg.smoothing.smoother import SmoothedStates
 from trackfg.solver.square_root import SIZE, SquareRoot
 
 BASE_M = 1.067
-MARKS = ("75", "100", "150", "200")
+ANCHORS = ("75", "100", "150", "200")
 
 
 def dense(root: SquareRoot) -> Array:
@@ -72,7 +72,7 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
     simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], anchored: bool
 ) -> None:
     rng = np.random.default_rng(3)
-    places = np.array([float(mark) for mark in MARKS])
+    places = np.array([float(anchor) for anchor in ANCHORS])
     m = len(places)
     match_sd, mount_sd = np.full(m, 0.03), 1e-3
     said, systems, right = [], [], []
@@ -85,10 +85,12 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
         root = dense(run.solution.root)
         scaled = solve_triangular(root, rows.T, trans=1)
         covariance = scaled.T @ scaled
-        seen = Sightings(MARKS, places + rng.normal(0.0, 0.2, m), match_sd, rng.normal(0.0, 1.0, m))
+        seen = Sightings(ANCHORS, places + rng.normal(0.0, 0.2, m), match_sd, rng.normal(0.0, 1.0, m))
         sensor = Sensor("one", mount_sd if number == 0 else None, direction * BASE_M)
         said.append(
-            said_of_marks(f"run{number}", seen, PlaceCovariance(seen.chainage_m, covariance), sensor, anchored=anchored)
+            information_on_anchors(
+                f"run{number}", seen, PlaceCovariance(seen.chainage_m, covariance), sensor, anchored=anchored
+            )
         )
         # The joint graph: this run's states about their estimates, as u = R x lest rows of all sizes lose digits, then
         # M, C, roll and the runs' offsets.
@@ -115,7 +117,7 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
     expected, spread = inverse @ R[tail, -1], inverse @ inverse.T
 
     joint = joint_solution(said)
-    names = [chainage_variable(mark) for mark in MARKS] + [cross_level_variable(mark) for mark in MARKS]
+    names = [chainage_variable(anchor) for anchor in ANCHORS] + [cross_level_variable(anchor) for anchor in ANCHORS]
     rows_of = joint.rows([*names, roll_variable("one")])
     sd = np.sqrt(np.diag(spread))[: 2 * m + 1]
     assert np.abs((joint.x[rows_of] - expected[: 2 * m + 1]) / sd).max() < 1e-4
@@ -131,12 +133,12 @@ def test_both_directions_tell_the_sensors_roll_from_the_tracks_cross_level() -> 
     for number, direction in enumerate((1, -1, 1, -1)):
         seen = Sightings(tuple("abcde"), places, np.full(5, 0.01), true + direction * BASE_M * roll_mrad)
         sensor = Sensor("one", 2e-3 if number == 0 else None, direction * BASE_M)
-        said.append(said_of_marks(f"run{number}", seen, errors, sensor, anchored=True))
+        said.append(information_on_anchors(f"run{number}", seen, errors, sensor, anchored=True))
     joint = joint_solution(said)
     row = joint.index[roll_variable("one")]
     assert abs(joint.x[row] - roll_mrad) < 0.01
     assert np.sqrt(joint.covariance[row, row]) < 0.02
-    assert np.abs(joint.x[joint.rows([cross_level_variable(mark) for mark in "abcde"])] - true).max() < 0.01
+    assert np.abs(joint.x[joint.rows([cross_level_variable(anchor) for anchor in "abcde"])] - true).max() < 0.01
     one_way = joint_solution([said[0]])
     row = one_way.index[roll_variable("one")]
     assert np.sqrt(one_way.covariance[row, row]) > 1.9
@@ -147,8 +149,10 @@ def test_a_run_without_any_fix_is_placed_by_the_others() -> None:
     errors = PlaceCovariance(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
     sensor = Sensor("one", 1e-3, BASE_M)
     level = np.full(3, np.nan)
-    anchored = said_of_marks("a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=True)
-    lost = said_of_marks(
+    anchored = information_on_anchors(
+        "a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=True
+    )
+    lost = information_on_anchors(
         "b", Sightings(("0", "1", "2"), places - 777.0, np.full(3, 0.01), level), errors, sensor, anchored=False
     )
     joint = joint_solution([anchored, lost])
@@ -163,8 +167,10 @@ def test_what_a_run_said_is_read_back() -> None:
     level = np.array([1.0, np.nan, 3.0])
     errors = PlaceCovariance(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
     sensor = Sensor("s", 1e-3, BASE_M)
-    said = said_of_marks("a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=False)
-    own = seen_by(said)
+    said = information_on_anchors(
+        "a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=False
+    )
+    own = sighted_values(said)
     assert list(own.index) == [
         "mark/0/chainage_m", "mark/1/chainage_m", "mark/2/chainage_m", "mark/0/cross_level_mm", "mark/2/cross_level_mm",
     ]  # fmt: skip
