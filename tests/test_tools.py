@@ -57,3 +57,45 @@ def test_a_mutation_is_put_in_and_taken_out_again(mutations: ModuleType, tmp_pat
     with mutations._mutated(file, mutations.Mutation("sign", (("b + c", "b - c"),))):
         assert file.read_text() == "a = b - c\n"
     assert file.read_text() == "a = b + c\n"
+
+
+@pytest.fixture
+def architecture(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(TOOLS)
+    return importlib.import_module("architecture")
+
+
+def test_the_picture_of_the_architecture_is_that_of_the_code() -> None:
+    done = subprocess.run([sys.executable, TOOLS / "architecture.py", "--check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_floors_are_the_longest_way_of_imports(architecture: ModuleType, tmp_path: Path) -> None:
+    """a imports b, which imports c late; a imports c too, d for type checkers alone."""
+    files = {
+        "trackfg/__init__.py": "from trackfg.a import one\n",
+        "trackfg/a.py": "from trackfg import c\nfrom trackfg.b.inner import two\n"
+        "if TYPE_CHECKING:\n    from trackfg.d import four\n",
+        "trackfg/b/__init__.py": "",
+        "trackfg/b/inner.py": "def two():\n    import trackfg.c\n",
+        "trackfg/c.py": "import gtsam\n",
+        "trackfg/d.py": "",
+        "factors/__init__.py": "from trackfg.c import three\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    house = architecture.read(tmp_path)
+    assert house.floor == {"a": 3, "b": 2, "c": 1, "d": 1, "factors": 2}
+    assert set(house.arrows) == {("a", "b"), ("a", "c"), ("b", "c"), ("factors", "c")}
+    assert house.direct == {("a", "b"), ("b", "c"), ("factors", "c")}
+    assert house.packages == {"b", "factors"}
+    assert house.with_gtsam == {"c"}
+
+
+def test_a_cycle_of_packages_has_no_floors(architecture: ModuleType) -> None:
+    one = architecture.Import("trackfg.a.x", "trackfg.b.y")
+    arrows = {("a", "b"): (one,), ("b", "a"): (one,)}
+    house = architecture.House(("a", "b", "c"), 1, arrows, frozenset("abc"), frozenset())
+    with pytest.raises(ValueError, match="a cycle of imports among a, b"):
+        _ = house.floor

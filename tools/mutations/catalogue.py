@@ -244,11 +244,7 @@ _GRAPH = (
         "trackfg/graph/wheel_slip.py",
         ("tests/trackfg/graph/test_wheel_slip.py",),
         (
-            _one(
-                "a film that runs backwards has the accelerations of one that runs forwards",
-                "_Evidence(-a, rolled",
-                "_Evidence(a, rolled",
-            ),
+            _one("gravity pulls uphill", "acceleration = force + STANDARD", "acceleration = force - STANDARD"),
             _one(
                 "a filter that goes on without what it measured",
                 "v += with_v / variance * innovation",
@@ -363,9 +359,7 @@ _OUTPUT = (
         (
             _one("what is left of the turn is put in all at once", "left[:, i] * f)", "left[:, i])"),
             _one("the gyro's bias is added", "/ dt - bias[i, 3:]", "/ dt + bias[i, 3:]"),
-            _one(
-                "the Earth does not turn", "turning = run.world.earth_rate + ", "turning = 0 * run.world.earth_rate + "
-            ),
+            _one("what is left of the velocity is taken away", "left_v[i] * u[:, None]", "left_v[i] * -u[:, None]"),
         ),
     ),
     Part(

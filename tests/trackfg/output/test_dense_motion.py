@@ -49,6 +49,16 @@ def test_arrives_at_every_keyframe_without_a_jump(noisy: SmoothedStates, noisy_m
     np.testing.assert_allclose(before.distance, states.odo.distance[1:], atol=1e-4)
 
 
+def test_body_rate_is_the_samples_less_the_bias(noisy: SmoothedStates) -> None:
+    """With a row for each sample: the gyro's reading less the bias of the interval that the row is in."""
+    samples, states = noisy.problem.run.inertial, noisy.solution.states
+    motion = dense_motion(noisy.problem.run, states, 1e-4)
+    row = np.searchsorted(samples.edges, motion.t[:-1] - 1e-9)
+    expected = samples.gyro[row] - states.bias[motion.keyframe[:-1], 3:]
+    np.testing.assert_allclose(motion.gyro[:-1], expected, atol=1e-9)
+    assert np.abs(states.bias[:, 3:]).max() > 1e-5
+
+
 def test_rows_are_no_further_apart_than_asked(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:
     assert (np.diff(noisy_motion.t) > 0).all()
     assert np.diff(noisy_motion.t).max() < 1.01 * STEP_S

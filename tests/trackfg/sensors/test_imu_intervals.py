@@ -12,7 +12,7 @@ from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
 from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.model import Recording
-from trackfg.sensors.imu_intervals import Increments, Intervals, compress, intervals
+from trackfg.sensors.imu_intervals import Increments, Intervals, compress, intervals, laid_out
 
 RATE_HZ = 200.0
 
@@ -142,6 +142,19 @@ def test_dropped_samples_are_no_holes(recording: Recording, lost: int) -> None:
     assert data.durations.min() > 0.99 / RATE_HZ
     assert data.durations.max() < (1.01 + lost / 2) / RATE_HZ
     assert data.durations.sum() == pytest.approx(len(kept) / RATE_HZ)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "silent_s", "hole"),
+    [(200.0, 0.045, False), (200.0, 0.055, True), (20.0, 0.15, False), (20.0, 0.2, True)],
+)
+def test_a_hole_is_longer_than_50_ms_and_than_three_samples(rate_hz: float, silent_s: float, hole: bool) -> None:
+    """At 200 Hz 50 ms count, ten samples; at 20 Hz three and a half samples, 0.175 s."""
+    before = np.arange(100) / rate_hz
+    t = np.concatenate([before, before[-1] + silent_s + np.arange(100) / rate_hz])
+    data = laid_out(t, *np.zeros((2, len(t), 3)), 1.0 / rate_hz)
+    assert data.bridged.any() == hole
+    assert len(data.gaps()) == hole
 
 
 def test_hole_turns_the_body_no_more_than_its_neighbours_say(recording: Recording) -> None:

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from trackfg.config import NoiseConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.gnss import gnss_position
+from trackfg.factors.states import (
+    KEYFRAME_DIM,
+    SHARED,
+    SHARED_DIM,
+    Kind,
+    Nav,
+    Odo,
+    States,
+    offset_in_keyframe,
+)
 from trackfg.smoothing.smoother import smooth, smooth_states
-from trackfg.solver.variance_components import adapted, noise_findings
+from trackfg.solver.covariance import Covariance
+from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
 
 DURATION_S = 300.0
 
@@ -46,3 +61,25 @@ def test_levels_never_go_below_what_is_declared() -> None:
     config = SmoothConfig(noise=NoiseConfig(gyro=3.0))
     factors = adapted(config, {"gyro": 0.5, "accel": 0.1, "gnss": 2.0}).noise.factors()
     assert factors == {"gyro": 1.5, "accel": 1.0, "motion": 1.0, "path": 1.0, "tach": 1.0, "gnss": 2.0}
+
+
+def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
+    """Each of 30 keyframes has two GNSS positions, 0.6 sigma to either side of its state, and is known by them alone: to
+    sigma / sqrt(2) along each axis. Each residual then has the leverage 1/2. The squares are 0.36 each, the redundancy
+    is half the number, and the ratio sqrt(0.36 / 0.5) = 0.849.
+    """
+    n, sigma = 30, 2.0
+    index = np.repeat(np.arange(n), 2)
+    aside = 0.6 * sigma * np.tile([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]], (n, 1))
+    gnss = gnss_position(index, aside, np.zeros(3), np.zeros(2 * n), np.full((2 * n, 3), sigma), None)
+    nav = Nav(np.tile(np.eye(3), (n, 1, 1)), *np.zeros((2, n, 3)))
+    shared = (np.zeros((1, kind.dim)) for kind in SHARED)
+    states = States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), *shared)
+    size, at = KEYFRAME_DIM + SHARED_DIM, offset_in_keyframe(Kind.NAV) + 3
+    marginal = np.zeros((n, size, size))
+    marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
+    covariance = Covariance(marginal, np.zeros((n - 1, size, size)))
+    bridged = SimpleNamespace(bridged=np.ones(n - 1, dtype=bool))
+    problem: Any = SimpleNamespace(run=SimpleNamespace(inertial=bridged, edges=np.arange(n)), families=(gnss,))
+    solution: Any = SimpleNamespace(states=states)
+    assert noise_ratios(problem, solution, covariance) == pytest.approx({"gnss": np.sqrt(0.36 / 0.5)})
