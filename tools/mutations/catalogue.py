@@ -48,8 +48,8 @@ _FACTORS = (
             _one("traction and braking change places", "np.maximum(along, 0.0)", "np.minimum(along, 0.0)"),
             _one(
                 "what curves and force add is counted twice the other way",
-                "- np.sum(response * wheel, axis=1)",
-                "+ np.sum(response * wheel, axis=1)",
+                "distance - explained",
+                "distance + explained",
                 ("-response[:, None, :]", "response[:, None, :]"),
             ),
             _one("an arc is as long as its chord", "phi / sine)", "0.0 * phi + 1.0)"),
@@ -188,14 +188,14 @@ _GRAPH = (
     Part(
         "trackfg/graph/motion.py",
         ("tests/trackfg/graph/test_motion.py",),
-        (_one("the gyro's bridge is twice as wide", "layout.durations / 12.0", "layout.durations / 3.0"),),
+        (_one("the gyro's bridge is twice as wide", "durations / 12.0", "durations / 3.0"),),
     ),
     Part(
         "trackfg/graph/odometry.py",
         ("tests/trackfg/graph/test_motion.py", "tests/trackfg/graph/test_odometry.py"),
         (
-            _one("drift counts from the start of the clock", "layout.t[read] - layout.clock_origin", "layout.t[read]"),
-            _one("creep per force does not depend on how long the interval is", "** 2 / layout.durations", "** 2"),
+            _one("drift counts from the start of the clock", ".t[read] - inputs.clock_origin", ".t[read]"),
+            _one("creep per force does not depend on how long the interval is", "** 2 / inputs.durations", "** 2"),
         ),
     ),
     Part(
@@ -203,12 +203,12 @@ _GRAPH = (
         ("tests/trackfg/graph/test_positions.py",),
         (
             _one("a fix is carried the wrong way by the speed", ".to_numpy() - carried", ".to_numpy() + carried"),
-            _one("the antenna's lever arm counts from the vehicle", "lever_arm_m) - layout.lever_arm", "lever_arm_m)"),
+            _one("the antenna's lever arm counts from the vehicle", "lever_arm_m) - inputs.lever_arm", "lever_arm_m)"),
             _one("errors that last do not widen GNSS", "max(1.0, 2.0 * config", "max(1.0, 0.0 * config"),
             _one(
                 "time from keyframe to position has the other sign",
-                "t - layout.t[index], sigma",
-                "layout.t[index] - t, sigma",
+                "t - inputs.t[index], sigma",
+                "inputs.t[index] - t, sigma",
             ),
         ),
     ),
@@ -244,7 +244,7 @@ _GRAPH = (
         "trackfg/graph/wheel_slip.py",
         ("tests/trackfg/graph/test_wheel_slip.py",),
         (
-            _one("gravity pulls uphill", "acceleration = force + STANDARD", "acceleration = force - STANDARD"),
+            _one("gravity pulls uphill", "acceleration = force + gravity", "acceleration = force - gravity"),
             _one(
                 "a filter that goes on without what it measured",
                 "v += with_v / variance * innovation",
@@ -357,8 +357,8 @@ _OUTPUT = (
         "trackfg/output/dense_motion.py",
         ("tests/trackfg/output/test_dense_motion.py",),
         (
-            _one("what is left of the turn is put in all at once", "left[:, i] * f)", "left[:, i])"),
-            _one("the gyro's bias is added", "/ dt - bias[i, 3:]", "/ dt + bias[i, 3:]"),
+            _one("what is left of the turn is put in all at once", "left[:, i] * rows.f)", "left[:, i])"),
+            _one("the gyro's bias is added", "/ rows.dt - bias[i, 3:]", "/ rows.dt + bias[i, 3:]"),
             _one("what is left of the velocity is taken away", "left_v[i] * u[:, None]", "left_v[i] * -u[:, None]"),
         ),
     ),
@@ -491,7 +491,7 @@ _SENSORS = (
                 "0.5 * (share + np.append(0.0, share[:-1]))",
                 "share",
             ),
-            _one("any two rows are a hole", "max(3.5 * dt, 0.05)", "min(3.5 * dt, 0.05)"),
+            _one("any two rows are a hole", "max(_HOLE_INTERVALS * dt, _HOLE_S)", "min(_HOLE_INTERVALS * dt, _HOLE_S)"),
         ),
     ),
     Part(
