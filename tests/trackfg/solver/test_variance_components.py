@@ -64,9 +64,9 @@ def test_levels_never_go_below_what_is_declared() -> None:
 
 
 def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
-    """Each of 30 keyframes has two GNSS positions, 0.6 sigma to either side of its state, and is known by these alone to
-    sigma / sqrt(2) along each axis. Each residual then has the leverage 1/2. The squares are 0.36 each, the redundancy
-    is half the number, and the ratio is sqrt(0.36 / 0.5) = 0.849.
+    """Each of 30 keyframes has two GNSS positions, 0.6 sigma to either side of its state, and nothing else: it is known
+    to sigma / sqrt(2) along each axis. Each residual then has the leverage 1/2. The squares are 0.36 each, the
+    redundancy is half the number, and the ratio is sqrt(0.36 / 0.5) = 0.849.
     """
     n, sigma = 30, 2.0
     index = np.repeat(np.arange(n), 2)

@@ -110,6 +110,20 @@ def test_a_fix_read_again_is_no_second_vote() -> None:
     assert (votes.votes, [rival.votes for rival in votes.rivals]) == (1, [1])
 
 
+def test_a_fix_that_agrees_is_no_second_vote_when_read_again() -> None:
+    votes = PlaceVotes(votes=1, known=np.diag([0.1, 1e-6]))
+    for _ in range(5):
+        votes.judged(passing(100.0, 100.1), at(90.0))
+    assert votes.votes == 2
+
+
+def test_rivals_are_counted_from_the_place_that_is_believed_now() -> None:
+    """Off by +60 m first, then by -200 m, then right twice: from the right place the rivals are at +60 and -200 m."""
+    votes, believed, _ = after([WRONG, OTHER, RIGHT, RIGHT])
+    assert believed == pytest.approx(RIGHT)
+    assert sorted(rival.further for rival in votes.rivals) == pytest.approx([OTHER, WRONG])
+
+
 @pytest.fixture(scope="module")
 def run() -> Simulation:
     """A minute past balises, the first of which is 60 m off."""
