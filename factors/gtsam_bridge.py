@@ -17,7 +17,7 @@ import numpy as np
 
 from trackfg.factors.family import Family
 from trackfg.factors.loss import Cauchy, Huber, Loss
-from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, Odo, States, Value
+from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, Odo, States, Value, vectors
 from trackfg.numerics.arrays import Array
 
 
@@ -78,12 +78,33 @@ def value_at(kind: Kind, values: gtsam.Values, key: int) -> Value:
     return Odo(vector) if kind is Kind.ODO else vector
 
 
-def chain_ordering(keyframes: int) -> gtsam.Ordering:
-    """Return the order of elimination along the chain: keyframe by keyframe, shared variables last."""
+def states_at(values: gtsam.Values, keyframes: int, sensors: int) -> States:
+    """Return the states of so many keyframes and further sensors, and the shared ones, from GTSAM's values."""
+
+    def of(kind: Kind, count: int) -> list[Value]:
+        return [value_at(kind, values, key) for key in kind.keys(np.arange(count)).tolist()]
+
+    def vectors_of(kind: Kind, count: int) -> Array:
+        return np.concatenate([np.zeros((0, kind.dim)), *(vectors(value) for value in of(kind, count))])
+
+    poses = [value for value in of(Kind.NAV, keyframes) if isinstance(value, Nav)]
+    nav = Nav(*(np.concatenate([getattr(pose, part) for pose in poses]) for part in ("R", "p", "v")))
+    bias, odo = (vectors_of(kind, keyframes) for kind in (Kind.BIAS, Kind.ODO))
+    counts = {**dict.fromkeys(SHARED, 1), Kind.SENSOR: sensors}
+    return States(nav, bias, Odo(odo), *(vectors_of(kind, count) for kind, count in counts.items()))
+
+
+def chain_ordering(keyframes: int, sensors: int = 0) -> gtsam.Ordering:
+    """Return the order of elimination along the chain: keyframe by keyframe, shared variables last.
+
+    The last of these are the variables of the further ``sensors``.
+    """
     ordering = gtsam.Ordering()
     index = np.arange(keyframes)
     for key in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).ravel().tolist():
         ordering.push_back(key)
     for kind in SHARED:
         ordering.push_back(int(kind.keys(np.array([0]))[0]))
+    for key in Kind.SENSOR.keys(np.arange(sensors)).tolist():
+        ordering.push_back(key)
     return ordering

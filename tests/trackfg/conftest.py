@@ -338,7 +338,7 @@ def linearized() -> Callable[[Problem, States], tuple[Array, Array]]:
         for family in problem.families:
             for factor in custom_factors(with_frozen_chain(family, states)):
                 graph.push_back(factor)
-        A, b = graph.linearize(states.to_gtsam()).jacobian(chain_ordering(len(problem.t)))
+        A, b = graph.linearize(states.to_gtsam()).jacobian(chain_ordering(len(problem.t), len(states.sensor)))
         return A, b
 
     return linearize

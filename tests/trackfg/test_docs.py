@@ -53,6 +53,14 @@ def test_the_worked_example_of_adding_a_factor_runs() -> None:
     assert "with_radar" in names
 
 
+def test_the_example_of_the_graph_runs() -> None:
+    """Its own assertions say what it must find."""
+    names: dict[str, object] = {}
+    for block in blocks(ROOT / "docs" / "graph.md", "python"):
+        exec(compile(block, "graph.md", "exec"), names)
+    assert "again" in names
+
+
 def test_the_settings_shown_are_accepted() -> None:
     (block,) = blocks(ROOT / "docs" / "command-line.md", "toml")
     SmoothConfig.model_validate(tomllib.loads(block))

@@ -27,6 +27,7 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Odo, States
+from trackfg.graph.errors import factor_errors
 from trackfg.graph.further_sensors import (
     further_distances,
     further_sensors,
@@ -34,6 +35,7 @@ from trackfg.graph.further_sensors import (
     sensor_priors,
     with_distance_by_speed,
 )
+from trackfg.graph.gtsam_export import GtsamProblem, exported
 from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
 from trackfg.graph.inputs import GraphInputs, World, world_of
 from trackfg.graph.keyframes import nearest, place_keyframes
@@ -59,7 +61,10 @@ _SET_SD_M = 1e-4
 
 @dataclass(frozen=True)
 class Problem:
-    """A graph to be solved, and what is needed to interpret the solution."""
+    """A problem is a graph to be solved, and what is needed to interpret the solution.
+
+    docs/graph.md shows how to look into it, add to it, and take it to GTSAM.
+    """
 
     run: RunContext
     measured: tuple[Preintegration, ...]
@@ -88,11 +93,50 @@ class Problem:
         """Return the first family of that type; None where the graph has none."""
         return family_of(self.families, kind)
 
+    def with_family(self, family: Family) -> Problem:
+        """Return the problem with one more family of factors, besides any of the same type."""
+        return replace(self, families=(*self.families, family))
+
+    def to_gtsam(self, states: States | None = None) -> GtsamProblem:
+        """Return the whole graph as GTSAM's own objects, with values at ``states``, by default the initial ones.
+
+        Factors of a chained loss (the tach's) get the weights that they have at ``states``: at the solution the graph
+        has its minimum there, from elsewhere the weights have to be renewed by another export.
+        """
+        return exported(self.native, self.families, self.initial if states is None else states, self.t)
+
+    def errors(self, states: States) -> pd.DataFrame:
+        """Return how well each factor fits ``states``: one row per factor, in the order of :meth:`to_gtsam`'s graph.
+
+        Columns: ``factor``, its type or label; ``first_s`` and ``last_s``, the times of the first and the last
+        keyframe that it touches, s, NaN for a factor on shared variables alone; ``sigmas``, the norm of its whitened
+        residual; ``weight``, what its loss leaves of it, 1 without a loss; ``error``, its part of the cost. For a
+        chained loss, whose cost is that of the whole chain, ``error`` is ``weight sigmas^2 / 2``.
+        """
+        return factor_errors(self.measured, self.families, states, self.t)
+
 
 def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | None = None) -> Problem:
-    """Lay out keyframes, factors and initial values; ``data`` are the inertial intervals, if laid out already.
+    """Build the factor graph of a recording, with initial values.
 
-    Raises ``UnsolvableError`` for a run too short to hold a graph.
+    Parameters
+    ----------
+    recording : Recording
+        What :func:`trackfg.read_recording` returns, or the ``recording`` of a simulation.
+    config : SmoothConfig
+        The settings; ``SmoothConfig()`` has the defaults.
+    data : Intervals, optional
+        The inertial samples laid edge to edge, if that has been done already.
+
+    Returns
+    -------
+    Problem
+        Keyframes, factors and initial values, for :func:`trackfg.solver.solve` or :meth:`Problem.to_gtsam`.
+
+    Raises
+    ------
+    UnsolvableError
+        For a run too short to hold a graph.
     """
     data = data or intervals(recording)
     if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:

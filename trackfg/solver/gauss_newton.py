@@ -61,7 +61,27 @@ class _Stop(NamedTuple):
 
 
 def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
-    """Minimise the graph's cost. Raises ``UnsolvableError`` where the measurements do not determine the states."""
+    """Minimise the cost of a graph, beginning at its initial values.
+
+    Parameters
+    ----------
+    problem : Problem
+        What :func:`trackfg.graph.build_problem` returns, with any families added.
+    config : SolverConfig
+        When to stop: the ``solver`` section of a ``SmoothConfig``.
+    progress : callable, optional
+        Called after each iteration with the share of ``config.max_iterations`` that is done.
+
+    Returns
+    -------
+    Solution
+        The states at the minimum, the square root of their information, and why the iteration stopped.
+
+    Raises
+    ------
+    UnsolvableError
+        Where the measurements do not determine the states.
+    """
     keyframes = len(problem.t)
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
     values = problem.initial.to_gtsam()

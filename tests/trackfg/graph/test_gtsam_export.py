@@ -1,0 +1,206 @@
+"""GTSAM's own optimiser finds the same minimum of the exported graph, and a user's factors shift it as they should."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig, SolverConfig
+from trackfg.datasets import slip_wheel
+from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.landmark import landmark
+from trackfg.factors.loss import Cauchy
+from trackfg.factors.marginal_prior import step_from
+from trackfg.factors.states import KEYFRAME_DIM, Kind, Odo, States, Step, offset_in_keyframe
+from trackfg.graph import GtsamProblem, Problem, build_problem
+from trackfg.solver import Solution, posterior_covariance, solve
+
+TIGHT = SolverConfig(step_tolerance=1e-9, cost_tolerance=1e-13, max_iterations=100)
+ROUNDING = 1e-5
+"""Sigmas: GTSAM compares costs of some hundred, whose rounding hides a step of a few millionths of a sigma."""
+
+Make = Callable[..., Simulation]
+
+
+def with_outliers(simulated: Make) -> Problem:
+    """GNSS positions, some of them beyond Huber's width."""
+    return build_problem(simulated("mainline-gnss", seed=2, duration_s=60.0).recording, SmoothConfig())
+
+
+def with_slip(simulated: Make) -> Problem:
+    """A wheel that slips for 5 s: the chain of switches leaves it no weight there."""
+    run = slip_wheel(simulated("mainline", seed=2, duration_s=60.0), [SlipEvent(40.0, 5.0, 0.3)])
+    return build_problem(run.recording, SmoothConfig())
+
+
+def speedless(simulated: Make) -> Problem:
+    """The accelerometer alone tells the tilt."""
+    recording = simulated("mainline-gnss", seed=2, duration_s=60.0).recording
+    return build_problem(replace(recording, tach=None, gnss=None), SmoothConfig())
+
+
+def with_landmarks(simulated: Make) -> Problem:
+    """Three places of a map, one of them wrong."""
+    problem = build_problem(simulated("mainline", seed=2, duration_s=60.0).recording, SmoothConfig())
+    first, share = np.array([15, 22, 30]), np.array([0.2, 0.5, 0.9])
+    distance = problem.initial.odo.distance
+    passed = (1.0 - share) * distance[first] + share * distance[first + 1] + [0.1, 5.0, -0.1]
+    return problem.with_family(landmark(first, share, passed, np.full((3, 1), 0.3), Cauchy(3.0)))
+
+
+def with_radar(simulated: Make) -> Problem:
+    """A further sensor, which has a shared variable of its own."""
+    return build_problem(simulated("slippery-line-radar", seed=2, duration_s=60.0).recording, SmoothConfig())
+
+
+PROBLEMS = (with_outliers, with_slip, speedless, with_landmarks, with_radar)
+
+
+@pytest.fixture(scope="module", params=PROBLEMS, ids=lambda make: make.__name__)
+def solved(request: pytest.FixtureRequest, simulated: Make) -> tuple[Problem, Solution]:
+    problem = request.param(simulated)
+    return problem, solve(problem, TIGHT)
+
+
+def sigmas(problem: Problem, solution: Solution) -> np.ndarray:
+    """Of each keyframe and the shared variables, (n, KEYFRAME_DIM + SHARED_DIM)."""
+    marginal = posterior_covariance(solution.root).marginal
+    return np.asarray(np.sqrt(np.diagonal(marginal, axis1=1, axis2=2)))
+
+
+def apart(a: States, b: States, sd: np.ndarray) -> float:
+    """The largest difference of any variable, in sigmas."""
+    step = step_from(a, b)
+    keyframes, shared = np.abs(step.keyframes) / sd[:, :KEYFRAME_DIM], np.abs(step.shared) / sd[0, KEYFRAME_DIM:]
+    return float(max(keyframes.max(), shared.max()))
+
+
+def optimised(export: GtsamProblem, graph: gtsam.NonlinearFactorGraph, start: gtsam.Values) -> States:
+    """By GTSAM's Levenberg-Marquardt, until it finds no lower cost."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setLinearSolverType("SEQUENTIAL_QR")
+    parameters.setOrdering(export.ordering)
+    parameters.setlambdaInitial(1e-9)
+    parameters.setRelativeErrorTol(0.0)
+    parameters.setAbsoluteErrorTol(0.0)
+    optimiser = gtsam.LevenbergMarquardtOptimizer(graph, start, parameters)
+    for _ in range(8):
+        optimiser.iterate()
+    return export.states(optimiser.values())
+
+
+def test_levenberg_marquardt_reaches_the_same_minimum(solved: tuple[Problem, Solution]) -> None:
+    problem, solution = solved
+    sd, rng = sigmas(problem, solution), np.random.default_rng(0)
+    offset = 0.5 * sd * rng.standard_normal(sd.shape)
+    start = solution.states.moved(Step(offset[:, :KEYFRAME_DIM], offset[0, KEYFRAME_DIM:]))
+    export = problem.to_gtsam(solution.states)
+    found = optimised(export, export.graph, start.to_gtsam())
+    assert apart(start, solution.states, sd) > 1.0
+    assert apart(found, solution.states, sd) < ROUNDING
+
+
+def test_gtsam_sees_no_step_to_take_from_our_minimum(solved: tuple[Problem, Solution]) -> None:
+    problem, solution = solved
+    export = problem.to_gtsam(solution.states)
+    linear = export.graph.linearize(export.values)
+    step = linear.eliminateSequential(export.ordering, gtsam.EliminateQR).optimize()
+    moved = export.states(export.values.retract(step))
+    assert apart(moved, solution.states, sigmas(problem, solution)) < 1e-6
+
+
+def test_losses_are_at_work_in_these_problems(simulated: Make) -> None:
+    """Else the two tests above would say nothing of them."""
+    for make, kind in (
+        (with_outliers, FactorType.GNSS_POSITION),
+        (with_slip, FactorType.TACH_DISTANCE),
+        (with_landmarks, FactorType.LANDMARK),
+    ):
+        problem = make(simulated)
+        family = problem.family(kind)
+        assert family is not None
+        assert family.weights(solve(problem, TIGHT).states).min() < 0.9
+    assert speedless(simulated).family(FactorType.GRAVITY_TILT) is not None
+
+
+def test_errors_are_those_of_the_exported_factors(solved: tuple[Problem, Solution]) -> None:
+    problem, solution = solved
+    table, export = problem.errors(solution.states), problem.to_gtsam(solution.states)
+    theirs = [export.graph.at(i).error(export.values) for i in range(export.graph.size())]
+    np.testing.assert_allclose(table["error"], theirs, rtol=1e-6, atol=1e-9)
+    assert set(table["factor"]) == {"inertial", *(family.name for family in problem.families)}
+    for name, rows in table.groupby("factor"):
+        shared = name in (f"prior on {kind.attribute}" for kind in Kind if kind.shared)
+        assert rows["first_s"].isna().all() == shared
+    assert (table["first_s"].dropna() <= table["last_s"].dropna()).all()
+
+
+@pytest.fixture(scope="module")
+def plain(simulated: Make) -> tuple[Problem, Solution]:
+    problem = build_problem(simulated("mainline", seed=2, duration_s=60.0).recording, SmoothConfig())
+    return problem, solve(problem, TIGHT)
+
+
+def test_a_users_gps_factor_shifts_the_minimum_as_the_covariance_says(plain: tuple[Problem, Solution]) -> None:
+    """``P H' (H P H' + R)^-1 r`` at the keyframe of the factor."""
+    problem, solution = plain
+    export = problem.to_gtsam(solution.states)
+    k, sd, push = 25, 0.05, np.array([0.2, -0.1, 0.15])
+    position = solution.states.nav.p[k] + push
+    export.graph.push_back(gtsam.GPSFactor2(export.key(Kind.NAV, k), position, gtsam.noiseModel.Isotropic.Sigma(3, sd)))
+    found = optimised(export, export.graph, export.values)
+    at = slice(offset_in_keyframe(Kind.NAV) + 3, offset_in_keyframe(Kind.NAV) + 6)
+    R = solution.states.nav.R[k]
+    P = R @ posterior_covariance(solution.root).marginal[k][at, at] @ R.T
+    expected = P @ np.linalg.solve(P + sd**2 * np.eye(3), push)
+    assert np.linalg.norm(expected) > 0.1
+    np.testing.assert_allclose(
+        found.nav.p[k] - solution.states.nav.p[k], expected, atol=0.01 * np.linalg.norm(expected)
+    )
+
+
+def test_a_users_prior_holds_a_keyframe(plain: tuple[Problem, Solution]) -> None:
+    problem, solution = plain
+    export = problem.to_gtsam(solution.states)
+    key = export.key_at(Kind.NAV, problem.t[20])
+    turned = export.values.atNavState(key).retract(np.array([0.0, 0.0, 1e-3, *np.zeros(6)]))
+    export.graph.push_back(gtsam.PriorFactorNavState(key, turned, gtsam.noiseModel.Isotropic.Sigma(9, 1e-7)))
+    found = optimised(export, export.graph, export.values)
+    yaw = (solution.states.nav.R[20].T @ found.nav.R[20])[1, 0]
+    assert yaw == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_a_family_more_shifts_our_minimum_likewise(plain: tuple[Problem, Solution]) -> None:
+    problem, solution = plain
+    k, sd, push = 30, 0.4, 0.3
+    D = solution.states.odo.distance
+    one = landmark(np.array([k]), np.array([0.0]), D[k : k + 1] + push, np.array([[sd]]), None)
+    found = solve(problem.with_family(one), TIGHT)
+    variance = posterior_covariance(solution.root).of(Kind.ODO)[k, Odo.DISTANCE, Odo.DISTANCE]
+    expected = variance / (variance + sd**2) * push
+    assert found.states.odo.distance[k] - D[k] == pytest.approx(expected, rel=0.02)
+
+
+def test_keys_say_what_they_stand_for(plain: tuple[Problem, Solution]) -> None:
+    problem, _ = plain
+    export = problem.to_gtsam()
+    n = len(problem.t)
+    assert export.variable(export.key(Kind.NAV, -1)) == (Kind.NAV, n - 1, problem.t[-1])
+    assert export.variable(export.key(Kind.WHEEL)) == (Kind.WHEEL, 0, None)
+    table = export.variables
+    assert len(table) == export.values.size() == 3 * n + 4
+    assert set(table["key"]) == set(export.graph.keyVector())
+    bias = table[table["kind"] == "BIAS"]
+    np.testing.assert_array_equal(np.sort(bias["t_s"]), problem.t)
+    with pytest.raises(ValueError, match="no variable"):
+        export.variable(gtsam.symbol("x", 0))
+    with pytest.raises(ValueError, match="no variable"):
+        export.variable(gtsam.symbol("n", n))
+    with pytest.raises(IndexError):
+        export.key(Kind.NAV, n)

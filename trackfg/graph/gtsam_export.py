@@ -1,0 +1,103 @@
+"""The graph of a run as GTSAM's own objects, and what their keys mean.
+
+Inertial factors are GTSAM's ``ImuFactor2``; every other factor is a ``gtsam.CustomFactor`` of its family
+(:mod:`trackfg.factors.gtsam_bridge`), with the family's loss as a robust noise model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+import pandas as pd
+
+from trackfg.factors.family import Family
+from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors, states_at, with_frozen_chain
+from trackfg.factors.states import Kind, States
+from trackfg.numerics.arrays import Array
+
+
+class Variable(NamedTuple):
+    """What a GTSAM key stands for.
+
+    ``number`` is that of the keyframe, and ``t_s`` its time, s; of a variable that the whole run shares, ``number`` is
+    that among those of its kind (further sensors have one each), and ``t_s`` is None.
+    """
+
+    kind: Kind
+    number: int
+    t_s: float | None
+
+
+@dataclass(frozen=True)
+class GtsamProblem:
+    """A factor graph that GTSAM's optimisers, and factors of one's own, can be used with.
+
+    Attributes
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+        The inertial factors, one per interval between keyframes, then the families in their order.
+    values : gtsam.Values
+        A value of every variable: ``gtsam.NavState`` for ``Kind.NAV`` (attitude, position and velocity of the IMU in
+        east, north, up), ``gtsam.imuBias.ConstantBias`` for ``Kind.BIAS``, vectors for all others.
+    t : array, shape (n,)
+        Times of the keyframes, s.
+    sensors : int
+        Number of further sensors of distance and speed.
+    """
+
+    graph: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    t: Array
+    sensors: int
+
+    def _count(self, kind: Kind) -> int:
+        if kind is Kind.SENSOR:
+            return self.sensors
+        return 1 if kind.shared else len(self.t)
+
+    def key(self, kind: Kind, number: int = 0) -> int:
+        """Return the key of a variable; ``number`` counts keyframes from 0, negative ones from the end."""
+        return int(kind.keys(np.array([range(self._count(kind))[number]]))[0])
+
+    def key_at(self, kind: Kind, t_s: float) -> int:
+        """Return the key of the variable at the keyframe nearest to the time ``t_s``, s."""
+        return self.key(kind, int(np.argmin(np.abs(self.t - t_s))))
+
+    def variable(self, key: int) -> Variable:
+        """Return what a key stands for. Raises ``ValueError`` for one that this graph does not have."""
+        symbol = gtsam.Symbol(key)
+        kind = next((kind for kind in Kind if ord(kind.letter) == symbol.chr()), None)
+        if kind is None or symbol.index() >= self._count(kind):
+            raise ValueError(f"the graph has no variable {symbol.string()}")
+        number = symbol.index()
+        return Variable(kind, number, None if kind.shared else self.t[number])
+
+    @property
+    def variables(self) -> pd.DataFrame:
+        """All variables as a table: key, symbol, kind, number, t_s, which is missing for shared ones."""
+        keys = list(self.values.keys())
+        rows = [(key, gtsam.Symbol(key).string(), *self.variable(key)) for key in keys]
+        table = pd.DataFrame(rows, columns=["key", "symbol", "kind", "number", "t_s"])
+        return table.assign(kind=[kind.name for kind in table["kind"]])
+
+    @property
+    def ordering(self) -> gtsam.Ordering:
+        """The order of elimination along the chain, shared variables last: the fastest one for QR."""
+        return chain_ordering(len(self.t), self.sensors)
+
+    def states(self, values: gtsam.Values) -> States:
+        """Return optimised ``values`` of this graph's variables as states."""
+        return states_at(values, len(self.t), self.sensors)
+
+
+def exported(native: gtsam.NonlinearFactorGraph, families: Sequence[Family], states: States, t: Array) -> GtsamProblem:
+    """Return the inertial factors and the families as a graph of GTSAM's, at ``states`` of keyframes at ``t``."""
+    graph = gtsam.NonlinearFactorGraph(native)
+    for family in families:
+        for factor in custom_factors(with_frozen_chain(family, states)):
+            graph.push_back(factor)
+    return GtsamProblem(graph, states.to_gtsam(), t, len(states.sensor))
