@@ -8,7 +8,9 @@ states together. Forwards, with all conditionals stacked as ``R x = e``, the cov
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,23 +65,40 @@ class Covariance:
         return out
 
 
+class _Window(NamedTuple):
+    """Covariances at keyframe k: of y_k (p, p), of x_k with y_k (K, p), of y_{k-1} = (x_k, what it keeps of y_k)."""
+
+    k: int
+    ahead: Array
+    cross: Array
+    whole: Array
+
+
+def _windows(root: SquareRoot) -> Iterator[_Window]:
+    """Go backwards from the last keyframe. Cost is linear in the number of keyframes."""
+    n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
+    spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
+    ahead = np.zeros((root.parents(n - 1), root.parents(n - 1)))
+    ahead[dim:size, dim:size] = root.shared_inverse @ root.shared_inverse.T
+    for k in range(n - 1, -1, -1):
+        A, kept = root.regression[k, :, : len(ahead)], root.kept(k)
+        cross = A @ ahead
+        own, both = cross @ A.T + spread[k], cross[:, kept]
+        whole = np.empty((dim + kept.size, dim + kept.size))
+        whole[:dim, :dim] = 0.5 * (own + own.T)
+        whole[:dim, dim:], whole[dim:, :dim], whole[dim:, dim:] = both, both.T, ahead[kept[:, None], kept]
+        yield _Window(k, ahead, cross, whole)
+        ahead = whole
+
+
 def posterior_covariance(root: SquareRoot) -> Covariance:
     """Run the recursion. Cost is linear in the number of keyframes."""
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
-    spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
     marginal, cross = np.empty((n, size, size)), np.empty((n, size, size)) if root.ahead.any() else None
-    window = np.zeros((root.parents(n - 1), root.parents(n - 1)))
-    window[dim:size, dim:size] = root.shared_inverse @ root.shared_inverse.T
-    for k in range(n - 1, -1, -1):
-        A, kept = root.regression[k, :, : len(window)], root.kept(k)
-        ahead = A @ window
+    for window in _windows(root):
         if cross is not None:
-            cross[k, :dim], cross[k, dim:] = ahead[:, :size], window[dim:size, :size]
-        own, both = ahead @ A.T + spread[k], ahead[:, kept]
-        later, window = window[kept[:, None], kept], np.empty((dim + kept.size, dim + kept.size))
-        window[:dim, :dim] = 0.5 * (own + own.T)
-        window[:dim, dim:], window[dim:, :dim], window[dim:, dim:] = both, both.T, later
-        marginal[k] = window[:size, :size]
+            cross[window.k, :dim], cross[window.k, dim:] = window.cross[:, :size], window.ahead[dim:size, :size]
+        marginal[window.k] = window.whole[:size, :size]
     return Covariance(marginal, _chain_gain(root) if cross is None else _gain(marginal, cross))
 
 
@@ -111,14 +130,44 @@ class Functions:
 
 
 def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
-    """The covariance of functions with each other, however far apart they are. Shape (m, m).
+    """Return the covariance of functions with each other, however far apart they are. Shape (m, m).
 
-    Cost is linear in the number of keyframes and quadratic in that of the functions.
+    Cost is linear in the number of keyframes. With the functions of one keyframe ``f = F_x x_k + F_y y_k`` and
+    ``x_k = A_k y_k + e_k``, ``f = D y_k + F_x e_k`` with ``D = F_x A_k + F_y``. Functions of earlier keyframes are
+    ``B y_{k-1}`` and what is independent of it; from place to place B is multiplied by the gains of y_{k-1} on y_k.
     """
-    total, carried = covariance_given_next(root, functions)
-    last = root.shared_inverse.T @ carried[KEYFRAME_DIM:]
-    total += last.T @ last
-    return np.asarray(0.5 * (total + total.T))
+    total = np.empty((len(functions.keyframe), len(functions.keyframe)))
+    places, first = np.unique(functions.keyframe, return_index=True)
+    ahead = {window.k: window.ahead for window in _windows(root) if window.k in set(places.tolist())}
+    B, last = np.zeros((0, 0)), None
+    for k, start, stop in zip(places.tolist(), first, [*first[1:], len(functions.keyframe)], strict=True):
+        own, earlier, width = slice(start, stop), slice(0, start), root.parents(k)
+        F_x, inverse = functions.by_first[own], root.inverse[k]
+        D = F_x @ root.regression[k, :, :width]
+        D[:, :KEYFRAME_DIM] += functions.by_second[own]
+        D[:, KEYFRAME_DIM : root.size] += functions.by_shared[own]
+        noise = F_x @ inverse
+        if last is not None:
+            gain = np.eye(B.shape[1])
+            for between in range(last + 1, k):
+                gain = _carried(root, gain, between)
+            B = B @ gain
+            before = B[:, :KEYFRAME_DIM] @ inverse
+            B = _carried(root, B, k)
+            total[earlier, own] = B @ (ahead[k] @ D.T) + before @ noise.T
+            total[own, earlier] = total[earlier, own].T
+        total[own, own] = D @ ahead[k] @ D.T + noise @ noise.T
+        B = np.concatenate([B, D]) if len(B) else D
+        last = k
+    return total
+
+
+def _carried(root: SquareRoot, B: Array, k: int) -> Array:
+    """Express functions ``B y_{k-1}`` (m, p) by y_k: ``y_{k-1} = (A_k y_k + e_k, what it keeps of y_k)``."""
+    width = root.parents(k)
+    out = B[:, :KEYFRAME_DIM] @ root.regression[k, :, :width]
+    out[:, root.kept(k)] += B[:, KEYFRAME_DIM:]
+    return np.asarray(out)
 
 
 def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array, Array]:
