@@ -145,7 +145,7 @@ def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
         F_x, inverse = functions.by_first[own], root.inverse[k]
         D = F_x @ root.regression[k, :, :width]
         D[:, :KEYFRAME_DIM] += functions.by_second[own]
-        D[:, KEYFRAME_DIM : root.size] += functions.by_shared[own]
+        D[:, KEYFRAME_DIM : KEYFRAME_DIM + functions.by_shared.shape[1]] += functions.by_shared[own]
         noise = F_x @ inverse
         if last is not None:
             gain = np.eye(B.shape[1])
