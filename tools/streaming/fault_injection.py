@@ -268,16 +268,16 @@ def thrown(ground: Ground, rng: np.random.Generator) -> Damaged:
 @contextmanager
 def _failing(begin: float, count: int) -> Iterator[None]:
     """So many steps of more than the newest two keyframes, and all of these until then."""
-    by, left = Window.by, count
+    updated_by, left = Window.updated_by, count
 
     def failing(window: Window, *arguments: Any) -> Window:
         nonlocal left
         if window.t[-1] >= begin and left:
             left -= len(window) > 2
             raise UnsolvableError("thrown on purpose")
-        return by(window, *arguments)
+        return updated_by(window, *arguments)
 
-    with patch.object(Window, "by", failing):
+    with patch.object(Window, "updated_by", failing):
         yield
 
 

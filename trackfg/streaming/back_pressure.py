@@ -22,7 +22,7 @@ _WAITED = 0.3
 
 
 @dataclass
-class Pace:
+class BackPressure:
     """``factor``: how many times further apart keyframes are than the settings say. ``behind_s``: length of the queue.
 
     ``at_change_s``: what that was when the factor was settled; ``short_s``: for how long it has been short.

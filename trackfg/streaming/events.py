@@ -95,7 +95,7 @@ def event_table(events: Iterable[StreamEvent]) -> pd.DataFrame:
     return pd.DataFrame([astuple(event) for event in events], columns=list(EVENT_TYPES)).astype(EVENT_TYPES)
 
 
-def breaks_of(events: Iterable[StreamEvent]) -> dict[str, Array]:
+def motion_breaks(events: Iterable[StreamEvent]) -> dict[str, Array]:
     """Spans (b, 2), s, over which nobody knows what happened, by table: how long a device was off whose clock was set
     back (``imu``), what a counter that began again did not count (``tach``).
     """

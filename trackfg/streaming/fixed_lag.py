@@ -1,9 +1,11 @@
-"""The fixed-lag smoother: rows in, estimates out, at constant cost.
+"""The fixed-lag smoother turns rows into estimates at constant cost.
 
-rows -> tape -> moving window -> the newest state at once (filtered); what is older than the lag, in pieces (smoothed)
+rows -> sample buffer -> moving window -> the newest state at once (filtered)
+                              |
+                              +-> marginalised keyframes -> what is older than the lag, in pieces (smoothed)
 
-What a keyframe leaves to do, a step of the whole window or a piece of the smoothed tables, is done when the next rows
-come, and what can be done of the next keyframe before its last rows come is: filtered rows wait for neither.
+Filtered rows do not wait: a relinearisation pass or a piece of the smoothed tables that falls due with a keyframe is
+done when the next rows come, and the inertial part of the next keyframe before its last rows come.
 
 >>> smoother = FixedLagSmoother(source.description, lag_s=10.0)
 >>> intake = Intake.of(source)
@@ -31,14 +33,16 @@ from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.smoothing.localisation import MapChainage
-from trackfg.streaming.checkpoint.snapshot import Snapshot, attributes_of, taken
+from trackfg.solver.square_root import SquareRoot
+from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.rows import Rows
-from trackfg.streaming.tables.smoothed_tables import SmoothedTables, Tables
-from trackfg.streaming.window.moving_window import BEFORE_S, Lost, MovingWindow, Pass, Update
-from trackfg.streaming.window.sample_buffer import Tape
-from trackfg.streaming.window.stream_context import Setting
+from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
+from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
+from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
+from trackfg.streaming.window.sample_buffer import SampleBuffer
+from trackfg.streaming.window.window import Window
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
@@ -47,10 +51,12 @@ NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=["t_s", *GEOMETRY_COLUMNS], dtype=np.float64)
 
 _JUST_S = 1e-6
-KEPT_S = 30.0
-"""Rows so old are let go while nothing measures the speed: no window begins with them."""
+_KEPT_S = 30.0
+"""While nothing measures the speed, rows older than this are dropped, s: no window begins with them."""
+BEFORE_S = 10.0
+"""Rows this much older than the window are needed, s."""
 PIECE_S = 10.0
-"""Smoothed tables come in pieces about as long."""
+"""Smoothed tables come in pieces about as long, s."""
 
 
 class Estimates(NamedTuple):
@@ -68,8 +74,8 @@ class Estimates(NamedTuple):
 NO_ESTIMATES = Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
 
 
-class Behind(NamedTuple):
-    """What a step of the whole window made known."""
+class PassOutput(NamedTuple):
+    """The smoothed tables and events that a relinearisation pass led to."""
 
     pieces: list[Tables]
     events: tuple[StreamEvent, ...]
@@ -84,12 +90,12 @@ class FixedLagSmoother:
 
     config: SmoothConfig
     settings: dict[str, str]
-    """What it was made with, as a digest of each, by name."""
-    _tape: Tape
+    """SHA-256 of each argument that it was made with, by name."""
+    _buffer: SampleBuffer
     _moving: MovingWindow
     _tables: SmoothedTables | None
     _done_s: float
-    """When the tables that a lost window left behind end."""
+    """The end of the tables of a lost window, s."""
     _locator: MapLocator | None
 
     def __init__(
@@ -114,157 +120,149 @@ class FixedLagSmoother:
             "map": b"" if feature_map is None else feature_map.grid.to_numpy(dtype=np.float64).tobytes(),
         }
         self.settings = {name: hashlib.sha256(what).hexdigest() for name, what in made_with.items()}
-        self._tape = Tape(description)
+        self._buffer = SampleBuffer(description)
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
-        self._moving = MovingWindow(self._tape, self.config, lag_s, on_map=feature_map is not None)
+        self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
 
     def put(self, rows: Rows) -> Estimates:
-        """Take the next rows and give what they make known."""
-        self._tape.put(rows if self._locator is None else self._locator.less_sure(rows))
-        behind, at_once = self._behind(), []
-        t = self._moving.next_keyframe()
-        while t is not None and self._moving.reaches(t):
-            if done := self._behind():  # it may be that the vehicle is slower than was thought
-                behind += done
+        """Take the next rows and return the estimates that they make."""
+        self._buffer.put(rows if self._locator is None else self._locator.with_map_uncertainty(rows))
+        outputs, filtered, moving = self._work_due(), [], self._moving
+        t = moving.next_keyframe()
+        while t is not None and moving.has_rows_for(t):
+            if done := self._work_due():  # the pass may have changed the speed, and so the next keyframe's time
+                outputs += done
             else:
-                update = self._moving.advanced(t)
-                at_once += [] if update is None else [self._filtered(update)]
-            t = self._moving.next_keyframe()
+                update = moving.add_keyframe(t)
+                filtered += [] if update is None else [self._filtered_row(update)]
+            t = moving.next_keyframe()
         if t is not None:
-            self._moving.prepare(t)
-        elif self._moving.tip is None:  # nothing measures the speed: rows that no window begins with are let go
-            self._tape.forget(self._tape.until - KEPT_S, self._tape.until - KEPT_S)
-        return _estimates_of(_table(at_once), behind)
+            moving.prepare(t)
+        elif moving.running is None:
+            self._buffer.forget(self._buffer.until - _KEPT_S, self._buffer.until - _KEPT_S)
+        return _estimates_of(_table(filtered), outputs)
 
     def finish(self) -> Estimates:
-        """What is left when no more rows come; nothing where they were too few to begin with."""
-        behind, update = self._behind(), self._moving.last()
-        behind += self._behind(at_end=True)
-        if self._moving.next_keyframe() is None and self._moving.tip is None and self._tape.data is not None:
-            behind.append(Behind([], (self._moving.without_speed(self._tape.until),)))
-        return _estimates_of(_table([] if update is None else [self._filtered(update)]), behind)
+        """Return what is left when no more rows come; nothing where they were too few to begin with."""
+        outputs, update = self._work_due(), self._moving.add_last_keyframe()
+        outputs += self._work_due(at_end=True)
+        if (waiting := self._moving.waiting_event()) is not None:
+            outputs.append(PassOutput([], (waiting,)))
+        return _estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs)
 
     def state(self) -> Snapshot:
-        """Everything that carries over from one call to the next."""
-        return taken(self, self._given)
+        """Return everything that carries over from one call to the next."""
+        return dump(self, self._given)
 
     def restore(self, state: Snapshot) -> None:
         """Go on from the :meth:`state` of a smoother made with the same arguments. Raises
         :class:`~trackfg.errors.BadInputError` where it does not fit.
         """
-        vars(self).update(attributes_of(FixedLagSmoother, state, self._given))
+        vars(self).update(load_attributes(FixedLagSmoother, state, self._given))
 
     @property
-    def sparser(self) -> float:
+    def keyframe_spacing(self) -> float:
         """How many times further apart keyframes are than the settings say. It may be set."""
-        return self._moving.sparser
+        return self._moving.keyframe_spacing
 
-    @sparser.setter
-    def sparser(self, factor: float) -> None:
-        self._moving.sparser = factor
+    @keyframe_spacing.setter
+    def keyframe_spacing(self, factor: float) -> None:
+        self._moving.keyframe_spacing = factor
 
     @property
     def _given(self) -> tuple[object, ...]:
         feature_map = () if self._locator is None else (self._locator.feature_map,)
-        return self.config, self._tape.description, *feature_map
+        return self.config, self._buffer.description, *feature_map
 
-    def _filtered(self, update: Update) -> dict[str, Array]:
-        """The newest keyframe's row, by columns."""
-        window, setting = update.window, self._setting
-        k = len(window) - 1
-        two = window.states.take(slice(k - 1, None))
-        direction = setting.description.track.direction
-        covariance = update.covariance.with_added_distance_variance(self._moving.places.doubt_m**2)
+    def _filtered_row(self, update: FilterUpdate) -> dict[str, Array]:
+        """Return the newest keyframe's row, by columns."""
+        window, buffer = update.window, self._buffer
+        two = window.states.take(slice(len(window) - 2, None))
+        covariance = update.covariance.with_added_distance_variance(self._moving.votes.doubt_m**2)
         if self._chainage is not None:
-            covariance = self._chainage.with_uncertainty(covariance, two, direction)
-        data = self._tape.data
-        assert data is not None
-        run = setting.run_of(window.t[-2:], data)
+            covariance = self._chainage.with_uncertainty(covariance, two, buffer.description.track.direction)
+        run = self._running.context.run_of(window.t[-2:], buffer.inertial)
         at = np.array([window.t[-1]])
-        rate = self._tape.rate_at(at[0]) - two.bias[-1:, 3:]
+        rate = buffer.mean_rate(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
         motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end)
         return trajectory_columns(run, motion, two, covariance)
 
-    def _behind(self, *, at_end: bool = False) -> list[Behind]:
-        """What is due behind the newest keyframe: a step of the whole window, and the next piece of the tables."""
-        step = self._moving.passed(at_end=at_end)
-        if self._moving.lost is not None and self._moving.newly_lost:
-            return [self._lost(self._moving.lost)]
+    def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
+        """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
+        step = self._moving.relinearise_if_due(at_end=at_end)
+        if (lost := self._moving.pop_lost()) is not None:
+            return [self._after_loss(lost)]
         if step is None:
             return []
+        running, newest = self._running, float(step.window.t[-1])
         if self._tables is None:
             begin = max(float(step.window.t[0]) - _JUST_S, self._done_s)
-            self._tables = SmoothedTables.beginning(self._setting, begin, looks=self._locator is not None)
-        tables, newest = self._tables, float(step.window.t[-1])
+            self._tables = SmoothedTables.beginning(running.context, begin, for_map=self._locator is not None)
+        tables = self._tables
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
-            pieces = [self._tables_up_to(tables, step, settled, at_end=at_end)]
+            inputs = self._table_input(running, step.window, step.root)
+            pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
         locator = self._locator
-        events = self._moving.places.told() if locator is None else self._locate(locator, pieces, step)
-        if step.gone is not None:
-            tables.history.append(step.gone)
+        events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
+        if step.marginalised is not None:
+            tables.history.append(step.marginalised)
         if pieces:
-            self._tape.stood(tables.forget())
+            self._buffer.collapse_rests(tables.forget())
             newer = float(step.window.t[0]) - BEFORE_S
             older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
-            self._tape.forget(older, newer)
+            self._buffer.forget(older, newer)
         events = (*events, *(() if step.event is None else (step.event,)))
-        return [Behind(pieces, (*(event for piece in pieces for event in piece.events), *events))]
+        return [PassOutput(pieces, (*(event for piece in pieces for event in piece.events), *events))]
 
-    def _lost(self, lost: Lost) -> Behind:
-        """What is known up to there; from there on the stream begins anew."""
-        self._moving.newly_lost, pieces = False, []
+    def _after_loss(self, lost: LostWindow) -> PassOutput:
+        """Return the tables up to where the window was lost; from there on the stream begins anew."""
+        pieces = []
         if self._tables is not None and lost.left is not None:
-            pieces = [self._tables_up_to(self._tables, lost.left, lost.begin_s, at_end=True)]
+            inputs = self._table_input(lost.left, lost.left.window, lost.left.root)
+            pieces = [self._tables.next_piece(self._buffer, inputs, lost.begin_s, at_end=True)]
             self._done_s = lost.begin_s
         self._tables = None
         if self._locator is not None:
-            self._locator = MapLocator(self._tape.description, self.config, self._locator.feature_map)
+            self._locator = MapLocator(self._buffer.description, self.config, self._locator.feature_map)
         event = StreamEvent("restarted", t_s=lost.begin_s, detail=lost.reason)
-        return Behind(pieces, (*(event for piece in pieces for event in piece.events), event))
+        return PassOutput(pieces, (*(event for piece in pieces for event in piece.events), event))
 
-    def _tables_up_to(self, tables: SmoothedTables, step: Pass, settled_s: float, *, at_end: bool) -> Tables:
-        return tables.up_to(
-            self._tape,
-            step.window,
-            step.root,
-            settled_s,
-            rests=self._moving.rests,
-            odometer=self._moving.odometer,
-            at_end=at_end,
-            chainage=self._chainage,
-            doubt_m=self._moving.places.doubt_m,
-        )
+    def _table_input(self, running: RunningWindow, window: Window, root: SquareRoot) -> TableInput:
+        doubt_m = self._moving.votes.doubt_m
+        return TableInput(window, root, running.rests.spans, running.tach, self._chainage, doubt_m)
 
-    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Pass) -> tuple[StreamEvent, ...]:
+    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[StreamEvent, ...]:
         events: list[StreamEvent] = []
         for piece in pieces:
-            told = locator.take(piece.sight, step)
-            events += told.events
-            if told.family is not None:
-                self._moving.tell(told.family)
-        if step.gone is not None:
-            locator.history.append(step.gone)
+            located = locator.locate(piece.track, step)
+            events += located.events
+            if located.family is not None:
+                self._running.add_to_first_keyframe(located.family)
+        if step.marginalised is not None:
+            locator.history.append(step.marginalised)
         return tuple(events)
 
     @property
     def _chainage(self) -> MapChainage | None:
-        """That of the map, where the vehicle is located on it."""
+        """The chainage of the map, where the vehicle is located on it."""
         return self._locator.chainage if self._locator is not None and self._locator.located else None
 
     @property
-    def _setting(self) -> Setting:
-        assert self._moving.setting is not None
-        return self._moving.setting
+    def _running(self) -> RunningWindow:
+        """The window, which has begun. Raises ``ValueError`` before."""
+        if self._moving.running is None:
+            raise ValueError("the window has not begun")
+        return self._moving.running
 
 
-def _estimates_of(filtered: pd.DataFrame, behind: list[Behind]) -> Estimates:
-    smoothed = _joined([piece.trajectory for one in behind for piece in one.pieces], NO_TRAJECTORY)
-    geometry = _joined([piece.geometry for one in behind for piece in one.pieces], NO_GEOMETRY)
-    return Estimates(filtered, smoothed, geometry, tuple(event for one in behind for event in one.events))
+def _estimates_of(filtered: pd.DataFrame, outputs: list[PassOutput]) -> Estimates:
+    smoothed = _joined([piece.trajectory for output in outputs for piece in output.pieces], NO_TRAJECTORY)
+    geometry = _joined([piece.geometry for output in outputs for piece in output.pieces], NO_GEOMETRY)
+    return Estimates(filtered, smoothed, geometry, tuple(event for output in outputs for event in output.events))
 
 
 def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:

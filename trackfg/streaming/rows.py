@@ -68,7 +68,7 @@ class Rows:
 
     Rows up to ``until_s`` (s) are complete: what comes later on the stream is later than this. ``gnss_origin`` is that
     of the recording: latitude (deg), longitude (deg), height (m), or None. ``breaks``: by table, spans (b, 2),
-    s, as :func:`~trackfg.streaming.events.breaks_of` gives them; told before the first rows after them.
+    s, as :func:`~trackfg.streaming.events.motion_breaks` gives them; told before the first rows after them.
     """
 
     imu: Array = field(default_factory=lambda: no_rows("imu"))

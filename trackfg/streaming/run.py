@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.streaming.back_pressure import Pace
+from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.events import StreamEvent, event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
@@ -77,14 +77,14 @@ class Stream:
     @one_thread()
     def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
         """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
-        pace, done = Pace(self.smoother.sparser), self.clock()
+        pace, done = BackPressure(self.smoother.keyframe_spacing), self.clock()
         for batch in self.source:
             begun = self.clock()
             rows, events = self.intake.push(batch)
             self._write(sink, self.smoother.put(rows), events)
             waited, done = begun - done, self.clock()
             if self.source.live and (change := pace.took(waited, done - begun, rows.until_s)) is not None:
-                self.smoother.sparser = pace.factor
+                self.smoother.keyframe_spacing = pace.factor
                 self._write(sink, NO_ESTIMATES, (change,))
             if checkpoints is not None and checkpoints.due(rows.until_s):
                 checkpoints.write(self._checkpoint(batch.position, rows.until_s, sink))

@@ -11,13 +11,13 @@ import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import simulate
-from trackfg.streaming.back_pressure import Pace
+from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.run import Stream
 from trackfg.streaming.sources.source import RecordingSource
 
 
-def factors(pace: Pace, took: list[tuple[float, float]], batch_s: float = 0.1) -> list[float]:
+def factors(pace: BackPressure, took: list[tuple[float, float]], batch_s: float = 0.1) -> list[float]:
     """After each batch, which somebody waited for and which took so long."""
     out = []
     for i, (waited, busy) in enumerate(took):
@@ -28,28 +28,28 @@ def factors(pace: Pace, took: list[tuple[float, float]], batch_s: float = 0.1) -
 
 
 def test_a_quick_machine_changes_nothing() -> None:
-    assert set(factors(Pace(), [(0.0, 0.099)] * 10_000)) == {1.0}
-    assert set(factors(Pace(), [(0.09, 0.01), (0.0, 1.5)] * 1000)) == {1.0}  # it waits: nothing is queued
+    assert set(factors(BackPressure(), [(0.0, 0.099)] * 10_000)) == {1.0}
+    assert set(factors(BackPressure(), [(0.09, 0.01), (0.0, 1.5)] * 1000)) == {1.0}  # it waits: nothing is queued
 
 
 def test_a_slow_one_makes_keyframes_sparser_step_by_step_and_no_more_than_eight_times() -> None:
-    found = factors(Pace(), [(0.0, 0.2)] * 2000)
+    found = factors(BackPressure(), [(0.0, 0.2)] * 2000)
     assert list(dict.fromkeys(found)) == [1.0, 2.0, 4.0, 8.0]
     assert 15 < found.index(2.0) < 25  # two seconds behind
 
 
 def test_it_goes_back_when_it_has_caught_up() -> None:
-    pace = Pace()
+    pace = BackPressure()
     factors(pace, [(0.0, 0.2)] * 30)
     assert pace.factor == 2.0
-    later = factors(Pace(pace.factor, pace.behind_s, pace.at_change_s), [(0.0, 0.05)] * 400)
+    later = factors(BackPressure(pace.factor, pace.behind_s, pace.at_change_s), [(0.0, 0.05)] * 400)
     assert later[0] == 2.0
     assert later[-1] == 1.0
     assert later.index(1.0) > 100  # not before ten seconds
 
 
 def test_time_that_nobody_knows_is_no_time() -> None:
-    pace = Pace()
+    pace = BackPressure()
     assert pace.took(0.0, 100.0, -np.inf) is None
     assert pace.behind_s == 0.0
 

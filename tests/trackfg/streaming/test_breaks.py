@@ -11,7 +11,7 @@ import pytest
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.numerics.spans import subtract
-from trackfg.streaming.events import StreamEvent, breaks_of
+from trackfg.streaming.events import StreamEvent, motion_breaks
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import RowTables
@@ -103,7 +103,7 @@ def test_breaks_are_told_by_table() -> None:
         StreamEvent("tach-reset", "tach", 2.0, 2.5),
         StreamEvent("gap", "imu", 3.0, 4.0),
     ]
-    breaks = breaks_of(events)
+    breaks = motion_breaks(events)
     assert {name: spans.tolist() for name, spans in breaks.items()} == {"imu": [[1.0, 1.1]], "tach": [[2.0, 2.5]]}
 
 

@@ -16,7 +16,7 @@ from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
-from trackfg.streaming.window import moving_window
+from trackfg.streaming.window import running_window, starting_window
 from trackfg.streaming.window.window import Window
 
 RUN = simulate("mainline", seed=3, duration_s=90.0)
@@ -39,14 +39,14 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Steps of windows whose newest keyframe is between 45 and 50 s fail, of some lengths; and batches."""
 
     def fail(longest: int, *, batches: bool = False) -> None:
-        by = Window.by
+        updated_by = Window.updated_by
 
         def step(window: Window, *args: Any) -> Any:
             if AT_S < window.t[-1] < AT_S + 5.0 and len(window) <= longest:
                 raise UnsolvableError("as asked")
-            return by(window, *args)
+            return updated_by(window, *args)
 
-        monkeypatch.setattr(Window, "by", step)
+        monkeypatch.setattr(Window, "updated_by", step)
         if batches:
 
             def solve(problem: Any, config: Any) -> Any:
@@ -54,8 +54,8 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
                     raise UnsolvableError("as asked")
                 return solved(problem, config)
 
-            solved = moving_window.solve
-            monkeypatch.setattr(moving_window, "solve", solve)
+            solved = running_window.solve
+            monkeypatch.setattr(running_window, "solve", solve)
 
     return fail
 
@@ -110,14 +110,14 @@ def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None]) 
 
 
 def test_a_first_window_that_cannot_be_made_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    build = moving_window.build_problem
+    build = starting_window.build_problem
 
     def fail(recording: Any, *args: Any) -> Any:
         if recording.imu["t_s"].iloc[0] < 15.0:
             raise UnsolvableError("as asked")
         return build(recording, *args)
 
-    monkeypatch.setattr(moving_window, "build_problem", fail)
+    monkeypatch.setattr(starting_window, "build_problem", fail)
     filtered, smoothed, _, events = streamed()
     assert [event.kind for event in events].count("restarted") == 2
     assert 29.0 < filtered["t_s"].iloc[0] < 31.0

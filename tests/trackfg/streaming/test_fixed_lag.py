@@ -49,15 +49,15 @@ def test_a_lag_as_long_as_the_run_is_the_batch(stream: Callable[..., Any], run: 
 def test_a_step_of_the_whole_window_leaves_nothing_to_move(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the newest keyframe knows goes back to all others first: from there one step is the solution."""
     lengths = []
-    passed = MovingWindow.passed
+    passed = MovingWindow.relinearise_if_due
 
     def again(self: MovingWindow, **kwargs: Any) -> Any:
         step = passed(self, **kwargs)
-        if step is not None and self.oriented and self.window is not None:
-            lengths.append(self.window.moved().root.length)
+        if step is not None and self.running is not None and self.running.heading_known:
+            lengths.append(self.running.window.gauss_newton_step().root.length)
         return step
 
-    monkeypatch.setattr(MovingWindow, "passed", again)
+    monkeypatch.setattr(MovingWindow, "relinearise_if_due", again)
     source = RecordingSource(run.recording)
     smoother, intake = FixedLagSmoother(source.description, lag_s=10.0), Intake.of(source)
     for batch in source:

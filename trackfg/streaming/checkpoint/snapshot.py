@@ -5,7 +5,7 @@ over numbers that lie differently in memory add up in another order; and what tw
 one of them would go on alone. Serialisation libraries do neither, and would rather make a value fit than refuse it.
 
 A class is dataclass or named tuple, written field by field; no list of fields stands anywhere else. Fields that are
-:data:`MADE_AGAIN` are left out and get their default. Nothing is looked up by a name from a snapshot but fields,
+:data:`DERIVED` are left out and get their default. Nothing is looked up by a name from a snapshot but fields,
 members of enumerations and the functions of :mod:`trackfg.factors`.
 
 ==============================  ======================================================================================
@@ -45,7 +45,7 @@ import numpy as np
 import trackfg.factors
 from trackfg.errors import BadInputError
 
-MADE_AGAIN: Mapping[str, bool] = types.MappingProxyType({"made again": True})
+DERIVED: Mapping[str, bool] = types.MappingProxyType({"made again": True})
 """Metadata of a dataclass's field that follows from the others whenever it is needed."""
 
 _ARRAYS = ("<f8", "<f4", "<i8", "<i4", "|b1")
@@ -65,7 +65,7 @@ class Snapshot(NamedTuple):
     data: bytes
 
 
-def taken(thing: object, given: Iterable[object] = ()) -> Snapshot:
+def dump(thing: object, given: Iterable[object] = ()) -> Snapshot:
     """The attributes of a thing, each of which its class annotates. What is ``given`` is left out, by its class.
 
     Raises ``TypeError`` for an attribute that is not annotated, or is not what its annotation says.
@@ -78,7 +78,7 @@ def taken(thing: object, given: Iterable[object] = ()) -> Snapshot:
     return Snapshot({"attributes": tree, "objects": writer.objects}, b"".join(writer.data))
 
 
-def attributes_of(kind: type, snapshot: Snapshot, given: Iterable[object] = ()) -> dict[str, Any]:
+def load_attributes(kind: type, snapshot: Snapshot, given: Iterable[object] = ()) -> dict[str, Any]:
     """The attributes that a thing of class ``kind`` had.
 
     Raises :class:`~trackfg.errors.BadInputError` for a snapshot that does not fit the classes as they are.
@@ -353,7 +353,7 @@ class _Variants:
 @cache
 def _fields(kind: type, given: tuple[type, ...]) -> dict[str, _Form]:
     if dataclasses.is_dataclass(kind):
-        names = [field.name for field in dataclasses.fields(kind) if not field.metadata.keys() & MADE_AGAIN.keys()]
+        names = [field.name for field in dataclasses.fields(kind) if not field.metadata.keys() & DERIVED.keys()]
     elif issubclass(kind, tuple) and hasattr(kind, "_fields"):
         names = list(kind._fields)
     else:

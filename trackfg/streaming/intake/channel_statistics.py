@@ -29,7 +29,7 @@ SAME = 5e-11
 """In any unit of an angular rate or acceleration: values nearer than this are one, rounded in the sensor's axes."""
 
 
-class ChannelHabits:
+class ChannelStatistics:
     """``white`` (6,): the declared densities of the channels' noise, in their units per sqrt(Hz)."""
 
     def __init__(self, white: Array) -> None:

@@ -77,7 +77,7 @@ class Jump(NamedTuple):
         return event.t_s is not None and abs(event.t_s - self.begin_s) < 1e-6
 
 
-class ClockSteps:
+class ClockJumps:
     """Takes clocks' steps out of the times of sound, sorted rows. Events get the times of the stream, too."""
 
     def __init__(self, description: RecordingDescription) -> None:

@@ -24,8 +24,8 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.description import Imu
 from trackfg.streaming.events import LossReport
-from trackfg.streaming.intake.channel_statistics import ChannelHabits
-from trackfg.streaming.intake.stuck_value import Plateau
+from trackfg.streaming.intake.channel_statistics import ChannelStatistics
+from trackfg.streaming.intake.stuck_value import StuckValue
 from trackfg.units import to_si
 
 _PATIENCE_S = 0.2
@@ -37,7 +37,7 @@ _DIGITS = 11
 """Of values turned back to the sensor's axes, after the point: rounding there must not tell equal ones apart."""
 
 
-class ImuChannels:
+class ImuFaults:
     """``canonical``: rows are in SI and body axes, and are judged in the sensor's axes all the same."""
 
     def __init__(self, imu: Imu, *, is_canonical: bool) -> None:
@@ -49,8 +49,8 @@ class ImuChannels:
         self._names = np.array([*imu.gyro, *imu.accel])
         self._possible = np.repeat([limits.possible_rate_radps, limits.possible_force_mps2], 3) / units
         self._usual = np.repeat([limits.usual_rate_radps, limits.usual_force_mps2], 3) / units
-        self._habits = ChannelHabits(np.repeat([imu.noise.gyro_white, imu.noise.accel_white], 3) / units)
-        self._plateaus = [Plateau() for _ in range(6)]
+        self._habits = ChannelStatistics(np.repeat([imu.noise.gyro_white, imu.noise.accel_white], 3) / units)
+        self._plateaus = [StuckValue() for _ in range(6)]
         self._before = np.full(6, np.nan)
         self._count = 0
         self._held = np.empty((0, 7))
@@ -161,7 +161,7 @@ class ImuChannels:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a :meth:`state`."""
         self._habits.restore(state["habits"])
-        self._plateaus = [Plateau(**one) for one in state["plateaus"]]
+        self._plateaus = [StuckValue(**one) for one in state["plateaus"]]
         self._before = np.full(6, np.nan) if state["before"] is None else np.array(state["before"])
         self._count, self._far = state["count"], state["far"]
         self._held = np.array(state["held"], dtype=np.float64).reshape(-1, 7)

@@ -16,14 +16,14 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
-from trackfg.streaming.events import LossReport, StreamEvent, breaks_of
-from trackfg.streaming.intake.clock_jumps import ClockSteps
+from trackfg.streaming.events import LossReport, StreamEvent, motion_breaks
+from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.imu_clock import ClockLimits
-from trackfg.streaming.intake.imu_faults import ImuChannels
-from trackfg.streaming.intake.reorder_buffer import Arrival
+from trackfg.streaming.intake.imu_faults import ImuFaults
+from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 from trackfg.streaming.intake.row_checks import RowChecks
-from trackfg.streaming.intake.timestamps import Stamps
+from trackfg.streaming.intake.timestamps import Timestamps
 from trackfg.streaming.rows import Rows, described_tables, joined_tables
 from trackfg.streaming.sources.source import Batch, Source
 
@@ -39,12 +39,12 @@ class Intake:
         limits: ClockLimits | None = None,
         gnss_origin: Array | None = None,
     ) -> None:
-        self._arrival = Arrival(described_tables(description), limits)
-        self._stamps = None if canonical else Stamps(description)
+        self._arrival = ReorderBuffer(described_tables(description), limits)
+        self._stamps = None if canonical else Timestamps(description)
         self._conversion = None if canonical else Conversion(description)
-        self._channels = ImuChannels(description.imu, is_canonical=canonical)
+        self._channels = ImuFaults(description.imu, is_canonical=canonical)
         self._checks = RowChecks(description)
-        self._steps = ClockSteps(description)
+        self._steps = ClockJumps(description)
         self._report = LossReport()
         self._gnss_origin = gnss_origin
         self.rows_in = 0
@@ -78,7 +78,7 @@ class Intake:
     ) -> tuple[Rows, tuple[StreamEvent, ...]]:
         rows, events = self._steps.passed(rows, events, last=last)
         self.rows_out += len(rows)
-        return replace(rows, breaks=breaks_of(events)), events
+        return replace(rows, breaks=motion_breaks(events)), events
 
     def _sound(self, tables: Mapping[str, Array], *, last: bool = False) -> Rows:
         if "imu" in tables:

@@ -32,20 +32,20 @@ from trackfg.numerics.spans import median_interval
 from trackfg.streaming.checkpoint.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.intake.imu_clock import ClockLimits, ImuClock
-from trackfg.streaming.intake.waiting_rows import WaitingRows
+from trackfg.streaming.intake.waiting_rows import SortedRows
 from trackfg.streaming.rows import RowTables
 
 MOST_WAITING = 500_000
 """Rows of one table; more are refused, so that a stream without an IMU does not fill the memory."""
 
 
-class Arrival:
+class ReorderBuffer:
     """The buffer. Batches are tables by name, raw or canonical, the first column the time in s on one clock."""
 
     def __init__(self, tables: Iterable[str], limits: ClockLimits | None = None) -> None:
         self._limits = limits or ClockLimits()
         self._clock = ImuClock(self._limits)
-        self._waiting = {name: WaitingRows() for name in tables}
+        self._waiting = {name: SortedRows() for name in tables}
         self._held: dict[str, tuple[Array, float]] = {}
         self._shift_s = dict.fromkeys(self._waiting, 0.0)
         self._newest_s = dict.fromkeys(self._waiting, -np.inf)
@@ -175,7 +175,7 @@ class Arrival:
         self._clock.restore(state["clock"])
         self.watermark_s = finite_or(-np.inf, state["watermark_s"])
         for name, rows in state["waiting"].items():
-            self._waiting[name] = WaitingRows(np.array(rows, dtype=np.float64) if rows else None)
+            self._waiting[name] = SortedRows(np.array(rows, dtype=np.float64) if rows else None)
         self._held = {
             name: (np.array(rows, dtype=np.float64), finite_or(-np.inf, since))
             for name, (rows, since) in state["held"].items()

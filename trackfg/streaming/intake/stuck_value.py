@@ -30,7 +30,7 @@ _MOST_HELD = 60
 
 
 @dataclass
-class Plateau:
+class StuckValue:
     """Of one channel. Rows are counted from the stream's first one on; ``first`` is the row of the first repetition,
     ``newest`` that of the last; ``again`` counts repetitions. No ``level``: no plateau.
     """

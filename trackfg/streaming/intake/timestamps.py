@@ -1,4 +1,4 @@
-"""Stamps of raw rows on the clock of the stream.
+"""Timestamps of raw rows on the clock of the stream.
 
 What a stamp at the start or end of a sampling interval needs, the interval, is taken from the first rows of the IMU,
 which wait for it; then it stays, because stamps must not move against each other.
@@ -22,7 +22,7 @@ INTERVAL_ROWS = 50
 """Rows of which the median interval is taken: it must not hang on a few late stamps."""
 
 
-class Stamps:
+class Timestamps:
     """Brings the times of raw rows to the common clock; values stay raw."""
 
     def __init__(self, description: RecordingDescription) -> None:

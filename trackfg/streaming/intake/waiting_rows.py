@@ -7,7 +7,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 
 
-class WaitingRows:
+class SortedRows:
     """Sorted by time, none twice: of rows with one time the first to arrive stays."""
 
     def __init__(self, rows: Array | None = None) -> None:

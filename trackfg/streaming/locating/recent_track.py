@@ -1,4 +1,4 @@
-"""The last of the track that a stream has passed in one direction, for who looks for it on a map."""
+"""The recent track is what a stream has passed last in one direction, to be sought on a map."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import pandas as pd
 
 from trackfg.mapping.recognition.profiles import FEATURES, SECTION_M
 from trackfg.numerics.arrays import Array
-from trackfg.streaming.tables.smoothed_tables import Sight
+from trackfg.streaming.tables.smoothed_tables import TrackPiece
 
 LONGEST_M = 2000.0
-"""So much is recognised at a time: fewer sections would not tell the noise."""
+"""How much track is recognised at a time, m: from fewer sections its noise cannot be estimated."""
 
 _FEATURES = ("chainage_m", *(name for feature in FEATURES for name in (feature, f"{feature}_sd")))
 _COLUMNS = (*_FEATURES, "t_s", "beyond_m")
 
 
 @dataclass
-class SeenTrack:
-    """``rows`` (n, c) in order of passing, by the run's chainage; ``sense`` of travel by that, 1 or -1."""
+class RecentTrack:
+    """Rows (n, c) of geometry in order of passing, by the run's chainage; ``sense`` of travel by that, 1 or -1."""
 
     rows: Array = field(default_factory=lambda: np.zeros((0, len(_COLUMNS))))
     sense: int = 1
@@ -38,11 +38,11 @@ class SeenTrack:
         """When the places were passed, s, shape (n,)."""
         return np.asarray(self.rows[:, _COLUMNS.index("t_s")])
 
-    def append(self, sight: Sight) -> None:
-        """What was passed since; where the vehicle has turned back, what came before is dropped."""
-        if not len(sight.table):
+    def append(self, piece: TrackPiece) -> None:
+        """Append the next piece; where the vehicle has turned back, earlier rows are dropped."""
+        if not len(piece.table):
             return
-        new = np.column_stack([sight.table[list(_FEATURES)].to_numpy(), sight.t, sight.beyond])
+        new = np.column_stack([piece.table[list(_FEATURES)].to_numpy(), piece.t, piece.beyond])
         place = new[:, 0]
         senses = np.sign(np.diff(place))
         turns = np.flatnonzero(np.diff(senses))
@@ -56,15 +56,15 @@ class SeenTrack:
         self.rows = np.concatenate([kept, new])
 
     def move(self, by_m: float) -> None:
-        """All chainages are ``by_m`` greater than they were said to be."""
+        """Shift all chainages by ``by_m``."""
         self.rows[:, 0] += by_m
 
     def ascending(self) -> pd.DataFrame:
-        """The table by ascending chainage."""
+        """Return the table by ascending chainage."""
         return pd.DataFrame(self.rows[:: self.sense], columns=list(_COLUMNS))
 
     def sections(self) -> list[int]:
-        """Where the complete sections of the run begin, m, in order of travel; the first one may be half a section."""
+        """Return where the complete sections begin, m, in order of travel; the first one may be half a section."""
         if not len(self):
             return []
         first, last = self.place[0], self.place[-1]
@@ -74,7 +74,7 @@ class SeenTrack:
         return [int(begin) for begin in begins[:: self.sense]]
 
     def passed_at(self, place: Array) -> tuple[Array, Array]:
-        """When the vehicle was at places (m,), s, and by how much the distance then was beyond the straight line."""
+        """Return when the vehicle was at places (m,), s, and by how much the distance exceeded the straight line, m."""
         table = self.ascending()
         t, beyond = (np.interp(place, table["chainage_m"], table[name]) for name in ("t_s", "beyond_m"))
         return t, beyond

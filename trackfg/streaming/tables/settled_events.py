@@ -1,13 +1,14 @@
-"""The events of what left the lag, by the functions that the batch smoother uses; each is told once, when it is over.
+"""Settled events are those of what left the lag, by the batch smoother's functions; each is emitted once it is over.
 
 A piece of a stream ends anywhere. An event that ends later than the piece, or so near its end that it may go on, is
-told with a later one, whole: the keyframes that it is made from are kept until then. One that lasts longer than
-``LONGEST_S`` is told in parts.
+emitted whole with a later one: the keyframes that it is made from are kept until then. An event longer than
+``LONGEST_S`` is emitted in parts.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,13 +28,15 @@ from trackfg.streaming.checkpoint.json_numbers import finite_or_none
 from trackfg.streaming.events import StreamEvent
 
 LONGEST_S = 300.0
+"""An event that lasts longer is emitted in parts, s: keyframes are kept no longer for it."""
 _STEP_S = 0.1
+"""Step of the trajectory in which slips are found, s: that of the batch's default rate."""
 _REST_GROWS_S = 10.0
-"""The end of a rest may be found so much later."""
+"""The end of a rest may move by so much while the window passes over it, s."""
 _BEFORE_S = 0.5
-"""A rate at a time needs this much before it."""
+"""A rate at a time needs rows from this much before it, s."""
 _MOVED_M = 1.0
-"""A wheel that has not turned over a longer distance is silent."""
+"""A wheel that has not turned over a longer distance is silent, m."""
 
 EVENT_TABLES = {
     "standstill": "imu",
@@ -45,65 +48,67 @@ EVENT_TABLES = {
     "fix set aside": "fixes",
     "gnss set aside": "gnss",
 }
-"""Which table an event concerns; a map is none."""
+"""The table that an event of each kind concerns; a map is none."""
 _EITHER = {"fix used": "fix", "fix set aside": "fix", "landmark used": "landmark", "landmark set aside": "landmark"}
-"""Kinds of which one thing has either."""
+"""Kinds that exclude each other, by what they are of."""
+
+
+class EventInput(NamedTuple):
+    """What events are made from: the sources of all keyframes from :attr:`SettledEvents.needed_since_s` or before to
+    the time up to which they are emitted or after, with their run, motion, states and covariance.
+    """
+
+    sources: EventSources
+    run: RunContext
+    motion: DenseMotion
+    states: States
+    covariance: Covariance
 
 
 @dataclass
 class SettledEvents:
-    """``since_s``: from when on keyframes are still needed. ``told_s``: by kind, until when all are told. ``rests``
-    (r, 2), s: those that may not have been told.
+    """Emits the events of a stream, each once. ``needed_since_s``: oldest keyframe time still needed.
+
+    ``emitted_s[kind]``: events of this kind that begin before it have been emitted. ``rests`` (r, 2), s: those that may
+    not have been.
     """
 
-    since_s: float
-    told_s: dict[str, float] = field(default_factory=dict)
+    needed_since_s: float
+    emitted_s: dict[str, float] = field(default_factory=dict)
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
-    def until(
-        self,
-        sources: EventSources,
-        run: RunContext,
-        motion: DenseMotion,
-        states: States,
-        covariance: Covariance,
-        settled_s: float,
-        *,
-        at_end: bool,
-    ) -> tuple[StreamEvent, ...]:
-        """The events that are over before ``settled_s``; at the end of the stream all there are.
-
-        ``sources`` has the families, rests, gaps and the wheel of all keyframes, from :attr:`since_s` or before to
-        ``settled_s`` or after.
-        """
-        sources = self._untold(sources)
-        clock = np.arange(np.ceil(self.since_s / _STEP_S - 1e-6), np.floor(settled_s / _STEP_S + 1e-6) + 1.0) * _STEP_S
+    def emit(self, inputs: EventInput, settled_s: float, *, at_end: bool) -> tuple[StreamEvent, ...]:
+        """Return the events that are over before ``settled_s``; at the end of the stream all that are left."""
+        sources, run, motion, states, covariance = inputs
+        sources = self._unemitted(sources)
+        first, last = np.ceil(self.needed_since_s / _STEP_S - 1e-6), np.floor(settled_s / _STEP_S + 1e-6)
+        clock = np.arange(first, last + 1.0) * _STEP_S
         trajectory = trajectory_table(run, motion.at(clock), states, covariance)
         excess = wheel_excess(sources, states, trajectory)
         rolled_s = settled_s if excess is None else excess.open_since()
         latest = {"standstill": settled_s - _REST_GROWS_S, "slip": rolled_s, "slide": rolled_s}
-        told, waiting, cut = [], [rolled_s - _BEFORE_S, _turned_s(sources, states)], []
+        over, waiting, cut = [], [rolled_s - _BEFORE_S, _turned_s(sources, states)], []
         for event in events(sources, states, covariance, trajectory):
-            if not self.told_s.get(_thing(event), -np.inf) < event.start_s <= settled_s:
+            if not self.emitted_s.get(_thing(event), -np.inf) < event.start_s <= settled_s:
                 continue
-            over = event.end_s <= latest.get(event.kind, settled_s)
+            is_over = event.end_s <= latest.get(event.kind, settled_s)
             at_rest = event.kind == "standstill"  # a vehicle at rest is where it was
             lasts = not at_rest and event.start_s < settled_s - LONGEST_S
-            if over or lasts or at_end:
-                told.append(event)
+            if is_over or lasts or at_end:
+                over.append(event)
             elif not at_rest:
                 waiting.append(event.start_s - _BEFORE_S)
-            if lasts and not over:
+            if lasts and not is_over:
                 cut.append(min(event.end_s, settled_s) + _STEP_S)
-        self.told_s |= {_thing(event): event.end_s for event in told}
-        self.since_s = max(self.since_s, min(waiting), settled_s - LONGEST_S, *cut)
-        return tuple(_stream_event(event) for event in told)
+        self.emitted_s |= {_thing(event): event.end_s for event in over}
+        self.needed_since_s = max(self.needed_since_s, min(waiting), settled_s - LONGEST_S, *cut)
+        return tuple(_stream_event(event) for event in over)
 
-    def _untold(self, sources: EventSources) -> EventSources:
-        """With the rests of before, and without the GNSS positions that are told: runs of them are one event."""
+    def _unemitted(self, sources: EventSources) -> EventSources:
+        """Return sources with the earlier rests, and without GNSS positions whose run has been emitted."""
         rests = union(np.concatenate([self.rests, sources.rests]))
-        self.rests = rests[rests[:, 1] > self.told_s.get("standstill", -np.inf)]
-        since = self.told_s.get("gnss set aside", -np.inf)
+        self.rests = rests[rests[:, 1] > self.emitted_s.get("standstill", -np.inf)]
+        since = self.emitted_s.get("gnss set aside", -np.inf)
         families = changed(
             sources.families,
             FactorType.GNSS_POSITION,
@@ -117,7 +122,7 @@ def _thing(event: Event) -> str:
 
 
 def _turned_s(sources: EventSources, states: States) -> float:
-    """Since when the wheel has been silent although the vehicle moved; infinite where it is not."""
+    """Return since when the wheel has been silent although the vehicle moved, s; infinite where it is not."""
     if sources.wheel is None:
         return np.inf
     turned = np.flatnonzero(np.diff(sources.wheel.distance))

@@ -1,1 +1,38 @@
-"""The graph of the newest keyframes, and what was marginalised of it."""
+"""The fixed-lag smoother's core: a factor graph of the newest keyframes that moves along a stream.
+
+The **window** holds the keyframes of the last ``lag_s`` seconds, with the factors of the batch smoother, numbered from
+the oldest one. Three things happen to it:
+
+1. **Filter step** (:mod:`~trackfg.streaming.window.filter_step`), once per keyframe. The newest keyframe carries all
+   older measurements as one Gaussian factor on itself and the shared variables, its **marginal prior**. The next
+   keyframe is predicted by the inertial sensor, and one Gauss-Newton step of these two is the iterated extended Kalman
+   filter's update: it gives the filtered row. The step leaves a conditional of the older keyframe on the newer one.
+2. **Relinearisation pass** (:mod:`~trackfg.streaming.window.running_window`), every tenth keyframe.
+   **Back-substitution** along those conditionals (Rauch, Tung and Striebel) gives states of the whole window; at these,
+   the new **linearisation point**, all factors are linearised and robust weights computed anew, and the window takes a
+   Gauss-Newton step.
+3. **Marginalisation**, in the same pass. Keyframes older than the lag are eliminated by QR. What they contribute to the
+   rest becomes the marginal prior of the first keyframe that stays, fixed at its linearisation point; their own
+   conditionals are kept (:mod:`~trackfg.streaming.window.marginalised`), so that back-substitution reaches them later.
+
+In reading order:
+
+==================  ===================================================================================================
+module              content
+==================  ===================================================================================================
+``window``          the graph: ``Window``, ``Interval`` from one keyframe to the next, ``WindowStep``,
+                    ``MarginalisedKeyframes``
+``moving_window``   the window's life: not yet begun, running, lost and begun anew
+``starting_window`` the first window of a stream, solved as a batch
+``running_window``  filter steps, relinearisation passes, and what takes over where a step fails
+``next_interval``   prediction and factors of the next interval, by the batch smoother's functions
+``filter_step``     the Gauss-Newton step of two keyframes
+``fix_voting``      which of contradicting fixes are followed
+``rests``           standstills, while they last
+``marginalised``    keyframes that left the window and are still needed by the tables
+``sample_buffer``   the rows that are still needed
+``tach_buffer``     the newest rows of the tach, signed, and their resolution
+``growable_array``  arrays that grow at their end
+``stream_context``  what is constant along a stream
+==================  ===================================================================================================
+"""

@@ -1,9 +1,9 @@
-"""The step to the next keyframe in a window of two: an iterated filter's update, with the rows of one interval.
+"""The filter step: a Gauss-Newton step of the newest keyframe and the next one, as an iterated Kalman filter takes it.
 
-The newest keyframe has all that earlier rows say of it as one factor (:mod:`trackfg.factors.marginal_prior`), the next
-one is where the inertial sensor predicts it. What that sensor says is linearised, and compressed to a triangle, before
-the other rows of the interval come. Those are linearised where they put the next keyframe, since their robust weights
-depend on it, and count from the prediction like the others.
+The newest keyframe stands alone, with everything measured before it in its marginal prior. The next one starts at the
+inertial sensor's prediction. The inertial factors are linearised there and compressed to a triangle while the rows of
+other sensors are still on their way. Those are linearised where they themselves put the next keyframe, because their
+robust weights depend on it, and are then expressed relative to the prediction.
 """
 
 from __future__ import annotations
@@ -20,64 +20,68 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise
 from trackfg.solver.elimination import compressed, eliminate_pair, stacked_pair
 from trackfg.solver.square_root import SquareRoot
-from trackfg.streaming.window.next_interval import OTHER_ROWS, Ahead
-from trackfg.streaming.window.window import Gone, Interval, Window
+from trackfg.streaming.window.next_interval import OTHER_ROWS, Prediction
+from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window
 
 
-class Found(NamedTuple):
-    """The two keyframes after the step, the square root of their information, the newer one alone with all that is
-    known of it (``tip``), and what is known of the older one given that (``link``).
+class FilterResult(NamedTuple):
+    """The two keyframes after the step (``pair``) and the square root of their information; the newer one alone with
+    its marginal prior (``newest``); and the conditional of the older one on it.
     """
 
     pair: Window
     root: SquareRoot
-    tip: Window
-    link: Gone
+    newest: Window
+    older: MarginalisedKeyframes
 
 
 @dataclass(frozen=True)
-class Begun:
-    """The next interval as far as the inertial sensor tells it: the two keyframes (``pair``), and their linear factors,
-    compressed (``rows``).
+class PredictedPair:
+    """The newest keyframe and the predicted next one (``pair``), with the linear factors of the inertial sensor and the
+    marginal prior, compressed to a triangle (``rows``).
     """
 
-    ahead: Ahead
+    prediction: Prediction
     pair: Window
     rows: Array
 
     @classmethod
-    def of(cls, tip: Window, ahead: Ahead, noise: ImuNoise) -> Begun:
-        """From the newest keyframe alone."""
-        pair = tip.extended(ahead.interval)
+    def of(cls, newest: Window, prediction: Prediction, noise: ImuNoise) -> PredictedPair:
+        """Linearise the prediction from the newest keyframe, a window of one."""
+        pair = newest.extended(prediction.interval)
         pair = pair.with_families(walk_of(pair.t, pair.response, noise))
-        return cls(ahead, pair, compressed(stacked_pair(pair.linearized(left_out=OTHER_ROWS), len(pair.states.sensor))))
+        return cls(prediction, pair, compressed(stacked_pair(pair.linear_factors(without=OTHER_ROWS))))
 
-    def step(self, interval: Interval) -> Found:
-        """With the whole interval. Raises as :meth:`Window.moved` does."""
-        pair = self.pair.joined(interval.families[len(self.ahead.interval.families) :])
-        there = pair.states.take(slice(0, 1)).joined(interval.ahead)
-        shift = _between(self.ahead.interval, interval)
+    def update(self, interval: Interval) -> FilterResult:
+        """Take the step with the complete interval. Raises as :meth:`Window.gauss_newton_step` does."""
+        predicted = self.prediction.interval
+        pair = self.pair.with_factors(interval.families[len(predicted.families) :])
+        point = pair.states.take(slice(0, 1)).joined(interval.predicted)
+        shift = _step_between(predicted, interval)
         others = [
-            one.linearize(there).relative_to_step_start(shift)
-            for one in pair.families
-            if one.type in OTHER_ROWS and len(one)
+            family.linearize(point).relative_to_step_start(shift)
+            for family in pair.families
+            if family.type in OTHER_ROWS and len(family)
         ]
-        root, left = eliminate_pair(np.concatenate([self.rows, stacked_pair(others, len(there.sensor))]))
-        found = pair.by(root)
-        chained = (one for one in pair.families if one.is_chained)
-        rolls = (one.tail_of_chain(np.zeros(len(one), dtype=bool), found.states).shifted(-1) for one in chained)
-        known = (marginal_prior(left, pair.states.take(slice(1, 2))), *rolls)
-        tip = Window(pair.t[1:], found.states.take(slice(1, 2)), (), pair.response[1:], known)
-        return Found(found, root, tip, Gone.of(pair.t, root, pair.states, 1))
+        root, marginal = eliminate_pair(np.concatenate([self.rows, stacked_pair(others)]))
+        updated = pair.updated_by(root)
+        nothing = np.zeros(1, dtype=bool)
+        chains = (
+            family.tail_of_chain(nothing, updated.states).shifted(-1) for family in pair.families if family.is_chained
+        )
+        families = (marginal_prior(marginal, pair.states.take(slice(1, 2))), *chains)
+        newest = Window(pair.t[1:], updated.states.take(slice(1, 2)), (), pair.response[1:], families)
+        return FilterResult(updated, root, newest, MarginalisedKeyframes.first(pair.t, root, pair.states, 1))
 
 
-def _between(predicted: Interval, interval: Interval) -> Step:
-    """From where the next keyframe was predicted to be to where the other rows put it, along its own axes: the wheel
-    says nothing of attitudes. Of both keyframes.
+def _step_between(predicted: Interval, interval: Interval) -> Step:
+    """Return the step of both keyframes from the inertial prediction to where the other rows put the next keyframe.
+
+    Attitudes do not change: the wheel does not measure them.
     """
-    here, there = predicted.ahead.nav, interval.ahead.nav
-    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM + predicted.ahead.sensor.size))
-    step.of(Kind.NAV)[1, 3:6] = here.R[0].T @ (there.p - here.p)[0]
-    step.of(Kind.NAV)[1, 6:9] = here.R[0].T @ (there.v - here.v)[0]
-    step.of(Kind.ODO)[1] = (interval.ahead.odo.array - predicted.ahead.odo.array)[0]
+    start, end = predicted.predicted.nav, interval.predicted.nav
+    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM))
+    step.of(Kind.NAV)[1, 3:6] = start.R[0].T @ (end.p - start.p)[0]
+    step.of(Kind.NAV)[1, 6:9] = start.R[0].T @ (end.v - start.v)[0]
+    step.of(Kind.ODO)[1] = (interval.predicted.odo.array - predicted.predicted.odo.array)[0]
     return step

@@ -1,21 +1,19 @@
-"""Which place along the track is believed where fixes contradict each other.
+"""Fixes vote on where along the track the vehicle is, where they contradict each other.
 
-In a batch many right fixes outvote a wrong one. A window has few at a time, and what left it has told its place: who
-has believed a wrong fix would set all right ones aside. So the votes are kept. The innovation ``r = d - D`` of a fix at
-``d``, with the variance ``V = var(D) + sigma^2``, is a vote
+A window holds only a few fixes, and marginalised fixes can no longer be revised: after accepting one wrong fix, the
+robust loss would reject every correct one. So votes are counted per hypothesis of the vehicle's position. With the
+estimated distance D, the innovation of a fix at d is ``r = d - D`` with the variance ``V = var(D) + sigma^2``. The fix
 
-* for the place that is believed, where ``|r| <= GATE sqrt(V)``: it goes into the graph, with its robust loss;
-* for another place, ``r`` further on, where not. It is withheld: it moves nothing, but is remembered
-  (:func:`~trackfg.factors.odometry.withheld_fix`). Others near there are votes for the same place.
+* votes for the accepted hypothesis, where ``|r| <= GATE sqrt(V)``: it goes into the graph, with its robust loss;
+* or else for a rival hypothesis, ``r`` further along the track. It is withheld: a factor that moves nothing
+  (:func:`~trackfg.factors.odometry.withheld_fix`). Other fixes that agree with it vote for the same hypothesis.
 
-Votes for any place count up to ``MOST_VOTES``; one more for a place is one less for all others then. A place with more
-votes than the believed one takes over: all of the window moves there, and what the past said of the distance alone is
-let go, while all else that it knows stays. Up to then the distance is as sure as the vote is clear: a rival ``r`` away
-adds
+Votes for a hypothesis count up to ``MOST_VOTES``; a further one takes a vote from each rival instead. A rival with more
+votes than the accepted hypothesis replaces it: the window is shifted along the track, and its marginal prior loses what
+it knows of the distance alone. Until then, a rival at r adds, as in a mixture of both hypotheses, to the variance of
+the distance
 
-    P r^2,    P = 1/2 with as many votes as the believed place, 1/10 with one less, 0 with fewer
-
-to its variance, as in a mixture of both.
+    P r^2,    P = 1/2 with as many votes as the accepted hypothesis, 1/10 with one less, 0 with fewer.
 """
 
 from __future__ import annotations
@@ -35,151 +33,155 @@ from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.window import Interval, Window
 
 GATE = 5.0
+"""An innovation within so many of its sigmas agrees with the hypothesis."""
 MOST_VOTES = 3
+"""Votes that a hypothesis can hold: so many wrong fixes in a row are believed."""
 _PROBABILITIES = (0.5, 0.1)
-"""Of a rival, by the votes that it is behind."""
+"""The probability of a rival, by how many votes it has less than the accepted hypothesis."""
 _CREEP = 0.01
-"""By which share of an interval's distance the wheel may be wrong, besides its scale."""
+"""Wheel creep that the scale does not cover, as a share of an interval's distance."""
 _USED = 0.5
-"""The weight of a fix that a solution follows."""
+"""A fix with a larger robust weight is followed by the solution."""
 _FIXES = (FactorType.ABSOLUTE_FIX, FactorType.WITHHELD_FIX)
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A place ``further`` m on than the believed one, known to ``sd`` m from ``votes`` fixes."""
+    """A hypothesis ``further_m`` along the track from the accepted one, with the sigma ``sd_m`` and its ``votes``."""
 
-    further: float
-    sd: float
+    further_m: float
+    sd_m: float
     votes: int
 
 
 @dataclass
-class PlaceVotes:
-    """``votes`` for the believed place, and its ``rivals``. ``known`` (2, 2): covariance of the newest keyframe's
-    distance (m) and wheel scale. ``said``: events that nobody has asked for yet.
+class FixVotes:
+    """The ``votes`` for the accepted hypothesis, and its ``rivals``.
+
+    ``prior`` (2, 2): covariance of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position of the
+    newest fix; one that is read again at rest is no second vote. ``events``: those that have not been popped.
     """
 
     votes: int = 0
     rivals: tuple[Rival, ...] = ()
-    known: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    prior: Array = field(default_factory=lambda: np.zeros((2, 2)))
     newest_m: float | None = None
-    """Where the newest fix was: one that is read again, at rest, is no second vote."""
-    said: tuple[StreamEvent, ...] = ()
+    events: tuple[StreamEvent, ...] = ()
 
     @property
     def doubt_m(self) -> float:
-        """What the doubt adds to the distance's sigma, m."""
-        behind = ((rival.further, self.votes - rival.votes) for rival in self.rivals)
+        """The sigma that the rivals add to the distance, m."""
+        lags = ((rival.further_m, self.votes - rival.votes) for rival in self.rivals)
         return float(
-            np.sqrt(sum(_PROBABILITIES[less] * further**2 for further, less in behind if less < len(_PROBABILITIES)))
+            np.sqrt(sum(_PROBABILITIES[lag] * further**2 for further, lag in lags if lag < len(_PROBABILITIES)))
         )
 
-    def told(self) -> tuple[StreamEvent, ...]:
-        """The events since the last call."""
-        said, self.said = self.said, ()
-        return said
+    def pop_events(self) -> tuple[StreamEvent, ...]:
+        """Return the events since the last call."""
+        events, self.events = self.events, ()
+        return events
 
-    def learn(self, covariance: Covariance) -> None:
-        """How well the newest keyframe is known."""
+    def update_prior(self, covariance: Covariance) -> None:
+        """Take the prior from the covariance of the newest keyframe."""
         at = offset_in_keyframe(Kind.ODO)
-        self.known = covariance.marginal[-1, at : at + 2, at : at + 2].copy()
+        self.prior = covariance.marginal[-1, at : at + 2, at : at + 2].copy()
 
-    def begin(self, fixes: Family | None, states: States) -> None:
-        """With the fixes of a window that was solved as a batch, which knows what to believe."""
+    def count_first_window(self, fixes: Family | None, states: States) -> None:
+        """Count the fixes of a window that was solved as a batch, by whether its solution follows them."""
         if fixes is None or fixes.loss is None:
             return
         used = fixes.weights(states) >= _USED
         for _ in range(np.count_nonzero(used)):
-            self._agreed()
+            self._count_agreement()
         for further, sigma in zip(-fixes.residual(states)[~used, 0], fixes.sigma[~used, 0], strict=True):
-            like = self._like(float(further), float(sigma))
-            votes = 1 if like is None else like.votes + 1
-            self._replace(like, Rival(float(further), float(sigma), min(votes, self.votes)))
+            rival = self._nearest_rival(float(further), float(sigma))
+            votes = 1 if rival is None else rival.votes + 1
+            self._replace(rival, Rival(float(further), float(sigma), min(votes, self.votes)))
 
-    def judged(self, new: Interval, here: States) -> tuple[Interval, float]:
-        """The interval after ``here``, its fixes that contradict withheld; and by how much the believed place changes
-        by them, m, which the interval is not moved by yet.
+    def vote_on_fixes(self, interval: Interval, newest: States) -> tuple[Interval, float]:
+        """Count the fixes of the interval after the ``newest`` keyframe; return it with contradicting fixes withheld.
+
+        The second value is by how much the accepted position shifts, m; the interval is not shifted by it.
         """
-        fixes = family_of(new.families, FactorType.ABSOLUTE_FIX)
+        fixes = family_of(interval.families, FactorType.ABSOLUTE_FIX)
         if fixes is None or fixes.loss is None:
-            return new, 0.0
-        moved, withheld = 0.0, np.zeros(len(fixes), dtype=bool)
-        ends = (float(here.odo.distance[-1]), float(new.ahead.odo.distance[0]))
-        gone = ends[1] - ends[0]
-        for i, at in enumerate(fixes.slots[0].index.tolist()):
-            along = np.array([1.0, gone if at else 0.0])
-            variance = float(along @ self.known @ along) + (_CREEP * along[1]) ** 2
-            place, sigma = float(fixes.data["distance"][i, 0]), float(fixes.sigma[i, 0])
-            further, sd = place - ends[at] - moved, float(np.hypot(sigma, np.sqrt(variance)))
-            again = self.newest_m is not None and abs(place - self.newest_m) <= sigma
-            self.newest_m = place
-            if abs(further) <= GATE * sd:
-                if not again:
-                    self._agreed()
+            return interval, 0.0
+        shift_m, withheld = 0.0, np.zeros(len(fixes), dtype=bool)
+        ends = (float(newest.odo.distance[-1]), float(interval.predicted.odo.distance[0]))
+        for i, keyframe in enumerate(fixes.slots[0].index.tolist()):
+            along = np.array([1.0, ends[1] - ends[0] if keyframe else 0.0])
+            variance = float(along @ self.prior @ along) + (_CREEP * along[1]) ** 2
+            position, sigma = float(fixes.data["distance"][i, 0]), float(fixes.sigma[i, 0])
+            innovation, sd = position - ends[keyframe] - shift_m, float(np.hypot(sigma, np.sqrt(variance)))
+            repeated = self.newest_m is not None and abs(position - self.newest_m) <= sigma
+            self.newest_m = position
+            if abs(innovation) <= GATE * sd:
+                if not repeated:
+                    self._count_agreement()
                 continue
-            step = 0.0 if again else self._contradicted(further, sigma, sd)
-            moved += step
+            step = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd)
+            shift_m += step
             withheld[i] = not step
             if step:
                 detail = f"{self.votes} fixes agree on a place {step:+.1f} m on"
-                self.said += (StreamEvent("place-changed", "fixes", new.t, new.t, 0, detail),)
+                self.events += (StreamEvent("place-changed", "fixes", interval.t, interval.t, 0, detail),)
         if not withheld.any():
-            return new, moved
-        others = tuple(family for family in new.families if family is not fixes)
-        own = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
-        return new._replace(families=(*others, *(family for family in own if len(family)))), moved
+            return interval, shift_m
+        others = tuple(family for family in interval.families if family is not fixes)
+        parted = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
+        return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
 
-    def _agreed(self) -> None:
+    def _count_agreement(self) -> None:
         if self.votes < MOST_VOTES:
             self.votes += 1
         else:
-            self.rivals = _fewer(self.rivals)
+            self.rivals = _with_vote_less(self.rivals)
 
-    def _contradicted(self, further: float, sigma: float, sd: float) -> float:
-        """By how much the believed place changes by a fix of another one: mostly 0."""
-        like = self._like(further, sd)
-        votes = 1 if like is None else like.votes + 1
+    def _count_contradiction(self, innovation: float, sigma: float, sd: float) -> float:
+        """Return by how much the accepted position shifts, m: 0 unless the fix makes a rival the accepted one."""
+        rival = self._nearest_rival(innovation, sd)
+        votes = 1 if rival is None else rival.votes + 1
         if votes <= self.votes:
-            self._replace(like, Rival(further, sigma, votes))
+            self._replace(rival, Rival(innovation, sigma, votes))
             return 0.0
-        self._replace(like, Rival(0.0, sigma, self.votes))
-        self.rivals = tuple(replace(rival, further=rival.further - further) for rival in self.rivals)
+        self._replace(rival, Rival(0.0, sigma, self.votes))
+        self.rivals = tuple(replace(other, further_m=other.further_m - innovation) for other in self.rivals)
         self.votes = votes
         if votes > MOST_VOTES:
-            self.votes, self.rivals = MOST_VOTES, _fewer(self.rivals)
-        return further
+            self.votes, self.rivals = MOST_VOTES, _with_vote_less(self.rivals)
+        return innovation
 
-    def _like(self, further: float, sd: float) -> Rival | None:
-        """The rival that a place known to ``sd`` m may be."""
-        near = [rival for rival in self.rivals if abs(rival.further - further) <= GATE * np.hypot(sd, rival.sd)]
-        return min(near, key=lambda rival: abs(rival.further - further), default=None)
+    def _nearest_rival(self, further_m: float, sd_m: float) -> Rival | None:
+        """Return the rival that a position known to ``sd_m`` may be."""
+        near = [rival for rival in self.rivals if abs(rival.further_m - further_m) <= GATE * np.hypot(sd_m, rival.sd_m)]
+        return min(near, key=lambda rival: abs(rival.further_m - further_m), default=None)
 
     def _replace(self, old: Rival | None, new: Rival) -> None:
-        """With a ``new`` rival in the place of an ``old`` one, if it has votes."""
+        """Put a new rival in the place of an old one, if it has votes."""
         self.rivals = (*(rival for rival in self.rivals if rival is not old), *((new,) if new.votes else ()))
 
 
-def _fewer(rivals: tuple[Rival, ...]) -> tuple[Rival, ...]:
+def _with_vote_less(rivals: tuple[Rival, ...]) -> tuple[Rival, ...]:
     return tuple(replace(rival, votes=rival.votes - 1) for rival in rivals if rival.votes > 1)
 
 
-def moved_states(states: States, by_m: float) -> States:
-    """Further along the track."""
+def shift_states(states: States, by_m: float) -> States:
+    """Return states ``by_m`` further along the track."""
     return replace(states, odo=states.odo.moved_along(by_m))
 
 
-def moved_interval(interval: Interval, by_m: float) -> Interval:
-    """The same, elsewhere."""
-    return interval._replace(ahead=moved_states(interval.ahead, by_m))
+def shift_interval(interval: Interval, by_m: float) -> Interval:
+    """Return the interval ``by_m`` further along the track."""
+    return interval._replace(predicted=shift_states(interval.predicted, by_m))
 
 
-def moved_window(window: Window, by_m: float) -> Window:
-    """The same, ``by_m`` further along the track, to about ``by_m``: what was believed of the place is let go, and of
-    the window's fixes those are followed that agree.
+def shift_window(window: Window, by_m: float) -> Window:
+    """Return the window ``by_m`` further along the track, known to about ``by_m``.
+
+    Its priors lose what they know of the distance; of its fixes those are followed that agree with the new position.
     """
-    states = moved_states(window.states, by_m)
-    families = [_moved(family, by_m) for family in window.families if family.type not in _FIXES]
+    states = shift_states(window.states, by_m)
+    families = [_shift_prior(family, by_m) for family in window.families if family.type not in _FIXES]
     fixes = [family for family in window.families if family.type in _FIXES]
     followed, withheld = [], []
     for family in fixes:
@@ -192,7 +194,7 @@ def moved_window(window: Window, by_m: float) -> Window:
     return replace(window, states=states, families=tuple(families))
 
 
-def _moved(family: Family, by_m: float) -> Family:
+def _shift_prior(family: Family, by_m: float) -> Family:
     if family.type is FactorType.MARGINAL_PRIOR:
         return with_distance_shifted(family, by_m, abs(by_m))
     if family.type is FactorType.PRIOR_ODO:

@@ -1,6 +1,6 @@
-"""Arrays that grow at their ends: with room to spare, so that they are copied now and then and not with every batch.
+"""Arrays that grow at their end, with spare capacity, so that they are copied now and then and not with every batch.
 
-What they were before stays as it was: whoever holds it may go on using it.
+An array that was read before an append stays as it was.
 """
 
 from __future__ import annotations
@@ -10,20 +10,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.streaming.checkpoint.snapshot import MADE_AGAIN
+from trackfg.streaming.checkpoint.snapshot import DERIVED
 
 _LEAST = 64
+"""The smallest capacity, rows."""
 
 
 @dataclass
-class Growing:
-    """``rows`` (n, ...), the first of an array with ``room`` for more, once some have been put after them."""
+class GrowableArray:
+    """The first ``rows`` (n, ...) of an array with ``room`` for more, which is made by the first append."""
 
     rows: np.ndarray
-    room: np.ndarray | None = field(default=None, metadata=MADE_AGAIN)
+    room: np.ndarray | None = field(default=None, metadata=DERIVED)
 
     def append(self, rows: np.ndarray) -> None:
-        """Put rows after them."""
+        """Append rows."""
         begin, end = len(self.rows), len(self.rows) + len(rows)
         if self.room is None or end > len(self.room):
             self.room = np.empty((max(2 * end, _LEAST), *self.rows.shape[1:]), self.rows.dtype)
@@ -33,26 +34,26 @@ class Growing:
 
 
 @dataclass
-class GrowingIntervals:
-    """The arrays of :class:`~trackfg.sensors.imu_intervals.Intervals`."""
+class GrowableIntervals:
+    """Inertial intervals whose arrays grow; fields as in :class:`~trackfg.sensors.imu_intervals.Intervals`."""
 
-    edges: Growing
-    gyro: Growing
-    accel: Growing
-    bridged: Growing
+    edges: GrowableArray
+    gyro: GrowableArray
+    accel: GrowableArray
+    bridged: GrowableArray
 
     @classmethod
-    def of(cls, data: Intervals) -> GrowingIntervals:
-        """Of intervals that are there."""
-        return cls(*(Growing(part) for part in (data.edges, data.gyro, data.accel, data.bridged)))
+    def of(cls, data: Intervals) -> GrowableIntervals:
+        """Return growable arrays that hold these intervals."""
+        return cls(*(GrowableArray(part) for part in (data.edges, data.gyro, data.accel, data.bridged)))
 
     @property
     def intervals(self) -> Intervals:
-        """All of them."""
+        """All intervals so far."""
         return Intervals(self.edges.rows, self.gyro.rows, self.accel.rows, self.bridged.rows)
 
     def append(self, later: Intervals) -> None:
-        """Put intervals after them, which begin where these end."""
+        """Append intervals that begin where these end."""
         self.edges.append(later.edges[1:])
         self.gyro.append(later.gyro)
         self.accel.append(later.accel)

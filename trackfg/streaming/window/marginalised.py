@@ -1,9 +1,8 @@
-"""Keyframes that left the window and are still needed, estimated from all that came since.
+"""Keyframes that left the window and are still needed: smoothed states long after they were marginalised.
 
-A keyframe that leaves has a conditional on the next one and on the shared variables, ``R x_k + S (x_k+1, s) = d``. What
-the window learns about these goes back along the conditionals to the keyframes before, without any of the factors:
-:meth:`~trackfg.streaming.window.window.Gone.before`. (Bierman, "Factorization methods for discrete sequential
-estimation", 1977.)
+A marginalised keyframe keeps its conditional on the next one and on the shared variables, ``R x_k + S (x_k+1, s) = d``.
+Back-substitution along these carries what the window learns to older keyframes, without any of their factors
+(Bierman, "Factorization methods for discrete sequential estimation", 1977).
 """
 
 from __future__ import annotations
@@ -22,77 +21,79 @@ from trackfg.numerics.spans import true_runs
 from trackfg.output.events import TOLD
 from trackfg.solver.elimination import Conditionals
 from trackfg.solver.square_root import SquareRoot
-from trackfg.streaming.window.window import Gone, Window
+from trackfg.streaming.window.window import MarginalisedKeyframes, Window
 
-_STOOD_M = 0.01
-"""A vehicle that moves less from one keyframe to the next stands."""
+_AT_REST_M = 0.01
+"""A vehicle that moves less from one keyframe to the next is at rest, m."""
 
 
 @dataclass
-class History:
-    """Some keyframes in a row, each with what :class:`~trackfg.streaming.window.window.Gone` holds of it, and together
-    those of their ``families`` that events are told by; keyframe 0 is the first of them.
+class MarginalisedHistory:
+    """Consecutive keyframes that left the window, one by one in ``parts``, and the ``families`` that events are made
+    from; keyframe 0 is the oldest part.
     """
 
-    parts: list[Gone] = field(default_factory=list)
+    parts: list[MarginalisedKeyframes] = field(default_factory=list)
     families: tuple[Family, ...] = ()
 
     @property
     def t(self) -> Array:
-        """Their times, s, shape (h,)."""
+        """Times of the keyframes, s, shape (h,)."""
         return np.concatenate([np.zeros(0), *(part.t for part in self.parts)])
 
-    def append(self, gone: Gone) -> None:
-        """The next ones that left, one by one."""
-        self.families = self.with_families(gone.families)
-        for k in range(len(gone.t)):
-            one = Conditionals(*(part[k : k + 1].copy() for part in gone.conditionals))
-            self.parts.append(Gone(gone.t[k : k + 1], one, gone.origin.take(slice(k, k + 2))))
+    def append(self, keyframes: MarginalisedKeyframes) -> None:
+        """Append the next keyframes that left."""
+        self.families = self.with_later_families(keyframes.families)
+        for k in range(len(keyframes.t)):
+            conditional = Conditionals(*(part[k : k + 1].copy() for part in keyframes.conditionals))
+            point = keyframes.linearisation_point.take(slice(k, k + 2))
+            self.parts.append(MarginalisedKeyframes(keyframes.t[k : k + 1], conditional, point))
 
     def forget(self, before: float, *, at_most: int | None = None) -> None:
-        """Those whose next keyframe is not later than ``before``, s; and the oldest that are more than ``at_most``."""
+        """Drop keyframes whose next one is not later than ``before``, s; and the oldest beyond ``at_most``."""
         count = 0 if at_most is None else max(len(self.parts) - at_most, 0)
         while len(self.parts) > count + 1 and self.parts[count + 1].t[0] <= before:
             count += 1
         self.parts = self.parts[count:]
         self.families = tuple(family.take(family.first_keyframe >= count).shifted(-count) for family in self.families)
 
-    def stood(self, before: float) -> Array:
-        """Merge the keyframes of each rest that ended ``before`` then (s), or goes on, into one at its begin: a vehicle
-        may stand for hours. The rests, s, shape (r, 2).
+    def collapse_rests(self, before: float) -> Array:
+        """Merge the keyframes of each rest up to ``before`` (s) into one at its begin: a vehicle may stand for hours.
+
+        Returns the rests, s, shape (r, 2).
         """
-        t, moved = self.t, np.array([np.diff(part.origin.odo.distance)[0] for part in self.parts])
-        still = (np.abs(moved[:-1]) < _STOOD_M) & (t[1:] < before)
-        rests = [(i, j) for i, j in true_runs(still) if j - i > 1]
+        t, moved = self.t, np.array([np.diff(part.linearisation_point.odo.distance)[0] for part in self.parts])
+        at_rest = (np.abs(moved[:-1]) < _AT_REST_M) & (t[1:] < before)
+        rests = [(i, j) for i, j in true_runs(at_rest) if j - i > 1]
         for i, j in reversed(rests):
-            self.parts[i:j] = [reduce(_merged, self.parts[i:j])]
+            self.parts[i:j] = [reduce(_merge, self.parts[i:j])]
             earlier = (family.take(family.first_keyframe <= i) for family in self.families)
             later = (family.take(family.first_keyframe >= j).shifted(i + 1 - j) for family in self.families)
             self.families = tuple(a.joined(b) for a, b in zip(earlier, later, strict=True))
         return np.array([(t[i], t[j]) for i, j in rests]).reshape(-1, 2)
 
-    def with_families(self, later: Iterable[Family]) -> tuple[Family, ...]:
-        """Those of these keyframes, and the same ones of keyframes that follow, in a row."""
-        known = {family.type: family for family in self.families}
+    def with_later_families(self, later: Iterable[Family]) -> tuple[Family, ...]:
+        """Return the families of these keyframes joined with those of the keyframes that follow."""
+        by_type = {family.type: family for family in self.families}
         for family in later:
             if family.type in TOLD:
-                own = family.shifted(len(self.parts))
-                known[family.type] = known[family.type].joined(own) if family.type in known else own
-        return tuple(known.values())
+                shifted = family.shifted(len(self.parts))
+                by_type[family.type] = by_type[family.type].joined(shifted) if family.type in by_type else shifted
+        return tuple(by_type.values())
 
-    def with_window(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:
-        """Times, states and square root of the information of these keyframes and of the window's, in a row."""
+    def joined_with(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:
+        """Return times, states and square root of the information of these keyframes and of the window's, in a row."""
         states, end = [window.states], len(self.parts)
         while end:
             begin = end - 1
-            while begin and _goes_on(self.parts[begin - 1], self.parts[begin]):
+            while begin and _left_together(self.parts[begin - 1], self.parts[begin]):
                 begin -= 1
-            states.append(_together(self.parts[begin:end]).before(states[-1]))
+            states.append(_joined(self.parts[begin:end]).back_substitute(states[-1]))
             end = begin
         oldest, *later = reversed(states)
         R, S, d = (
-            np.concatenate([*(part.conditionals[i] for part in self.parts), own])
-            for i, own in enumerate((root.R, root.S, root.d))
+            np.concatenate([*(part.conditionals[i] for part in self.parts), newest])
+            for i, newest in enumerate((root.R, root.S, root.d))
         )
         ahead = np.zeros(len(R), dtype=np.int64)
         return (
@@ -102,13 +103,14 @@ class History:
         )
 
 
-def _merged(first: Gone, second: Gone) -> Gone:
-    """One keyframe's conditional on the one after the next: that between is eliminated.
+def _merge(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> MarginalisedKeyframes:
+    """Return the first keyframe's conditional on the one after the second, which is eliminated.
 
-    The rows ``R x + S (x', s) = d`` of both, with x' and s of the first from where those of the second are linearised.
+    The rows ``R x + S (x', s) = d`` of both are stacked with x' and s at the linearisation point of the second.
     """
     (R, S, d), (R_next, S_next, d_next) = ([part[0] for part in one.conditionals] for one in (first, second))
-    J, c = change_of_linearisation_point(first.origin.take(slice(1, 2)), second.origin.take(slice(0, 1)))
+    point, next_point = first.linearisation_point, second.linearisation_point
+    J, c = change_of_linearisation_point(point.take(slice(1, 2)), next_point.take(slice(0, 1)))
     d = d - S @ np.concatenate([c.keyframes[0], c.shared])
     S = S @ J
     n = KEYFRAME_DIM
@@ -118,23 +120,21 @@ def _merged(first: Gone, second: Gone) -> Gone:
     left = np.asarray(np.linalg.qr(rows, mode="r"))[n:, n:]
     left *= np.sign(np.diagonal(left))[:, None]
     merged = Conditionals(left[None, :, :n], left[None, :, n:-1], left[None, :, -1])
-    return Gone(first.t, merged, first.origin.take(slice(0, 1)).joined(second.origin.take(slice(1, 2))), ())
+    return MarginalisedKeyframes(first.t, merged, point.take(slice(0, 1)).joined(next_point.take(slice(1, 2))))
 
 
-def _goes_on(first: Gone, second: Gone) -> bool:
-    """Whether the second was linearised where the first took it to be: both left the window together."""
-    here, there = first.origin.take(slice(1, 2)), second.origin
-    return np.array_equal(here.nav.p, there.nav.p[:1]) and np.array_equal(here.imu, there.imu)
+def _left_together(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> bool:
+    """Return whether the second was linearised where the first had it: both were marginalised in one pass."""
+    point, next_point = first.linearisation_point.take(slice(1, 2)), second.linearisation_point
+    return np.array_equal(point.nav.p, next_point.nav.p[:1]) and np.array_equal(point.imu, next_point.imu)
 
 
-def _together(parts: list[Gone]) -> Gone:
-    """Keyframes that left together, without their factors."""
-    conditionals = Conditionals(
-        *(np.concatenate(own) for own in zip(*(part.conditionals for part in parts), strict=True))
-    )
-    oldest, *others = (part.origin.take(slice(0, 1)) for part in parts)
-    return Gone(
+def _joined(parts: list[MarginalisedKeyframes]) -> MarginalisedKeyframes:
+    """Return keyframes that were marginalised in one pass, without their factors."""
+    conditionals = zip(*(part.conditionals for part in parts), strict=True)
+    oldest, *later = (part.linearisation_point.take(slice(0, 1)) for part in parts)
+    return MarginalisedKeyframes(
         np.concatenate([part.t for part in parts]),
-        conditionals,
-        oldest.joined(*others, parts[-1].origin.take(slice(1, 2))),
+        Conditionals(*(np.concatenate(same) for same in conditionals)),
+        oldest.joined(*later, parts[-1].linearisation_point.take(slice(1, 2))),
     )

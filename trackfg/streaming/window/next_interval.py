@@ -1,8 +1,8 @@
-"""The next interval of a stream: where its keyframe is, and its factors, by the functions that the batch smoother uses.
+"""The next interval of a stream: the predicted state at its end, and its factors, by the batch smoother's functions.
 
-The motion over the interval is predicted by the inertial sensor from the newest keyframe: the wheel may slip. Rows a
-little after the keyframe are needed for its own rates: the wheel's more than the inertial sensor's, so that most of the
-interval is ready when the last of them come.
+The inertial sensor predicts the motion, because the wheel may slip. Rates at the keyframe need rows from a little after
+it, of the wheel from later than of the inertial sensor: so the inertial part (:func:`predict_interval`) is prepared
+while the other rows (:func:`with_other_rows`) are on their way.
 """
 
 from __future__ import annotations
@@ -31,137 +31,136 @@ from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.rows import NO_SAMPLES
-from trackfg.streaming.window.stream_context import Setting
+from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.window import Interval, Window
 
 _NO_RESTS = np.zeros((0, 2))
 OFF_S = 60.0
-"""A device that was off was so for about as long."""
-_BELIEVED_SIGMAS = 4.0
-_OF_THE_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
-"""Families that may touch the older keyframe alone, and are new all the same."""
-OTHER_ROWS = (
-    FactorType.TACH_DISTANCE,
-    FactorType.TACH_READING,
-    *_OF_THE_INTERVAL,
-    FactorType.WITHHELD_FIX,
-    FactorType.TACH_INCREMENT,
-    FactorType.SPEED_DISTANCE,
-)
+"""How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not tell."""
+_ROLLING_SIGMAS = 4.0
+"""A wheel within so many sigmas of the predicted distance rolls without slip."""
+_WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
+"""Families whose factors may touch the older keyframe alone and are new all the same."""
+OTHER_ROWS = (FactorType.TACH_DISTANCE, FactorType.TACH_READING, *_WITHIN_INTERVAL, FactorType.WITHHELD_FIX)
 """Families of other rows than the inertial sensor's."""
 
 
-class Ahead(NamedTuple):
-    """What the inertial sensor says of the next interval: all of it but what other rows add (:func:`completed`)."""
+class Prediction(NamedTuple):
+    """The next interval by the inertial sensor alone; :func:`with_other_rows` adds the rest."""
 
     inputs: GraphInputs
     interval: Interval
 
 
-def ahead(setting: Setting, window: Window, data: Intervals, edges: np.ndarray, *, broken: bool = False) -> Ahead:
-    """From the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which goes a little on.
+def predict_interval(
+    context: StreamContext, window: Window, data: Intervals, edges: np.ndarray, *, broken: bool = False
+) -> Prediction:
+    """Predict from the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which go a bit on.
 
     ``broken``: the sensor was off for an unknown time that is not on the clock.
     """
     k = len(window) - 1
-    here = window.states.take(slice(k, k + 1))
+    newest = window.states.take(slice(k, k + 1))
     t = data.edges[edges]
-    standing = _path(data.edges[[0, -1]], here, np.zeros(2))
-    nothing = Recording(setting.description, NO_SAMPLES)
+    standing = _path(data.edges[[0, -1]], newest, np.zeros(2))
+    nothing = Recording(context.description, NO_SAMPLES)
     inputs = GraphInputs(
-        nothing, setting.config, setting.world, data, None, _NO_RESTS, standing, None, edges, t, setting.clock_origin
+        nothing, context.config, context.world, data, None, _NO_RESTS, standing, None, edges, t, context.clock_origin
     )
     response = inputs.response[0]
-    here = replace(here, bias=here.bias + response @ here.imu[0])
-    measured = preintegrated(inputs, here.joined(here), speedless=False)[0]
-    nav = measured.predicted(here.nav, here.bias[0])
-    distance = _distance(here.nav, nav, setting.lever_arm)
-    inputs = _with_motion(inputs, here, nav, distance)
-    odo = Odo.of(here.odo.distance + distance, here.odo.scale, here.odo.count + distance, np.array([distance]))
-    there = replace(here, nav=nav, bias=window.states.bias[k:], odo=odo)
-    families = _new([*path_length_factors(inputs), *along_track(inputs)])
+    newest = replace(newest, bias=newest.bias + response @ newest.imu[0])
+    measured = preintegrated(inputs, newest.joined(newest), speedless=False)[0]
+    nav = measured.predicted(newest.nav, newest.bias[0])
+    distance = _distance(newest.nav, nav, context.lever_arm)
+    inputs = _with_motion(inputs, newest, nav, distance)
+    odo = Odo.of(newest.odo.distance + distance, newest.odo.scale, newest.odo.count + distance, np.array([distance]))
+    predicted = replace(newest, nav=nav, bias=window.states.bias[k:], odo=odo)
+    families = _new_factors([*path_length_factors(inputs), *along_track(inputs)])
     if broken:
-        measured, families = _across_break(inputs, here, measured, families)
-    return Ahead(inputs, Interval(float(t[1]), here.bias[0], there, measured, response, families))
+        measured, families = _across_break(inputs, newest, measured, families)
+    return Prediction(inputs, Interval(float(t[1]), newest.bias[0], predicted, measured, response, families))
 
 
-def completed(begun: Ahead, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
-    """With what the other rows say; ``wheel`` covers the interval and a little more. ``speed_sd``, m/s, is that of the
-    newest keyframe.
+def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
+    """Return the interval with the factors of the other rows; ``wheel`` covers the interval and a little more.
 
-    A wheel that rolled as far as the vehicle may have moved is believed: the next keyframe is where it says. Else it
-    would be doubted where the inertial sensor is, for as long as that drifts on without it.
+    Where the wheel's distance agrees with the prediction, ``speed_sd`` (m/s) being that of the newest keyframe, the
+    next keyframe is moved to it: at the prediction itself, the robust loss would take the inertial drift for a slip.
     """
-    inputs, interval = begun.inputs.with_rows(recording, wheel), begun.interval
-    there = interval.ahead
+    inputs, interval = prediction.inputs.with_rows(recording, wheel), prediction.interval
+    predicted = interval.predicted
     if wheel is not None:
         counted, span = np.diff(wheel.at(inputs.t)), float(inputs.t[1] - inputs.t[0])
-        more = float((counted - there.odo.step)[0])
-        further = float(tach_excess(there.odo.scale, counted, there.odo.step)[0])
+        more = float((counted - predicted.odo.step)[0])
+        further = float(tach_excess(predicted.odo.scale, counted, predicted.odo.step)[0])
         moved_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
         distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
-        if abs(further) < _BELIEVED_SIGMAS * distance_sd:
-            nav, forward = there.nav, there.nav.R[:, :, 0]
-            there = replace(there, nav=Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward))
+        if abs(further) < _ROLLING_SIGMAS * distance_sd:
+            nav, forward = predicted.nav, predicted.nav.R[:, :, 0]
+            nav = Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward)
+            predicted = replace(predicted, nav=nav)
         else:
             further = 0.0
-        there = replace(there, odo=Odo(there.odo.array + np.array([further, 0.0, more, further])))
-    families = (*interval.families, *_new([*tach_factors(inputs), *positions(inputs), *further_distances(inputs)]))
-    return interval._replace(ahead=there, families=families)
+        by_wheel = np.array([further, 0.0, more, further])
+        predicted = replace(predicted, odo=Odo(predicted.odo.array + by_wheel))
+    families = (*interval.families, *_new_factors([*tach_factors(inputs), *positions(inputs)]))
+    return interval._replace(predicted=predicted, families=families)
 
 
 def _across_break(
-    inputs: GraphInputs, here: States, measured: Preintegration, families: tuple[Family, ...]
+    inputs: GraphInputs, newest: States, measured: Preintegration, families: tuple[Family, ...]
 ) -> tuple[Preintegration, tuple[Family, ...]]:
-    """No more than a hole of :data:`OFF_S` would leave: the vehicle went on for as long, or turned, or stood."""
+    """Return measurement and factors with the noise of a hole of :data:`OFF_S`: the vehicle may have gone on."""
     config, lasting = inputs.config.imu, float(inputs.t[1] - inputs.t[0])
-    gone = float(np.hypot(np.linalg.norm(here.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0)))
+    moved_sd = float(
+        np.hypot(np.linalg.norm(newest.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0))
+    )
     longer = np.sqrt(OFF_S / lasting)
     noise = PreintegrationNoise(
-        config.bridge_gyro_white * longer, config.bridge_accel_white * longer, gone / float(np.sqrt(lasting))
+        config.bridge_gyro_white * longer, config.bridge_accel_white * longer, moved_sd / float(np.sqrt(lasting))
     )
     loose = changed(
         (family for family in families if family.type is not FactorType.PATH),
         FactorType.ARC_LENGTH,
-        lambda family: replace(family, sigma=np.full_like(family.sigma, gone)),
+        lambda family: replace(family, sigma=np.full_like(family.sigma, moved_sd)),
     )
     return replace(measured, noise=noise), loose
 
 
-def _new(families: list[Family]) -> tuple[Family, ...]:
-    """Without what the interval before has said already: factors of the older keyframe alone."""
-    new = (family if family.type in _OF_THE_INTERVAL else _of_the_later(family) for family in families)
+def _new_factors(families: list[Family]) -> tuple[Family, ...]:
+    """Return the factors that the interval before did not have: those of the older keyframe alone are known."""
+    new = (family if family.type in _WITHIN_INTERVAL else _on_later_keyframe(family) for family in families)
     return tuple(family for family in new if len(family))
 
 
-def _of_the_later(family: Family) -> Family:
-    own = family.last_keyframe == 1
-    return family if own.all() else family.take(own)
+def _on_later_keyframe(family: Family) -> Family:
+    mask = family.last_keyframe == 1
+    return family if mask.all() else family.take(mask)
 
 
-def _distance(here: Nav, ahead: Nav, lever_arm: Array) -> float:
-    """Along the track, backwards negative."""
-    chord = (ahead.p - ahead.R @ lever_arm) - (here.p - here.R @ lever_arm)
-    forward = 0.5 * (here.R[0, :, 0] + ahead.R[0, :, 0])
+def _distance(newest: Nav, predicted: Nav, lever_arm: Array) -> float:
+    """Return the distance along the track, m, backwards negative."""
+    chord = (predicted.p - predicted.R @ lever_arm) - (newest.p - newest.R @ lever_arm)
+    forward = 0.5 * (newest.R[0, :, 0] + predicted.R[0, :, 0])
     return float(np.copysign(np.linalg.norm(chord), chord[0] @ forward))
 
 
-def _path(t: Array, here: States, speed: Array) -> InitialPath:
-    """A first guess of the motion about the interval, as factors need it: attitude and bias as they are."""
+def _path(t: Array, newest: States, speed: Array) -> InitialPath:
+    """Return a first guess of the motion about the interval, as factors need it: attitude and bias are constant."""
     n = len(t)
-    rpy = np.repeat(rpy_from_matrix(here.nav.R), n, axis=0)
+    rpy = np.repeat(rpy_from_matrix(newest.nav.R), n, axis=0)
     p = np.zeros((n, 3))
     p[1:, 0] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))
-    return InitialPath(t, rpy, p, np.zeros((n, 3)), speed, np.repeat(here.bias[:, 3:], n, axis=0))
+    return InitialPath(t, rpy, p, np.zeros((n, 3)), speed, np.repeat(newest.bias[:, 3:], n, axis=0))
 
 
-def _with_motion(inputs: GraphInputs, here: States, ahead: Nav, distance: float) -> GraphInputs:
-    """With speeds that change evenly over the interval and cover its distance."""
+def _with_motion(inputs: GraphInputs, newest: States, predicted: Nav, distance: float) -> GraphInputs:
+    """Return the inputs with a speed that changes evenly over the interval and covers its distance."""
     edges, (begin, end) = inputs.data.edges, inputs.t
-    slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (here.nav, ahead))
+    slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (newest.nav, predicted))
     speed = slow + (fast - slow) * (edges - begin) / (end - begin)
     speed += distance / (end - begin) - 0.5 * (slow + fast)
-    path = _path(edges, here, speed)
+    path = _path(edges, newest, speed)
     travelled = Wheel(edges, path.p[:, 0], 1e-4, 0.0, False, _NO_RESTS)
     rolling = Rolling(edges, speed, np.ones(len(edges) - 1, dtype=bool), travelled)
     return inputs.with_motion(path, rolling)

@@ -1,7 +1,7 @@
-"""The rows of a stream that are still needed, and the recording that a stretch of them makes.
+"""The sample buffer holds the rows of a stream that are still needed, and makes recordings of stretches of them.
 
 Inertial samples become intervals edge to edge as they come (:mod:`trackfg.sensors.imu_intervals`); the newest one waits
-until the next tells where its own interval ends. How rows were grouped on their way makes no difference.
+until the next sample bounds its interval. How rows were grouped on their way makes no difference.
 """
 
 from __future__ import annotations
@@ -20,46 +20,56 @@ from trackfg.recording.model import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Re
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
 from trackfg.streaming.rows import NO_SAMPLES, Rows, canonical_columns, no_rows
-from trackfg.streaming.window.growable_array import Growing, GrowingIntervals
+from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
 
 _FIRST_SAMPLES = 10
-"""As many tell the sampling interval."""
+"""The sampling interval is the median over so many samples."""
 _POSITIONS = ("fixes", "gnss")
 _OTHERS_AFTER_S = 0.3
 """Rows of further sensors so much later than an interval (s) are at hand when it is completed."""
 _AT_REST_S = 0.5
-"""Of a long rest, what lasers show at its begin and at its end."""
+"""How much of the lasers' rows is kept at either end of a long rest, s."""
 
 
 @dataclass
-class Tape:
-    """``dt`` is the sampling interval, s; None until enough samples are there."""
+class SampleBuffer:
+    """All rows that are still needed. ``dt`` is the sampling interval, s; None until enough samples are there."""
 
     description: RecordingDescription
     gnss_origin: Array | None = None
     dt: float | None = None
-    laid: GrowingIntervals | None = None
+    laid: GrowableIntervals | None = None
     waiting: Array = field(default_factory=lambda: no_rows("imu"))
-    """Samples not laid out yet, as rows of the recording's columns."""
-    samples: Growing = field(default_factory=lambda: Growing(no_rows("imu")))
-    """Those laid out."""
+    """Samples that are not intervals yet, as rows of the recording's columns."""
+    samples: GrowableArray = field(default_factory=lambda: GrowableArray(no_rows("imu")))
+    """Samples that are intervals."""
     tach: Array = field(default_factory=lambda: no_rows("tach"))
     positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
-    """By table: fixes and GNSS."""
+    """Rows of fixes and GNSS, by table."""
     lasers: dict[str, Array] = field(default_factory=dict)
-    """By the sensor's name."""
-    others: dict[str, Array] = field(default_factory=dict)
-    """Of further sensors, by table."""
+    """Rows by the name of the laser."""
     breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
-    """By table: spans (b, 2), s, over which nobody knows what happened."""
+    """Spans (b, 2), s, over which the motion is unknown, by table."""
 
     @property
-    def data(self) -> Intervals | None:
-        """The inertial record as far as it is laid out."""
-        return None if self.laid is None else self.laid.intervals
+    def is_empty(self) -> bool:
+        """Whether there are too few inertial samples to make intervals of."""
+        return self.laid is None
+
+    @property
+    def inertial(self) -> Intervals:
+        """The inertial record as far as it is laid out. Raises ``ValueError`` where the buffer :attr:`is_empty`."""
+        if self.laid is None:
+            raise ValueError("no inertial intervals yet")
+        return self.laid.intervals
+
+    @property
+    def uncounted(self) -> Array:
+        """Spans in which the tach did not count, s, shape (u, 2): its own breaks, and those of the whole device."""
+        return np.concatenate([self.breaks["tach"], self.breaks["imu"]])
 
     def put(self, rows: Rows) -> None:
-        """Append rows."""
+        """Append the next rows."""
         self.gnss_origin = rows.gnss_origin if self.gnss_origin is None else self.gnss_origin
         for name, spans in rows.breaks.items():
             self.breaks[name] = np.concatenate([self.breaks[name], spans])
@@ -77,21 +87,20 @@ class Tape:
             self._lay_out()
 
     def end(self) -> None:
-        """No more rows come: the sample that waits is as long as the others."""
-        if self.laid is not None and len(self.waiting):
+        """Take the last sample for as long as the others: no more rows come."""
+        if self.laid is not None and self.dt is not None and len(self.waiting):
             rows = self.waiting
-            assert self.dt is not None
             self.laid.append(laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, self.until))
             self.samples.append(rows)
             self.waiting = rows[:0]
 
     @property
     def until(self) -> float:
-        """Up to where the inertial record is laid out, s."""
+        """The end of the inertial record, s; minus infinity before it begins."""
         return -np.inf if self.laid is None else float(self.laid.edges.rows[-1])
 
     def _lay_out(self) -> None:
-        """All samples that wait, but the last."""
+        """Make intervals of the samples that wait, but the last."""
         rows = self.waiting
         if self.dt is None:
             if len(rows) < _FIRST_SAMPLES:
@@ -102,23 +111,21 @@ class Tape:
         new = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, None if self.laid is None else self.until)
         new = new.take(slice(0, len(new) - 1))
         if self.laid is None:
-            self.laid = GrowingIntervals.of(new)
+            self.laid = GrowableIntervals.of(new)
         else:
             self.laid.append(new)
         self.samples.append(rows[:-1])
         self.waiting = rows[-1:]
 
     def intervals(self, begin: float, end: float) -> Intervals:
-        """The inertial intervals that lie between two times."""
-        data = self.data
-        assert data is not None
+        """Return the inertial intervals that lie between two times, s."""
+        data = self.inertial
         low, high = np.searchsorted(data.edges, begin - 1e-9), np.searchsorted(data.edges, end + 1e-9, side="right") - 1
         return data.take(slice(int(low), int(high)))
 
-    def turns(self, begin: float, until: float) -> Array:
-        """Edges of the inertial record in (begin, until] at which a hole or a break begins or ends, s."""
-        data = self.data
-        assert data is not None
+    def hole_edges(self, begin: float, until: float) -> Array:
+        """Return the edges in (begin, until] at which a hole or a break of the inertial record begins or ends, s."""
+        data = self.inertial
         edges = data.edges
         low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
         bridged = data.bridged[max(low - 1, 0) : high]
@@ -126,16 +133,16 @@ class Tape:
             return np.zeros(0)
         holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
         after = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
-        found = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
-        return np.sort(found[(found > begin + 1e-6) & (found <= until)])
+        ends = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
+        return np.sort(ends[(ends > begin + 1e-6) & (ends <= until)])
 
-    def broken(self, begin: float, until: float) -> bool:
-        """Whether the first sample after a break lies between two edges of the inertial record."""
+    def has_break(self, begin: float, until: float) -> bool:
+        """Return whether the first sample after a break lies between two edges of the inertial record."""
         after = self.breaks["imu"][:, 1]
         return bool(((after >= begin) & (after < until)).any())
 
     def positions_between(self, begin: float, end: float) -> Recording:
-        """A recording of fixes and GNSS, and of further sensors, whose rows just before and after are needed too."""
+        """Return a recording of fixes and GNSS alone."""
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
         return Recording(
             self.description,
@@ -154,7 +161,7 @@ class Tape:
         return {name: table for name, table in tables.items() if table is not None}
 
     def recording(self, begin: float, end: float) -> Recording:
-        """The rows from one time to another."""
+        """Return the rows from one time to another, s, as a recording."""
         imu = pd.DataFrame(_between(self.samples.rows, begin, end), columns=list(IMU_COLUMNS))
         tach = None
         if self.description.tach is not None:
@@ -172,37 +179,36 @@ class Tape:
             len(_between(table, begin, end)) > 1 for table in (self.tach, self.positions["gnss"], *self.others.values())
         )
 
-    def rails(self) -> list[RailView]:
-        """What the lasers saw of the rails; nothing until all of them have told something."""
+    def rail_views(self) -> list[RailView]:
+        """Return what the lasers saw of the rails; nothing until all of them have rows."""
         lasers = {name: pd.DataFrame(rows, columns=list(LASER_COLUMNS)) for name, rows in self.lasers.items()}
         if not all(len(lasers.get(laser.name, ())) > 1 for laser in self.description.laser):
             return []
         return rail_views(Recording(self.description, NO_SAMPLES, lasers=lasers))
 
-    def rate_at(self, t: float) -> Array:
-        """The gyro's mean rate about a time, rad/s, shape (1, 3)."""
-        about = self.intervals(t - 2.0 * RATE_WINDOW_S, t + 2.0 * RATE_WINDOW_S)
-        return means_around(np.array([t]), RATE_WINDOW_S, about.edges, about.gyro)
+    def mean_rate(self, t: float) -> Array:
+        """Return the gyro's mean rate around a time, rad/s, shape (1, 3)."""
+        data = self.intervals(t - 2.0 * RATE_WINDOW_S, t + 2.0 * RATE_WINDOW_S)
+        return means_around(np.array([t]), RATE_WINDOW_S, data.edges, data.gyro)
 
     def forget(self, before: float, newer: float) -> None:
-        """Rows that end before a time; samples and positions by themselves are needed from a ``newer`` one on."""
-        data, samples = self.data, self.samples.rows
-        if data is None:
+        """Drop rows that end ``before`` a time, s; of samples and positions those before a ``newer`` one."""
+        if self.is_empty:
             return
-        gone = max(int(np.searchsorted(data.edges, before, side="right")) - 1, 0)
-        self.laid = GrowingIntervals.of(data.take(slice(gone, len(data))))
-        self.samples = Growing(samples[np.searchsorted(samples[:, 0], newer) :])
+        data, samples = self.inertial, self.samples.rows
+        first = max(int(np.searchsorted(data.edges, before, side="right")) - 1, 0)
+        self.laid = GrowableIntervals.of(data.take(slice(first, len(data))))
+        self.samples = GrowableArray(samples[np.searchsorted(samples[:, 0], newer) :])
         self.tach = self.tach[max(int(np.searchsorted(self.tach[:, 0], before)) - 1, 0) :]
         self.positions = {name: table[table[:, 0] >= newer] for name, table in self.positions.items()}
         self.others = {name: table[table[:, 0] >= newer] for name, table in self.others.items()}
         self.lasers = {name: table[table[:, 0] >= before] for name, table in self.lasers.items()}
         self.breaks = {name: spans[spans[:, 1] >= before] for name, spans in self.breaks.items()}
 
-    def stood(self, rests: Array) -> None:
+    def collapse_rests(self, rests: Array) -> None:
         """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""
         for begin, end in rests[::-1]:
-            data = self.data
-            assert data is not None
+            data = self.inertial
             i, j = np.searchsorted(data.edges, [begin - 1e-9, end - 1e-9]).tolist()
             share = data.durations[i:j, None] / (data.edges[j] - data.edges[i])
             gyro, accel = (np.sum(samples[i:j] * share, axis=0) for samples in (data.gyro, data.accel))
@@ -212,7 +218,7 @@ class Tape:
                 np.concatenate([data.accel[:i], accel[None], data.accel[j:]]),
                 np.concatenate([data.bridged[:i], data.bridged[i:j].all(keepdims=True), data.bridged[j:]]),
             )
-            self.laid = GrowingIntervals.of(merged)
+            self.laid = GrowableIntervals.of(merged)
             self.tach = self.tach[(self.tach[:, 0] <= begin) | (self.tach[:, 0] >= end)]
             for name, rows in self.lasers.items():
                 self.lasers[name] = rows[(rows[:, 0] <= begin + _AT_REST_S) | (rows[:, 0] >= end - _AT_REST_S)]

@@ -1,4 +1,4 @@
-"""What stays as it is along a stream."""
+"""The stream context holds what is constant along a stream."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from trackfg.sensors.imu_intervals import Intervals
 
 
 @dataclass(frozen=True)
-class Setting:
-    """``clock_origin``, s: see :class:`trackfg.graph.build.Problem`."""
+class StreamContext:
+    """What is constant along a stream; ``clock_origin``, s, as in :class:`trackfg.graph.build.Problem`."""
 
     description: RecordingDescription
     config: SmoothConfig

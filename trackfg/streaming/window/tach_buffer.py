@@ -1,5 +1,7 @@
-"""The tachometer of a stream: the newest rows as a :class:`~trackfg.sensors.tach.Wheel`, signed as the vehicle was
-moving.
+"""The tach buffer signs the newest rows of a stream's tach by the vehicle's motion, and learns their resolution.
+
+A stream begins at rest, where a count does not show its steps. Until it does, the description gives them, or a coarse
+step is assumed: a reading that is trusted too much would hold the wheel where in a step it stood.
 """
 
 from __future__ import annotations
@@ -12,18 +14,27 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Tach
-from trackfg.sensors.tach import CRAWL_MPS, Wheel, longest_silence_s, silences
-from trackfg.streaming.window.tach_resolution import TachResolution
+from trackfg.sensors.tach import CRAWL_MPS, Wheel, longest_silence_s, read_resolution, silences
 
 _KEPT_S = 3.0
+"""Rows so much older than the newest keyframe are kept, s: rates are means over some tenths."""
+_LEARNT_M = 20.0
+"""After so much rolling the resolution is known, m."""
+_MOST_ROWS = 20_000
+"""After so many rows since the wheel began to turn, too."""
+_ASSUMED_STEP_M = 0.05
+"""A step of a tach whose description gives none, m: coarser than any of 64 pulses a turn."""
+_AT_PULSES = 0.2
+"""Rounding, in steps, below which rows are the pulses' own times; of rows at any times it is 0.29 (1/sqrt(12))."""
 
 
 @dataclass
-class Odometer:
-    """``wheel``: that of the first seconds, with the resolution as it is known. ``rows`` (m, 2): times and signed
-    distances of the newest rows that were taken, ``raw`` the last one's distance as recorded. ``sense`` of an unsigned
-    tach's counting. A silence of more than ``longest_silence_s`` is a gap. ``resolution``: None where the tach gives
-    speeds.
+class TachBuffer:
+    """The newest rows of a tach. ``wheel``: that of the first rows, with the resolution as far as it is known.
+
+    ``rows`` (m, 2): times and signed distances, ``raw`` the last one's distance as recorded. ``sense``: in which an
+    unsigned tach counts, 1 or -1. A silence longer than ``longest_silence_s`` is a gap. ``resolution``: None where the
+    tach gives speeds.
     """
 
     wheel: Wheel
@@ -35,23 +46,24 @@ class Odometer:
     sense: float = 1.0
 
     @classmethod
-    def of(cls, wheel: Wheel, rows: Array, tach: Tach, *, max_gap_s: float) -> Odometer:
-        """From the first seconds: their wheel, and the rows it was read from (n, 2)."""
-        known = np.column_stack([wheel.t, wheel.distance])
+    def of(cls, wheel: Wheel, rows: Array, tach: Tach, *, max_gap_s: float) -> TachBuffer:
+        """Return the buffer of a first ``wheel`` and of the rows (n, 2) that it was read from."""
+        signed_rows = np.column_stack([wheel.t, wheel.distance])
         resolution = None if wheel.integrates_speed else TachResolution.of(tach)
         signed = tach.signed or wheel.integrates_speed
         longest = longest_silence_s(wheel.t, max_gap_s)
-        odometer = cls(wheel, known, float(rows[len(known) - 1, 1]), signed, longest, resolution)
-        odometer._learn(rows[: len(known)])
-        return odometer
+        last = len(signed_rows) - 1
+        tach_buffer = cls(wheel, signed_rows, float(rows[last, 1]), signed, longest, resolution)
+        tach_buffer._learn(rows[: last + 1])
+        return tach_buffer
 
-    def counting_on(self, t: float, count: float) -> Odometer:
+    def counting_on(self, t: float, count: float) -> TachBuffer:
         """Return the same, with distances shifted so that the count at ``t`` (s) is ``count`` (m)."""
         shift = np.array([0.0, count - float(self.wheel.at(np.array([t]))[0])])
         return replace(self, rows=self.rows + shift)
 
-    def rounded(self, families: tuple[Family, ...]) -> tuple[Family, ...]:
-        """The families of the first seconds, with readings as exact as they are known to be."""
+    def with_known_rounding(self, families: tuple[Family, ...]) -> tuple[Family, ...]:
+        """Return families of the first window with the sigma of tach readings as far as the rounding is known."""
         sigma = self.wheel.rounding_sd
         return changed(
             families, FactorType.TACH_READING, lambda family: replace(family, sigma=np.full_like(family.sigma, sigma))
@@ -68,11 +80,11 @@ class Odometer:
             quantum, rounding = self.resolution.quantum, self.resolution.rounding_sd
             self.wheel = replace(self.wheel, quantum=quantum, rounding_sd=rounding)
 
-    def about(self, rows: Array, here: float, until: float, speed: float, uncounted: Array) -> Wheel:
-        """The wheel up to ``until``; ``rows`` (n, 2) as recorded, none left out since the last call. In the spans
-        ``uncounted`` (u, 2), s, it did not count.
+    def wheel_until(self, until: float, rows: Array, newest_s: float, speed: float, uncounted: Array) -> Wheel:
+        """Return the wheel up to ``until``, s. ``rows`` (n, 2) as recorded; all since the last call must be among them.
 
-        What is older than ``here``, where the vehicle's forward ``speed`` is known, is settled with its sign.
+        Rows up to the newest keyframe, at ``newest_s`` with the forward ``speed`` (m/s), are signed for good. In the
+        spans ``uncounted`` (u, 2), s, the tach did not count.
         """
         if not self.signed and abs(speed) > CRAWL_MPS:
             self.sense = float(np.sign(speed))
@@ -81,14 +93,15 @@ class Odometer:
         signed = self.rows[-1, 1] + self.sense * (fresh[:, 1] - self.raw)
         every = np.concatenate([self.rows, np.column_stack([fresh[:, 0], signed])])
         raw = np.concatenate([np.full(len(self.rows), self.raw), fresh[:, 1]])
-        settled = max(int(np.searchsorted(every[:, 0], here, side="right")), 1)
-        first = min(max(int(np.searchsorted(every[:, 0], here - _KEPT_S)) - 1, 0), settled - 1)
+        settled = max(int(np.searchsorted(every[:, 0], newest_s, side="right")), 1)
+        first = min(max(int(np.searchsorted(every[:, 0], newest_s - _KEPT_S)) - 1, 0), settled - 1)
         self.rows, self.raw = every[first:settled], float(raw[settled - 1])
         return self._wheel(every, until, uncounted)
 
-    def over(self, rows: Array, t: Array, count: Array, uncounted: Array) -> Wheel:
-        """The wheel over keyframes at ``t`` (n,), s, in the sense in which their ``count`` (n,), m, goes; ``rows``
-        (m, 2) as recorded.
+    def wheel_over(self, rows: Array, t: Array, count: Array, uncounted: Array) -> Wheel:
+        """Return the wheel over keyframes at ``t`` (n,), s, from ``rows`` (m, 2) as recorded.
+
+        An unsigned tach is signed by the keyframes' ``count`` (n,), m.
         """
         way = np.ones(max(len(rows) - 1, 0))
         if not self.signed:
@@ -98,9 +111,57 @@ class Odometer:
         return self._wheel(np.column_stack([rows[:, 0], signed]), float(t[-1]), uncounted)
 
     def _wheel(self, rows: Array, until: float, uncounted: Array) -> Wheel:
-        """From signed rows (n, 2) up to a time."""
+        """Return the wheel of signed rows (n, 2) up to a time, s."""
         if self.resolution is not None and self.resolution.at_pulses and rows[-1, 0] < until:
-            rows = np.concatenate([rows, [[until, rows[-1, 1]]]])  # a wheel that says nothing does not roll
+            rows = np.concatenate([rows, [[until, rows[-1, 1]]]])  # a wheel without pulses does not roll
         t, distance = rows.T
         gaps = silences(t, distance, self.wheel.quantum, self.longest_silence_s)
         return replace(self.wheel, t=t, distance=distance, gaps=gaps, uncounted=uncounted)
+
+
+@dataclass
+class TachResolution:
+    """What readings are rounded to. ``quantum``: the distance of one count, m; ``rounding_sd``: of a reading, m.
+
+    ``rows`` (n, 2): times and distances as recorded since the wheel began to turn, while ``learning``; at rest the
+    last one.
+    """
+
+    quantum: float
+    rounding_sd: float
+    rows: Array
+    learning: bool = True
+
+    @classmethod
+    def of(cls, tach: Tach) -> TachResolution:
+        """Return what a description gives before there are rows."""
+        step = _ASSUMED_STEP_M
+        if tach.kind == "pulses" and tach.pulses_per_rev and tach.wheel_diameter_m:
+            step = np.pi * tach.wheel_diameter_m / tach.pulses_per_rev
+        return cls(step, step / float(np.sqrt(12.0)), np.zeros((0, 2)))
+
+    @property
+    def at_pulses(self) -> bool:
+        """Whether rows are the pulses' own times, as far as they show."""
+        return self.rounding_sd < _AT_PULSES * self.quantum
+
+    @property
+    def has_turned(self) -> bool:
+        """Whether the wheel has turned since the first row."""
+        return not self.learning or len(self.rows) > 1
+
+    def learn(self, rows: Array) -> None:
+        """Learn from the next rows (n, 2) as recorded; earlier ones may be among them."""
+        if not self.learning:
+            return
+        new = rows if not len(self.rows) else rows[rows[:, 0] > self.rows[-1, 0]]
+        every = np.concatenate([self.rows, new])
+        moved = np.flatnonzero(np.diff(every[:, 1]))
+        if not moved.size:
+            self.rows = every[-1:]
+            return
+        self.rows = every[moved[0] :]
+        self.quantum, self.rounding_sd = read_resolution(*self.rows.T)
+        rolled = float(np.abs(np.diff(self.rows[:, 1])).sum())
+        if rolled > _LEARNT_M or len(self.rows) > _MOST_ROWS:
+            self.learning, self.rows = False, self.rows[:0]

@@ -1,7 +1,8 @@
-"""The graph of the newest keyframes, as it moves along: one keyframe more in front, the oldest left behind.
+"""The window: a factor graph of consecutive keyframes, its Gauss-Newton step, and the marginalisation of its oldest.
 
-Families, inertial measurements and solution are those of :mod:`trackfg.graph.build`; keyframes are numbered from the
-oldest one that is in the window. What is left behind stays as one factor, :mod:`trackfg.factors.marginal_prior`.
+Factor families, inertial measurements and states are those of :mod:`trackfg.graph.build`; keyframe 0 is the oldest in
+the window. Earlier keyframes act through one factor on keyframe 0 and the shared variables, the marginal prior
+(:mod:`trackfg.factors.marginal_prior`).
 """
 
 from __future__ import annotations
@@ -26,58 +27,13 @@ from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
 
 
-class Interval(NamedTuple):
-    """What the time from the newest keyframe (number 0) to the next one (number 1) brings.
-
-    ``bias`` (6,) over the interval, what the calibration adds included; ``response`` (6, dim) to it. ``ahead``: the
-    next keyframe as predicted, alone.
-    """
-
-    t: float
-    bias: Array
-    ahead: States
-    measured: Preintegration
-    response: Array
-    families: tuple[Family, ...]
-
-    def found(self, states: States) -> Interval:
-        """With both keyframes where they were found to be: ``states`` of the two."""
-        return self._replace(bias=states.bias[0], ahead=states.take(slice(1, 2)))
-
-
-class Gone(NamedTuple):
-    """Keyframes left behind: when, their conditionals, and where these were linearised, next keyframe included; and the
-    factors that went with them.
-    """
-
-    t: Array
-    conditionals: Conditionals
-    origin: States
-    families: tuple[Family, ...] = ()
-
-    @classmethod
-    def of(cls, t: Array, root: SquareRoot, origin: States, count: int) -> Gone:
-        """The first so many of keyframes at ``t``, with the square root of their information, linearised at ``origin``;
-        without factors.
-        """
-        conditionals = Conditionals(root.R[:count], root.S[:count], root.d[:count])
-        return cls(t[:count], conditionals, origin.take(slice(0, count + 1)))
-
-    def before(self, later: States) -> States:
-        """They themselves, given the next keyframe: the first of ``later``. (Rauch, Tung and Striebel.)"""
-        n, found = len(self.t), []
-        step = step_from(self.origin.take(slice(n, None)), later.take(slice(0, 1)))
-        x = step.keyframes[0]
-        for k in reversed(range(n)):
-            R, S, d = (part[k] for part in self.conditionals)
-            x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
-            found.append(x)
-        return retract_in_chart(self.origin.take(slice(0, n)), Step(np.array(found[::-1]), step.shared))
-
-
 @dataclass(frozen=True)
 class Window:
-    """Keyframes at ``t`` (n,), s; the first keyframe's past is among the ``families``."""
+    """The graph of the keyframes at ``t`` (n,), s, at the linearisation point ``states``.
+
+    ``measured``: preintegrated inertial measurements of the n - 1 intervals. ``response`` (n, 6, IMU): derivative of
+    each keyframe's bias by the IMU's calibration. ``families``: all other factors, the marginal prior among them.
+    """
 
     t: Array
     states: States
@@ -90,31 +46,35 @@ class Window:
 
     @property
     def cost(self) -> float:
-        """Of the graph at these states."""
+        """The negative logarithm of the posterior at these states, up to a constant."""
         inertial = float(graph_of(self.measured).error(self.states.inertial_to_gtsam()))
         return inertial + sum(family.cost(self.states) for family in self.families)
 
     @property
-    def doubts_wheel(self) -> bool:
-        """Whether it is as likely as not that the wheel slipped somewhere."""
+    def suspects_slip(self) -> bool:
+        """Whether it is as likely as not that the wheel slipped in some interval."""
         return any((family.weights(self.states) < 0.5).any() for family in self.families if family.is_chained)
 
     @property
-    def wheel_belief(self) -> float:
-        """How likely it is, after the last interval, that the wheel rolls; 1 where there is none."""
+    def rolling_probability(self) -> float:
+        """The probability that the wheel rolls after the last interval; 1 without a wheel."""
         losses = (family.loss for family in self.families)
         return min((loss.inlier_before for loss in losses if isinstance(loss, SwitchChain)), default=1.0)
 
     def with_families(self, *families: Family) -> Window:
-        """With these in the place of those of the same types."""
+        """Return the window with these families in the place of those of the same types."""
         types = {family.type for family in families}
         kept = (family for family in self.families if family.type not in types)
         return replace(self, families=(*kept, *(family for family in families if len(family))))
 
+    def with_factors(self, families: Sequence[Family]) -> Window:
+        """Return the window with these factors added."""
+        return replace(self, families=_merge_by_type([*self.families, *families]))
+
     def extended(self, *intervals: Interval) -> Window:
-        """With the next keyframes."""
+        """Return the window with the next keyframes added, each at the end of one interval."""
         families = self.families
-        if len(self) == 1:  # what is known of the keyframe is known of its bias as no interval has it
+        if len(self) == 1:  # the marginal prior of a newest keyframe is of its bias without the calibration's part
             response = intervals[0].response
             families = changed(
                 families, FactorType.MARGINAL_PRIOR, lambda family: rebased_to_interval_bias(family, response)
@@ -122,79 +82,131 @@ class Window:
         later = [family.shifted(last) for last, new in enumerate(intervals, len(self) - 1) for family in new.families]
         responses = [self.response[:-1], *(interval.response[None] for interval in intervals)]
         bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
-        states = self.states.joined(*(interval.ahead for interval in intervals))
+        states = self.states.joined(*(interval.predicted for interval in intervals))
         return Window(
             np.append(self.t, [interval.t for interval in intervals]),
             replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
             (*self.measured, *(interval.measured for interval in intervals)),
             np.concatenate([*responses, np.zeros_like(self.response[:1])]),
-            _joined([*families, *later]),
+            _merge_by_type([*families, *later]),
         )
 
-    def joined(self, families: Sequence[Family]) -> Window:
-        """With these factors too."""
-        return replace(self, families=_joined([*self.families, *families]))
-
-    def linearized(self, left_out: Collection[FactorType] = ()) -> list[LinearFactors]:
-        """All factors at the window's states, but families of the types ``left_out``."""
+    def linear_factors(self, without: Collection[FactorType] = ()) -> list[LinearFactors]:
+        """Return all factors linearised at the window's states, except families of the types ``without``."""
         inertial = linearize_imu_factors(graph_of(self.measured), self.states.inertial_to_gtsam())
-        return [inertial, *(one.linearize(self.states) for one in self.families if one.type not in left_out)]
+        return [inertial, *(family.linearize(self.states) for family in self.families if family.type not in without)]
 
-    def moved(self, gone: Collection[int] = ()) -> Stepped:
-        """One Gauss-Newton step on; for each of ``gone`` so many of the first keyframes can be left behind then.
+    def gauss_newton_step(self, marginalise: Collection[int] = ()) -> WindowStep:
+        """Take one Gauss-Newton step; ``marginalise``: numbers of first keyframes that may be marginalised after it.
 
-        Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where they leave all bounds.
+        Raises ``UnsolvableError`` where the states are not determined, ``ValueError`` where the step is not finite.
         """
-        root, left = eliminate_with_marginals(self.linearized(), len(self), gone)
-        return Stepped(self.by(root), root, left, self.states)
+        root, marginals = eliminate_with_marginals(self.linear_factors(), len(self), marginalise)
+        return WindowStep(self.updated_by(root), root, marginals, self.states)
 
-    def by(self, root: SquareRoot) -> Window:
-        """After the step of a linear system at the window's states. Raises as :meth:`moved` does."""
+    def updated_by(self, root: SquareRoot) -> Window:
+        """Return the window after the step of a linear system at its states.
+
+        Raises ``ValueError`` where the step is not finite.
+        """
         if not np.isfinite(root.length):
             raise ValueError("the step is not finite")
         return replace(self, states=self.states.moved(root.solution()))
 
 
-def _joined(families: Sequence[Family]) -> tuple[Family, ...]:
-    """Those of one type and label as one, if they can be stacked."""
-    groups: dict[tuple[FactorType, str] | int, list[Family]] = {}
-    for family in families:
-        groups.setdefault((family.type, family.label) if family.type.stackable else id(family), []).append(family)
-    return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in groups.values())
+class Interval(NamedTuple):
+    """What the time from the newest keyframe (number 0) to the next one (number 1), at ``t`` (s), adds to a window.
+
+    ``bias`` (6,): mean IMU bias over the interval, the calibration's contribution included; ``response`` (6, IMU): its
+    derivative by the calibration. ``predicted``: the state of the next keyframe, alone.
+    """
+
+    t: float
+    bias: Array
+    predicted: States
+    measured: Preintegration
+    response: Array
+    families: tuple[Family, ...]
+
+    def at(self, states: States) -> Interval:
+        """Return the interval with both keyframes at ``states`` of the two."""
+        return self._replace(bias=states.bias[0], predicted=states.take(slice(1, 2)))
 
 
-class Stepped(NamedTuple):
-    """A window after a step, the square root of its information, and for some numbers of first keyframes what these
-    leave for the rest (:func:`~trackfg.solver.elimination.eliminate_with_marginals`); both as linearised at ``origin``.
+class WindowStep(NamedTuple):
+    """A window after a Gauss-Newton step: ``root`` is the square root of its information, ``marginals`` the marginal
+    priors by number of marginalised keyframes; both are linearised at ``linearisation_point``.
     """
 
     window: Window
     root: SquareRoot
-    left: Mapping[int, Array]
-    origin: States
+    marginals: Mapping[int, Array]
+    linearisation_point: States
 
-    def rest(self, gone: int) -> Window:
-        """Without the first ``gone`` keyframes.
+    def window_without_first(self, count: int) -> Window:
+        """Return the window with its first ``count`` keyframes replaced by their marginal prior.
 
-        Of factors in a row the family stays though all are gone: it knows what the next ones follow.
+        An emptied chained family is kept: its loss holds the switch probability from which the next factor starts.
         """
-        if not gone:
+        if not count:
             return self.window
         window = self.window
         kept = [
-            family.tail_of_chain(later, window.states).shifted(-gone)
+            family.tail_of_chain(later, window.states).shifted(-count)
             for family in window.families
-            if (later := family.first_keyframe >= gone).any() or family.is_chained
+            if (later := family.first_keyframe >= count).any() or family.is_chained
         ]
+        point = self.linearisation_point.take(slice(count, count + 1))
         return Window(
-            window.t[gone:],
-            window.states.take(slice(gone, None)),
-            window.measured[gone:],
-            window.response[gone:],
-            (marginal_prior(self.left[gone], self.origin.take(slice(gone, gone + 1))), *kept),
+            window.t[count:],
+            window.states.take(slice(count, None)),
+            window.measured[count:],
+            window.response[count:],
+            (marginal_prior(self.marginals[count], point), *kept),
         )
 
-    def gone(self, gone: int) -> Gone:
-        """The first ``gone`` keyframes."""
-        left = tuple(family.take(family.first_keyframe < gone) for family in self.window.families)
-        return Gone.of(self.window.t, self.root, self.origin, gone)._replace(families=left)
+    def marginalised_first(self, count: int) -> MarginalisedKeyframes:
+        """Return the first ``count`` keyframes, as conditionals, with their factors."""
+        families = tuple(family.take(family.first_keyframe < count) for family in self.window.families)
+        marginalised = MarginalisedKeyframes.first(self.window.t, self.root, self.linearisation_point, count)
+        return marginalised._replace(families=families)
+
+
+class MarginalisedKeyframes(NamedTuple):
+    """Consecutive keyframes that were eliminated: times ``t`` (m,), s, each one's conditional on the next and on the
+    shared variables, the ``linearisation_point`` of these (next keyframe included), and the factors they had.
+    """
+
+    t: Array
+    conditionals: Conditionals
+    linearisation_point: States
+    families: tuple[Family, ...] = ()
+
+    @classmethod
+    def first(cls, t: Array, root: SquareRoot, point: States, count: int) -> MarginalisedKeyframes:
+        """Return the first ``count`` of the keyframes at ``t``, from the square root of their information at ``point``;
+        without factors.
+        """
+        conditionals = Conditionals(root.R[:count], root.S[:count], root.d[:count])
+        return cls(t[:count], conditionals, point.take(slice(0, count + 1)))
+
+    def back_substitute(self, next_state: States) -> States:
+        """Return the keyframes' states given the next keyframe, the first of ``next_state`` (Rauch, Tung, Striebel)."""
+        n, solutions = len(self.t), []
+        step = step_from(self.linearisation_point.take(slice(n, None)), next_state.take(slice(0, 1)))
+        x = step.keyframes[0]
+        for k in reversed(range(n)):
+            R, S, d = (part[k] for part in self.conditionals)
+            x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
+            solutions.append(x)
+        return retract_in_chart(
+            self.linearisation_point.take(slice(0, n)), Step(np.array(solutions[::-1]), step.shared)
+        )
+
+
+def _merge_by_type(families: Sequence[Family]) -> tuple[Family, ...]:
+    """Return the families of each type as one, if they can be stacked."""
+    groups: dict[FactorType | int, list[Family]] = {}
+    for family in families:
+        groups.setdefault(family.type if family.type.stackable else id(family), []).append(family)
+    return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in groups.values())

@@ -19,7 +19,7 @@ from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.factors.marginal_prior import local_coordinates
 from trackfg.numerics.arrays import Array
-from trackfg.streaming.checkpoint.snapshot import MADE_AGAIN, Snapshot, attributes_of, taken
+from trackfg.streaming.checkpoint.snapshot import DERIVED, Snapshot, dump, load_attributes
 
 
 class Side(Enum):
@@ -53,7 +53,7 @@ class Outer:
     counted: Mapping[int, tuple[str, bool]] = field(default_factory=dict)
     evaluate: Callable[..., Any] | None = None
     nothing: Inner | None = None
-    follows: Inner | None = field(default=None, metadata=MADE_AGAIN)
+    follows: Inner | None = field(default=None, metadata=DERIVED)
 
 
 class Thing:
@@ -74,10 +74,10 @@ def outer(**parts: Any) -> Outer:
 
 
 def through_a_file(thing: Thing, given: tuple[object, ...] = (CONFIG,)) -> Thing:
-    snapshot = taken(thing, given)
+    snapshot = dump(thing, given)
     text = json.dumps(snapshot.tree)
     back = object.__new__(Thing)
-    vars(back).update(attributes_of(Thing, Snapshot(json.loads(text), snapshot.data), given))
+    vars(back).update(load_attributes(Thing, Snapshot(json.loads(text), snapshot.data), given))
     return back
 
 
@@ -152,19 +152,19 @@ def closure(scale: float) -> Callable[..., Any]:
 )
 def test_what_does_not_fit_its_annotation_is_not_taken(thing: Thing, said: str) -> None:
     with pytest.raises(TypeError, match=said):
-        taken(thing, (CONFIG,))
+        dump(thing, (CONFIG,))
 
 
 def test_an_attribute_without_annotation_is_not_forgotten() -> None:
     thing = Thing(outer())
     vars(thing)["later"] = 1
     with pytest.raises(TypeError, match=r"Thing: \{'later'\} of attributes and annotations differ"):
-        taken(thing, (CONFIG,))
+        dump(thing, (CONFIG,))
 
 
 def test_what_is_given_must_be_the_same() -> None:
     with pytest.raises(TypeError, match="another SmoothConfig than the given one"):
-        taken(Thing(outer()), (SmoothConfig.model_validate({"output": {"rate_hz": 5.0}}),))
+        dump(Thing(outer()), (SmoothConfig.model_validate({"output": {"rate_hz": 5.0}}),))
 
 
 def nodes(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
@@ -189,7 +189,7 @@ def test_a_tree_of_wrong_types_is_refused_or_read(data: st.DataObject) -> None:
         counted={7: ("a", True)},
         evaluate=local_coordinates,
     )
-    snapshot = taken(Thing(before), (CONFIG,))
+    snapshot = dump(Thing(before), (CONFIG,))
     tree = json.loads(json.dumps(snapshot.tree))
     *way, last = data.draw(st.sampled_from(nodes(tree)))
     parent = tree
@@ -201,4 +201,4 @@ def test_a_tree_of_wrong_types_is_refused_or_read(data: st.DataObject) -> None:
         del parent[last]
     length = data.draw(st.integers(0, len(snapshot.data)))
     with contextlib.suppress(BadInputError):
-        attributes_of(Thing, Snapshot(tree, snapshot.data[:length]), (CONFIG,))
+        load_attributes(Thing, Snapshot(tree, snapshot.data[:length]), (CONFIG,))

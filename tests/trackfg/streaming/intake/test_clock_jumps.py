@@ -11,7 +11,7 @@ import pytest
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.events import StreamEvent
-from trackfg.streaming.intake.clock_jumps import ClockSteps
+from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.sources.source import Batch
@@ -185,7 +185,7 @@ def test_it_goes_on_from_its_state(cut: int) -> None:
 
 
 def test_events_have_the_times_of_the_stream() -> None:
-    steps = ClockSteps(description())
+    steps = ClockJumps(description())
     tables = set_ahead(run(steady), 30.0)
     late = StreamEvent("late", "tach", 45.0, 45.5, 3, "too late")
     _, told = steps.passed(Rows.of(tables, END_S + 30.0), [])

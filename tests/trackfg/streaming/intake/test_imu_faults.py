@@ -18,9 +18,9 @@ from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import Imu, RecordingDescription, Tach
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.intake.imu_faults import ImuChannels
+from trackfg.streaming.intake.imu_faults import ImuFaults
 from trackfg.streaming.intake.intake import Intake
-from trackfg.streaming.intake.stuck_value import Plateau
+from trackfg.streaming.intake.stuck_value import StuckValue
 from trackfg.streaming.sources.source import Batch, RecordingSource
 
 RATE_HZ = 200.0
@@ -51,7 +51,7 @@ def passed(
     rows: Array, *, imu: Imu = IMU, is_canonical: bool = True, cuts: list[int] | None = None
 ) -> tuple[Array, list[StreamEvent]]:
     """What is left of rows that come in groups, and the events."""
-    channels, report = ImuChannels(imu, is_canonical=is_canonical), LossReport()
+    channels, report = ImuFaults(imu, is_canonical=is_canonical), LossReport()
     groups = np.split(rows, np.arange(20, len(rows), 20) if cuts is None else cuts)
     out = [*(channels.passed(group, report) for group in groups), channels.finish()]
     return np.concatenate(out), list(report.end_of_stream())
@@ -124,14 +124,14 @@ def test_a_signal_without_noise_may_stay_where_it_is() -> None:
 
 
 def test_nothing_waits_where_nothing_repeats() -> None:
-    channels, report, rows = ImuChannels(IMU, is_canonical=True), LossReport(), riding()
+    channels, report, rows = ImuFaults(IMU, is_canonical=True), LossReport(), riding()
     for group in np.split(rows, range(20, len(rows), 20)):
         assert len(channels.passed(group, report)) == len(group)
         assert channels.waiting_since_s == np.inf
 
 
 def test_rows_wait_no_longer_than_it_is_unclear() -> None:
-    channels, report, rows = ImuChannels(IMU, is_canonical=True), LossReport(), stuck(riding(), 4)
+    channels, report, rows = ImuFaults(IMU, is_canonical=True), LossReport(), stuck(riding(), 4)
     waited = []
     for row in rows:
         channels.passed(row[None], report)
@@ -200,7 +200,7 @@ def test_rows_one_by_one_are_no_exception() -> None:
 @pytest.mark.parametrize("cut", [0, 150, BEGIN + 2, BEGIN + 100, END + 10, 2600, 2815, 2840, 3105])
 def test_it_goes_on_from_its_state(cut: int) -> None:
     rows, report = faulty(), LossReport()
-    whole, again = (ImuChannels(IMU, is_canonical=True) for _ in range(2))
+    whole, again = (ImuFaults(IMU, is_canonical=True) for _ in range(2))
     before = whole.passed(rows[:cut], report)
     again.restore(json.loads(json.dumps(whole.state(), allow_nan=False)))
     assert again.state() == whole.state()
@@ -256,7 +256,7 @@ def test_what_waits_is_later_than_what_is_complete() -> None:
 
 
 def levels(values: list[float], chance: float, patience: int) -> Iterator[int]:
-    for first, end in Plateau().take(values, 0, float("nan"), chance, patience):
+    for first, end in StuckValue().take(values, 0, float("nan"), chance, patience):
         yield from range(first, end)
 
 

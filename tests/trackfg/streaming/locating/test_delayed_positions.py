@@ -15,48 +15,48 @@ from trackfg.factors.states import Kind
 from trackfg.graph.build import build_problem, with_free_start
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.solver.gauss_newton import solve
-from trackfg.streaming.locating.delayed_positions import Passed, told_late
-from trackfg.streaming.window.marginalised import History
-from trackfg.streaming.window.window import Stepped, Window
+from trackfg.streaming.locating.delayed_positions import PassedPlaces, delayed_position_factor
+from trackfg.streaming.window.marginalised import MarginalisedHistory
+from trackfg.streaming.window.window import Window, WindowStep
 
 LEAVING = 12
 
 
 @pytest.fixture(scope="module")
-def step() -> Stepped:
+def step() -> WindowStep:
     """A window of half a minute under way, at its solution."""
     problem = build_problem(simulate("mainline", seed=1, duration_s=60.0).recording, SmoothConfig())
     states = solve(problem, SmoothConfig().solver).states
     families = with_free_start(problem.families)
     window = Window(problem.t, states, problem.measured, problem.run.response, families)
-    return window.moved({LEAVING})
+    return window.gauss_newton_step({LEAVING})
 
 
-def places(step: Stepped, away: list[float], sigma: float) -> Passed:
+def places(step: WindowStep, away: list[float], sigma: float) -> PassedPlaces:
     t, D = step.window.t, step.window.states.odo.distance
     when = t[[2, 5, 6]] + 0.3
-    return Passed(when, np.interp(when, t, D) + np.array(away), np.full(3, sigma), np.zeros(3))
+    return PassedPlaces(when, np.interp(when, t, D) + np.array(away), np.full(3, sigma), np.zeros(3))
 
 
-def told(step: Stepped, passed: Passed, loss: Loss | None = None) -> tuple[Window, np.ndarray]:
+def told(step: WindowStep, passed: PassedPlaces, loss: Loss | None = None) -> tuple[Window, np.ndarray]:
     """The window without the keyframes that left, but with what the places say; and their weights."""
-    rest, gone = step.rest(LEAVING), step.gone(LEAVING)
+    rest, gone = step.window_without_first(LEAVING), step.marginalised_first(LEAVING)
     marginal = posterior_covariance(step.root).marginal[LEAVING]
-    late = told_late(passed, History(), step.window, step.root, LEAVING, marginal, loss)
+    late = delayed_position_factor(passed, MarginalisedHistory(), step.window, step.root, LEAVING, marginal, loss)
     assert late is not None
     assert gone.t[-1] < rest.t[0]
     return rest.with_families(late.family), late.weight
 
 
-def test_it_is_what_the_whole_window_would_have_said(step: Stepped) -> None:
+def test_it_is_what_the_whole_window_would_have_said(step: WindowStep) -> None:
     passed = places(step, [0.5, 0.4, -0.2], 0.1)
     t = step.window.t
     k = np.searchsorted(t, passed.t) - 1
     f = (passed.t - t[k]) / (t[k + 1] - t[k])
     seen = landmark(k, f, passed.distance, passed.sigma[:, None], None)
-    at_origin = replace(step.window, states=step.origin)
-    whole = at_origin.with_families(seen).moved()
-    late = told(step, passed)[0].moved()
+    at_origin = replace(step.window, states=step.linearisation_point)
+    whole = at_origin.with_families(seen).gauss_newton_step()
+    late = told(step, passed)[0].gauss_newton_step()
     np.testing.assert_allclose(
         late.window.states.odo.array[:, :2], whole.window.states.odo.array[LEAVING:, :2], rtol=0.0, atol=2e-3
     )
@@ -65,14 +65,16 @@ def test_it_is_what_the_whole_window_would_have_said(step: Stepped) -> None:
     assert (ours < 1.0).all()  # without them nobody knows
 
 
-def test_a_wrong_one_is_set_aside(step: Stepped) -> None:
+def test_a_wrong_one_is_set_aside(step: WindowStep) -> None:
     _, weight = told(step, places(step, [0.0, 25.0, 0.0], 0.05), Cauchy(3.0))
     assert weight[1] < 1e-3
     assert weight[[0, 2]] == pytest.approx(1.0, abs=0.2)
 
 
-def test_places_of_another_time_say_nothing(step: Stepped) -> None:
+def test_places_of_another_time_say_nothing(step: WindowStep) -> None:
     passed = places(step, [0.0, 0.0, 0.0], 0.1)
     later = replace(passed, t=passed.t + 1000.0)
     marginal = posterior_covariance(step.root).marginal[LEAVING]
-    assert told_late(later, History(), step.window, step.root, LEAVING, marginal, None) is None
+    assert (
+        delayed_position_factor(later, MarginalisedHistory(), step.window, step.root, LEAVING, marginal, None) is None
+    )

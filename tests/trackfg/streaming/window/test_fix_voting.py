@@ -21,7 +21,7 @@ from trackfg.factors.states import Nav, Odo, States
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
-from trackfg.streaming.window.fix_voting import PlaceVotes
+from trackfg.streaming.window.fix_voting import FixVotes
 from trackfg.streaming.window.window import Interval
 
 SD_M, APART_M = 0.2, 100.0
@@ -41,17 +41,17 @@ def passing(distance: float, fix: float) -> Interval:
     return Interval(0.0, np.zeros(6), at(distance), cast(Preintegration, None), np.zeros((6, 21)), (family,))
 
 
-def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[PlaceVotes, float, list[str]]:
+def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[FixVotes, float, list[str]]:
     """The votes after fixes off by so much, one after the other; where the vehicle is believed to be then, off the
     truth; what became of each fix.
     """
-    votes, believed, became = PlaceVotes(), 0.0, []
+    votes, believed, became = FixVotes(), 0.0, []
     for i, off in enumerate(offsets):
-        votes.known = np.diag([1e8 if i == 0 else known_m**2, 1e-6])
+        votes.prior = np.diag([1e8 if i == 0 else known_m**2, 1e-6])
         true = APART_M * (i + 1)
         if i == 0:
             believed = off  # who knows nothing believes the first
-        new, moved = votes.judged(passing(true + believed, true + off), at(true - 10.0 + believed))
+        new, moved = votes.vote_on_fixes(passing(true + believed, true + off), at(true - 10.0 + believed))
         believed += moved
         became += [family.type for family in new.families]
     return votes, believed, became
@@ -62,8 +62,8 @@ def test_whom_one_has_believed_first_is_outvoted(wrong: int) -> None:
     votes, believed, became = after([WRONG] * wrong + [RIGHT] * (wrong + 1))
     assert believed == pytest.approx(RIGHT)
     assert became == [FactorType.ABSOLUTE_FIX] * wrong + [FactorType.WITHHELD_FIX] * wrong + [FactorType.ABSOLUTE_FIX]
-    assert [event.kind for event in votes.told()] == ["place-changed"]
-    assert not votes.told()
+    assert [event.kind for event in votes.pop_events()] == ["place-changed"]
+    assert not votes.pop_events()
 
 
 @pytest.mark.parametrize("wrong", [1, 2, 3])
@@ -71,7 +71,7 @@ def test_a_few_that_are_wrong_alike_are_not_believed(wrong: int) -> None:
     votes, believed, became = after([RIGHT] * 5 + [WRONG] * wrong)
     assert believed == RIGHT
     assert became == [FactorType.ABSOLUTE_FIX] * 5 + [FactorType.WITHHELD_FIX] * wrong
-    assert not votes.told()
+    assert not votes.pop_events()
     assert after([RIGHT] * 5 + [WRONG] * wrong + [RIGHT] * 4)[0].rivals == ()
 
 
@@ -104,16 +104,16 @@ def test_who_is_not_sure_where_he_is_follows() -> None:
 
 
 def test_a_fix_read_again_is_no_second_vote() -> None:
-    votes = PlaceVotes(votes=1, known=np.diag([0.1, 1e-6]))
+    votes = FixVotes(votes=1, prior=np.diag([0.1, 1e-6]))
     for _ in range(5):
-        votes.judged(passing(100.0, 160.0), at(90.0))
+        votes.vote_on_fixes(passing(100.0, 160.0), at(90.0))
     assert (votes.votes, [rival.votes for rival in votes.rivals]) == (1, [1])
 
 
 def test_a_fix_that_agrees_is_no_second_vote_when_read_again() -> None:
-    votes = PlaceVotes(votes=1, known=np.diag([0.1, 1e-6]))
+    votes = FixVotes(votes=1, prior=np.diag([0.1, 1e-6]))
     for _ in range(5):
-        votes.judged(passing(100.0, 100.1), at(90.0))
+        votes.vote_on_fixes(passing(100.0, 100.1), at(90.0))
     assert votes.votes == 2
 
 
@@ -121,7 +121,7 @@ def test_rivals_are_counted_from_the_place_that_is_believed_now() -> None:
     """Off by +60 m first, then by -200 m, then right twice: from the right place the rivals are at +60 and -200 m."""
     votes, believed, _ = after([WRONG, OTHER, RIGHT, RIGHT])
     assert believed == pytest.approx(RIGHT)
-    assert sorted(rival.further for rival in votes.rivals) == pytest.approx([OTHER, WRONG])
+    assert sorted(rival.further_m for rival in votes.rivals) == pytest.approx([OTHER, WRONG])
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_a_wrong_first_fix_is_got_over(run: Simulation) -> None:
             if again:
                 again.append(other.put(rows))
             else:
-                assert smoother._moving.places.doubt_m > 30.0
+                assert smoother._moving.votes.doubt_m > 30.0
                 other.restore(smoother.state())
                 again.append(pieces[-1])
     rest = intake.finish()[0]

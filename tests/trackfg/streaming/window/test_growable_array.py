@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.streaming.window.growable_array import Growing, GrowingIntervals
+from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
 
 
 @given(st.lists(st.integers(0, 90), max_size=8))
 def test_rows_come_one_after_the_other_and_what_was_there_stays(counts: list[int]) -> None:
     pieces = [np.random.default_rng(i).normal(size=(count, 3)) for i, count in enumerate(counts)]
-    growing, seen = Growing(np.ones((2, 3))), []
+    growing, seen = GrowableArray(np.ones((2, 3))), []
     given_first = growing.rows
     for i, piece in enumerate(pieces):
         growing.append(piece)
@@ -24,9 +24,9 @@ def test_rows_come_one_after_the_other_and_what_was_there_stays(counts: list[int
 
 
 def test_two_that_begin_alike_grow_apart() -> None:
-    rows = Growing(np.arange(3.0))
+    rows = GrowableArray(np.arange(3.0))
     rows.append(np.arange(2.0))
-    one, other = Growing(rows.rows), Growing(rows.rows)
+    one, other = GrowableArray(rows.rows), GrowableArray(rows.rows)
     one.append(np.array([7.0]))
     other.append(np.array([8.0]))
     assert one.rows[-1] == 7.0
@@ -36,7 +36,7 @@ def test_two_that_begin_alike_grow_apart() -> None:
 def test_intervals_go_on_where_the_others_end() -> None:
     first = Intervals(np.array([0.0, 1.0, 2.0]), np.zeros((2, 3)), np.ones((2, 3)), np.zeros(2, dtype=bool))
     then = Intervals(np.array([2.0, 4.0]), np.full((1, 3), 5.0), np.full((1, 3), 6.0), np.ones(1, dtype=bool))
-    growing = GrowingIntervals.of(first)
+    growing = GrowableIntervals.of(first)
     growing.append(then)
     both = growing.intervals
     np.testing.assert_array_equal(both.edges, [0.0, 1.0, 2.0, 4.0])

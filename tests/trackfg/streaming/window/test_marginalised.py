@@ -20,11 +20,11 @@ def test_of_a_long_stop_only_its_ends_are_kept(stream: Callable[..., Any], monke
     recording = simulate(plan, seed=2, duration_s=400.0).recording
     ours = stream(recording, lag_s=10.0)
     kept = len(ours.smoother._tables.history.t)
-    samples = len(ours.smoother._tape.data)
-    monkeypatch.setattr("trackfg.streaming.window.marginalised._STOOD_M", -1.0)
+    samples = len(ours.smoother._buffer.inertial)
+    monkeypatch.setattr("trackfg.streaming.window.marginalised._AT_REST_M", -1.0)
     whole = stream(recording, lag_s=10.0)
     assert kept < 0.5 * len(whole.smoother._tables.history.t)
-    assert samples < 0.5 * len(whole.smoother._tape.data)
+    assert samples < 0.5 * len(whole.smoother._buffer.inertial)
     assert len(ours.smoothed) == len(whole.smoothed)
     for one, other, name in (
         (ours.smoothed, whole.smoothed, "roll_rad"),

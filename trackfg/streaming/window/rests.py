@@ -1,0 +1,73 @@
+"""Standstills of the window, found while they last."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from trackfg.config import MotionConfig
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import Span, subtract, union
+from trackfg.sensors.standstills import find_standstills
+from trackfg.streaming.window.sample_buffer import SampleBuffer
+from trackfg.streaming.window.tach_buffer import TachBuffer
+from trackfg.streaming.window.window import Window
+
+LOOK_S = 8.0
+"""How far before the newest keyframes a rest is looked for, s."""
+_MARGIN_S = 1.5
+"""A gentle start takes so long to show, s; as :mod:`trackfg.sensors.standstills` has it."""
+_MOVING_MPS = 2.0
+"""A keyframe faster than this, m/s, lies in no rest: a stuck tach on a smooth straight looks like one."""
+
+
+@dataclass
+class Rests:
+    """The rests of late, ``spans`` (r, 2), s, kept until they are twice ``lag_s`` old."""
+
+    lag_s: float
+    spans: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def update(
+        self,
+        buffer: SampleBuffer,
+        tach: TachBuffer | None,
+        window: Window,
+        config: MotionConfig,
+        span: Span,
+    ) -> None:
+        """Look for rests in a ``span`` of time, s, with the window's speeds; without a tach by GNSS alone."""
+        begin, until = span
+        if tach is not None and _wheel_turns(buffer.tach, tach.wheel.quantum, config.min_rest_s, span):
+            return
+        recording = buffer.recording(begin, until)
+        if recording.imu.empty:  # within a long gap
+            return
+        if tach is None:
+            recording = replace(recording, tach=None)
+        silent = tach is not None and tach.silent_at_rest
+        rests = find_standstills(recording, config.min_rest_s, silent_at_rest=silent)
+        if tach is not None:
+            t = buffer.tach[slice(*np.searchsorted(buffer.tach[:, 0], [begin, until])), 0]
+            if not silent:  # else no rows are as good as rows that do not change
+                begin, until = (float(t[0]), float(t[-1])) if len(t) else (until, begin)
+            elif len(t) and t[-1] > until - _MARGIN_S:
+                until = float(t[-1])
+        # Rows outside the span could still show that the vehicle moves.
+        rests = np.clip(rests, begin + _MARGIN_S, until - _MARGIN_S)
+        fast = window.t[np.linalg.norm(window.states.nav.v, axis=1) > _MOVING_MPS]
+        moving = np.searchsorted(fast, rests[:, 0]) < np.searchsorted(fast, rests[:, 1])
+        spans = np.concatenate([self.spans, rests[(rests[:, 1] > rests[:, 0]) & ~moving]])
+        recent = union(spans[spans[:, 1] > begin - 2.0 * self.lag_s - LOOK_S])
+        self.spans = subtract(recent, buffer.breaks["imu"])
+
+
+def _wheel_turns(rows: Array, quantum: float, duration_s: float, span: Span) -> bool:
+    """Return whether a tach's rows (n, 2) cover the span and move in every stretch as long as the shortest rest."""
+    begin, until = span
+    if not (len(rows) and rows[0, 0] <= begin and rows[-1, 0] >= until):
+        return False
+    t = np.arange(begin, until - duration_s, 0.5 * duration_s)
+    rolled = np.interp(t + duration_s, *rows.T) - np.interp(t, *rows.T)
+    return bool((np.abs(rolled) > 1.5 * quantum).all())

@@ -1,0 +1,376 @@
+"""The running window: a filter step per keyframe, and every few keyframes a relinearisation pass.
+
+Between two passes the window stays as the last one left it, at its linearisation point. The intervals since are kept
+with the conditionals that their filter steps left, so that the next pass begins with back-substitution from the newest
+keyframe and needs one Gauss-Newton step.
+
+A filter step that doubts the wheel is replaced by a step of the *recent* keyframes, those since the last pass and two
+before them: whether a wheel slipped shows in several intervals. If that fails, the pass is taken at once; if the pass
+does not settle, the window is solved as a batch from its own states. Until the heading is known, linearised positions
+are of little worth: nothing is marginalised then, and the damped batch solver takes over at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.errors import UnsolvableError
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.graph.build import Problem
+from trackfg.graph.inertial import walk_of
+from trackfg.graph.keyframes import TOO_CLOSE
+from trackfg.graph.motion import resting
+from trackfg.numerics.arrays import Array
+from trackfg.output.trajectory import QUANTITIES, keyframe_variances
+from trackfg.solver.covariance import Covariance, posterior_covariance
+from trackfg.solver.gauss_newton import solve
+from trackfg.solver.square_root import SquareRoot
+from trackfg.streaming.checkpoint.snapshot import DERIVED
+from trackfg.streaming.events import StreamEvent
+from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
+from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_states, shift_window
+from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
+from trackfg.streaming.window.rests import LOOK_S, Rests
+from trackfg.streaming.window.sample_buffer import SampleBuffer
+from trackfg.streaming.window.starting_window import AFTER_S, FirstProblem, late_tach
+from trackfg.streaming.window.stream_context import StreamContext
+from trackfg.streaming.window.tach_buffer import TachBuffer
+from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window, WindowStep
+
+FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
+"""What a step raises that fails; the last are GTSAM's."""
+BETWEEN_PASSES = 10
+"""Keyframes from one relinearisation pass to the next."""
+_BEFORE_PASS = 2
+"""Older keyframes among the recent ones: a slip shows in intervals one after the other."""
+_RATES_S = 0.1
+"""Inertial samples on either side of an interval, s, tell the rates at its ends."""
+_SETTLED = 15.0
+"""A step so long, in posterior sigmas, needs no second one: what is left after it is a tenth or less."""
+_SETTLED_RECENT = 1000.0
+"""The same for recent keyframes. A wheel against the inertial sensor alone makes some hundred; the pass does the rest.
+"""
+_MOST_STEPS = 4
+"""Gauss-Newton steps of one window before it counts as unsettled."""
+_HEADING_SD_RAD = 0.03
+"""With a smaller sigma of yaw, rad, the heading is known."""
+_MOST_WITHOUT_HEADING = 240
+"""Keyframes in a window whose heading is not known: a vehicle may stand for hours before it shows."""
+_ROLLING = 0.9
+"""Below this probability that the wheel rolls, the recent keyframes are solved again."""
+
+
+class FilterUpdate(NamedTuple):
+    """The newest keyframes, and the joint covariance of the last two."""
+
+    window: Window
+    covariance: Covariance
+
+    @classmethod
+    def of(cls, window: Window, root: SquareRoot) -> FilterUpdate:
+        """Return the update of a window; ``root`` is the square root of its information."""
+        return cls(window, posterior_covariance(root.last(2)))
+
+    @property
+    def speed_sd(self) -> float:
+        """The sigma of the newest keyframe's velocity along its first axis, m/s."""
+        at = offset_in_keyframe(Kind.NAV) + 6
+        return float(np.sqrt(self.covariance.marginal[-1, at, at]))
+
+
+class Relinearisation(NamedTuple):
+    """The window after a relinearisation pass, the square root of its information, the keyframes marginalised by it,
+    and an event where something had to take over.
+    """
+
+    window: Window
+    root: SquareRoot
+    marginalised: MarginalisedKeyframes | None
+    event: StreamEvent | None = None
+
+
+@dataclass
+class RunningWindow:
+    """A window that has begun; ``lag_s`` is its length. ``on_map``: a map tells the distance, and fixes do not vote.
+
+    ``window``, the ``root`` of its information and its ``linearisation_point`` are those of the last pass; ``recent``
+    are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
+    steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
+    ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event.
+    ``due``: a pass that was taken before its time.
+    """
+
+    buffer: SampleBuffer
+    context: StreamContext
+    lag_s: float
+    on_map: bool
+    votes: FixVotes
+    rests: Rests
+    tach: TachBuffer | None
+    window: Window
+    root: SquareRoot
+    linearisation_point: States
+    recent: Window
+    newest: Window
+    added: list[Interval] = field(default_factory=list)
+    conditionals: list[MarginalisedKeyframes] = field(default_factory=list)
+    predicted: PredictedPair | None = field(default=None, metadata=DERIVED)
+    heading_known: bool = False
+    damped: bool = False
+    speed_sd: float = 0.0
+    due: Relinearisation | None = None
+
+    @classmethod
+    def begin(
+        cls, first: FirstProblem, buffer: SampleBuffer, votes: FixVotes, lag_s: float, *, on_map: bool
+    ) -> tuple[RunningWindow, FilterUpdate]:
+        """Solve the first window. Raises as :func:`~trackfg.solver.gauss_newton.solve` does."""
+        problem = first.problem
+        solution = solve(problem, first.context.config.solver)
+        root, states = solution.root, solution.states
+        window = Window(problem.t, states, problem.measured, problem.run.response, problem.families)
+        newest = window.gauss_newton_step({len(window) - 1}).window_without_first(len(window) - 1)
+        votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states)
+        rests, context = Rests(lag_s, problem.rests), first.context
+        running = cls(
+            buffer=buffer,
+            context=context,
+            lag_s=lag_s,
+            on_map=on_map,
+            votes=votes,
+            rests=rests,
+            tach=first.tach,
+            window=window,
+            root=root,
+            linearisation_point=states,
+            recent=window,
+            newest=newest,
+            due=Relinearisation(window, root, None, first.waited),
+        )
+        return running, running._record(FilterUpdate.of(window, root))
+
+    def next_keyframe(self, spacing: float) -> float | None:
+        """Return the time of the next keyframe, s, on an edge of the inertial record; None while that ends before it.
+
+        ``spacing``: how many times further apart keyframes are than the settings say.
+        """
+        last, config = float(self.newest.t[0]), self.context.config.keyframes
+        speed = float(np.linalg.norm(self.newest.states.nav.v[0]))
+        due = last + spacing / max(1.0 / config.interval_s, speed / config.distance_m)
+        for table in self.buffer.positions.values():
+            times = table[:, 0]
+            soon = min(last + (1.0 + TOO_CLOSE) * (due - last), due + AFTER_S)
+            fixes = times[(times > last + 1e-3) & (times < soon)]
+            if fixes.size:
+                due = float(fixes[0])
+        due = min([due, *self.buffer.hole_edges(last, due)[:1]])
+        edges = self.buffer.inertial.edges
+        at = int(np.searchsorted(edges, due))
+        if at >= len(edges):
+            return None
+        if due - edges[at - 1] < edges[at] - due and edges[at - 1] > last:
+            at -= 1
+        return float(edges[at])
+
+    def prepare(self, t: float) -> None:
+        """Predict the interval to the keyframe at ``t``, if the inertial sensor's rows reach as far.
+
+        Not where a pass is due, which moves the keyframe that it begins at.
+        """
+        if self.buffer.until >= t + _RATES_S and not self._pass_is_due:
+            self._preintegrate_next(t)
+
+    def add_keyframe(self, t: float) -> FilterUpdate:
+        """Estimate the next keyframe, at ``t``. Raises one of :data:`FAILURES`."""
+        pair, newest = self._preintegrate_next(t), self.newest
+        self.predicted = None
+        wheel, last = None, float(newest.t[0])
+        if self.tach is None:
+            self.tach = late_tach(self.buffer, self.context.config, last, float(newest.states.odo.count[0]))
+        if self.tach is not None:
+            nav, buffer = newest.states.nav, self.buffer
+            speed = float(nav.v[0] @ nav.R[0, :, 0])
+            wheel = self.tach.wheel_until(t + AFTER_S, buffer.tach, last, speed, buffer.uncounted)
+        interval = with_other_rows(pair.prediction, self.buffer.positions_between(last, t), wheel, self.speed_sd)
+        if not self.on_map:
+            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states)
+            if shift_m:
+                return self._record(self._jump_along_track(interval, shift_m))
+        result = self._filter_step(pair, interval)
+        if result is None:
+            return self._record(self._resolve_recent_keyframes(interval))
+        self.added.append(interval.at(result.pair.states))
+        self.conditionals.append(result.older)
+        self.newest = result.newest
+        return self._record(FilterUpdate.of(result.pair, result.root))
+
+    def relinearise_if_due(self, *, at_end: bool = False) -> Relinearisation | None:
+        """Take the relinearisation pass, if it is due. Raises one of :data:`FAILURES`."""
+        if self.due is None and (self._pass_is_due or at_end):
+            return self._relinearise_window()
+        due, self.due = self.due, None
+        return due
+
+    def add_to_first_keyframe(self, family: Family) -> None:
+        """Add a family of factors on the first keyframe of the window; others stay."""
+        self.window = self.window.with_factors([family])
+
+    @property
+    def _pass_is_due(self) -> bool:
+        return len(self.added) >= BETWEEN_PASSES
+
+    def _preintegrate_next(self, t: float) -> PredictedPair:
+        """Predict the interval to ``t`` by the inertial sensor, unless that has been done."""
+        if self.predicted is None or self.predicted.prediction.interval.t != t:
+            last = float(self.newest.t[0])
+            data = self.buffer.intervals(last - _RATES_S, t + _RATES_S)
+            edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
+            broken = self.buffer.has_break(last, t)
+            prediction = predict_interval(self.context, self.newest, data, edges, broken=broken)
+            self.predicted = PredictedPair.of(self.newest, prediction, self.context.description.imu.noise)
+        return self.predicted
+
+    def _filter_step(self, pair: PredictedPair, interval: Interval) -> FilterResult | None:
+        """Return the filter step's result; None where it is not to be trusted."""
+        if not self.heading_known:
+            return None
+        try:
+            result = pair.update(interval)
+        except FAILURES:
+            return None
+        rolls = result.newest.rolling_probability >= _ROLLING
+        return result if result.root.length < _SETTLED_RECENT and rolls else None
+
+    def _resolve_recent_keyframes(self, interval: Interval) -> FilterUpdate:
+        """Estimate the next keyframe by a step of all recent ones; by the pass where that fails."""
+        self.added.append(interval)
+        recent = self.recent.extended(*self.added)
+        recent = recent.with_families(walk_of(recent.t, recent.response, self.context.description.imu.noise))
+        older = len(recent) - 1
+        try:
+            step = _settle(recent, {older}, _SETTLED_RECENT if self.heading_known else _SETTLED)
+        except FAILURES as error:
+            self.due = self._relinearise_window(str(error))
+            return FilterUpdate.of(self.due.window, self.due.root)
+        first, states = older - len(self.added), step.window.states
+        self.added = [added.at(states.take(slice(k, k + 2))) for k, added in enumerate(self.added, first)]
+        self.newest = step.window_without_first(older)
+        self.conditionals = [MarginalisedKeyframes.first(recent.t, step.root, step.linearisation_point, older)]
+        return FilterUpdate.of(step.window, step.root)
+
+    def _jump_along_track(self, interval: Interval, shift_m: float) -> FilterUpdate:
+        """Shift the window along the track, where the votes of the fixes say so, and estimate the next keyframe."""
+        self.window, self.recent = shift_window(self.window, shift_m), shift_window(self.recent, shift_m)
+        self.linearisation_point = shift_states(self.linearisation_point, shift_m)
+        self.added = [shift_interval(added, shift_m) for added in self.added]
+        return self._resolve_recent_keyframes(shift_interval(interval, shift_m))
+
+    def _record(self, update: FilterUpdate) -> FilterUpdate:
+        self.speed_sd = update.speed_sd
+        self.votes.update_prior(update.covariance)
+        return update
+
+    def _relinearise_window(self, failure: str | None = None) -> Relinearisation:
+        """Relinearise the whole window and marginalise what is older than the lag.
+
+        ``failure``: why the recent keyframes could not take their step; their states are then no linearisation point.
+        """
+        config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
+        window = self.window.extended(*self.added)
+        now = float(window.t[-1])
+        if failure is None:
+            window = replace(window, states=self._back_substituted_states(window))
+        self.rests.update(self.buffer, self.tach, window, config, (last_pass - LOOK_S, now + AFTER_S))
+        walk = walk_of(window.t, window.response, imu.noise)
+        window = window.with_families(walk, *resting(window.t, self.rests.spans, config, rigid=imu.rigid))
+        leaving = before_recent = 0
+        if self.heading_known or len(window) > _MOST_WITHOUT_HEADING:
+            leaving = int(np.searchsorted(window.t, now - self.lag_s))
+            before_recent = max(len(window) - _BEFORE_PASS, leaving)
+        older = len(window) - 1
+        step, event = self._settle_window(window, {leaving, before_recent, older} - {0}, failure)
+        self.heading_known = self.heading_known or self._heading_sd(step.window, step.root) < _HEADING_SD_RAD
+        marginalised = step.marginalised_first(leaving) if leaving else None
+        self.window, self.recent = step.window_without_first(leaving), step.window_without_first(before_recent)
+        self.newest, self.root = step.window_without_first(older), step.root.last(len(self.window))
+        self.linearisation_point = step.linearisation_point.take(slice(leaving, None))
+        self.added, self.conditionals, self.predicted = [], [], None
+        return Relinearisation(step.window, step.root, marginalised, event)
+
+    def _settle_window(
+        self, window: Window, marginalise: Collection[int], failure: str | None
+    ) -> tuple[WindowStep, StreamEvent | None]:
+        """Return the whole window after its step, or after what had to take over, and the event of that."""
+        now = float(window.t[-1])
+        if failure is not None and not self.heading_known:  # undamped steps would not settle here either
+            event = None if self.damped else StreamEvent("by-batch", t_s=now, detail=failure)
+            self.damped = True
+            return self._batch_solution(window).gauss_newton_step(marginalise), event
+        event = None if failure is None else StreamEvent("by-window", t_s=now, detail=failure)
+        try:
+            step = _settle(window, marginalise, _SETTLED)
+            if step.window.suspects_slip and (batch := self._batch_solution(window)).cost < step.window.cost:
+                step = batch.gauss_newton_step(marginalise)
+        except FAILURES as error:
+            step = self._batch_solution(window).gauss_newton_step(marginalise)
+            event = StreamEvent("by-batch", t_s=now, detail=str(error))
+        return step, event
+
+    def _back_substituted_states(self, window: Window) -> States:
+        """Return states of the whole window by back-substitution from the newest keyframe through the conditionals."""
+        states, k, last_pass = [self.newest.states], len(window) - 1, len(self.window) - 1
+        for older in reversed(self.conditionals):
+            states.append(older.back_substitute(_with_own_bias(states[-1], window.response[k])))
+            k -= len(older.t)
+        if k:
+            older = MarginalisedKeyframes.first(window.t, self.root, self.linearisation_point, k)
+            # The newest keyframe of the last pass had the sensor's own bias: it began no interval then.
+            next_state = _with_own_bias(states[-1], window.response[k]) if k == last_pass else states[-1]
+            states.append(older.back_substitute(next_state))
+        oldest, *later = reversed(states)
+        return oldest.joined(*later)
+
+    def _batch_solution(self, window: Window) -> Window:
+        """Return the window solved by the damped batch solver, from its own states."""
+        data, context = self.buffer.inertial, self.context
+        problem = Problem(
+            run=context.run_of(window.t, data),
+            measured=window.measured,
+            families=window.families,
+            initial=window.states,
+            rests=self.rests.spans,
+            gaps=data.gaps(),
+            wheel=None if self.tach is None else self.tach.wheel,
+            clock_origin=context.clock_origin,
+        )
+        return replace(window, states=solve(problem, context.config.solver).states)
+
+    def _heading_sd(self, window: Window, root: SquareRoot) -> float:
+        """Return the sigma of the newest yaw, rad."""
+        covariance = posterior_covariance(root.last(1))
+        variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.context.lever_arm)
+        return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
+
+
+def _settle(window: Window, marginalise: Collection[int], longest: float) -> WindowStep:
+    """Take Gauss-Newton steps until one is shorter than ``longest`` posterior sigmas.
+
+    Raises ``UnsolvableError`` or ``ValueError`` where that does not happen.
+    """
+    for _ in range(_MOST_STEPS):
+        step = window.gauss_newton_step(marginalise)
+        if step.root.length < longest:
+            return step
+        window = step.window
+    raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_MOST_STEPS} of them")
+
+
+def _with_own_bias(states: States, response: Array) -> States:
+    """Return states with the sensor's own bias, without the calibration's contribution over the interval after it."""
+    return replace(states, bias=states.bias - states.imu[0] @ response.T)
