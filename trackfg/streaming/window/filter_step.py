@@ -50,7 +50,9 @@ class PredictedPair:
         """Linearise the prediction from the newest keyframe, a window of one."""
         pair = newest.extended(prediction.interval)
         pair = pair.with_families(walk_of(pair.t, pair.response, noise))
-        return cls(prediction, pair, compressed(stacked_pair(pair.linear_factors(without=OTHER_ROWS))))
+        return cls(
+            prediction, pair, compressed(stacked_pair(pair.linear_factors(without=OTHER_ROWS), len(pair.states.sensor)))
+        )
 
     def update(self, interval: Interval) -> FilterResult:
         """Take the step with the complete interval. Raises as :meth:`Window.gauss_newton_step` does."""
@@ -63,7 +65,7 @@ class PredictedPair:
             for family in pair.families
             if family.type in OTHER_ROWS and len(family)
         ]
-        root, marginal = eliminate_pair(np.concatenate([self.rows, stacked_pair(others)]))
+        root, marginal = eliminate_pair(np.concatenate([self.rows, stacked_pair(others, len(point.sensor))]))
         updated = pair.updated_by(root)
         nothing = np.zeros(1, dtype=bool)
         chains = (
@@ -80,7 +82,7 @@ def _step_between(predicted: Interval, interval: Interval) -> Step:
     Attitudes do not change: the wheel does not measure them.
     """
     start, end = predicted.predicted.nav, interval.predicted.nav
-    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM))
+    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM + predicted.predicted.sensor.size))
     step.of(Kind.NAV)[1, 3:6] = start.R[0].T @ (end.p - start.p)[0]
     step.of(Kind.NAV)[1, 6:9] = start.R[0].T @ (end.v - start.v)[0]
     step.of(Kind.ODO)[1] = (interval.predicted.odo.array - predicted.predicted.odo.array)[0]

@@ -41,7 +41,14 @@ _ROLLING_SIGMAS = 4.0
 """A wheel within so many sigmas of the predicted distance rolls without slip."""
 _WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
 """Families whose factors may touch the older keyframe alone and are new all the same."""
-OTHER_ROWS = (FactorType.TACH_DISTANCE, FactorType.TACH_READING, *_WITHIN_INTERVAL, FactorType.WITHHELD_FIX)
+OTHER_ROWS = (
+    FactorType.TACH_DISTANCE,
+    FactorType.TACH_READING,
+    *_WITHIN_INTERVAL,
+    FactorType.WITHHELD_FIX,
+    FactorType.TACH_INCREMENT,
+    FactorType.SPEED_DISTANCE,
+)
 """Families of other rows than the inertial sensor's."""
 
 
@@ -103,7 +110,10 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
             further = 0.0
         by_wheel = np.array([further, 0.0, more, further])
         predicted = replace(predicted, odo=Odo(predicted.odo.array + by_wheel))
-    families = (*interval.families, *_new_factors([*tach_factors(inputs), *positions(inputs)]))
+    families = (
+        *interval.families,
+        *_new_factors([*tach_factors(inputs), *positions(inputs), *further_distances(inputs)]),
+    )
     return interval._replace(predicted=predicted, families=families)
 
 

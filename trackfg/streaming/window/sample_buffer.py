@@ -46,6 +46,8 @@ class SampleBuffer:
     tach: Array = field(default_factory=lambda: no_rows("tach"))
     positions: dict[str, Array] = field(default_factory=lambda: {name: no_rows(name) for name in _POSITIONS})
     """Rows of fixes and GNSS, by table."""
+    others: dict[str, Array] = field(default_factory=dict)
+    """Rows of further sensors, by table."""
     lasers: dict[str, Array] = field(default_factory=dict)
     """Rows by the name of the laser."""
     breaks: dict[str, Array] = field(default_factory=lambda: {name: np.zeros((0, 2)) for name in ("imu", "tach")})
@@ -142,7 +144,7 @@ class SampleBuffer:
         return bool(((after >= begin) & (after < until)).any())
 
     def positions_between(self, begin: float, end: float) -> Recording:
-        """Return a recording of fixes and GNSS alone."""
+        """Return a recording of fixes and GNSS, and of further sensors with rows from just before and after."""
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
         return Recording(
             self.description,
@@ -169,12 +171,12 @@ class SampleBuffer:
         return replace(self.positions_between(begin, end), imu=imu, tach=tach)
 
     def first_speed(self, since: float) -> float | None:
-        """Return when the first row from ``since`` (s) on was measured that tells of the speed: of the tach or GNSS."""
+        """Return when the first row from ``since`` (s) on was measured that tells of the speed."""
         tables = (self.tach, self.positions["gnss"], *self.others.values())
         return min((float(table[i, 0]) for table in tables if (i := _first(table, since)) < len(table)), default=None)
 
     def measures_speed(self, begin: float, end: float) -> bool:
-        """Return whether the tach or GNSS has two rows between two times, s."""
+        """Return whether a table that tells of the speed has two rows between two times, s."""
         return any(
             len(_between(table, begin, end)) > 1 for table in (self.tach, self.positions["gnss"], *self.others.values())
         )

@@ -205,8 +205,8 @@ class MarginalisedKeyframes(NamedTuple):
 
 
 def _merge_by_type(families: Sequence[Family]) -> tuple[Family, ...]:
-    """Return the families of each type as one, if they can be stacked."""
-    groups: dict[FactorType | int, list[Family]] = {}
+    """Return the families of each type and label as one, if they can be stacked."""
+    groups: dict[tuple[FactorType, str] | int, list[Family]] = {}
     for family in families:
-        groups.setdefault(family.type if family.type.stackable else id(family), []).append(family)
+        groups.setdefault((family.type, family.label) if family.type.stackable else id(family), []).append(family)
     return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in groups.values())
