@@ -67,9 +67,9 @@ class PredictedPair:
         ]
         root, marginal = eliminate_pair(np.concatenate([self.rows, stacked_pair(others, len(point.sensor))]))
         updated = pair.updated_by(root)
-        nothing = np.zeros(1, dtype=bool)
+        chained = (family for family in pair.families if family.is_chained)
         chains = (
-            family.tail_of_chain(nothing, updated.states).shifted(-1) for family in pair.families if family.is_chained
+            family.tail_of_chain(np.zeros(len(family), dtype=bool), updated.states).shifted(-1) for family in chained
         )
         families = (marginal_prior(marginal, pair.states.take(slice(1, 2))), *chains)
         newest = Window(pair.t[1:], updated.states.take(slice(1, 2)), (), pair.response[1:], families)
