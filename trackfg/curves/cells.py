@@ -1,7 +1,7 @@
-"""A profile in cells as long as its curvature's base: turns and tilts from each to the next.
+"""A profile is condensed to cells as long as its curvature's base: turns and tilts from each cell to the next.
 
-Holes of up to :data:`BRIDGED_M` are bridged: what happens to the heading and the cross-level across them is not known,
-but the profile goes on. A longer hole, or the end of a profile, ends the cells.
+Holes of up to :data:`BRIDGED_M` are bridged: the change of heading and cross-level across them is unknown, but the
+profile goes on. A longer hole, or the end of a profile, ends the cells.
 """
 
 from __future__ import annotations
@@ -11,28 +11,32 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.curves.increments import Increments
+from trackfg.curves.increments import CellIncrements
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
 
 BRIDGED_M = 30.0
+"""Longest hole that is bridged, m."""
 _FEWEST_CELLS = 12
+"""Fewest cells of a stretch: with fewer no noise can be estimated."""
 _LEAST_TURN_RAD, _LEAST_TILT_MM = 2e-4, 1.0
-"""Of a defect."""
+"""Least size of a defect, rad and mm. Chosen on simulated lines; see Assumptions in docs/engine.md."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A stretch of profile: ``edges`` (n + 2,) m; ``turn`` (n), rad, the change of the mean heading from a cell to the
-    next; ``tilt`` (n - 1), mm, that of the mean cross-level, None where the profile has none. ``curvature_known`` (n,),
-    1/m^2, and ``cross_level_known`` (n,), mm^2, are the variances that the profile states for itself.
+    """A stretch of profile in cells of ``base_m``, with ``edges`` (n + 2,) m.
+
+    ``turn`` (n), rad: the change of the mean heading from a cell to the next. ``tilt`` (n - 1), mm: that of the mean
+    cross-level, None where the profile has none. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known`` (n,), mm^2:
+    the variances that the profile states for itself.
     """
 
     base_m: float
     edges: Array
-    turn: Increments
-    tilt: Increments | None
+    turn: CellIncrements
+    tilt: CellIncrements | None
     curvature_known: Array
     cross_level_known: Array
 
@@ -41,12 +45,12 @@ class Cells:
 
     @property
     def centres(self) -> Array:
-        """The middles of the cells. Shape (n,)."""
+        """The middles of the cells, m (n,)."""
         return np.asarray(self.edges[1:-1])
 
     @property
     def curvature(self) -> Array:
-        """Mean curvature of the cells, 1/m. Shape (n,)."""
+        """The mean curvature of the cells, 1/m (n,)."""
         return np.asarray(self.turn.measured / self.base_m)
 
     @property
@@ -58,8 +62,10 @@ class Cells:
 
 
 def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
-    """The cells of a profile with ``chainage_m`` ascending on a uniform grid (with holes, or NaN), ``curvature_1pm``
-    and its ``_sd``, and perhaps ``cross_level_mm`` (and its ``_sd``); stretches shorter than twelve cells are left out.
+    """Return the cells of a profile, one entry for each stretch without a long hole.
+
+    ``profile`` has ``chainage_m`` ascending on a uniform grid (with holes, or NaN), ``curvature_1pm`` and its ``_sd``,
+    and perhaps ``cross_level_mm`` (and its ``_sd``). Stretches shorter than twelve cells are left out.
 
     Raises :class:`BadInputError` where columns are missing, or the base is no whole multiple of the grid's step.
     """
@@ -92,7 +98,7 @@ def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
 
 
 def _cells(start: float, n: int, rows: int, base_m: float, at: np.ndarray, values: dict[str, Array]) -> Cells:
-    """Cells of rows ``at`` places from 0 to n rows - 1."""
+    """Return the cells of the rows ``at`` places from 0 to n rows - 1."""
     means, whole = {}, {}
     for name, value in values.items():
         measured = np.isfinite(value)
@@ -102,7 +108,7 @@ def _cells(start: float, n: int, rows: int, base_m: float, at: np.ndarray, value
             count = np.bincount(at[measured] // rows, minlength=n)
             whole[name] = count == rows
     curvature_known = means["curvature_1pm_sd"] ** 2
-    turn = Increments(
+    turn = CellIncrements(
         measured=base_m * means["curvature_1pm"],
         known=np.where(whole["curvature_1pm"], base_m**2 * curvature_known, np.inf),
         between=np.zeros(n + 1),
@@ -111,7 +117,7 @@ def _cells(start: float, n: int, rows: int, base_m: float, at: np.ndarray, value
     tilt = None
     if "cross_level_mm" in means:
         between = np.where(whole["cross_level_mm"], 0.0, np.inf)
-        tilt = Increments(np.diff(means["cross_level_mm"]), np.zeros(n - 1), between, _LEAST_TILT_MM)
+        tilt = CellIncrements(np.diff(means["cross_level_mm"]), np.zeros(n - 1), between, _LEAST_TILT_MM)
     cross_level_known = means.get("cross_level_mm_sd", np.zeros(n)) ** 2
     edges = start + base_m * np.arange(n + 2, dtype=np.float64)
     return Cells(base_m, edges, turn, tilt, curvature_known, cross_level_known)

@@ -1,6 +1,6 @@
-"""Other chains made from a chain: the moves of the search for its structure (:mod:`trackfg.curves.structure`).
+"""Edits of a chain of curves: the moves of the search for its structure (:mod:`trackfg.curves.structure`).
 
-Pure functions; numbers are starting values for the fit that follows.
+All are pure functions; the numbers they set are starting values for the fit that follows.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from trackfg.curves.model import CurveChain
 from trackfg.curves.transition_laws import SPREAD, TransitionLaw
 
 _OPENED_M = 7.0
+"""Half the length with which a transition or straight is opened, m: a starting value."""
 
 
 def with_law(chain: CurveChain, law: TransitionLaw, only: int | None = None) -> CurveChain:
-    """All transitions, or ``only`` one, by this law, their lengths such that they look the same from afar."""
+    """Return the chain with all transitions, or ``only`` one, by this law, of lengths that look the same from afar."""
     laws = list(chain.laws)
     places = chain.places.copy()
     for i, old in enumerate(chain.laws):
@@ -31,7 +32,7 @@ def with_law(chain: CurveChain, law: TransitionLaw, only: int | None = None) -> 
 
 
 def opened(chain: CurveChain) -> Iterator[CurveChain]:
-    """With some length where a transition, or a straight between two curves, has none."""
+    """Yield chains with some length where a transition, or a straight between two curves, has none."""
     nodes = chain.nodes
     for j, (a, b) in enumerate(itertools.pairwise(nodes)):
         within = j % 2 == 1 and chain.straight[(j + 1) // 2]
@@ -48,7 +49,7 @@ def opened(chain: CurveChain) -> Iterator[CurveChain]:
 
 
 def collapsed(chain: CurveChain) -> CurveChain:
-    """With the longest level only of those of one sign that follow each other."""
+    """Return the chain in which of levels of one sign in succession only the longest is left."""
     level = 0
     while level < len(chain.laws):
         pair = (level, level + 1)
@@ -63,14 +64,14 @@ def collapsed(chain: CurveChain) -> CurveChain:
 
 
 def level_length(chain: CurveChain, level: int) -> float:
-    """Of the constant stretch; endless at the ends."""
+    """Return the length of the constant stretch of a level, m; it is infinite at the ends."""
     if level in (0, len(chain.laws)):
         return np.inf
     return float(chain.places[chain.begin[level]] - chain.places[chain.end[level - 1]])
 
 
 def bridged(chain: CurveChain, level: int) -> CurveChain:
-    """The transitions on both sides of a level as one, by the law of the longer one."""
+    """Return the chain with the transitions on both sides of a level as one, by the law of the longer one."""
     before, after = level - 1, level
     ends = list(chain.end)
     ends[before] = chain.end[after]
@@ -83,14 +84,14 @@ def bridged(chain: CurveChain, level: int) -> CurveChain:
 
 
 def swapped(chain: CurveChain, a: int, b: int) -> CurveChain:
-    """The values of two places exchanged."""
+    """Return the chain with the values of two places exchanged."""
     places = chain.places.copy()
     places[[a, b]] = places[[b, a]]
     return replace(chain, places=places)
 
 
 def merged(chain: CurveChain, a: int, b: int) -> CurveChain:
-    """Places a and b made one."""
+    """Return the chain with places a and b made one."""
     keep, drop = min(a, b), max(a, b)
     places = chain.places.copy()
     places[keep] = 0.5 * (places[a] + places[b])
@@ -104,7 +105,7 @@ def merged(chain: CurveChain, a: int, b: int) -> CurveChain:
 
 
 def straightened(chain: CurveChain, level: int) -> CurveChain:
-    """The level made straight, and joined with straights beside it."""
+    """Return the chain with a level made straight, and joined with straights beside it."""
     straight = list(chain.straight)
     straight[level] = True
     levels = [0]
@@ -118,6 +119,7 @@ def straightened(chain: CurveChain, level: int) -> CurveChain:
 
 
 def selected(chain: CurveChain, straight: list[bool], levels: list[int], kept: list[int]) -> CurveChain:
+    """Return the chain of some levels and transitions only."""
     used = sorted({chain.begin[i] for i in kept} | {chain.end[i] for i in kept})
     number = {place: k for k, place in enumerate(used)}
     flat = np.array([straight[i] for i in levels])
@@ -133,7 +135,10 @@ def selected(chain: CurveChain, straight: list[bool], levels: list[int], kept: l
 
 
 def _inserted(chain: CurveChain, transition: int, nodes: tuple[float, float], curvature: float | None) -> CurveChain:
-    """A level (straight for None) between two nodes within a transition, which becomes two. Equal nodes are one."""
+    """Return the chain with a level (straight for None) between two nodes within a transition, which becomes two.
+
+    Equal nodes are one place.
+    """
     i, p = transition, len(chain.places)
     first, second = nodes
     places = np.append(chain.places, first if first == second else [first, second])
@@ -151,7 +156,10 @@ def _inserted(chain: CurveChain, transition: int, nodes: tuple[float, float], cu
 
 
 def with_crossing(chain: CurveChain) -> CurveChain | None:
-    """With a straight without length where the curvature changes sign from a curve to the next."""
+    """Return the chain with a straight without length where curvature changes sign between two curves.
+
+    It is inserted at the first such transition; None if there is none.
+    """
     for i in range(len(chain.laws)):
         before, after = chain.curvature[i], chain.curvature[i + 1]
         if before * after < 0.0:
@@ -162,6 +170,7 @@ def with_crossing(chain: CurveChain) -> CurveChain | None:
 
 
 def with_level(chain: CurveChain, t: float) -> CurveChain:
+    """Return the chain with a further level about place ``t``, m."""
     points = chain.points
     j = int(np.searchsorted(points, t, side="right")) - 1
     ends = (points[j] if j >= 0 else t - 60.0), (points[j + 1] if j + 1 < len(points) else t + 60.0)

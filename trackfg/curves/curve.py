@@ -1,4 +1,4 @@
-"""A curve as it was found: four points, circle, laws and cant, with their covariance; and a table of several.
+"""A curve has four points, a circle, transition laws and cant, with their covariance; a table has several curves.
 
 Facing increasing chainage, a curve has BTC, BCC, ECC and ETC: begin of transition, begin and end of the circular curve,
 end of transition. In a compound curve the transition between two parts is the exit of one and the entry of the next.
@@ -52,36 +52,36 @@ class Curve:
 
     @property
     def radius_m(self) -> float:
-        """Positive."""
+        """The radius of the circle, m, positive."""
         return 1.0 / abs(self.curvature_1pm)
 
     @property
     def length_in_m(self) -> float:
-        """Of the transition at the begin."""
+        """The length of the transition at the begin, m."""
         return self.bcc_m - self.btc_m
 
     @property
     def length_out_m(self) -> float:
-        """Of the transition at the end."""
+        """The length of the transition at the end, m."""
         return self.etc_m - self.ecc_m
 
     @property
     def arc_length_m(self) -> float:
-        """Of the circular curve."""
+        """The length of the circular curve, m."""
         return self.ecc_m - self.bcc_m
 
     @property
     def middle_in_m(self) -> float:
-        """Of the transition at the begin: the best-known point of the curve's begin."""
+        """The middle of the transition at the begin, m: the best-known point of the curve's begin."""
         return 0.5 * (self.btc_m + self.bcc_m)
 
     @property
     def middle_out_m(self) -> float:
-        """Of the transition at the end."""
+        """The middle of the transition at the end, m."""
         return 0.5 * (self.ecc_m + self.etc_m)
 
     def sd(self, name: str) -> float:
-        """The 1-sigma of a quantity by its name, in its unit. Raises ``KeyError`` for a name without one."""
+        """Return the sigma of a quantity by its name, in its unit. Raises ``KeyError`` for a name without one."""
         weights = _WEIGHTS[name] if name != "radius_m" else _WEIGHTS["curvature_1pm"] * self.radius_m**2
         used = np.flatnonzero(weights)
         return float(np.sqrt(weights[used] @ self.covariance[np.ix_(used, used)] @ weights[used]))
@@ -122,7 +122,7 @@ CURVE_COLUMNS = (
 
 
 def curve_table(curves: Sequence[Curve]) -> pd.DataFrame:
-    """One row per curve, columns :data:`CURVE_COLUMNS`."""
+    """Return a table of curves, one row each, columns :data:`CURVE_COLUMNS`."""
     named = {field.name for field in fields(Curve)} | set(_MEASURED)
     rows = [
         {name: getattr(curve, name) if name in named else curve.sd(name.removesuffix("_sd")) for name in CURVE_COLUMNS}

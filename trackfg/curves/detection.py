@@ -1,8 +1,4 @@
-"""Curves of a line from its smoothed curvature and cross-level: chainages, radii, laws, cants, each with its sigma.
-
-The designed line is straights, circles and transitions; the profile is that plus irregularities, which are far larger
-than the smoother's own errors and set the sigmas. See docs/curves.md.
-"""
+"""Detection of curves in smoothed curvature and cross-level: chainages, radii, laws and cants, each with its sigma."""
 
 from __future__ import annotations
 
@@ -16,24 +12,25 @@ from scipy.stats import chi2 as chi_squared
 from trackfg.curves.cells import Cells, cells_of
 from trackfg.curves.curve import QUANTITIES, Curve, CurveKind, CurveLaw
 from trackfg.curves.fit import Fit, Stretch, canted, fitted
-from trackfg.curves.laws import LawTrial, law_spread, law_trial, law_weights, with_likeliest_laws
 from trackfg.curves.line import CurvedLine, LineNoise, tilt_noise, turn_noise
 from trackfg.curves.model import CurveChain
 from trackfg.curves.segments import first_chains
 from trackfg.curves.structure import simplified, structured
+from trackfg.curves.transition_law_selection import LawTrial, law_spread, law_trial, law_weights, with_likeliest_laws
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 
 _SHARED_ABOVE = 1e-4
+"""Significance of the likelihood ratio test that the ramps of cant and of curvature are the same."""
 
 
 def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0, widest_radius_m: float = 10_000.0) -> list[Curve]:
-    """The curves of a profile, in order of chainage.
+    """Find the curves of a profile, in order of chainage.
 
     ``profile`` has ``chainage_m`` ascending in uniform steps, ``curvature_1pm`` over ``base_m`` and its ``_sd``, and
     perhaps ``cross_level_mm``: a result's geometry table. Rows may be missing or NaN. What is wider than
-    ``widest_radius_m`` is held to be straight. Sigmas refer to the profile's own chainage: that of the chainage itself
-    is not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
+    ``widest_radius_m`` is taken as straight. Sigmas refer to the profile's own chainage: that of the chainage itself is
+    not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
     """
     with one_thread():
         return _found(cells_of(profile, base_m), widest_radius_m)
@@ -63,14 +60,17 @@ def _found(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of curves with its laws on trial. ``cants`` are those of a fit of their own, where the cant's ramps are
-    elsewhere than the transitions; ``trial`` is then that of the curvature alone.
+    """A group of curves with its laws on trial.
+
+    ``cants`` are those of a fit of their own, where the cant's ramps are elsewhere than the transitions; ``trial`` is
+    then that of the curvature alone.
     """
 
     trial: LawTrial
     cants: Fit | None
 
     def relawed(self, weights: Array) -> Group:
+        """Return the group by the likeliest laws."""
         return replace(self, trial=with_likeliest_laws(self.trial, weights))
 
 
@@ -91,7 +91,7 @@ def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group
 
 
 def _curves(group: Group, weights: Array) -> list[Curve]:
-    """The curves of a group, their ids still to come."""
+    """Return the curves of a group, with the id 0."""
     trial = group.trial
     chain, stretch = trial.fit.chain, trial.fit.stretch
     covariance = trial.fit.covariance + law_spread(trial, weights)
@@ -138,10 +138,10 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
 
 
 def _profile_variance(stretch: Stretch, known: Array, points: Array) -> float:
-    """By how much more the profile's own curvature, or cross-level, is uncertain in the curve than beside it.
+    """Return by how much the profile's own variance of curvature, or cross-level, is greater in the curve.
 
-    That is its scale, which all of a run's curves share. What it does not know on the straight either is short, and
-    among the residuals, or an offset, which a curve has not.
+    The difference is its scale, which all of a run's curves share. What the profile does not know on the straight
+    either is short, and among the residuals, or an offset, which a curve has not.
     """
     middle = float(np.nanmean(points[1:3]))
     return float(np.interp(middle, stretch.edges[1:-1], known)) - float(known.min())

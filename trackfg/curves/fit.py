@@ -1,7 +1,7 @@
-"""Fit of a chain of curves to a stretch of profile: nonlinear least squares with whitened residuals.
+"""The fit of a chain of curves to a stretch of profile is nonlinear least squares with whitened residuals.
 
 Residuals are the increments of heading and of cross-level (:mod:`trackfg.curves.model`), whitened by their noise
-(:mod:`trackfg.curves.increments`). The covariance is ``(J^T J)^-1``, times the residuals' mean square:
+(:mod:`trackfg.curves.increments`). The covariance is ``(J^T J)^-1``, times the residuals' mean square, because
 irregularities are not the same all along a line.
 """
 
@@ -16,23 +16,30 @@ from trackfg.curves.model import CurveChain, tilts, turns
 from trackfg.numerics.arrays import Array
 
 _PRIOR_CELLS = 30.0
-"""The noise of the whole line counts as much as so many cells of the stretch itself."""
+"""The noise of the whole line counts as much as so many cells of the stretch itself. Chosen on simulated lines; see
+Assumptions in docs/engine.md."""
 
 _SCALES = (1.0, 1e-5, 0.1)
+"""Scales of the parameters: m of places, 1/m of curvatures, mm of cants, about their sigmas on good track."""
 _SUSPECT, _FREE_RAMPS = 20.0, 6.0
-"""Of chi^2: so much more than is usual casts doubt on ramps at the transitions; so much per place makes them free."""
+"""Thresholds of chi-square: the excess over its expectation above which cant ramps may lie elsewhere than the
+transitions, and the penalty per place that is then free. Chosen on simulated lines; see Assumptions in
+docs/engine.md."""
 
 _DAMPED, _DAMPED_AGAIN = 1e-9, 1e-4
+"""Least damping of Levenberg and Marquardt, and the least after a step that has failed."""
 _EVALUATIONS, _PATIENCE = 20, 4
+"""Greatest number of steps, and of steps in a row that gain little."""
 _SETTLED, _LITTLE = 1e-5, 1e-2
-"""Of chi^2."""
+"""Gain in chi-square below which the fit has converged, and below which a step has gained little."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Cells of a profile: ``edges`` (n + 2,) m, ``turn`` (n), rad, and ``tilt`` (n - 1), mm, either None where it is
-    not known or not to be used. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known`` (n,), mm^2, are the
-    variances that the profile states for itself.
+    """Cells of a profile: ``edges`` (n + 2,) m, increments ``turn`` (n), rad, and ``tilt`` (n - 1), mm.
+
+    Either is None where it is not known or not to be used. ``curvature_known`` (n,), 1/m^2, and ``cross_level_known``
+    (n,), mm^2, are the variances that the profile states for itself.
     """
 
     edges: Array
@@ -43,24 +50,25 @@ class Stretch:
 
     @property
     def tilt_edges(self) -> Array:
-        """Of the increments of cross-level. Shape (n + 1,)."""
+        """The edges of the increments of cross-level, m (n + 1,)."""
         return np.asarray(self.edges[:-1] + 0.5 * (self.edges[1] - self.edges[0]))
 
     @property
     def disturbances(self) -> int:
-        """How many were allowed."""
+        """The number of disturbances that were allowed."""
         return sum(seen.increments.disturbances for seen in (self.turn, self.tilt) if seen is not None)
 
     def without_tilt(self) -> Stretch:
-        """The curvature alone."""
+        """Return the stretch with its curvature only."""
         return replace(self, tilt=None)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best chain on a stretch, the sum of squares of its whitened residuals (``freedom`` of them say something),
-    and the covariance of its parameters (without those of the cant where the stretch has no cross-level), for residuals
-    of mean square 1.
+    """The best chain on a stretch.
+
+    ``chi2``: the sum of squares of its whitened residuals, of which ``freedom`` carry information. ``unscaled``: the
+    covariance of its parameters (without the cant where the stretch has no cross-level) for residuals of mean square 1.
     """
 
     chain: CurveChain
@@ -71,17 +79,17 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """How much larger the noise's variance is here than on the whole line."""
+        """The noise's variance on this stretch over that of the whole line."""
         return (_PRIOR_CELLS + self.chi2) / (_PRIOR_CELLS + self.freedom - len(self.unscaled))
 
     @property
     def covariance(self) -> Array:
-        """Of :attr:`CurveChain.parameters`."""
+        """The covariance of :attr:`CurveChain.parameters`."""
         return self.scale * self.unscaled
 
 
 def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
-    """The chain's places and levels that fit the stretch best, from the given ones on (Levenberg-Marquardt)."""
+    """Fit places and levels of a chain to a stretch, from the given ones on (Levenberg-Marquardt)."""
     scales = _scales(chain, stretch)
     x = chain.parameters[: len(scales)]
     r, j = _residuals(chain, stretch)
@@ -112,8 +120,10 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
 
 
 def canted(chain: CurveChain, stretch: Stretch) -> tuple[CurveChain, Stretch]:
-    """With the cants that fit the cross-level best, the ramps where the transitions are; and with the disturbances of
-    cross-level that are left so, or where the ramps may be anywhere, whichever explains more.
+    """Return the chain with the cants that fit the cross-level best, and the stretch with its disturbances.
+
+    The cant's ramps are where the transitions are. The disturbances of cross-level are those that are left so, or where
+    the ramps may be anywhere, whichever explains more.
     """
     if stretch.tilt is None:
         return chain, stretch
@@ -126,8 +136,9 @@ def canted(chain: CurveChain, stretch: Stretch) -> tuple[CurveChain, Stretch]:
 
 
 def _cant_disturbances(chain: CurveChain, tilt: Observed, stretch: Stretch, *, free: bool) -> tuple[Observed, float]:
-    """With the disturbances that cants leave, their ramps ``free`` or where the transitions are, and ``chi^2`` and
-    their price.
+    """Return cross-level with the disturbances that cants leave, and ``chi^2`` plus their price.
+
+    The ramps are ``free``, or where the transitions are.
     """
     while True:
         here = _with_cants(chain, tilt, stretch.tilt_edges)
@@ -151,7 +162,7 @@ def _with_cants(chain: CurveChain, tilt: Observed, tilt_edges: Array) -> CurveCh
 
 
 def regressors(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
-    """Whitened residuals (n,) and their derivatives (n, parameters) at the chain as it is."""
+    """Return whitened residuals (n,) and their derivatives (n, parameters) at the chain as it is."""
     return _residuals(chain, stretch)
 
 

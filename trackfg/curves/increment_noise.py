@@ -39,30 +39,35 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _ORDER = 4
+"""Order of the Butterworth high-pass; the module docstring compares orders."""
 _LEAST_GRID = 1024
 """Frequencies of a spectrum: enough for the memory of the slowest fading."""
 
 _LONGEST_PIECE, _SHORTEST_PIECE = 200, 12
+"""Cells of a piece of which a periodogram is taken."""
 _PERIODOGRAM = 512
 """Frequencies of a periodogram: twice the longest piece and more."""
 
 _LEAST_CUTOFF, _GREATEST_CUTOFF = 0.01 * np.pi, 0.9 * np.pi
+"""Bounds of the cutoff, rad per cell: wavelengths of 2 km and 22 m with cells of 10 m."""
 
 
 @dataclass(frozen=True)
 class Whitener:
-    """Turns noise into independent numbers of variance 1. ``matrix`` (n, n) is lower triangular."""
+    """The whitener turns noise into independent numbers of variance 1. ``matrix`` (n, n) is lower triangular."""
 
     matrix: Array
 
     def __call__(self, increments: Array) -> Array:
-        """Shape (n,) or (n, k) to the same."""
+        """Return whitened increments. Shape (n,) or (n, k) to the same."""
         return np.asarray(self.matrix @ increments)
 
 
 @dataclass(frozen=True)
 class IncrementNoise:
-    """``level`` and ``walk``: variances, of the irregularities' white core and of the walk's step per cell; ``cutoff``,
+    """The parameters of the noise of increments.
+
+    ``level`` and ``walk``: variances, of the irregularities' white core and of the walk's step per cell; ``cutoff``,
     rad per cell, between 0 and pi; -1 < ``theta`` < 1.
     """
 
@@ -72,15 +77,17 @@ class IncrementNoise:
     theta: float
 
     def whitener(self, known: Array, disturbed: Array | None = None) -> Whitener:
-        """For a stretch of increments whose walk has the known variances (n,) besides its own, and whose cells' means
-        are disturbed by these variances (n + 1,).
+        """Return the whitener of a stretch of increments.
+
+        ``known`` (n,): variances of the walk besides its own. ``disturbed`` (n + 1,): variances of disturbances of
+        cells' means.
         """
         covariance = self.covariance(known, disturbed)
         factor = np.linalg.cholesky(covariance)
         return Whitener(np.asarray(dtrtri(factor, lower=1)[0]))
 
     def covariance(self, known: Array, disturbed: Array | None = None) -> Array:
-        """Of such a stretch. Shape (n, n)."""
+        """Return the covariance (n, n) of such a stretch."""
         n = len(known)
         lags = np.abs(np.arange(n)[:, None] - np.arange(n))
         out: Array = self.autocovariance(n)[lags]
@@ -93,11 +100,11 @@ class IncrementNoise:
         return out
 
     def autocovariance(self, count: int) -> Array:
-        """Of the increments, for lags 0 to count - 1; what is known of the walk is not in it. Shape (count,)."""
+        """Return that of the increments for lags 0 to count - 1, without the known variances. Shape (count,)."""
         return np.asarray(fft.irfft(self._spectrum(max(_LEAST_GRID, 1 << count.bit_length())))[:count])
 
     def _spectrum(self, grid: int) -> Array:
-        """Of the increments, at grid + 1 frequencies from 0 to pi; its mean is their variance."""
+        """Return the spectrum at grid + 1 frequencies from 0 to pi; its mean is the variance."""
         cosine, tangent = _frequencies(grid)
         passed = 1.0 / (1.0 + (np.tan(0.5 * self.cutoff) / tangent) ** (2 * _ORDER))
         moving = 1.0 + 2.0 * self.theta * cosine + self.theta**2
@@ -106,16 +113,16 @@ class IncrementNoise:
 
 @cache
 def _frequencies(grid: int) -> tuple[Array, Array]:
-    """cos(u) and tan(u / 2), kept finite."""
+    """Return cos(u) and tan(u / 2), kept finite."""
     u = np.linspace(0.0, np.pi, grid + 1)
     return np.cos(u), np.tan(0.5 * np.clip(u, 1e-6, np.pi - 1e-6))
 
 
 def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> IncrementNoise:
-    """The noise of greatest likelihood of stretches of increments: each its residuals (n,), NaN where nothing was
-    measured, and known variances (n,).
+    """Estimate the noise of stretches of increments by maximum likelihood.
 
-    The square root of ``level`` is at least ``floor``.
+    Each stretch has residuals (n,), NaN where nothing was measured, and known variances (n,). The square root of
+    ``level`` is at least ``floor``.
     """
     pieces = [piece for residuals, known in stretches for piece in _pieces(residuals, known)]
     measured, window, noise_known = np.zeros(_PERIODOGRAM + 1), np.zeros(_PERIODOGRAM), 0.0
@@ -150,7 +157,7 @@ def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> Incr
 
 
 def _pieces(residuals: Array, known: Array) -> list[tuple[Array, Array]]:
-    """What was measured in one piece, cut into overlapping halves where it is long."""
+    """Return what was measured in one piece, cut into overlapping halves where it is long."""
     found = []
     for first, stop in true_runs(np.isfinite(residuals)):
         length = min(int(stop - first), _LONGEST_PIECE)

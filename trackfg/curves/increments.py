@@ -2,10 +2,10 @@
 
 A defect of the track (a kick of the alignment, a kink, a step of cross-level) is none of the irregularities, which are
 the same all along a line, and none of the curves. It disturbs the mean of one cell, or the step from one to the next.
-Both are tried for every cell at once: with the whitened residuals ``r``, free of what the curves' parameters can
-explain, and ``g`` the whitened disturbance of size 1, likewise, allowing it lowers ``chi^2`` by
-``(g^T r)^2 / g^T g``; its size is ``g^T r / g^T g``. A cell that is disturbed, or was not measured, has an infinite
-variance, and so says nothing.
+Both are tried for every cell at once by a score test: with the whitened residuals ``r``, free of what the curves'
+parameters can explain, and ``g`` the whitened disturbance of size 1, likewise, allowing it lowers ``chi^2`` by ``(g^T
+r)^2 / g^T g``; its size is ``g^T r / g^T g``. A cell that is disturbed, or was not measured, has an infinite variance,
+and so carries no information.
 """
 
 from __future__ import annotations
@@ -19,17 +19,22 @@ from trackfg.curves.increment_noise import IncrementNoise, Whitener
 from trackfg.numerics.arrays import Array
 
 DISTURBED_FROM, PER_DISTURBANCE = 25.0, 15.0
-"""The least gain, in chi^2, of a disturbance, and its price where it competes with curves."""
+"""Least gain, in chi-square, of a disturbance (five sigmas), and its price where it competes with curves. Chosen on
+simulated lines; see Assumptions in docs/engine.md."""
 
 _SILENT = 1e6
+"""Variance without information, as a multiple of the noise's level: finite, to spare the rest from rounding."""
 _OTHERWISE = 0.01
+"""Least share of a disturbance that the curves' parameters do not explain."""
 
 
 @dataclass(frozen=True)
-class Increments:
-    """``measured`` (n,); the variances that are ``known`` of the steps (n,) and of the means of the cells that they are
-    ``between`` (n + 1,); the ``least`` size of a disturbance; how many ``disturbances`` were allowed. The variance of
-    what says nothing is infinite.
+class CellIncrements:
+    """Increments from cell to cell, ``measured`` (n,), and their variances.
+
+    ``known`` (n,): variances of the steps. ``between`` (n + 1,): variances of the means of the cells. ``least``: the
+    least size of a disturbance. ``disturbances``: the number that were allowed. A variance is infinite where there is
+    no information.
     """
 
     measured: Array
@@ -38,13 +43,13 @@ class Increments:
     least: float
     disturbances: int = 0
 
-    def part(self, rows: slice) -> Increments:
-        """Those of some rows, without what was counted."""
+    def part(self, rows: slice) -> CellIncrements:
+        """Return those of some rows, without the number of disturbances."""
         cells = slice(rows.start, rows.stop + 1)
-        return Increments(self.measured[rows], self.known[rows], self.between[cells], self.least)
+        return CellIncrements(self.measured[rows], self.known[rows], self.between[cells], self.least)
 
-    def with_part(self, rows: slice, part: Increments) -> Increments:
-        """With the disturbances of a part of it, too."""
+    def with_part(self, rows: slice, part: CellIncrements) -> CellIncrements:
+        """Return the increments with the disturbances of a part of them, too."""
         known, between = self.known.copy(), self.between.copy()
         cells = slice(rows.start, rows.stop + 1)
         known[rows] = np.maximum(known[rows], part.known)
@@ -53,13 +58,13 @@ class Increments:
 
     @property
     def freedom(self) -> int:
-        """How many numbers there are in them that say something."""
+        """The number of values that carry information."""
         silent = [int(np.isinf(variances).sum()) for variances in (self.known, self.between)]
         return len(self.measured) - sum(silent)
 
     @property
     def telling(self) -> np.ndarray:
-        """Which say something by themselves. Shape (n,)."""
+        """True where an increment carries information by itself, (n,)."""
         silent = np.isinf(self.between)
         return np.asarray(~(np.isinf(self.known) | silent[1:] | silent[:-1]))
 
@@ -68,20 +73,21 @@ class Increments:
 class Observed:
     """Increments and their noise."""
 
-    increments: Increments
+    increments: CellIncrements
     noise: IncrementNoise
 
     @cached_property
     def white(self) -> Whitener:
-        """What makes their noise white."""
+        """The whitener of the increments."""
         # What says nothing must not drown the rest in rounding.
         most = _SILENT * self.noise.level
         known, between = (np.minimum(v, most) for v in (self.increments.known, self.increments.between))
         return self.noise.whitener(known, between)
 
     def most_disturbed(self, residuals: Array, slopes: Array) -> tuple[float, Observed]:
-        """The greatest gain of a disturbance, and the increments with it allowed: of whitened residuals (n,) of a fit
-        with the whitened derivatives (n, p).
+        """Return the greatest gain of a disturbance, and the increments with it allowed.
+
+        ``residuals`` (n,) are whitened, of a fit with the whitened derivatives ``slopes`` (n, p).
         """
         n = len(residuals)
         steps = self.white.matrix
@@ -112,8 +118,10 @@ class Observed:
         return float(gains[k]), replace(self, increments=allowed)
 
     def undisturbed(self, residuals: Array, slopes: Array) -> Observed:
-        """With the disturbances allowed that residuals (n,) show besides derivatives (n, p), the greatest first, but
-        for no more than a tenth of the cells: itself where there are none.
+        """Return the increments with the disturbances allowed that residuals show, the greatest first.
+
+        ``residuals`` (n,) are those besides the derivatives ``slopes`` (n, p). No more than a tenth of the cells are
+        allowed; it returns itself where there is none.
         """
         observed = self
         for _ in range(len(residuals) // 10):

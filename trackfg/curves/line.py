@@ -1,4 +1,4 @@
-"""A line without a hole: its cells, the groups of curves on them, and the noise that the curves leave over."""
+"""A line without a hole: its cells, the groups of curves on them, and the noise that the curves leave."""
 
 from __future__ import annotations
 
@@ -11,36 +11,45 @@ import numpy as np
 from trackfg.curves.cells import Cells
 from trackfg.curves.fit import Stretch, canted
 from trackfg.curves.increment_noise import IncrementNoise, fitted_noise
-from trackfg.curves.increments import Increments, Observed
+from trackfg.curves.increments import CellIncrements, Observed
 from trackfg.curves.model import CurveChain, tilts, turns
 from trackfg.curves.structure import structured
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _AROUND_M = 300.0
+"""Length of straight beside a group that is fitted with it, m."""
 _CLEAR_M = 15.0
+"""Distance that such a straight keeps from the next group, m."""
 _TURN_FLOOR_RAD = 2e-6
+"""Least sigma of the noise of heading, rad."""
 _TILT_FLOOR_MM = 1e-3
+"""Least sigma of the noise of cross-level, mm."""
 _LEAST_CLEAR = 0.2
+"""Least share of straights of which the noise is estimated; with less it is taken from all cells."""
 _UNEXPLAINED = 10.0
+"""A chain whose cant leaves more than so many median residuals does not explain the cross-level."""
 _WINDOW, _SEEN_TWICE = 120, 10
+"""Cells in which disturbances are sought at a time, and by which such windows overlap."""
 
 
 @dataclass(frozen=True)
 class LineNoise:
+    """The noise of the increments of heading, and of cross-level if the profile has any."""
+
     turn: IncrementNoise
     tilt: IncrementNoise | None
 
 
 @dataclass(frozen=True)
 class CurvedLine:
-    """Cells, and the groups of curves on them."""
+    """The cells of a line, and the groups of curves on them."""
 
     cells: Cells
     chains: tuple[CurveChain, ...]
 
     def turn_residuals(self) -> Array:
-        """What the chains do not explain. Shape (n,)."""
+        """Return what the chains do not explain of the turns, rad (n,)."""
         out = self.cells.turn.measured.copy()
         for k, chain in enumerate(self.chains):
             rows = self._rows(k, overlapping=False)
@@ -48,8 +57,9 @@ class CurvedLine:
         return out
 
     def tilt_residuals(self) -> Array:
-        """What the chains do not explain of the increments of cross-level; NaN along chains that have no cant, or do
-        not explain them. Shape (n - 1,), or none where the profile has no cross-level.
+        """Return what the chains do not explain of the increments of cross-level, mm (n - 1,).
+
+        NaN along chains that have no cant, or do not explain them; empty where the profile has no cross-level.
         """
         if self.cells.tilt is None:
             return np.zeros(0)
@@ -67,7 +77,7 @@ class CurvedLine:
         return out
 
     def clear(self) -> np.ndarray:
-        """Cells away from all curves."""
+        """Return which cells are away from all curves, bool (n,)."""
         free = np.ones(len(self.cells), dtype=bool)
         x = self.cells.centres
         for chain in self.chains:
@@ -77,7 +87,7 @@ class CurvedLine:
         return free
 
     def stretch(self, k: int, noise: LineNoise) -> Stretch:
-        """Group k and what of the straights beside it is near."""
+        """Return the stretch of group k and of the straights beside it."""
         rows, cells = self._rows(k, overlapping=True), self.cells
         tilt = None
         if noise.tilt is not None and cells.tilt is not None:
@@ -91,7 +101,7 @@ class CurvedLine:
         )
 
     def structured(self, noise: LineNoise, widest_radius_m: float) -> CurvedLine:
-        """With the chains that the curvature shows, and the cells that a defect disturbs besides."""
+        """Return the line with the chains that the curvature shows, and the disturbed cells besides."""
         chains, turn = [], self.cells.turn
         for k, chain in enumerate(self.chains):
             fit = structured(chain, self.stretch(k, noise).without_tilt(), widest_radius_m)
@@ -101,7 +111,7 @@ class CurvedLine:
         return CurvedLine(replace(self.cells, turn=turn), tuple(chains))
 
     def canted(self, noise: LineNoise) -> CurvedLine:
-        """With the cants that fit the cross-level best, and the cells that a defect disturbs besides."""
+        """Return the line with the cants that fit the cross-level best, and the disturbed cells besides."""
         chains, tilt = [], self.cells.tilt
         for k, chain in enumerate(self.chains):
             chain_canted, stretch = canted(chain, self.stretch(k, noise))
@@ -112,7 +122,7 @@ class CurvedLine:
         return CurvedLine(replace(self.cells, tilt=tilt), tuple(chains))
 
     def undisturbed(self, noise: LineNoise) -> CurvedLine:
-        """With the cells of the straights that a defect disturbs."""
+        """Return the line with the cells of the straights that a defect disturbs."""
         turn = _undisturbed(self.cells.turn, noise.turn, self.clear())
         tilt = self.cells.tilt
         if tilt is not None and noise.tilt is not None:
@@ -124,7 +134,7 @@ class CurvedLine:
         return np.asarray(clear[1:] & clear[:-1])
 
     def _rows(self, k: int, *, overlapping: bool) -> slice:
-        """The cells of group k: to the next groups if ``overlapping``, else to half way there."""
+        """Return the cells of group k: to the next groups if ``overlapping``, else to half way there."""
         x = self.cells.centres
         chain = self.chains[k]
         low, high = -np.inf, np.inf
@@ -147,7 +157,7 @@ class CurvedLine:
 
 
 def turn_noise(lines: Sequence[CurvedLine], *, straights_only: bool) -> IncrementNoise:
-    """Of heading, from what the curves leave over: on the straights alone if they are only guessed."""
+    """Estimate the noise of heading from the residuals: on the straights only if the curves are still a guess."""
     stretches = []
     for line in lines:
         used = line.clear() if straights_only else np.ones(len(line.cells), dtype=bool)
@@ -159,9 +169,10 @@ def turn_noise(lines: Sequence[CurvedLine], *, straights_only: bool) -> Incremen
 
 
 def tilt_noise(lines: Sequence[CurvedLine]) -> IncrementNoise | None:
-    """Of cross-level, from what is left beside curves without cant and along those that explain it; None without any.
+    """Estimate the noise of cross-level from the residuals; None without any cross-level.
 
-    A curve whose cant has ramps of its own explains little.
+    Those beside curves without cant and along curves that explain it are used: a curve whose cant has ramps of its own
+    explains little.
     """
     stretches = [
         (np.where(line.cells.tilt.telling, line.tilt_residuals(), np.nan), line.cells.tilt.known)
@@ -171,8 +182,8 @@ def tilt_noise(lines: Sequence[CurvedLine]) -> IncrementNoise | None:
     return fitted_noise(stretches, _TILT_FLOOR_MM) if stretches else None
 
 
-def _undisturbed(increments: Increments, noise: IncrementNoise, clear: np.ndarray) -> Increments:
-    """With the disturbances of the clear ones, which have no other cause."""
+def _undisturbed(increments: CellIncrements, noise: IncrementNoise, clear: np.ndarray) -> CellIncrements:
+    """Return the increments with the disturbances of the clear cells, which have no other cause."""
     for first, stop in true_runs(clear):
         count = max(1, round((stop - first) / _WINDOW))
         for low, high in itertools.pairwise(np.linspace(first, stop, count + 1).astype(int)):

@@ -24,11 +24,14 @@ from trackfg.curves.transition_laws import TransitionLaw, rise
 from trackfg.numerics.arrays import Array
 
 _SHORTEST_M = 1e-3
+"""Least length of a transition, m: the division by it stays finite."""
 
 
 @dataclass(frozen=True)
 class CurveChain:
-    """``m`` levels and ``m - 1`` transitions; transition i leads from ``places[begin[i]]`` to ``places[end[i]]``.
+    """A row of ``m`` levels with ``m - 1`` transitions between them.
+
+    Transition i leads from ``places[begin[i]]`` to ``places[end[i]]``.
 
     Points that coincide share a place: both ends of a transition of no length, or the end of one and the beginning of
     the next where no constant stretch lies between. ``places`` (p,) m; ``curvature`` (m,) 1/m, left positive, and
@@ -45,16 +48,16 @@ class CurveChain:
 
     @cached_property
     def curved(self) -> np.ndarray:
-        """Indices of the levels that are not straight."""
+        """The indices of the levels that are not straight."""
         return np.flatnonzero(~np.array(self.straight))
 
     @property
     def parameters(self) -> Array:
-        """Places, then the curvatures and the cants of the curved levels. Shape (p + 2 c,)."""
+        """The places, then the curvatures and the cants of the curved levels. Shape (p + 2 c,)."""
         return np.concatenate([self.places, self.curvature[self.curved], self.cant[self.curved]])
 
     def with_parameters(self, x: Array) -> CurveChain:
-        """The same chain with other numbers; those of the cant may be missing and then stay."""
+        """Return the same chain with other numbers; the cants stay if they are not among them."""
         p, c = len(self.places), len(self.curved)
         curvature, cant = self.curvature.copy(), self.cant.copy()
         curvature[self.curved] = x[p : p + c]
@@ -64,7 +67,7 @@ class CurveChain:
 
     @property
     def points(self) -> Array:
-        """Where transitions begin and end, in order. Shape (2 m - 2,)."""
+        """The places where transitions begin and end, in order. Shape (2 m - 2,)."""
         return np.asarray(self.places[self.nodes])
 
     @property
@@ -73,7 +76,7 @@ class CurveChain:
         return np.array([self.begin, self.end], dtype=np.int64).T.ravel()
 
     def curvature_at(self, x: Array) -> Array:
-        """Curvature at places (n,), 1/m."""
+        """Return the curvature at places (n,), 1/m."""
         return self._at(x, self.curvature)
 
     def _at(self, x: Array, levels: Array) -> Array:
@@ -85,17 +88,23 @@ class CurveChain:
 
 
 def turns(chain: CurveChain, edges: Array) -> tuple[Array, Array]:
-    """The turn of each cell, rad, and its derivatives by places and curvatures. Edges (n + 2,) to (n,), (n, p + c)."""
+    """Return the turn of each cell, rad, and its derivatives by places and curvatures.
+
+    Edges (n + 2,) to (n,) and (n, p + c).
+    """
     return _seen(chain, edges, chain.curvature, 2)
 
 
 def tilts(chain: CurveChain, edges: Array) -> tuple[Array, Array]:
-    """Increments of cross-level, mm, and derivatives by places and cants. Edges (n + 2,) to (n,), (n, p + c)."""
+    """Return increments of cross-level, mm, and their derivatives by places and cants.
+
+    Edges (n + 2,) to (n,) and (n, p + c).
+    """
     return _seen(chain, edges, chain.cant, 1)
 
 
 def step_turns(places: Array, edges: Array) -> Array:
-    """The turns that a step of curvature of 1 1/m would make, for each of its places (k,). Shape (n, k)."""
+    """Return the turns that a step of curvature of 1 1/m at each of ``places`` (k,) would make. Shape (n, k)."""
     beyond = np.maximum(edges - places[:, None], 0.0)
     return _second_difference(0.5 * beyond**2, edges).T
 
@@ -129,7 +138,10 @@ def _seen(chain: CurveChain, edges: Array, levels: Array, order: int) -> tuple[A
 
 
 def _integrals(law: TransitionLaw, x: Array, begin: Array, end: Array, order: int) -> tuple[Array, Array, Array]:
-    """Rises from begins to ends (t,), integrated ``order`` times, and the derivatives by both. Each (t, n)."""
+    """Return rises from begins to ends (t,), integrated ``order`` times, and the derivatives by both.
+
+    Each (t, n).
+    """
     turned = end < begin  # on the way to a solution; as good as the other way round
     b = np.minimum(begin, end)[:, None]
     length = np.maximum(np.abs(end - begin), _SHORTEST_M)[:, None]
@@ -147,6 +159,6 @@ def _integrals(law: TransitionLaw, x: Array, begin: Array, end: Array, order: in
 
 
 def _second_difference(values: Array, edges: Array) -> Array:
-    """Along the last axis: shape (..., n + 2) to (..., n)."""
+    """Return second differences along the last axis: shape (..., n + 2) to (..., n)."""
     steps = values[..., 1:] - values[..., :-1]
     return np.asarray((steps[..., 1:] - steps[..., :-1]) / (edges[1] - edges[0]))

@@ -1,4 +1,4 @@
-"""Where curves are, roughly: a first chain of curves for each group of them.
+"""Segmentation of a profile: a first chain of curves for each group of them.
 
 Averaged over five cells (50 m), curvature above a threshold is part of a curve: half the widest one's, or four sigmas
 of the irregularities, whichever is more. Curves closer together than :data:`GROUP_GAP_M` form a group that is fitted as
@@ -24,21 +24,29 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 GROUP_GAP_M = 60.0
+"""Curves closer together than this, m, are fitted as one group."""
 _AVERAGED = 5
+"""Cells over which curvature is averaged to find curves."""
 _SIGMAS = 4.0
+"""Sigmas of the averaged irregularities above which there is a curve."""
 _FIRST_LAW: TransitionLaw = "clothoid"
+"""Law of all transitions of a first chain."""
 _BESIDE = 8
 """Cells of straight beside a group that are cut with it."""
 
 _MOST_CURVES, _CUT_M = 3, 15.0
+"""Most curves of a group, and the shortest straight, m, at which one with more is parted."""
 
 _PER_CONSTANT, _PER_LINEAR = 15.0, 22.0
+"""Price, in chi-square, of a constant and of a linear piece. Chosen on simulated lines; see Assumptions in
+docs/engine.md."""
 _LEAST_SD = 2e-5
-"""1/m: that of good track. The laws of transitions are none of the pieces: a better track shows no more of them."""
+"""Least sigma of curvature, 1/m: that of good track. A better track shows no more pieces, as the laws of transitions
+are none of them."""
 
 
 def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
-    """A chain per group of curves, in order of chainage, all transitions clothoids and without cant."""
+    """Return a chain per group of curves, in order of chainage, with clothoids only and without cant."""
     weight = np.convolve(np.ones(len(cells)), np.ones(_AVERAGED), mode="same")
     mean = np.convolve(cells.curvature, np.ones(_AVERAGED), mode="same") / weight
     sd = max(cells.turn_sd / cells.base_m, _LEAST_SD)
@@ -64,7 +72,7 @@ def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
 
 
 def _parts(chain: CurveChain) -> list[CurveChain]:
-    """Of a chain with many curves, parts with few: a search takes the third power of their number."""
+    """Return parts with few curves of a chain with many: a search takes the third power of their number."""
     levels = range(1, len(chain.laws))
     lengths = {i: level_length(chain, i) for i in levels if chain.straight[i]}
     longest = max(lengths, key=lambda i: lengths[i], default=None)
@@ -88,7 +96,7 @@ class _Piece:
 
 
 def _pieces(y: Array, sd: float) -> list[_Piece]:
-    """The best cut of y (n,) into constant and linear pieces."""
+    """Return the best cut of y (n,) into constant and linear pieces."""
     n = len(y)
     x = np.arange(n, dtype=np.float64)
     sums = {name: np.concatenate([[0.0], np.cumsum(v)]) for name, v in (("y", y), ("yy", y * y), ("xy", x * y))}
@@ -124,7 +132,7 @@ def _pieces(y: Array, sd: float) -> list[_Piece]:
 def _chain(
     pieces: list[_Piece], start_m: float, base_m: float, least: float, within: tuple[bool, bool]
 ) -> CurveChain | None:
-    """Levels from constant pieces, transitions from the linear ones and jumps between; None without a curve.
+    """Return levels from constant pieces, and transitions from the linear ones and jumps between; None without a curve.
 
     ``within`` says whether the first and the last piece are within the profile, and so straight.
     """

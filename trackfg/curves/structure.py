@@ -1,8 +1,8 @@
-"""Which levels and transitions a group of curves has: split and merge, each step judged by the fit it leads to.
+"""The structure of a group of curves: which levels and transitions it has, by splitting and merging.
 
-A step is taken if it lowers ``chi^2 / scale + 4 per place + 20 per curve`` and a little for straights within and for
-the rarer laws; ``scale`` is that of the richer chain. This is more than the information criteria's log n, as the noise
-is only known approximately. Steps:
+Each step is judged by the fit it leads to, and taken if it lowers ``chi^2 / scale + 4 per place + 20 per curve`` and a
+little for straights within and for the rarer laws; ``scale`` is that of the richer chain. This is more than the
+information criteria's log n, as the noise is only known approximately. The steps are:
 
 * the place where a further step of the curvature would explain most of the residuals (a score test, for every cell at
   once) is tried as a new level;
@@ -37,29 +37,39 @@ from trackfg.curves.chain_edits import (
 from trackfg.curves.fit import Fit, Stretch, regressors
 from trackfg.curves.increments import DISTURBED_FROM, PER_DISTURBANCE
 from trackfg.curves.model import CurveChain, step_turns
-from trackfg.curves.settling import settled
+from trackfg.curves.refit import refitted
 from trackfg.curves.transition_laws import LAWS, TransitionLaw
 from trackfg.numerics.arrays import Array
 
 _PER_PLACE, _PER_LEVEL = 4.0, 20.0
+"""Price, in chi-square, of a place and of a curve. Chosen on simulated lines; see Assumptions in docs/engine.md."""
 _PER_LAW: dict[TransitionLaw, float] = {"clothoid": 0.0, "half-sine": 1.4, "sine": 4.6, "bloss": 4.6, "helmert": 4.6}
+"""Price of a law: twice the logarithm of the ratio of prior counts (:mod:`trackfg.curves.transition_law_selection`),
+1.4 and 4.6."""
 _SPLITS_FROM = 30.0
+"""Gain in chi-square from which a further level is tried: the price of a curve and its places, about."""
 _TRIED = 3
+"""Most places that are tried for a further level at a time."""
 _APART_CELLS = 3
+"""Least distance of these, cells."""
 _SHORT_SIGMAS = 2.0
+"""A length of fewer sigmas is tried without."""
 _LEAST_GAIN = 1e-3
+"""Least gain of a step: less is rounding."""
 _DOUBTFUL = 10.0
 """A curve whose curvature is fewer sigmas is tried without."""
 
 _USUAL_SCALE = 3.0
+"""Scale above which the residuals are more than noise. Chosen on simulated lines; see Assumptions in docs/engine.md."""
 
 _SHORT_CURVE_M = 60.0
-"""Curves this short, with their transitions, are tried as disturbances."""
+"""Curves this short, m, with their transitions, are tried as disturbances."""
 
 
 def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
-    """The chain with the levels, transitions and points that the profile shows, on the stretch with the disturbances
-    that it shows besides; None where it shows no curve.
+    """Fit the chain with the levels, transitions and points that the profile shows.
+
+    The fit's stretch has the disturbances that it shows besides; None where it shows no curve.
     """
     best: Fit | None = None
     fewer = collapsed(chain)
@@ -67,7 +77,7 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
     laws = sorted(LAWS, key=lambda law: -chain.laws.count(law))
     for tried, law in enumerate(laws):
         for start in starts:
-            fit = settled(with_law(start, law), stretch, widest_radius_m)
+            fit = refitted(with_law(start, law), stretch, widest_radius_m)
             fit = None if fit is None else simplified(fit, widest_radius_m)
             if best is None or (fit is not None and _costs_less(fit, best)):
                 best = fit
@@ -92,7 +102,7 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
 
 
 def simplified(best: Fit, widest_radius_m: float) -> Fit:
-    """Without levels that it does not need, nor lengths that do not differ from nothing."""
+    """Return the fit without levels that it does not need, nor lengths that do not differ from nothing."""
     for _ in range(4):
         after = _merged_where_short(_pruned(best, widest_radius_m), widest_radius_m)
         if after is best:
@@ -124,7 +134,7 @@ def _costs_less(fit: Fit, than: Fit) -> bool:
 
 
 def _pruned(best: Fit, widest_radius_m: float) -> Fit:
-    """Without the levels and transitions that it does not need, and with the lengths that it does."""
+    """Return the fit without the levels and transitions that it does not need, and with the lengths that it does."""
     for _ in range(2 * len(best.chain.straight)):
         after = _first_lower(best, opened(best.chain), widest_radius_m)
         if after is best:
@@ -136,7 +146,7 @@ def _pruned(best: Fit, widest_radius_m: float) -> Fit:
 
 
 def _relawed(best: Fit, widest_radius_m: float) -> Fit:
-    """Each transition by the law that fits best."""
+    """Return the fit with each transition by the law that fits best."""
     for i in range(len(best.chain.laws)):
         for law in LAWS:
             if i < len(best.chain.laws) and law != best.chain.laws[i]:
@@ -145,8 +155,10 @@ def _relawed(best: Fit, widest_radius_m: float) -> Fit:
 
 
 def _reduced(fit: Fit) -> Iterator[CurveChain]:
-    """Without a doubtful curve; without a level, or a transition, between two levels of one sign; without a straight
-    between two such.
+    """Yield simpler chains.
+
+    They lack a doubtful curve; a level, or a transition, between two levels of one sign; or a straight between two
+    such.
     """
     chain = fit.chain
     curved = chain.curved
@@ -173,13 +185,13 @@ def _reduced(fit: Fit) -> Iterator[CurveChain]:
 
 
 def _lower(best: Fit, other: CurveChain, widest_radius_m: float) -> Fit:
-    """The other chain's fit if it costs less, else the one there is."""
-    fit = settled(other, best.stretch, widest_radius_m)
+    """Return the other chain's fit if it costs less, else the one there is."""
+    fit = refitted(other, best.stretch, widest_radius_m)
     return best if fit is None or not _costs_less(fit, best) else fit
 
 
 def _first_lower(best: Fit, others: Iterable[CurveChain], widest_radius_m: float) -> Fit:
-    """The first of the other chains' fits that costs less, else the one there is."""
+    """Return the first of the other chains' fits that costs less, else the one there is."""
     for other in others:
         fit = _lower(best, other, widest_radius_m)
         if fit is not best:
@@ -188,14 +200,14 @@ def _first_lower(best: Fit, others: Iterable[CurveChain], widest_radius_m: float
 
 
 def _undisturbed(fit: Fit, widest_radius_m: float) -> Fit:
-    """With the disturbances that explain more of what is left than a step of the curvature does."""
+    """Return the fit with the disturbances that explain more of the residuals than a step of curvature does."""
     for _ in range(len(fit.stretch.edges) // 10):
         if fit.stretch.turn is None:
             break
         gain, turn = fit.stretch.turn.most_disturbed(*regressors(fit.chain, fit.stretch.without_tilt()))
         if _to_scale(gain, fit) < DISTURBED_FROM or gain < _step_gains(fit)[1].max(initial=0.0):
             break
-        after = settled(fit.chain, replace(fit.stretch, turn=turn), widest_radius_m)
+        after = refitted(fit.chain, replace(fit.stretch, turn=turn), widest_radius_m)
         if after is None:
             break
         fit = after
@@ -203,7 +215,7 @@ def _undisturbed(fit: Fit, widest_radius_m: float) -> Fit:
 
 
 def _without_short_curves(best: Fit, widest_radius_m: float) -> Fit:
-    """Without curves that are rather disturbances."""
+    """Return the fit without curves that are rather disturbances."""
     for level in reversed(best.chain.curved):
         chain = best.chain
         last = len(chain.laws)
@@ -213,7 +225,7 @@ def _without_short_curves(best: Fit, widest_radius_m: float) -> Fit:
             continue
         between = chain.curvature[level - 1] * chain.curvature[level + 1] > 0.0
         other = bridged(chain, int(level)) if between else straightened(chain, int(level))
-        fit = settled(other, best.stretch, widest_radius_m)
+        fit = refitted(other, best.stretch, widest_radius_m)
         fit = None if fit is None else _undisturbed(fit, widest_radius_m)
         if fit is not None and _costs_less(fit, best):
             best = fit
@@ -221,7 +233,7 @@ def _without_short_curves(best: Fit, widest_radius_m: float) -> Fit:
 
 
 def _straight_costs_less(fit: Fit, stretch: Stretch) -> bool:
-    """Whether there is no curve but perhaps disturbances, if the curve is a short one."""
+    """Return whether a straight, with disturbances in place of a short curve, costs less."""
     turn = stretch.turn
     if turn is None:
         return False
@@ -233,12 +245,15 @@ def _straight_costs_less(fit: Fit, stretch: Stretch) -> bool:
 
 
 def _misfits(fit: Fit) -> bool:
-    """Whether there is more in what is left than noise."""
+    """Return whether the residuals are more than noise."""
     return bool(_doubtful(fit)) or fit.scale > _USUAL_SCALE
 
 
 def _doubtful(fit: Fit) -> list[float]:
-    """Places where a step of the curvature would explain most of what is left, best first; none where too little."""
+    """Return places where a step of the curvature would explain most of the residuals, best first.
+
+    There is none where all explain too little.
+    """
     at, gains = _step_gains(fit)
     apart = _APART_CELLS * (fit.stretch.edges[1] - fit.stretch.edges[0])
     found: list[float] = []
@@ -251,12 +266,12 @@ def _doubtful(fit: Fit) -> list[float]:
 
 
 def _to_scale(gain: float, fit: Fit) -> float:
-    """A gain in chi^2, by the scale that it would leave."""
+    """Return a gain in chi-square over the scale that it would leave."""
     return gain / replace(fit, chi2=max(fit.chi2 - gain, 0.0)).scale
 
 
 def _step_gains(fit: Fit) -> tuple[Array, Array]:
-    """Places within the curves, and by how much a step of the curvature there would lower chi^2. Each (k,)."""
+    """Return places within the curves, and by how much a step of curvature would lower chi-square. Each (k,)."""
     chain, edges = fit.chain, fit.stretch.edges
     points = chain.points
     low = points[0] if chain.straight[0] else edges[2]
@@ -272,7 +287,7 @@ def _step_gains(fit: Fit) -> tuple[Array, Array]:
 
 
 def _shortest_merged(fit: Fit) -> CurveChain | None:
-    """With the length that is least, in its sigmas, taken out; None where all are clearly there."""
+    """Return the chain without its shortest length, in its sigmas; None if all are clearly there."""
     points, nodes = fit.chain.points, fit.chain.nodes
     covariance = fit.covariance
     best, pair = _SHORT_SIGMAS, None

@@ -1,4 +1,4 @@
-"""How curvature and cant go from one value to the next over a transition.
+"""Transition laws: how curvature and cant go from one value to the next.
 
 Over a transition of length ``L`` from ``b``, with ``u = (x - b) / L``, a quantity rises by the share ``f(u)``, 0 before
 and 1 after:
@@ -10,9 +10,9 @@ and 1 after:
 * ``helmert``: ``f = 2 u^2`` and, from the middle on, ``1 - 2 (1 - u)^2``.
 
 All are symmetric, ``f(1 - u) = 1 - f(u)``, and known here with their first and second integrals from 0, the shares of
-the heading and of the lateral position. Beyond the end ``f = 1``, ``F1 = u - 1/2`` and
-``F2 = ((u - 1/2)^2 + s^2) / 2``, where ``s^2``, the variance of the density ``f'``, is all that is seen from afar of
-law and length together: laws whose ``s L`` are equal differ only within the transition.
+the heading and of the lateral position. Beyond the end ``f = 1``, ``F1 = u - 1/2`` and ``F2 = ((u - 1/2)^2 + s^2) /
+2``, where ``s^2``, the variance of the density ``f'``, is all that is seen from afar of law and length together: laws
+whose ``s L`` are equal differ only within the transition.
 
 Source: the curvature laws of IFC 4.3 (CLOTHOID, COSINECURVE, SINECURVE, BLOSSCURVE, HELMERTCURVE).
 """
@@ -70,7 +70,7 @@ _INSIDE: dict[TransitionLaw, Callable[[Array], tuple[Array, Array, Array]]] = {
 
 
 def rise(law: TransitionLaw, u: Array) -> tuple[Array, Array, Array]:
-    """``f``, ``F1 = int f`` and ``F2 = int int f`` from 0, at any ``u``. Shape (...) to three of (...)."""
+    """Return ``f``, ``F1 = int f`` and ``F2 = int int f`` from 0, at any ``u``. Shape (...) to three of (...)."""
     f, first, second = _INSIDE[law](np.clip(u, 0.0, 1.0))
     beyond = np.maximum(u - 1.0, 0.0)
     return f, first + beyond, second + 0.5 * beyond * (1.0 + beyond)

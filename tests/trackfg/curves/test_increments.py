@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg.curves.increment_noise import IncrementNoise
-from trackfg.curves.increments import Increments, Observed
+from trackfg.curves.increments import CellIncrements, Observed
 
 NOISE = IncrementNoise(level=1.0, walk=1e-4, cutoff=0.4, theta=0.1)
 COUNT = 80
@@ -15,7 +15,7 @@ NOTHING = np.zeros((COUNT, 0))
 
 def observed(added: np.ndarray, seed: int = 0) -> Observed:
     noise = np.linalg.cholesky(NOISE.covariance(np.zeros(COUNT))) @ np.random.default_rng(seed).standard_normal(COUNT)
-    return Observed(Increments(noise + added, np.zeros(COUNT), np.zeros(COUNT + 1), least=1.0), NOISE)
+    return Observed(CellIncrements(noise + added, np.zeros(COUNT), np.zeros(COUNT + 1), least=1.0), NOISE)
 
 
 def test_noise_alone_has_none() -> None:
@@ -44,7 +44,7 @@ def test_what_the_curves_explain_is_no_disturbance() -> None:
 
 def test_less_than_a_defect_is_none() -> None:
     quiet = IncrementNoise(level=1e-3, walk=1e-3, cutoff=0.4, theta=0.1)
-    seen = Observed(Increments(0.5 * np.eye(COUNT)[20], np.zeros(COUNT), np.zeros(COUNT + 1), least=1.0), quiet)
+    seen = Observed(CellIncrements(0.5 * np.eye(COUNT)[20], np.zeros(COUNT), np.zeros(COUNT + 1), least=1.0), quiet)
     assert seen.undisturbed(seen.increments.measured, NOTHING) is seen
 
 
@@ -58,5 +58,5 @@ def test_parts_go_back_where_they_came_from() -> None:
 def test_what_says_nothing_may_be_anything(value: float) -> None:
     known = np.zeros(COUNT)
     known[20] = np.inf
-    white = Observed(Increments(np.zeros(COUNT), known, np.zeros(COUNT + 1), least=1.0), NOISE).white
+    white = Observed(CellIncrements(np.zeros(COUNT), known, np.zeros(COUNT + 1), least=1.0), NOISE).white
     assert np.sum(white(np.eye(COUNT)[20]) ** 2) * min(value, 1.0) ** 2 < 1e-5

@@ -1,4 +1,7 @@
-"""Fits that are lines: points in order, curves that are none too wide, and straights between opposite ones."""
+"""A refit makes a chain after an edit a possible line again.
+
+Points are in order, curves are not too wide, and there is a straight between curves of opposite sign.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,13 @@ from trackfg.curves.fit import Fit, Stretch, fitted
 from trackfg.curves.model import CurveChain
 
 _TURNED_M = 1.0
+"""A transition the wrong way round by more than this, m, is turned; a shorter one loses its length."""
 
 
-def settled(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
-    """Fitted, its points in order, its curves not too wide; None without a curve, or where its points leave the
-    stretch.
+def refitted(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
+    """Fit a chain, and correct it until its points are in order and its curves not too wide.
+
+    None without a curve, or where its points leave the stretch.
     """
     turned: set[int] = set()
     for _ in range(4 * len(chain.straight) + 8):

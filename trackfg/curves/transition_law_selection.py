@@ -1,11 +1,11 @@
-"""Which law each transition follows, and what not knowing it for certain costs.
+"""Selection of the law of each transition, and the covariance that a doubtful choice adds.
 
-Every law is tried for every transition, the others as they are. Law ``l`` of transition ``i`` has the weight
-``w_il ~ pi_l exp(-chi2_il / (2 scale))``. A line is built to few laws, so the shares ``pi`` are estimated over all its
-transitions together, and what one cannot tell, the others do: variational Bayes, ``pi_l = exp(digamma(n_l))``
-with ``n_l`` the sum of the weights and the count below as prior, which leaves laws that few follow next to no share.
-Where the weights stay divided, the spread of the laws' solutions adds to the covariance: the points of a half-sine lie
-16 % of its length further out than those of the clothoid that looks alike.
+Every law is tried for every transition, the others as they are. Law ``l`` of transition ``i`` has the weight ``w_il ~
+pi_l exp(-chi2_il / (2 scale))``. A line is built to few laws, so the shares ``pi`` are estimated over all its
+transitions together, which lets clear transitions decide for unclear ones: variational Bayes, ``pi_l =
+exp(digamma(n_l))`` with ``n_l`` the sum of the weights and the count below as prior, which leaves laws that few follow
+next to no share. Where the weights stay divided, the spread of the laws' solutions adds to the covariance: the points
+of a half-sine lie 16 % of its length further out than those of the clothoid that looks alike.
 """
 
 from __future__ import annotations
@@ -22,17 +22,22 @@ from trackfg.curves.transition_laws import LAWS
 from trackfg.numerics.arrays import Array
 
 _PRIOR_COUNTS = np.array([2.0, 1.0, 0.2, 0.2, 0.2])
-"""In the order of LAWS."""
+"""Prior counts of transitions, in the order of LAWS: clothoids and half-sines are common, the others rare. Chosen; see
+Assumptions in docs/engine.md."""
 
 _ROUNDS = 100
+"""Greatest number of rounds of variational Bayes."""
 _SETTLED = 1e-4
+"""Change of a count below which these have converged."""
 _UNLIKELY = 1e-3
+"""Weight below which a law adds no spread."""
 
 
 @dataclass(frozen=True)
 class LawTrial:
-    """A group's fit, and per transition with a length (index in ``transitions``) and law: chi^2 (t, laws) over scale,
-    and the parameters (t, laws, p).
+    """A group's fit, and the fits with each other law of each transition that has a length.
+
+    ``transitions``: their indices. ``chi2`` (t, laws): chi-square over scale. ``parameters`` (t, laws, p).
     """
 
     fit: Fit
@@ -42,7 +47,7 @@ class LawTrial:
 
 
 def law_trial(fit: Fit) -> LawTrial:
-    """Every law for every transition of a group."""
+    """Try every law for every transition of a group."""
     chain = fit.chain
     transitions = tuple(i for i in range(len(chain.laws)) if chain.begin[i] != chain.end[i])
     chi2 = np.full((len(transitions), len(LAWS)), np.inf)
@@ -57,7 +62,7 @@ def law_trial(fit: Fit) -> LawTrial:
 
 
 def law_weights(trials: Sequence[LawTrial]) -> list[Array]:
-    """The probabilities of the laws, per group (t, laws)."""
+    """Return the probabilities of the laws, per group (t, laws)."""
     counts = _PRIOR_COUNTS
     weights: list[Array] = []
     for _ in range(_ROUNDS):
@@ -71,7 +76,7 @@ def law_weights(trials: Sequence[LawTrial]) -> list[Array]:
 
 
 def with_likeliest_laws(trial: LawTrial, weights: Array) -> LawTrial:
-    """The trial of the chain with each transition's likeliest law: the same one where they are those it has."""
+    """Return the trial of the chain with each transition's likeliest law, unchanged if it has those."""
     chain = trial.fit.chain
     for i, w in zip(trial.transitions, weights, strict=True):
         chain = with_law(chain, LAWS[int(np.argmax(w))], i)
@@ -82,7 +87,7 @@ def with_likeliest_laws(trial: LawTrial, weights: Array) -> LawTrial:
 
 
 def law_spread(trial: LawTrial, weights: Array) -> Array:
-    """What the laws' doubt adds to the covariance of the parameters. Shape (p, p)."""
+    """Return what the laws' doubt adds to the covariance of the parameters, (p, p)."""
     best = trial.fit.chain.parameters[: len(trial.fit.unscaled)]
     away = np.where(weights[..., None] > _UNLIKELY, trial.parameters - best, 0.0)
     return np.asarray(np.einsum("tl,tli,tlj->ij", weights, away, away))
