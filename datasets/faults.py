@@ -10,7 +10,7 @@ import pandas as pd
 
 from trackfg.datasets.scenarios import Simulation
 from trackfg.datasets.sensors import odometer
-from trackfg.datasets.vehicle.adhesion import AdhesionModel, SlipEvent, draw_slip
+from trackfg.datasets.vehicle.adhesion import AdhesionModel, WheelSlip, draw_slip
 from trackfg.recording.model import Recording
 
 
@@ -28,7 +28,7 @@ def drop_tach(recording: Recording, start_s: float, end_s: float) -> Recording:
     return replace(recording, tach=_without(recording.tach, start_s, end_s))
 
 
-def slip_wheel(run: Simulation, events: Sequence[SlipEvent]) -> Simulation:
+def slip_wheel(run: Simulation, events: Sequence[WheelSlip]) -> Simulation:
     """Return the run with its wheel slipping and sliding besides, as ``events`` say: they are in its count and in
     ``slips``.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.datasets import tables
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.scenario import Scenario, TableName
 from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning, speed_over_ground
 from trackfg.datasets.sensors.clocks import dropped, stamped
@@ -52,7 +52,13 @@ class Measurement:
 
 
 def measure(
-    plan: Scenario, track: Track, ride: Ride, edges: Array, name: str, sensor_id: str | None, streams: Streams | None
+    plan: Scenario,
+    track: SimulatedTrack,
+    ride: Ride,
+    edges: Array,
+    name: str,
+    sensor_id: str | None,
+    streams: Streams | None,
 ) -> Measurement:
     """The recording of a ride over ``track``, perfect without ``streams``, from t = 0 to the last of ``edges``.
 
@@ -173,7 +179,7 @@ def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) ->
     )
 
 
-def _track_description(plan: Scenario, track: Track, ride: Ride) -> TrackDescription:
+def _track_description(plan: Scenario, track: SimulatedTrack, ride: Ride) -> TrackDescription:
     yaw = float(ride.rpy(np.zeros(1))[0, 2])
     return TrackDescription(
         gauge_m=track.gauge_m,

@@ -14,7 +14,7 @@ from trackfg.datasets.catalogue import scenario, scenarios
 from trackfg.datasets.line.irregularities import Irregularities, draw_irregularities
 from trackfg.datasets.line.line_design import random_line
 from trackfg.datasets.line.line_file import GivenLine
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.measuring import Kept, Sensor, Streams, measure
 from trackfg.datasets.scenario import Scenario
@@ -23,7 +23,7 @@ from trackfg.datasets.sensors.imu_errors import ImuErrors
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.body_motion import BodyMotion
 from trackfg.datasets.vehicle.flange import Flanging
-from trackfg.datasets.vehicle.motion import Motion
+from trackfg.datasets.vehicle.motion import DrivenMotion
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.errors import BadInputError
 from trackfg.io.reader import write_recording
@@ -52,7 +52,7 @@ class Simulation:
     recording: Recording
     truth: pd.DataFrame
     truth_geometry: pd.DataFrame
-    track: Track
+    track: SimulatedTrack
     ride: Ride
     wheel_scale: float
     tach_time_offset_s: float
@@ -161,7 +161,7 @@ def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Gene
 
 def _track(
     plan: Scenario, duration_s: float, line_rng: np.random.Generator, irregularity_rng: np.random.Generator
-) -> Track:
+) -> SimulatedTrack:
     if isinstance(plan.line, GivenLine):
         line = plan.line.line
     else:
@@ -174,10 +174,10 @@ def _track(
         if plan.irregularities is None
         else draw_irregularities(plan.irregularities, line.length_m, irregularity_rng, plan.defects)
     )
-    return Track(line, irregularities, plan.line.gauge_m)
+    return SimulatedTrack(line, irregularities, plan.line.gauge_m)
 
 
-def _facing_east(track: Track, motion: Motion, body: BodyMotion) -> Track:
+def _facing_east(track: SimulatedTrack, motion: DrivenMotion, body: BodyMotion) -> SimulatedTrack:
     """Return the track turned as a whole so that the body starts with yaw 0. It sits askew on rough rails by some 1e-4
     rad.
     """
@@ -185,7 +185,7 @@ def _facing_east(track: Track, motion: Motion, body: BodyMotion) -> Track:
     return replace(track, line=replace(track.line, start_yaw_rad=track.line.start_yaw_rad - yaw))
 
 
-def _from_the_other_end(plan: Scenario, track: Track) -> tuple[Scenario, Track]:
+def _from_the_other_end(plan: Scenario, track: SimulatedTrack) -> tuple[Scenario, SimulatedTrack]:
     """Return the same track, its chainage and its balises to who starts at its end."""
     length = track.line.length_m
     turned = replace(

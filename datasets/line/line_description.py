@@ -49,7 +49,7 @@ class Straight(Model):
     length_m: Positive
 
 
-class Curve(Model):
+class CurveElement(Model):
     """A circle. Its side is the radius's sign (left positive) or ``turn``. ``cant_mm`` raises the outer rail."""
 
     type: Literal["curve"]
@@ -59,7 +59,7 @@ class Curve(Model):
     cant_mm: float = 0.0
 
     @model_validator(mode="after")
-    def _radius_is_usable(self) -> Curve:
+    def _radius_is_usable(self) -> CurveElement:
         if abs(self.radius_m) < SMALLEST_RADIUS_M:
             raise ValueError(f"radius_m is {self.radius_m:g}: expected at least {SMALLEST_RADIUS_M:g} m")
         if self.turn is not None and self.radius_m < 0:
@@ -119,7 +119,7 @@ class LineDescription(Model):
     speed_limit: Annotated[tuple[SpeedLimit, ...], Field(min_length=1)]
     station: tuple[Station, ...] = ()
     element: Annotated[
-        tuple[Annotated[Straight | Curve | Transition, Field(discriminator="type")], ...], Field(min_length=1)
+        tuple[Annotated[Straight | CurveElement | Transition, Field(discriminator="type")], ...], Field(min_length=1)
     ]
     gradient: tuple[Gradient, ...] = ()
 
@@ -218,9 +218,9 @@ def _plan(description: LineDescription) -> tuple[list[Element], list[Element]]:
     return curvature, cant
 
 
-def _own(part: Straight | Curve | Transition) -> tuple[float, float]:
+def _own(part: Straight | CurveElement | Transition) -> tuple[float, float]:
     """Return curvature and cant that an element has by itself; those between two transitions are zero."""
-    return (part.curvature, part.cant_m) if isinstance(part, Curve) else (0.0, 0.0)
+    return (part.curvature, part.cant_m) if isinstance(part, CurveElement) else (0.0, 0.0)
 
 
 def _grade(description: LineDescription, length: float) -> list[Element]:

@@ -35,7 +35,7 @@ _SIGN: dict[Side, float] = {"left": 1.0, "right": -1.0}
 
 
 @dataclass(frozen=True)
-class Track:
+class SimulatedTrack:
     """``line`` with its ``irregularities``; ``gauge_m`` is the nominal gauge. Functions take any array of ``s``."""
 
     line: Line
@@ -101,9 +101,9 @@ class Track:
         forward = np.cos(gamma) - self.irregularities.at(s)[..., 1] * self.line.curvature(s)
         return forward, d_alignment, np.sin(gamma) + d_level
 
-    def reversed(self) -> Track:
+    def reversed(self) -> SimulatedTrack:
         """Return the same track to who comes from its other end; its ENU has its origin there."""
-        return Track(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
+        return SimulatedTrack(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
 
     def _tangent_slopes(self, s: Array) -> tuple[Array, Array, Array]:
         """Return derivatives of the components of :meth:`tangent`. Shapes (...)."""

@@ -30,7 +30,7 @@ import numpy as np
 import pandas as pd
 from scipy import fft
 
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.wavelength_band import LONGEST_M, d1_gain
 from trackfg.numerics.arrays import Array
 
@@ -71,7 +71,7 @@ OPERATOR_LENGTHS = OperatorLengths()
 
 
 def truth_geometry(
-    track: Track,
+    track: SimulatedTrack,
     *,
     chainage_origin_m: float,
     direction: Literal[1, -1],
@@ -129,7 +129,7 @@ def _whole_rows(origin: float, direction: int, s_from: float, s_to: float) -> tu
     return int(np.ceil(ends[0] / STEP_M - 1e-6)), int(np.floor(ends[1] / STEP_M + 1e-6))
 
 
-def _facing_chainage(track: Track, origin: float, direction: int, s_from: float, s_to: float) -> _Paths:
+def _facing_chainage(track: SimulatedTrack, origin: float, direction: int, s_from: float, s_to: float) -> _Paths:
     first, last = _whole_rows(origin, direction, s_from, s_to)
     chainage = STEP_M * np.arange(first, last + 1, dtype=np.float64)
     s = np.asarray((direction * (chainage - origin))[::direction])

@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.datasets import tables
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Laser, Vector3
@@ -94,7 +94,7 @@ _AXES: tuple[Literal["z", "y"], ...] = ("z", "y")
 
 
 def laser_tables(
-    ride: Ride, track: Track, models: Sequence[LaserModel], duration_s: float, rng: np.random.Generator | None
+    ride: Ride, track: SimulatedTrack, models: Sequence[LaserModel], duration_s: float, rng: np.random.Generator | None
 ) -> dict[str, pd.DataFrame]:
     """The canonical table of each sensor, by name, until ``duration_s``; exact with no ``rng``.
 
@@ -135,7 +135,7 @@ class _Rails:
     points: dict[tuple[str, str], Array]
 
     @classmethod
-    def along(cls, ride: Ride, track: Track, models: Sequence[LaserModel], duration_s: float) -> _Rails:
+    def along(cls, ride: Ride, track: SimulatedTrack, models: Sequence[LaserModel], duration_s: float) -> _Rails:
         """Return the rails as far as the sensors get."""
         s = ride.motion.distance(np.append(ride.motion.breaks_s[ride.motion.breaks_s < duration_s], duration_s))
         ahead = [model.position_m[0] for model in models]

@@ -46,7 +46,7 @@ from trackfg.numerics.arrays import Array
 
 _GRID_HZ = 10.0
 _SLOWEST_MPS = 1.0
-"""A slip below this creep is not drawn: it would hardly show."""
+"""Speed of the vehicle, m/s, below which no slip is drawn: it would hardly show."""
 _SHORTEST_S, _LONGEST_S = 1.0, 30.0
 _MEDIAN_S = 4.0
 _LOG_SD = float(np.log(10.0 / _MEDIAN_S) / 1.2816)
@@ -71,7 +71,7 @@ class LowAdhesion:
 
 
 @dataclass(frozen=True)
-class SlipEvent:
+class WheelSlip:
     """One slip (``creep`` > 0) or slide (< 0, not below -1), whose creep goes up to ``creep``.
 
     A trapezoid rises and falls within ``ramp_s`` (or half the duration), a triangle within half the duration, a
@@ -131,7 +131,7 @@ class AdhesionModel:
     top_creep: float = 0.01
     peak_creep: tuple[float, float] = (0.01, 0.6)
     slide_protection: bool = True
-    events: tuple[SlipEvent, ...] = ()
+    events: tuple[WheelSlip, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Slip:
     """The creep of the measured axle in one run, as a function of time, and the events in it, in order of time."""
 
     creep: PPoly
-    events: tuple[SlipEvent, ...]
+    events: tuple[WheelSlip, ...]
 
 
 def adhesion_limit(speed_mps: Array) -> Array:
@@ -189,11 +189,11 @@ def _creep_below_limit(model: AdhesionModel, demand: Array, used: Array) -> Arra
 
 def _breakaways(
     ride: Ride, model: AdhesionModel, t: Array, demand: Array, used: Array, rng: np.random.Generator
-) -> list[SlipEvent]:
+) -> list[WheelSlip]:
     """Return an event after the other wherever more than the whole adhesion is needed."""
     over = (used > 1.0) & (np.abs(ride.motion.speed(t)) > _SLOWEST_MPS)
     way = np.where(over, np.sign(demand), 0.0)
-    events: list[SlipEvent] = []
+    events: list[WheelSlip] = []
     for first, after in pairwise(np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)).tolist()):
         if way[first] == 0.0:
             continue
@@ -208,7 +208,7 @@ def _breakaways(
 
 def _breakaway(
     model: AdhesionModel, start: float, end: float, demand: float, speed: float, rng: np.random.Generator
-) -> SlipEvent:
+) -> WheelSlip:
     released = np.clip(_MEDIAN_S * np.exp(_LOG_SD * rng.standard_normal()), _SHORTEST_S, _LONGEST_S)
     duration = float(min(released, end - start))
     peak = float(np.exp(rng.uniform(*np.log(model.peak_creep))))
@@ -216,12 +216,12 @@ def _breakaway(
     cycle = rng.uniform(*_CYCLE_S)
     sign = 1.0 if demand > 0 else -1.0
     if demand < 0 and model.slide_protection and duration >= 2.0 * cycle:
-        return SlipEvent(start, duration, sign * min(peak, growth * _APPLYING * cycle), "sawtooth", cycle_s=cycle)
+        return WheelSlip(start, duration, sign * min(peak, growth * _APPLYING * cycle), "sawtooth", cycle_s=cycle)
     peak = min(peak, growth * 0.5 * duration)
-    return SlipEvent(start, duration, sign * peak, ramp_s=peak / growth)
+    return WheelSlip(start, duration, sign * peak, ramp_s=peak / growth)
 
 
-def _creep(events: Sequence[SlipEvent], t: Array, below_limit: Array) -> PPoly:
+def _creep(events: Sequence[WheelSlip], t: Array, below_limit: Array) -> PPoly:
     """Return creep below the limit, given at ``t``, and the events on top of it; nowhere below -1."""
     for event, following in pairwise(events):
         if following.start_s < event.end_s:

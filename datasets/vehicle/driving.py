@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from trackfg.datasets.line.line import Line
-from trackfg.datasets.vehicle.motion import Limits, Motion, Phase, change, change_time, motion, rest, reverse, run
+from trackfg.datasets.vehicle.motion import DrivenMotion, Limits, Phase, change, change_time, motion, rest, reverse, run
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
@@ -32,7 +32,7 @@ class Driver(Protocol):
     def furthest_m(self, duration_s: float) -> float:
         """Return how much line it may need."""
 
-    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> DrivenMotion:
         """Return a motion of at least ``duration_s``, which begins as that of a shorter duration does.
 
         Raises :class:`~trackfg.errors.BadInputError` where the line is too short for it.
@@ -80,7 +80,7 @@ class Service:
         """Return the highest speed all the time."""
         return 2.0 * self.start_m + self.fastest_mps * duration_s
 
-    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> DrivenMotion:
         """The seed of ``rng`` settles the factor, the restrictions and the dwell times."""
         hurry = rng.uniform(*self.hurry)
         if self.restrictions is not None:
@@ -115,7 +115,7 @@ class Wandering:
         beyond = self.hold_s[1] + change_time(*self.speed_mps, self.limits)
         return self.start_m + self.speed_mps[1] * (duration_s + beyond)
 
-    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> DrivenMotion:
         """Starts at rest where there is a ``start_rest_s``, else at a speed of the range."""
         start_speed = 0.0 if self.start_rest_s > 0 else rng.uniform(*self.speed_mps)
         phases, speed = rest(self.start_rest_s), start_speed
@@ -142,7 +142,7 @@ class Shunting:
         """Return the far end."""
         return self.far_m
 
-    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> DrivenMotion:
         """Starts at the near end."""
         phases, place, forward = rest(self.start_rest_s), self.near_m, True
         while _duration(phases) < duration_s:
@@ -168,7 +168,7 @@ class Parked:
         """Return the place."""
         return self.place_m
 
-    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> Motion:
+    def drive(self, line: Line, duration_s: float, rng: np.random.Generator) -> DrivenMotion:
         """Return a motion of one phase."""
         return _within(line, motion(rest(duration_s), self.place_m), duration_s)
 
@@ -177,7 +177,7 @@ def _duration(phases: list[Phase]) -> float:
     return sum(duration for duration, _ in phases)
 
 
-def _within(line: Line, motion: Motion, duration_s: float) -> Motion:
+def _within(line: Line, motion: DrivenMotion, duration_s: float) -> DrivenMotion:
     """Return the motion, if it stays on the line until ``duration_s``."""
     turns = motion.breaks_s[motion.breaks_s < duration_s]
     furthest = float(np.max(motion.distance(np.append(turns, duration_s))))

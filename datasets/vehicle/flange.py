@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.datasets.line.line import Line
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.vehicle.body_motion import BodyMotion, through
-from trackfg.datasets.vehicle.motion import Motion
+from trackfg.datasets.vehicle.motion import DrivenMotion
 from trackfg.datasets.vehicle.vehicle import Vehicle
 from trackfg.numerics.arrays import Array
 
@@ -44,7 +44,7 @@ class Flanging:
         """Return whether the vehicle itself is rigid."""
         return self.vehicle.rigid
 
-    def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
+    def body_motion(self, track: SimulatedTrack, motion: DrivenMotion, edges: Array) -> BodyMotion:
         """Return the vehicle's own motion, and the knocks."""
         values = self.vehicle.body_motion(track, motion, edges).at(edges)
         knocks = self._knocks(track.line, motion.distance(edges))

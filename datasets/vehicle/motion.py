@@ -37,7 +37,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Motion:
+class DrivenMotion:
     """Distance along the line over time. ``distance`` is a piecewise cubic from t = 0; no piece turns round inside."""
 
     distance: PPoly
@@ -96,7 +96,7 @@ class Motion:
         return times[by_time], order[index[by_time]]
 
 
-def motion(phases: Sequence[Phase], start_m: float, start_mps: float = 0.0) -> Motion:
+def motion(phases: Sequence[Phase], start_m: float, start_mps: float = 0.0) -> DrivenMotion:
     """Return the motion that goes through ``phases`` from the place ``start_m`` at ``start_mps``, without
     acceleration.
     """
@@ -108,7 +108,7 @@ def motion(phases: Sequence[Phase], start_m: float, start_mps: float = 0.0) -> M
     speed[np.abs(speed) < _REST_MPS] = 0.0
     steps = speed * durations + acceleration * durations**2 / 2 + jerks * durations**3 / 6
     place = start_m + np.concatenate([[0.0], np.cumsum(steps)])[:-1]
-    return Motion(PPoly(np.stack([jerks / 6, acceleration / 2, speed, place]), breaks))
+    return DrivenMotion(PPoly(np.stack([jerks / 6, acceleration / 2, speed, place]), breaks))
 
 
 def rest(duration_s: float) -> list[Phase]:

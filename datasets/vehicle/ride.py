@@ -28,7 +28,7 @@ import numpy as np
 
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.vehicle.body_motion import BodyMotion
-from trackfg.datasets.vehicle.motion import Motion
+from trackfg.datasets.vehicle.motion import DrivenMotion
 from trackfg.numerics import rotations
 from trackfg.numerics.arrays import Array
 
@@ -76,7 +76,7 @@ class Ride:
     """
 
     line: Line
-    motion: Motion
+    motion: DrivenMotion
     chainage_origin_m: float = 0.0
     direction: Literal[1, -1] = 1
     body: BodyMotion | None = None

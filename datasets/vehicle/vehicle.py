@@ -23,9 +23,9 @@ import numpy as np
 
 from trackfg import units
 from trackfg.datasets.line.line import Line
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.vehicle.body_motion import BodyMotion, through
-from trackfg.datasets.vehicle.motion import Motion
+from trackfg.datasets.vehicle.motion import DrivenMotion
 from trackfg.datasets.vehicle.suspension import Suspension
 from trackfg.datasets.vehicle.wheelsets import Wheelsets, chord
 from trackfg.numerics.arrays import Array
@@ -44,7 +44,7 @@ class Vehicle(Protocol):
     def rigid(self) -> bool:
         """Return whether there are no springs between the track and the body."""
 
-    def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
+    def body_motion(self, track: SimulatedTrack, motion: DrivenMotion, edges: Array) -> BodyMotion:
         """Return the body's motion while the IMU samples: ``edges`` (n + 1,) are those of its intervals, s."""
 
 
@@ -59,7 +59,7 @@ class Rigid:
         """Return True: there are no springs."""
         return True
 
-    def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
+    def body_motion(self, track: SimulatedTrack, motion: DrivenMotion, edges: Array) -> BodyMotion:
         """The frame sits on its wheelsets: at their mean, along their chord, with the mean of their rolls."""
         s = motion.distance(edges)
         return through(edges, _deviation(track.line, s, _on_two(track, s, self.wheelbase_m)))
@@ -76,7 +76,7 @@ class CarBody:
         """Return False: it is on two stages of springs."""
         return False
 
-    def body_motion(self, track: Track, motion: Motion, edges: Array) -> BodyMotion:
+    def body_motion(self, track: SimulatedTrack, motion: DrivenMotion, edges: Array) -> BodyMotion:
         """Return the chord of the bogies' middles, and the springs' part."""
         s = motion.distance(edges)
         wheelsets = Wheelsets(track, s, self.suspension.axles_m[0])
@@ -86,7 +86,7 @@ class CarBody:
         return through(edges, _deviation(track.line, s, pose) + sprung)
 
 
-def _on_two(track: Track, s: Array, wheelbase_m: float) -> Array:
+def _on_two(track: SimulatedTrack, s: Array, wheelbase_m: float) -> Array:
     """Return pose of a frame on two wheelsets about the middle, in the level frame. Shape (n, 6)."""
     wheelsets = Wheelsets(track, s, wheelbase_m)
     if wheelbase_m == 0.0:
@@ -101,7 +101,9 @@ def _deviation(line: Line, s: Array, pose: Array) -> Array:
     return deviation
 
 
-def _springs(line: Line, motion: Motion, edges: Array, s: Array, axles: list[Array], suspension: Suspension) -> Array:
+def _springs(
+    line: Line, motion: DrivenMotion, edges: Array, s: Array, axles: list[Array], suspension: Suspension
+) -> Array:
     """Return what the springs add to the body's chord, columns of a body's motion. Shape (n, 5).
 
     ``s`` is below the middle of the car, ``axles`` are the four wheelsets in the level frame there, each (n, 4).

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.numerics.arrays import Array
 
 _CELL_M = 1.0
@@ -22,7 +22,7 @@ _CELL_M = 1.0
 class Wheelsets:
     """The track near the places ``s`` (n,), for offsets within ``reach_m``."""
 
-    def __init__(self, track: Track, s: Array, reach_m: float) -> None:
+    def __init__(self, track: SimulatedTrack, s: Array, reach_m: float) -> None:
         self._track = track
         self._s = s
         line = track.line

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg import datasets
-from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.datasets.vehicle.adhesion import WheelSlip
 
 
 def test_dropped_spans_are_gone():
@@ -22,7 +22,7 @@ def test_dropped_spans_are_gone():
 
 def test_a_wheel_slips_by_what_it_is_told_and_else_rolls_as_before():
     run = datasets.simulate("mainline", seed=2, duration_s=120.0)
-    slipped = datasets.slip_wheel(run, [SlipEvent(90.0, 5.0, -1.0), SlipEvent(60.0, 10.0, 0.2)])
+    slipped = datasets.slip_wheel(run, [WheelSlip(90.0, 5.0, -1.0), WheelSlip(60.0, 10.0, 0.2)])
     before, after = run.recording.tach, slipped.recording.tach
     assert before is not None
     added = after["distance_m"] - before["distance_m"]

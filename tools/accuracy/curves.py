@@ -26,7 +26,7 @@ from trackfg.datasets.line.alignment import Element, piecewise
 from trackfg.datasets.line.irregularities import IrregularityModel, draw_irregularities
 from trackfg.datasets.line.line import Line, piecewise_linear
 from trackfg.datasets.line.line_design import random_line
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.numerics.arrays import Array
 
@@ -142,6 +142,8 @@ def straight_line(length_m: float) -> Line:
 
 def profile(line: Line, model: IrregularityModel, seed: int) -> pd.DataFrame:
     """The geometry table of a line with irregularities."""
-    track = Track(line, draw_irregularities(model, line.length_m, np.random.default_rng([seed, 1])), MAIN_LINE.gauge_m)
+    track = SimulatedTrack(
+        line, draw_irregularities(model, line.length_m, np.random.default_rng([seed, 1])), MAIN_LINE.gauge_m
+    )
     table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=0.0, s_to=line.length_m)
     return table[["chainage_m", "curvature_1pm", "cross_level_mm"]].assign(curvature_1pm_sd=SD_1PM)

@@ -14,7 +14,7 @@ import numpy as np
 from streaming.arrivals import Arriving, Stream, stream_of
 from trackfg.datasets.faults import slip_wheel
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.vehicle.adhesion import Shape, SlipEvent
+from trackfg.datasets.vehicle.adhesion import Shape, WheelSlip
 from trackfg.errors import UnsolvableError
 from trackfg.numerics.arrays import Array
 from trackfg.streaming.window.window import Window
@@ -238,7 +238,7 @@ def slip(ground: Ground, rng: np.random.Generator) -> Damaged:
     duration = rng.uniform(1.0, LONGEST_S)
     creep = -1.0 if rng.random() < 0.2 else rng.choice([-1.0, 1.0]) * _log_uniform(rng, 0.02, 0.8)
     shape = get_args(Shape)[int(rng.choice(3))]
-    run = slip_wheel(ground.run, [SlipEvent(begin, duration, creep, shape)])
+    run = slip_wheel(ground.run, [WheelSlip(begin, duration, creep, shape)])
     stream = stream_of(run.recording, ground.stream.form)
     return Damaged(stream, begin, begin + duration, f"{shape} of creep {creep:.2f} for {duration:.1f} s")
 

@@ -54,7 +54,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 
-from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pitch, tables
+from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, roll_and_pitch, tables
 from trackfg.baselines.result import BaselineResult, recorded
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
@@ -234,7 +234,7 @@ class Smoothing:
         return np.asarray(x[self.number])
 
 
-def in_time(motion: Motion, F_space_1pm: float) -> Smoothing:
+def in_time(motion: SampledMotion, F_space_1pm: float) -> Smoothing:
     """Filter as printed: F = F_space times the mean speed while moving, over samples, one way.
 
     Bands that a sampling rate cannot hold are cut at 0.9 of half of it.
@@ -254,7 +254,7 @@ def in_time(motion: Motion, F_space_1pm: float) -> Smoothing:
     )
 
 
-def along_the_track(motion: Motion, F_space_1pm: float) -> Smoothing:
+def along_the_track(motion: SampledMotion, F_space_1pm: float) -> Smoothing:
     """Filter by (8) for a speed that varies: over cells of the distance run, 50 to the wave of F_space, both ways.
 
     A rest is one cell: its mean.

@@ -42,7 +42,7 @@ _PASS_STEP_S = 1.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class SampledMotion:
     """n samples: time ``t`` and duration ``dt``, s; ``gyro`` rad/s less ``static_bias`` (3,); ``accel`` m/s^2, (n, 3),
     less ``excess``, m/s^2, of its z axis; signed nominal ``distance``, m, and ``speed``, m/s, of the wheel; ``start``
     (n,) of bool, the samples of the standstill at the start, or of the first second where there is none;
@@ -77,7 +77,7 @@ class Motion:
         return out
 
 
-def motion_of(recording: Recording, *, remove_static_bias: bool) -> Motion:
+def motion_of(recording: Recording, *, remove_static_bias: bool) -> SampledMotion:
     """Return the samples of a recording. Without a standstill at the start there is no static bias to remove.
 
     Raises ``BadInputError`` where there is no tachometer: it tells place and speed.
@@ -95,7 +95,7 @@ def motion_of(recording: Recording, *, remove_static_bias: bool) -> Motion:
         bias = data.gyro[rest].mean(axis=0)
         excess = float(np.linalg.norm(data.accel[rest].mean(axis=0))) - _gravity(recording)
     distance, speed = _place_and_speed(t, wheel.at(t))
-    return Motion(
+    return SampledMotion(
         t=t,
         dt=data.durations,
         gyro=data.gyro - bias,
@@ -132,7 +132,11 @@ class Attitude:
 
 
 def tables(
-    name: str, recording: Recording, motion: Motion, attitude: Attitude, parameters: dict[str, float | str | bool]
+    name: str,
+    recording: Recording,
+    motion: SampledMotion,
+    attitude: Attitude,
+    parameters: dict[str, float | str | bool],
 ) -> BaselineResult:
     """Return the result: trajectory at 10 Hz, cross-level and twist per 0.25 m of chainage, the longest pass over a
     place.
@@ -185,7 +189,7 @@ def _standstill_at_start(recording: Recording, data: Intervals) -> Array:
     return np.array([start, start])
 
 
-def _trajectory(recording: Recording, motion: Motion, attitude: Attitude) -> pd.DataFrame:
+def _trajectory(recording: Recording, motion: SampledMotion, attitude: Attitude) -> pd.DataFrame:
     t = np.arange(motion.t[0], motion.t[-1], _TRAJECTORY_S)
     known = {
         "chainage_m": recording.description.track.direction * motion.distance,
@@ -199,7 +203,7 @@ def _trajectory(recording: Recording, motion: Motion, attitude: Attitude) -> pd.
     return filled(TRAJECTORY_COLUMNS, {"t_s": t, **at})
 
 
-def _geometry(recording: Recording, motion: Motion, attitude: Attitude) -> pd.DataFrame:
+def _geometry(recording: Recording, motion: SampledMotion, attitude: Attitude) -> pd.DataFrame:
     every = max(1, round(_PASS_STEP_S / motion.sampling_s))
     found = passes(motion.distance[::every])
     of_passes = [_of_pass(recording, motion, attitude, one, every) for one in found]
@@ -211,7 +215,9 @@ def _geometry(recording: Recording, motion: Motion, attitude: Attitude) -> pd.Da
     return joined.drop_duplicates("chainage_m").sort_values("chainage_m", ignore_index=True)
 
 
-def _of_pass(recording: Recording, motion: Motion, attitude: Attitude, one: Pass, every: int) -> pd.DataFrame | None:
+def _of_pass(
+    recording: Recording, motion: SampledMotion, attitude: Attitude, one: Pass, every: int
+) -> pd.DataFrame | None:
     """Return the geometry table of one pass, facing increasing chainage; None for one that is too short."""
     track = recording.description.track
     last = len(motion.t) if (one.last + 1) * every >= len(motion.t) else one.last * every + 1

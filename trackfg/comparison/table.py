@@ -90,11 +90,11 @@ BAND_KMH = 5.0
 """What is scored by speed too, and the width of a band."""
 
 
-class _Model(BaseModel):
+class _ComparisonModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class ComparedCase(_Model):
+class ComparedCase(_ComparisonModel):
     """A scenario with its seeds, or a recording. ``basis``: held against the truth, or against the first run."""
 
     name: str
@@ -105,7 +105,7 @@ class ComparedCase(_Model):
     distance_km: float
 
 
-class LeftOut(_Model):
+class LeftOut(_ComparisonModel):
     """An estimator that cannot use a case, and why."""
 
     case: str
@@ -113,7 +113,7 @@ class LeftOut(_Model):
     reason: str
 
 
-class Row(_Model):
+class Row(_ComparisonModel):
     """One estimator, quantity and speed band of a case, over its runs.
 
     ``error``: the mean over runs of each run's statistic, in the quantity's unit; ``error_margin``: half its 95 %
@@ -143,7 +143,7 @@ class Row(_Model):
         return self.to_smoother is not None and self.to_smoother < 1.0
 
 
-class About(_Model):
+class About(_ComparisonModel):
     """``comparison.json``. ``estimators``: a line on each; ``seconds`` that everything took."""
 
     format: Literal["trackfg-comparison/1"] = "trackfg-comparison/1"

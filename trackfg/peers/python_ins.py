@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.attitude import Attitude, Motion, motion_of, roll_and_pitch, tables
+from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, roll_and_pitch, tables
 from trackfg.baselines.result import BaselineResult
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.arrays import Array
@@ -130,7 +130,7 @@ def run(recording: Recording) -> BaselineResult:
 
 def feedback_filter(
     recording: Recording,
-    motion: Motion,
+    motion: SampledMotion,
     start: Start,
     *,
     gyro_bias_sd: float,
@@ -189,7 +189,7 @@ def feedback_filter(
     )
 
 
-def _measurements(recording: Recording, motion: Motion, wheel_scale: float) -> list[Measurement]:
+def _measurements(recording: Recording, motion: SampledMotion, wheel_scale: float) -> list[Measurement]:
     from pyins.measurements import BodyVelocity, Position
 
     description, gnss = recording.description, recording.gnss
@@ -245,7 +245,7 @@ def _convergence(place: Array, origin: Array) -> Array:
     return np.asarray(np.radians(place[..., 1] - origin[1]) * np.sin(np.radians(middle)))
 
 
-def _start(recording: Recording, motion: Motion) -> Start:
+def _start(recording: Recording, motion: SampledMotion) -> Start:
     """Return tilt, heading and place at the first sample, as far as they can be had."""
     track, gnss, lever_arm = recording.description.track, recording.gnss, recording.description.imu.lever_arm_m
     yaw = 0.0 if track.heading_deg is None else np.radians(90.0 - track.heading_deg)

@@ -15,7 +15,7 @@ from trackfg.units import KMH
 
 
 @dataclass(frozen=True)
-class Channel:
+class GeometryChannel:
     """A column as a panel. ``least``: half of what the axis spans at least; ``deviation``: zero is in the middle.
 
     ``scale`` brings the column into ``unit``; ``twin``: the column of the other rail, shown on the same scale.
@@ -32,39 +32,39 @@ class Channel:
 
 
 CENTRE = (
-    Channel("level_mm", "level", "mm", 1.0, deviation=True),
-    Channel("alignment_mm", "alignment", "mm", 1.0, deviation=True),
+    GeometryChannel("level_mm", "level", "mm", 1.0, deviation=True),
+    GeometryChannel("alignment_mm", "alignment", "mm", 1.0, deviation=True),
 )
 RAILS = (
-    Channel("level_left_mm", "level\nleft rail", "mm", 1.0, deviation=True, twin="level_right_mm"),
-    Channel("level_right_mm", "level\nright rail", "mm", 1.0, deviation=True, twin="level_left_mm"),
-    Channel("alignment_left_mm", "alignment\nleft rail", "mm", 1.0, deviation=True, twin="alignment_right_mm"),
-    Channel("alignment_right_mm", "alignment\nright rail", "mm", 1.0, deviation=True, twin="alignment_left_mm"),
-    Channel("gauge_mm", "gauge", "mm", 1.0),
+    GeometryChannel("level_left_mm", "level\nleft rail", "mm", 1.0, deviation=True, twin="level_right_mm"),
+    GeometryChannel("level_right_mm", "level\nright rail", "mm", 1.0, deviation=True, twin="level_left_mm"),
+    GeometryChannel("alignment_left_mm", "alignment\nleft rail", "mm", 1.0, deviation=True, twin="alignment_right_mm"),
+    GeometryChannel("alignment_right_mm", "alignment\nright rail", "mm", 1.0, deviation=True, twin="alignment_left_mm"),
+    GeometryChannel("gauge_mm", "gauge", "mm", 1.0),
 )
-CROSS_LEVEL = Channel("cross_level_mm", "cross-level", "mm", 1.0)
+CROSS_LEVEL = GeometryChannel("cross_level_mm", "cross-level", "mm", 1.0)
 COMMON = (
     CROSS_LEVEL,
-    Channel("twist_mm", "twist", "mm", 1.0, deviation=True),
-    Channel("versine_level_mm", "versine\nlevel", "mm", 1.0, deviation=True),
-    Channel("versine_alignment_mm", "versine\nalignment", "mm", 1.0),
-    Channel("gradient_permille", "gradient", "‰", 1.0, share=0.7),
-    Channel("speed_mps", "speed", "km/h", 10.0, scale=1.0 / KMH, share=0.7),
+    GeometryChannel("twist_mm", "twist", "mm", 1.0, deviation=True),
+    GeometryChannel("versine_level_mm", "versine\nlevel", "mm", 1.0, deviation=True),
+    GeometryChannel("versine_alignment_mm", "versine\nalignment", "mm", 1.0),
+    GeometryChannel("gradient_permille", "gradient", "‰", 1.0, share=0.7),
+    GeometryChannel("speed_mps", "speed", "km/h", 10.0, scale=1.0 / KMH, share=0.7),
 )
-CURVATURE = Channel("curvature_1pm", "curvature", "1/km", 0.1, scale=1000.0, share=1.6)
+CURVATURE = GeometryChannel("curvature_1pm", "curvature", "1/km", 0.1, scale=1000.0, share=1.6)
 
 
-def centre_or_rails(table: pd.DataFrame) -> tuple[Channel, ...]:
+def centre_or_rails(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
     """Return level and alignment, of each rail and with the gauge where the table has them."""
     return RAILS if RAIL_COLUMNS[0] in table else CENTRE
 
 
-def base_of(channel: Channel, conventions: GeometryConventions) -> float:
+def base_of(channel: GeometryChannel, conventions: GeometryConventions) -> float:
     """Return where a line marks that nothing deviates, in the channel's unit."""
     return 1000.0 * conventions.gauge_m if channel.column == "gauge_mm" else 0.0
 
 
-def channel_values(table: pd.DataFrame, channel: Channel) -> tuple[Array, Array]:
+def channel_values(table: pd.DataFrame, channel: GeometryChannel) -> tuple[Array, Array]:
     """Return values and sigmas in the channel's unit; a sigma of zero where the table has none."""
     values = channel.scale * table[channel.column].to_numpy()
     name = f"{channel.column}_sd"
@@ -72,7 +72,7 @@ def channel_values(table: pd.DataFrame, channel: Channel) -> tuple[Array, Array]
     return values, sigmas
 
 
-def channel_extent(table: pd.DataFrame, channel: Channel, base: float) -> tuple[float, float]:
+def channel_extent(table: pd.DataFrame, channel: GeometryChannel, base: float) -> tuple[float, float]:
     """Return what its axis must show (:func:`trackfg.plots.scales.extent`), for both rails together."""
     low, high = extent(*channel_values(table, channel), base, channel.least)
     if channel.twin:

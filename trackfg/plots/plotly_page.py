@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
-from trackfg.plots.sheet import AMBER, BAND, GREY, RED, SPAN_NAME, Curve, Panel, Sheet, limit_labels
+from trackfg.plots.sheet import AMBER, BAND, GREY, RED, SPAN_NAME, Panel, Sheet, SheetCurve, limit_labels
 
 _LEGEND = {"orientation": "h", "xanchor": "left"}
 _MAP_SHARE, _GAP = 0.43, 0.07
@@ -216,7 +216,7 @@ def _map(figure: go.Figure, sheet: Sheet, number: int) -> None:
     )
 
 
-def _traces(curve: Curve) -> list[go.Scatter]:
+def _traces(curve: SheetCurve) -> list[go.Scatter]:
     x, y = _small(curve.x), _small(curve.y)
     hover = f"{curve.name} %{{y:.4~g}} {curve.unit}"
     more: dict[str, Any] = {}
@@ -249,7 +249,7 @@ def _traces(curve: Curve) -> list[go.Scatter]:
     return traces
 
 
-def _outline(curve: Curve) -> tuple[Array, Array]:
+def _outline(curve: SheetCurve) -> tuple[Array, Array]:
     """Return the outline of the band, there and back; one closed line for each stretch without NaN, and NaN between
     them.
     """

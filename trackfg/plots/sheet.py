@@ -22,7 +22,7 @@ _LABEL_LETTERS = 18
 
 
 @dataclass(frozen=True)
-class Curve:
+class SheetCurve:
     """A line over the common axis, broken where ``y`` is NaN. ``dots``: no line.
 
     ``half_band`` is the half-width of its band, in the unit of ``y``; ``notes`` say more about each point where a
@@ -40,7 +40,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Limit:
+class SheetLimit:
     """A dashed line over the common axis. An empty ``label``: it has none of its own."""
 
     label: str
@@ -58,11 +58,11 @@ class Panel:
     """
 
     label: str
-    curves: tuple[Curve, ...]
+    curves: tuple[SheetCurve, ...]
     log: bool = False
     y_range: tuple[float, float] | None = None
     base: float | None = None
-    limits: tuple[Limit, ...] = ()
+    limits: tuple[SheetLimit, ...] = ()
     marks: tuple[tuple[float, str], ...] = ()
     share: float = 1.0
     over: Panel | None = None

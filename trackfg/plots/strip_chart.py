@@ -24,14 +24,14 @@ from trackfg.plots.geometry_channels import (
     COMMON,
     CROSS_LEVEL,
     CURVATURE,
-    Channel,
+    GeometryChannel,
     base_of,
     centre_or_rails,
     channel_extent,
     channel_values,
 )
 from trackfg.plots.scales import common_zero, symmetric, with_limits, with_margin
-from trackfg.plots.sheet import BAND, BLUE, ORANGE, Curve, Limit, Panel, Sheet
+from trackfg.plots.sheet import BAND, BLUE, ORANGE, Panel, Sheet, SheetCurve, SheetLimit
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
 
@@ -125,10 +125,10 @@ class _Chart:
     conventions: GeometryConventions
     limits: tuple[LimitLine, ...]
 
-    def panel(self, channel: Channel) -> Panel:
+    def panel(self, channel: GeometryChannel) -> Panel:
         curve = self._curve(channel, BLUE)
         limits = tuple(
-            Limit(line.label, self.x_scale * line.chainage_m, channel.scale * line.value)
+            SheetLimit(line.label, self.x_scale * line.chainage_m, channel.scale * line.value)
             for line in self.limits
             if line.column == channel.column
         )
@@ -169,12 +169,12 @@ class _Chart:
             over=Panel("cross-level, mm\n(right, reversed)", (cant,), y_range=(-lean[0], -lean_high)),
         )
 
-    def _curve(self, channel: Channel, colour: str) -> Curve:
+    def _curve(self, channel: GeometryChannel, colour: str) -> SheetCurve:
         values, sigmas = channel_values(self.table, channel)
         keep = extremes(values, STRETCHES)
         x = self.x_scale * self.table["chainage_m"].to_numpy()[keep]
         band = BAND * sigmas[keep] if f"{channel.column}_sd" in self.table else None
-        return Curve(channel.label.replace("\n", " "), channel.unit, x, values[keep], colour, band)
+        return SheetCurve(channel.label.replace("\n", " "), channel.unit, x, values[keep], colour, band)
 
     def _marks(self) -> tuple[tuple[float, str], ...]:
         """Return the longest curves whose texts have room beside each other."""

@@ -15,7 +15,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import Span
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import draw, picture_path
-from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Curve, Panel, Path2d, Sheet
+from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Panel, Path2d, Sheet, SheetCurve
 from trackfg.results.result import Result
 from trackfg.units import KMH
 
@@ -45,14 +45,14 @@ def sheet_of(result: Result, reference: pd.DataFrame | None, title: str, spans: 
     table = result.trajectory
     t = table["t_s"].to_numpy()
 
-    def banded(name: str, unit: str, column: str, scale: float, colour: str) -> Curve:
+    def banded(name: str, unit: str, column: str, scale: float, colour: str) -> SheetCurve:
         y = scale * table[column].to_numpy()
         keep = extremes(y, STRETCHES)
-        return Curve(name, unit, t[keep], y[keep], colour, BAND * scale * table[f"{column}_sd"].to_numpy()[keep])
+        return SheetCurve(name, unit, t[keep], y[keep], colour, BAND * scale * table[f"{column}_sd"].to_numpy()[keep])
 
-    def in_metres(name: str, y: Array, colour: str) -> Curve:
+    def in_metres(name: str, y: Array, colour: str) -> SheetCurve:
         keep = extremes(y, STRETCHES)
-        return Curve(name, "m", t[keep], y[keep], colour)
+        return SheetCurve(name, "m", t[keep], y[keep], colour)
 
     certainty = [
         in_metres("1 sigma horizontal", np.hypot(table["east_m_sd"].to_numpy(), table["north_m_sd"].to_numpy()), BLUE),
@@ -63,7 +63,7 @@ def sheet_of(result: Result, reference: pd.DataFrame | None, title: str, spans: 
         error = errors["error_m"].to_numpy()
         keep = extremes(error, STRETCHES)
         at = errors["t_s"].to_numpy()[keep]
-        certainty.append(Curve("horizontal error", "m", at, error[keep], RED, dots=True))
+        certainty.append(SheetCurve("horizontal error", "m", at, error[keep], RED, dots=True))
     degree = 180.0 / np.pi
     return Sheet(
         title=title,

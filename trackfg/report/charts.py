@@ -18,7 +18,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.plots.decimation import extremes
 from trackfg.plots.sheet import BAND
-from trackfg.report.columns import Column, Difference, packed
+from trackfg.report.columns import Column, ColumnDifference, packed
 
 TRUTH_COLOUR = "#f0b429"
 VIEW_STRETCHES = 1200
@@ -46,7 +46,7 @@ PALETTE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class ChartLine:
     """A curve over ``x``, ascending, broken where ``y`` has no value. ``sigma``: its 1-sigma, drawn as a band of 95 %.
 
     The band lies about the curve, or ``band_about_zero``. ``wide``: drawn below all others, to be seen beside them.
@@ -56,7 +56,7 @@ class Line:
     name: str
     colour: str
     x: Column
-    y: Column | Difference
+    y: Column | ColumnDifference
     sigma: Column | None = None
     band_about_zero: bool = False
     wide: bool = False
@@ -64,7 +64,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class View:
+class FirstView:
     """The rows of a line that its picture needs while the whole of it is shown."""
 
     x: Column
@@ -79,7 +79,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Panel:
+class ChartPanel:
     """Lines in one unit. ``y_range``: what is shown at first; ``base``: where a line marks zero.
 
     ``marks`` are start, end and text of what is named along the axis; ``share`` the height against other panels.
@@ -87,7 +87,7 @@ class Panel:
 
     label: str
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[ChartLine, ...]
     y_range: tuple[float, float] | None = None
     base: float | None = None
     marks: tuple[tuple[float, float, str], ...] = ()
@@ -110,12 +110,12 @@ class Strips:
     x_label: str
     x_unit: str
     x_range: tuple[float, float]
-    panels: tuple[Panel, ...]
+    panels: tuple[ChartPanel, ...]
     spans: tuple[Span, ...] = ()
     legend: bool = False
 
     @cached_property
-    def views(self) -> dict[Line, View | None]:
+    def views(self) -> dict[ChartLine, FirstView | None]:
         """Return the first view of every line, None where that is all of it."""
         return {line: _view(line) for panel in self.panels for line in panel.lines}
 
@@ -123,7 +123,7 @@ class Strips:
         """Yield every column that is drawn."""
         for line, view in self.views.items():
             yield line.x
-            yield from (line.y.first, line.y.second) if isinstance(line.y, Difference) else (line.y,)
+            yield from (line.y.first, line.y.second) if isinstance(line.y, ColumnDifference) else (line.y,)
             if line.sigma is not None:
                 yield line.sigma
             if view is not None:
@@ -132,10 +132,10 @@ class Strips:
     def spec(self, number: dict[Column, int]) -> dict[str, Any]:
         """Return what ``page.js`` draws; ``number`` says which column of the page is which."""
 
-        def reference(y: Column | Difference) -> Any:
-            return [number[y.first], number[y.second]] if isinstance(y, Difference) else number[y]
+        def reference(y: Column | ColumnDifference) -> Any:
+            return [number[y.first], number[y.second]] if isinstance(y, ColumnDifference) else number[y]
 
-        def data(drawn: Line | View) -> dict[str, Any]:
+        def data(drawn: ChartLine | FirstView) -> dict[str, Any]:
             sigma = None if drawn.sigma is None else number[drawn.sigma]
             return {"x": number[drawn.x], "y": reference(drawn.y), "sigma": sigma}
 
@@ -191,13 +191,13 @@ class Figure:
 Chart = Strips | Figure
 
 
-def _view(line: Line) -> View | None:
+def _view(line: ChartLine) -> FirstView | None:
     if len(line.x.numbers) <= _SHORT * VIEW_STRETCHES:
         return None
     y = line.y.numbers
     rows = extremes(y, VIEW_STRETCHES)
     sigma = None if line.sigma is None else packed(line.sigma.numbers[rows], line.sigma.step)
-    return View(packed(line.x.numbers[rows], line.x.step), packed(y[rows], line.y.step), sigma)
+    return FirstView(packed(line.x.numbers[rows], line.x.step), packed(y[rows], line.y.step), sigma)
 
 
 def whole_range(*axes: Array) -> tuple[float, float]:

@@ -42,7 +42,7 @@ class Column:
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
+class ColumnDifference:
     """``first - second``, row by row, taken when it is drawn."""
 
     first: Column

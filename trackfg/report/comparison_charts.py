@@ -14,7 +14,7 @@ from trackfg.comparison.table import Row as Score
 from trackfg.numerics.arrays import Array
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import BAND, BLUE
-from trackfg.report.charts import PALETTE, TRUTH_COLOUR, Figure, Line, Panel, Strips, plain, whole_range
+from trackfg.report.charts import PALETTE, TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Strips, plain, whole_range
 from trackfg.report.columns import Column, packed, packed_sigma
 from trackfg.report.geometry_charts import chainage_axis
 
@@ -54,7 +54,7 @@ def case_curves(comparison: Comparison, case: str, colour: Mapping[str, str]) ->
     for ranked in scored.values():
         best |= set([name for name in ranked if name != REFERENCE][:1])
     geometry, over_time = (_of_case(table, case) for table in (comparison.geometry, comparison.positions))
-    chart = _Chart(scored, best, colour)
+    chart = _CaseChart(scored, best, colour)
     values, errors = chart.over_chainage(geometry) if geometry else (None, None)
     return CaseCurves(values, errors, chart.over_time(over_time) if over_time else None)
 
@@ -67,7 +67,7 @@ def _of_case(table: pd.DataFrame, case: str) -> dict[str, pd.DataFrame]:
 
 
 @dataclass(frozen=True)
-class _Chart:
+class _CaseChart:
     """``scored``: the estimators of each quantity, the best first; ``best``: those that are shown at first."""
 
     scored: Mapping[str, list[str]]
@@ -97,12 +97,12 @@ class _Chart:
             return None
         return Strips("time, s", "s", x_range, tuple(panels), legend=True)
 
-    def _values(self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str) -> Panel | None:
+    def _values(self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str) -> ChartPanel | None:
         known = self._known(tables, quantity, quantity)
         if not set(known) - {TRUTH}:
             return None
         lines = tuple(
-            Line(
+            ChartLine(
                 name,
                 TRUTH_COLOUR if name == TRUTH else self.colour[name],
                 x[name],
@@ -117,7 +117,7 @@ class _Chart:
 
     def _errors(
         self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str, suffix: str
-    ) -> Panel | None:
+    ) -> ChartPanel | None:
         """Return the errors, the smoother's with the band that it claims; where an unknown offset is not scored it is
         not drawn either.
         """
@@ -140,7 +140,7 @@ class _Chart:
             if name in self.best:
                 sizes.append(float(np.nanquantile(np.abs(values), _ROBUST)))
             shown = name in self.best
-            line = Line(name, self.colour[name], x[name], _packed(values), band, band_about_zero=True, shown=shown)
+            line = ChartLine(name, self.colour[name], x[name], _packed(values), band, band_about_zero=True, shown=shown)
             lines.append(line)
         reach = max(sizes, default=0.0) or 1.0
         return _panel(quantity, tuple(lines), with_margin(-reach, reach), centred=centred)
@@ -159,12 +159,14 @@ class _Chart:
         return known
 
 
-def _panel(quantity: str, lines: tuple[Line, ...], y_range: tuple[float, float], *, centred: bool = False) -> Panel:
+def _panel(
+    quantity: str, lines: tuple[ChartLine, ...], y_range: tuple[float, float], *, centred: bool = False
+) -> ChartPanel:
     meaning = QUANTITIES[quantity]
     label = meaning.label.partition(",")[0].replace(" of ", "\nof ").replace(" along ", "\nalong ")
     if centred:
         label += "\nless its mean"
-    return Panel(label, meaning.unit, lines, y_range, base=0.0, share=1.25)
+    return ChartPanel(label, meaning.unit, lines, y_range, base=0.0, share=1.25)
 
 
 def _packed(values: Array) -> Column:

@@ -18,7 +18,7 @@ from trackfg.report.comparison_tables import (
     tasks,
 )
 from trackfg.report.numbers import duration
-from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, Section, Text, Tile, Tiles
+from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, PageSection, Text, Tile, Tiles
 
 _FEW = 12
 """Rows in which the smoother is beaten that are always shown; all that are sure are, too."""
@@ -51,14 +51,14 @@ def comparison_page(comparison: Comparison, command: str) -> Page:
     return Page("comparison", title, subtitle, tuple(sections))
 
 
-def _beaten(comparison: Comparison) -> Section:
+def _beaten(comparison: Comparison) -> PageSection:
     held = [row for row in comparison.about.rows if row.to_smoother is not None]
     beaten = sum(row.beats_the_smoother for row in held)
     sure = sum(surely_beats(row) for row in held)
     title = "Where a published system beats the smoother"
     if not beaten:
         text = "Nowhere: in every quantity, case and speed band the smoother's error is the smallest."
-        return Section("beaten", title, (Text(text, "good"),))
+        return PageSection("beaten", title, (Text(text, "good"),))
     table, shown = beaten_table(comparison.about), max(sure, _FEW)
     blocks: list[Block] = [
         Text(
@@ -75,10 +75,10 @@ def _beaten(comparison: Comparison) -> Section:
         "Ratio: error over the smoother's error in the same runs, geometric mean. It is sure where the whole 95 % "
         "interval is below 1; otherwise another choice of runs may say the opposite."
     )
-    return Section("beaten", title, (*blocks, Text(note, "note")))
+    return PageSection("beaten", title, (*blocks, Text(note, "note")))
 
 
-def _what(comparison: Comparison, runs: int) -> Section:
+def _what(comparison: Comparison, runs: int) -> PageSection:
     about = comparison.about
     tiles = Tiles(
         (
@@ -89,10 +89,10 @@ def _what(comparison: Comparison, runs: int) -> Section:
             Tile("computed in", duration(about.seconds)),
         )
     )
-    return Section("compared", "What was compared", (tiles, case_table(about), estimator_table(about)))
+    return PageSection("compared", "What was compared", (tiles, case_table(about), estimator_table(about)))
 
 
-def _tasks(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
+def _tasks(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:
     about = comparison.about
     for number, task in enumerate(tasks(about.rows), start=1):
         blocks: list[Block] = [
@@ -109,10 +109,10 @@ def _tasks(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
             if chart is not None:
                 note = "Mean over runs, in bands of 5 km/h. Click a name to hide it, double-click to see it alone."
                 blocks.append(Drawing(chart, title=f"{case.name}: error over speed", note=note))
-        yield Section(f"task-{number}", task.capitalize(), tuple(blocks))
+        yield PageSection(f"task-{number}", task.capitalize(), tuple(blocks))
 
 
-def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
+def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:
     choose = (
         "Click a name to show or hide it, double-click to see it alone; at first the smoother and the best of the "
         "others are shown. Bands: 95 % of the sigmas that the smoother claims."
@@ -129,23 +129,23 @@ def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]
                 title = f"{case.name}, first run: {what}"
                 blocks.append(Drawing(chart, title=title, note=f"{note} {choose}"))
     if blocks:
-        yield Section("curves", "Curves of one run", tuple(blocks))
+        yield PageSection("curves", "Curves of one run", tuple(blocks))
 
 
-def _times(comparison: Comparison, colour: dict[str, str]) -> Iterator[Section]:
+def _times(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:
     chart = run_times(comparison.about.rows, colour)
     if chart is not None:
         note = "Median over the cases of the time that an estimator took for a kilometre of run, one run at a time."
-        yield Section("times", "Run time", (Drawing(chart, note=note),))
+        yield PageSection("times", "Run time", (Drawing(chart, note=note),))
 
 
-def _left_out(comparison: Comparison) -> Section:
+def _left_out(comparison: Comparison) -> PageSection:
     if not comparison.about.left_out:
-        return Section("left-out", "Left out", (Text("Nothing: every estimator could use every case."),))
-    return Section("left-out", "Left out", (left_out_table(comparison.about),))
+        return PageSection("left-out", "Left out", (Text("Nothing: every estimator could use every case."),))
+    return PageSection("left-out", "Left out", (left_out_table(comparison.about),))
 
 
-def _made(comparison: Comparison, command: str) -> Section:
+def _made(comparison: Comparison, command: str) -> PageSection:
     blocks: tuple[Block, ...] = (
         Text("This page was made by"),
         Code(command),
@@ -156,4 +156,4 @@ def _made(comparison: Comparison, command: str) -> Section:
             "same runs; trackfg compare with the cases and seeds above makes it again."
         ),
     )
-    return Section("made", "How it was made", blocks)
+    return PageSection("made", "How it was made", blocks)

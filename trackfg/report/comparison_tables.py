@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from trackfg.comparison.table import BAND_KMH, QUANTITIES, REFERENCE, About, Task
 from trackfg.comparison.table import Row as Score
 from trackfg.report.numbers import NONE, digits, duration, interval, percent
-from trackfg.report.page import Row, Table
+from trackfg.report.page import PageTable, TableRow
 
 _STATISTIC = {"rms": "RMS", "sd": "SD"}
 
@@ -18,10 +18,10 @@ def quantity_text(quantity: str) -> str:
     return f"{meaning.label}, {meaning.unit}" if meaning.unit else meaning.label
 
 
-def case_table(about: About) -> Table:
+def case_table(about: About) -> PageTable:
     """Return the table of what was compared, and on how many runs."""
     rows = tuple(
-        Row(
+        TableRow(
             (
                 case.name,
                 case.summary,
@@ -35,7 +35,7 @@ def case_table(about: About) -> Table:
         for case in about.cases
     )
     headings = ("case", "what it is", "held against", "runs", "seeds", "length, km", "duration")
-    return Table(headings, rows, numbers=frozenset((3, 5, 6)))
+    return PageTable(headings, rows, numbers=frozenset((3, 5, 6)))
 
 
 def estimator_names(about: About) -> list[str]:
@@ -43,16 +43,16 @@ def estimator_names(about: About) -> list[str]:
     return list(dict.fromkeys([*about.estimators, *(row.estimator for row in about.rows)]))
 
 
-def estimator_table(about: About) -> Table:
+def estimator_table(about: About) -> PageTable:
     """Return a table with a line on each."""
     rows = tuple(
-        Row((name, about.estimators.get(name, NONE)), mark="own" if name == REFERENCE else "")
+        TableRow((name, about.estimators.get(name, NONE)), mark="own" if name == REFERENCE else "")
         for name in estimator_names(about)
     )
-    return Table(("estimator", "what it is"), rows)
+    return PageTable(("estimator", "what it is"), rows)
 
 
-def beaten_table(about: About) -> Table:
+def beaten_table(about: About) -> PageTable:
     """Return every score in which another system is better than the smoother: the sure ones first, then by the
     ratio.
     """
@@ -60,7 +60,7 @@ def beaten_table(about: About) -> Table:
     beaten = [row for row in about.rows if row.beats_the_smoother]
     beaten.sort(key=lambda row: (not surely_beats(row), row.to_smoother))
     rows = tuple(
-        Row(
+        TableRow(
             (
                 row.case,
                 quantity_text(row.quantity),
@@ -87,14 +87,14 @@ def beaten_table(about: About) -> Table:
         "95 % interval",
         "is it sure?",
     )
-    return Table(headings, rows, numbers=frozenset((4, 5, 6, 7)))
+    return PageTable(headings, rows, numbers=frozenset((4, 5, 6, 7)))
 
 
-def score_table(about: About, task: Task) -> Table:
+def score_table(about: About, task: Task) -> PageTable:
     """Return the table of one task, for whole runs: a group of rows for each case and quantity, the best estimator
     first.
     """
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     before: tuple[str, str] | None = None
     for row in about.rows:
         if row.task != task or row.from_kmh is not None:
@@ -102,7 +102,7 @@ def score_table(about: About, task: Task) -> Table:
         if (row.case, row.quantity) != before:
             before = (row.case, row.quantity)
             rows.append(
-                Row((f"{row.case}: {quantity_text(row.quantity)} ({_STATISTIC[row.statistic]})",), mark="group")
+                TableRow((f"{row.case}: {quantity_text(row.quantity)} ({_STATISTIC[row.statistic]})",), mark="group")
             )
         own = row.estimator == REFERENCE
         cells = (
@@ -115,7 +115,7 @@ def score_table(about: About, task: Task) -> Table:
             digits(row.seconds_per_km),
             "better than the smoother" if row.beats_the_smoother else "",
         )
-        rows.append(Row(cells, mark="own" if own else "bad" if row.beats_the_smoother else ""))
+        rows.append(TableRow(cells, mark="own" if own else "bad" if row.beats_the_smoother else ""))
     headings = (
         "estimator",
         "error ± 95 %",
@@ -126,13 +126,13 @@ def score_table(about: About, task: Task) -> Table:
         "s per km",
         "",
     )
-    return Table(headings, tuple(rows), numbers=frozenset(range(1, 7)))
+    return PageTable(headings, tuple(rows), numbers=frozenset(range(1, 7)))
 
 
-def left_out_table(about: About) -> Table:
+def left_out_table(about: About) -> PageTable:
     """Return the table of what could not be used, and why."""
-    rows = tuple(Row((one.case, one.estimator, one.reason)) for one in about.left_out)
-    return Table(("case", "estimator", "why"), rows)
+    rows = tuple(TableRow((one.case, one.estimator, one.reason)) for one in about.left_out)
+    return PageTable(("case", "estimator", "why"), rows)
 
 
 def tasks(rows: Sequence[Score]) -> list[Task]:

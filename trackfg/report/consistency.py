@@ -15,7 +15,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.plots.sheet import BLUE, GREY, RED
 from trackfg.report.charts import Figure, plain
 from trackfg.report.numbers import digits, percent
-from trackfg.report.page import Row, Table
+from trackfg.report.page import PageTable, TableRow
 
 _WITHIN = (1.0, 1.96, 3.0)
 _EDGE, _BINS = 5.0, 50
@@ -100,32 +100,32 @@ def _power(power: int) -> str:
     return f"{2**power}" if power >= 0 else f"1/{2**-power}"
 
 
-def error_table(errors: pd.DataFrame) -> Table:
+def error_table(errors: pd.DataFrame) -> PageTable:
     """Return one row per quantity that has an error."""
     scores = score_run(errors, band_kmh=None)
     rows = []
     for score in scores[scores["places"] > 0].to_dict("records"):
         quantity = named(score["quantity"])
         shown = (digits(quantity.scale * score[size]) for size in ("rms", "sd", "mean_abs", "max", "mean_sd"))
-        rows.append(Row((quantity.name, quantity.unit, str(score["places"]), *shown, digits(score["ratio"]))))
-    return Table(
+        rows.append(TableRow((quantity.name, quantity.unit, str(score["places"]), *shown, digits(score["ratio"]))))
+    return PageTable(
         ("quantity", "unit", "rows", "RMS", "SD", "mean |error|", "largest", "mean 1 sigma", "RMS of error/sigma"),
         tuple(rows),
         numbers=frozenset(range(2, 9)),
     )
 
 
-def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> Table:
+def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> PageTable:
     """Return RMS of some quantities by speed."""
     scores = score_run(errors, band_kmh=_BAND_KMH)
     scores = scores[scores["from_kmh"].notna() & scores["quantity"].isin(list(columns))]
     wide = scores.pivot_table(index="from_kmh", columns="quantity", values="rms", sort=False).sort_index()
     shown = [name for name in columns if name in wide]
     values = wide[shown].to_numpy() * [named(name).scale for name in shown]
-    return Table(
+    return PageTable(
         ("speed, km/h", *(f"{named(name).name}, {named(name).unit}" for name in shown)),
         tuple(
-            Row((f"{band:.0f} – {band + _BAND_KMH:.0f}", *(digits(value) for value in row)))
+            TableRow((f"{band:.0f} – {band + _BAND_KMH:.0f}", *(digits(value) for value in row)))
             for band, row in zip(wide.index, values, strict=True)
         ),
         numbers=frozenset(range(1, 1 + len(shown))),
@@ -133,18 +133,18 @@ def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> Table:
     )
 
 
-def coverage_table(errors: pd.DataFrame) -> Table:
+def coverage_table(errors: pd.DataFrame) -> PageTable:
     """Return how often an error is within so many sigmas, beside what a normal distribution has there."""
     rows = [
-        Row(
+        TableRow(
             (named(name).name, *(percent(float(np.mean(np.abs(ratio) <= within))) for within in _WITHIN)),
         )
         for name, ratio in _normalised(errors)
     ]
     expected = (percent(float(stats.chi2.cdf(within**2, 1))) for within in _WITHIN)
-    return Table(
+    return PageTable(
         ("quantity", *(f"within {within:g} sigma" for within in _WITHIN)),
-        (*rows, Row(("normal distribution", *expected), mark="own")),
+        (*rows, TableRow(("normal distribution", *expected), mark="own")),
         numbers=frozenset(range(1, 1 + len(_WITHIN))),
     )
 

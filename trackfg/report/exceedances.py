@@ -10,7 +10,7 @@ from trackfg.geometry.exceedances import Judgement
 from trackfg.plots.sheet import RED
 from trackfg.report.charts import Span
 from trackfg.report.numbers import digits, with_sd
-from trackfg.report.page import Block, Fold, Row, Section, Table, Text
+from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
 
 _MANY = 25
 """Rows of a table that stand open; longer ones are folded."""
@@ -26,7 +26,7 @@ def exceedance_spans(judgement: Judgement | None, scale: float) -> tuple[Span, .
     )
 
 
-def exceedance_section(judgement: Judgement) -> Section:
+def exceedance_section(judgement: Judgement) -> PageSection:
     """Return the section: how many exceedances there are, each of them, and the limits that were not judged."""
     found = judgement.found
     blocks: list[Block] = []
@@ -39,16 +39,16 @@ def exceedance_section(judgement: Judgement) -> Section:
         blocks.append(table if len(found) <= _MANY else Fold(f"All {len(found)} exceedances", (table,)))
     if judgement.not_judged:
         rows = tuple(
-            Row((quantity, ", ".join(levels), reason))
+            TableRow((quantity, ", ".join(levels), reason))
             for (quantity, reason), levels in judgement.not_judged_levels().items()
         )
-        blocks.append(Fold("Limits that were not judged", (Table(("limit", "class", "why"), rows),)))
-    return Section("limits", "Exceedances of limits", tuple(blocks))
+        blocks.append(Fold("Limits that were not judged", (PageTable(("limit", "class", "why"), rows),)))
+    return PageSection("limits", "Exceedances of limits", tuple(blocks))
 
 
-def _table(found: pd.DataFrame) -> Table:
+def _table(found: pd.DataFrame) -> PageTable:
     rows = tuple(
-        Row(
+        TableRow(
             (
                 f"{1e-3 * row['chainage_m']:.3f}",
                 f"{row['from_m']:.2f}",
@@ -64,7 +64,7 @@ def _table(found: pd.DataFrame) -> Table:
         for row in found.to_dict("records")
     )
     headings = ("km", "from, m", "to, m", "length, m", "quantity", "column", "value, mm", "limit, mm", "class")
-    return Table(headings, rows, numbers=frozenset((0, 1, 2, 3, 6, 7)))
+    return PageTable(headings, rows, numbers=frozenset((0, 1, 2, 3, 6, 7)))
 
 
 def _value(value: float, sd: float) -> str:

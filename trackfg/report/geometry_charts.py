@@ -11,7 +11,7 @@ from trackfg.plots.curve_labels import curves
 from trackfg.plots.geometry_channels import (
     COMMON,
     CURVATURE,
-    Channel,
+    GeometryChannel,
     base_of,
     centre_or_rails,
     channel_extent,
@@ -19,8 +19,8 @@ from trackfg.plots.geometry_channels import (
 )
 from trackfg.plots.scales import symmetric, with_margin
 from trackfg.plots.sheet import BAND, BLUE
-from trackfg.report.charts import TRUTH_COLOUR, Line, Panel, Strips, whole_range
-from trackfg.report.columns import Column, Difference, packed, packed_sigma, packed_value
+from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Strips, whole_range
+from trackfg.report.columns import Column, ColumnDifference, packed, packed_sigma, packed_value
 from trackfg.report.exceedances import exceedance_spans
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
@@ -33,7 +33,7 @@ _ROBUST = 0.998
 """An error axis holds this share of the errors and of the bands: a slow place must not squeeze the rest."""
 
 
-def channels(table: pd.DataFrame) -> tuple[Channel, ...]:
+def channels(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
     """Return everything that a geometry table holds, in the order of the chart."""
     return (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1])
 
@@ -61,11 +61,11 @@ def geometry_strips(
         has_sigma = f"{channel.column}_sd" in table
         y = packed_value(values, sigmas if has_sigma else None)
         sigma = packed_sigma(sigmas) if has_sigma else None
-        lines = [Line("estimate", BLUE, x, y, sigma)]
+        lines = [ChartLine("estimate", BLUE, x, y, sigma)]
         if channel.column in errors and has_sigma:
             error = channel.scale * errors[channel.column].to_numpy()
             packed_error = packed_value(error, sigmas)
-            lines.append(Line("truth", TRUTH_COLOUR, x, Difference(y, packed_error), wide=True))
+            lines.append(ChartLine("truth", TRUTH_COLOUR, x, ColumnDifference(y, packed_error), wide=True))
             error_panels.append(_error_panel(channel, x, error, packed_error, sigmas, sigma))
         panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), scale))
     label = f"chainage, {unit}"
@@ -77,8 +77,12 @@ def geometry_strips(
 
 
 def _panel(
-    channel: Channel, table: pd.DataFrame, conventions: GeometryConventions, lines: tuple[Line, ...], scale: float
-) -> Panel:
+    channel: GeometryChannel,
+    table: pd.DataFrame,
+    conventions: GeometryConventions,
+    lines: tuple[ChartLine, ...],
+    scale: float,
+) -> ChartPanel:
     base = base_of(channel, conventions)
     low, high = channel_extent(table, channel, base)
     if channel.deviation:
@@ -90,12 +94,14 @@ def _panel(
         found = curves(table["chainage_m"].to_numpy(), table[channel.column].to_numpy())
         marks = tuple((scale * start, scale * end, text) for start, end, text in found)
     share = 1.3 if channel is CURVATURE else channel.share
-    return Panel(channel.label, channel.unit, lines, (low, high), base, marks=marks, share=share)
+    return ChartPanel(channel.label, channel.unit, lines, (low, high), base, marks=marks, share=share)
 
 
-def _error_panel(channel: Channel, x: Column, error: Array, y: Column, sigmas: Array, sigma: Column | None) -> Panel:
-    line = Line("error", BLUE, x, y, sigma, band_about_zero=True)
-    return Panel(channel.label, channel.unit, (line,), error_range(error, sigmas), base=0.0, share=0.8)
+def _error_panel(
+    channel: GeometryChannel, x: Column, error: Array, y: Column, sigmas: Array, sigma: Column | None
+) -> ChartPanel:
+    line = ChartLine("error", BLUE, x, y, sigma, band_about_zero=True)
+    return ChartPanel(channel.label, channel.unit, (line,), error_range(error, sigmas), base=0.0, share=0.8)
 
 
 def error_range(error: Array, sigmas: Array) -> tuple[float, float]:

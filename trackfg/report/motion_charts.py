@@ -10,7 +10,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.plots.decimation import extremes
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
-from trackfg.report.charts import TRUTH_COLOUR, Figure, Line, Panel, Span, Strips, plain, whole_range
+from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Span, Strips, plain, whole_range
 from trackfg.report.columns import Column, packed, packed_sigma, packed_value
 from trackfg.report.geometry_charts import error_range
 from trackfg.results.result import Result
@@ -48,15 +48,19 @@ def motion_strips(result: Result) -> Strips:
     panels = []
     for label, unit, column, scale, least in _BANDED:
         values, sigmas = scale * table[column].to_numpy(), scale * table[f"{column}_sd"].to_numpy()
-        line = Line(label, BLUE, x, packed_value(values, sigmas), packed_sigma(sigmas))
-        panels.append(Panel(label, unit, (line,), with_margin(*extent(values, sigmas, 0.0, least)), base=0.0))
+        line = ChartLine(label, BLUE, x, packed_value(values, sigmas), packed_sigma(sigmas))
+        panels.append(ChartPanel(label, unit, (line,), with_margin(*extent(values, sigmas, 0.0, least)), base=0.0))
     yaw = _DEGREE * np.unwrap(table["yaw_rad"].to_numpy())
-    panels.append(Panel("yaw\nunwrapped", "deg", (_plain_line("yaw", x, yaw, BLUE),), _whole(yaw)))
+    panels.append(ChartPanel("yaw\nunwrapped", "deg", (_plain_line("yaw", x, yaw, BLUE),), _whole(yaw)))
     along = table["chainage_m_sd"].to_numpy()
     across = np.hypot(table["east_m_sd"].to_numpy(), table["north_m_sd"].to_numpy())
-    panels.append(Panel("chainage\n1 sigma", "m", (_plain_line("chainage", x, along, ORANGE),), _whole(along, 0.0)))
     panels.append(
-        Panel("horizontal position\n1 sigma", "m", (_plain_line("position", x, across, ORANGE),), _whole(across, 0.0))
+        ChartPanel("chainage\n1 sigma", "m", (_plain_line("chainage", x, along, ORANGE),), _whole(along, 0.0))
+    )
+    panels.append(
+        ChartPanel(
+            "horizontal position\n1 sigma", "m", (_plain_line("position", x, across, ORANGE),), _whole(across, 0.0)
+        )
     )
     return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(result.events))
 
@@ -69,8 +73,8 @@ def error_strips(errors: pd.DataFrame, events: pd.DataFrame) -> Strips | None:
     for column, (label, unit) in _ERRORS.items():
         if column in errors and np.isfinite(errors[column]).any():
             error, sigmas = errors[column].to_numpy(), errors[f"{column}_sd"].to_numpy()
-            line = Line(label, BLUE, x, packed_value(error, sigmas), packed_sigma(sigmas), band_about_zero=True)
-            panels.append(Panel(label, unit, (line,), error_range(error, sigmas), base=0.0, share=0.8))
+            line = ChartLine(label, BLUE, x, packed_value(error, sigmas), packed_sigma(sigmas), band_about_zero=True)
+            panels.append(ChartPanel(label, unit, (line,), error_range(error, sigmas), base=0.0, share=0.8))
     if not panels:
         return None
     return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(events))
@@ -116,8 +120,8 @@ def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
     )
 
 
-def _plain_line(name: str, x: Column, values: Array, colour: str) -> Line:
-    return Line(name, colour, x, packed_value(values))
+def _plain_line(name: str, x: Column, values: Array, colour: str) -> ChartLine:
+    return ChartLine(name, colour, x, packed_value(values))
 
 
 def _whole(values: Array, least: float = np.inf) -> tuple[float, float]:

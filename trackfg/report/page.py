@@ -61,7 +61,7 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """The cells of a table's row. ``mark``: how it stands out: ``own`` is what the page is about, ``bad`` where it is
     beaten, ``group`` has one cell that heads the rows below; ``warning`` and ``error`` are levels.
     """
@@ -71,11 +71,11 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """``numbers`` are the columns that stand to the right, counted from 0."""
 
     headings: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
     numbers: frozenset[int] = frozenset()
     caption: str = ""
     kind: str = "table"
@@ -108,11 +108,11 @@ class Code:
     kind: str = "code"
 
 
-Block = Text | Tiles | Facts | Table | Drawing | Fold | Code
+Block = Text | Tiles | Facts | PageTable | Drawing | Fold | Code
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """``name`` is its address in the page."""
 
     name: str
@@ -127,7 +127,7 @@ class Page:
     what: str
     title: str
     subtitle: str
-    sections: tuple[Section, ...]
+    sections: tuple[PageSection, ...]
 
     def charts(self) -> list[Chart]:
         """Return the charts from top to bottom."""

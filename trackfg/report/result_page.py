@@ -18,7 +18,20 @@ from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import channels, geometry_strips
 from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
 from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
-from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, Row, Section, Table, Text, Tile, Tiles
+from trackfg.report.page import (
+    Block,
+    Code,
+    Drawing,
+    Facts,
+    Fold,
+    Page,
+    PageSection,
+    PageTable,
+    TableRow,
+    Text,
+    Tile,
+    Tiles,
+)
 from trackfg.report.truth import Against
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, VectorEstimate
@@ -42,7 +55,7 @@ def result_page(result: Result, command: str, against: Against | None, judgement
     return Page("result", page.recording_id, subtitle, tuple(sections))
 
 
-def _summary(result: Result) -> Section:
+def _summary(result: Result) -> PageSection:
     page, solver = result.summary, result.summary.solver
     squares = 2.0 * solver.cost / solver.degrees_of_freedom if solver.degrees_of_freedom > 0 else math.nan
     tiles = [
@@ -69,7 +82,7 @@ def _summary(result: Result) -> Section:
     blocks: list[Block] = [verdict, Tiles(tuple(tiles)), Facts(tuple((k, v) for k, v in facts if v != NONE))]
     if not result.geometry.empty:
         blocks.append(_measured(result))
-    return Section("summary", "Summary", tuple(blocks))
+    return PageSection("summary", "Summary", tuple(blocks))
 
 
 def _extent(result: Result) -> str:
@@ -89,7 +102,7 @@ def _version(result: Result) -> str:
     return result.summary.versions.get("trackfg", "")
 
 
-def _measured(result: Result) -> Table:
+def _measured(result: Result) -> PageTable:
     rows = []
     for channel in channels(result.geometry):
         values = channel.scale * result.geometry[channel.column].to_numpy()
@@ -99,8 +112,8 @@ def _measured(result: Result) -> Table:
         typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
         low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
         cells = (digits(low), digits(high), digits(typical), digits(poor), percent(known.size / values.size))
-        rows.append(Row((channel.label.replace("\n", " "), channel.unit, *cells)))
-    return Table(
+        rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))
+    return PageTable(
         ("quantity", "unit", "least", "greatest", "1 sigma, median", "1 sigma, 95 % below", "of the length"),
         tuple(rows),
         numbers=frozenset(range(2, 7)),
@@ -108,12 +121,14 @@ def _measured(result: Result) -> Table:
     )
 
 
-def _findings(result: Result) -> Section:
+def _findings(result: Result) -> PageSection:
     found = sorted(result.summary.findings, key=lambda finding: _LEVELS.index(finding.level))
     if not found:
-        return Section("findings", "Data quality", (Text("Reading the recording found nothing to report.", "good"),))
+        return PageSection(
+            "findings", "Data quality", (Text("Reading the recording found nothing to report.", "good"),)
+        )
     rows = tuple(
-        Row(
+        TableRow(
             (
                 finding.level,
                 finding.place or NONE,
@@ -124,16 +139,16 @@ def _findings(result: Result) -> Section:
         )
         for finding in found
     )
-    return Section("findings", "Data quality", (Table(("level", "where", "what", "hint"), rows),))
+    return PageSection("findings", "Data quality", (PageTable(("level", "where", "what", "hint"), rows),))
 
 
-def _events(result: Result) -> Section:
+def _events(result: Result) -> PageSection:
     events = result.events
     if events.empty:
-        return Section("events", "Events", (Text("None."),))
+        return PageSection("events", "Events", (Text("None."),))
     counts = ", ".join(f"{number} {kind}" for kind, number in events["kind"].value_counts().items())
     rows = tuple(
-        Row(
+        TableRow(
             (
                 event["kind"],
                 f"{event['start_s']:.1f}",
@@ -146,21 +161,21 @@ def _events(result: Result) -> Section:
         for event in events.to_dict("records")
     )
     headings = ("event", "start, s", "duration, s", "chainage, m", "distance removed, m", "detail")
-    table = Table(headings, rows, numbers=frozenset((1, 2, 3, 4)))
+    table = PageTable(headings, rows, numbers=frozenset((1, 2, 3, 4)))
     blocks: tuple[Block, ...] = (Text(f"{counts}."), table)
     if len(rows) > _MANY_EVENTS:
         blocks = (Text(f"{counts}."), Fold(f"All {len(rows)} events", (table,)))
-    return Section("events", "Events", blocks)
+    return PageSection("events", "Events", blocks)
 
 
 def _measure(value: float, sd: float) -> str:
     return with_sd(value, sd, "") if math.isfinite(value) else NONE
 
 
-def _geometry(result: Result, against: Against | None, judgement: Judgement | None) -> Iterator[Section]:
+def _geometry(result: Result, against: Against | None, judgement: Judgement | None) -> Iterator[PageSection]:
     if result.geometry.empty:
         text = "The run says nothing of the track: there is no geometry. docs/results.md says when that is so."
-        yield Section("geometry", "Track geometry", (Text(text),))
+        yield PageSection("geometry", "Track geometry", (Text(text),))
         return
     errors = _errors(result, against)
     strips, error_chart = geometry_strips(result, errors, judgement)
@@ -173,7 +188,7 @@ def _geometry(result: Result, against: Against | None, judgement: Judgement | No
         f"on {c.cross_level_base_m:g} m. Bands: 95 % (1.96 sigma). 1 sigma of the chainage up to {sure} m. A wide view "
         "is drawn by its extremes, so that no peak is lost; a narrow one shows every row."
     )
-    yield Section("geometry", "Track geometry", (Drawing(strips, note=note),))
+    yield PageSection("geometry", "Track geometry", (Drawing(strips, note=note),))
     if judgement is not None:
         yield exceedance_section(judgement)
     if against is None or error_chart is None:
@@ -187,7 +202,7 @@ def _geometry(result: Result, against: Against | None, judgement: Judgement | No
         Fold("By speed", (band_table(errors, [name for name in _BANDED if name in errors]),)),
         Drawing(error_chart, note="Bands: 95 % of the sigmas that the result claims, about zero."),
     )
-    yield Section("errors", "Errors of the geometry", blocks)
+    yield PageSection("errors", "Errors of the geometry", blocks)
 
 
 def _errors(result: Result, against: Against | None) -> pd.DataFrame:
@@ -199,7 +214,7 @@ def _errors(result: Result, against: Against | None) -> pd.DataFrame:
     return errors[[*PLACE, *(name for column in shown for name in (column, f"{column}_sd"))]]
 
 
-def _motion(result: Result, against: Against | None) -> Section:
+def _motion(result: Result, against: Against | None) -> PageSection:
     blocks: list[Block] = [Drawing(motion_strips(result), note=f"Bands: 95 % (1.96 sigma). {SHADES}")]
     if against is not None:
         errors = against.trajectory_errors
@@ -207,10 +222,10 @@ def _motion(result: Result, against: Against | None) -> Section:
         if chart is not None:
             note = f"Estimate less truth; bands: 95 % of the claimed sigmas, about zero. {SHADES}"
             blocks += [Drawing(chart, title="Errors of the trajectory", note=note), error_table(errors)]
-    return Section("motion", "Attitude, speed and position", tuple(blocks))
+    return PageSection("motion", "Attitude, speed and position", tuple(blocks))
 
 
-def _consistency(result: Result, against: Against | None) -> Section:
+def _consistency(result: Result, against: Against | None) -> PageSection:
     blocks: list[Block] = []
     if result.summary.noise_ratios:
         note = (
@@ -232,23 +247,23 @@ def _consistency(result: Result, against: Against | None) -> Section:
                     "many runs. Rows of one run depend on each other, so that one run may stand beside it."
                 )
                 blocks += [Drawing(chart, title=f"Error over sigma: {title}", note=note), coverage_table(table)]
-    return Section("consistency", "Are the sigmas right?", tuple(blocks))
+    return PageSection("consistency", "Are the sigmas right?", tuple(blocks))
 
 
-def _map(result: Result, against: Against | None) -> Section:
+def _map(result: Result, against: Against | None) -> PageSection:
     chart = path_map(result, None if against is None else against.trajectory)
     note = "Local coordinates, equal scales. Circles are chainages."
-    return Section("map", "Map of the path", (Drawing(chart, note=note),))
+    return PageSection("map", "Map of the path", (Drawing(chart, note=note),))
 
 
-def _made(result: Result, command: str) -> Section:
+def _made(result: Result, command: str) -> PageSection:
     page = result.summary
     versions = Facts(tuple(page.versions.items()))
     default = dict(leaves(SmoothConfig().model_dump(mode="json")))
     settings = list(leaves(page.configuration))
     changed = [(key, value) for key, value in settings if value != default.get(key)]
     rows = tuple(
-        Row((key, _setting(value), _setting(default.get(key))), mark="own" if value != default.get(key) else "")
+        TableRow((key, _setting(value), _setting(default.get(key))), mark="own" if value != default.get(key) else "")
         for key, value in settings
     )
     said = (
@@ -262,9 +277,9 @@ def _made(result: Result, command: str) -> Section:
         Text("from what trackfg smooth wrote with these versions:"),
         versions,
         Text(said + "." if changed else said),
-        Fold("All settings", (Table(("setting", "value", "default"), rows),)),
+        Fold("All settings", (PageTable(("setting", "value", "default"), rows),)),
     )
-    return Section("made", "How it was made", blocks)
+    return PageSection("made", "How it was made", blocks)
 
 
 def _setting(value: Any) -> str:

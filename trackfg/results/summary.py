@@ -11,25 +11,25 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 from trackfg.recording.findings import Finding
 
 
-class _Model(BaseModel):
+class _ResultModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Estimate(_Model):
+class Estimate(_ResultModel):
     """An estimated scalar and its 1-sigma, in the unit of the field that holds it."""
 
     value: float
     sd: float
 
 
-class VectorEstimate(_Model):
+class VectorEstimate(_ResultModel):
     """An estimated vector in the body axes x, y, z and the 1-sigma of each."""
 
     value: tuple[float, float, float]
     sd: tuple[float, float, float]
 
 
-class Solver(_Model):
+class Solver(_ResultModel):
     """How the solution was reached. ``cost`` is half the sum of squared whitened residuals after robust weights."""
 
     converged: bool
@@ -39,7 +39,7 @@ class Solver(_Model):
     degrees_of_freedom: int
 
 
-class GeometryConventions(_Model):
+class GeometryConventions(_ResultModel):
     """What the geometry columns mean. Lengths in m; see docs/geometry.md for the formulas.
 
     ``facing``: left is left when looking that way, whichever way the run went.
@@ -56,7 +56,7 @@ class GeometryConventions(_Model):
     gradient_base_m: float
 
 
-class RunFacts(_Model):
+class RunFacts(_ResultModel):
     """What joining runs into a map needs to know of the recording.
 
     ``content_sha256`` tells the same measurements again, whatever the recording is called. ``anchored``: fixes told
@@ -74,7 +74,7 @@ class RunFacts(_Model):
     origin: tuple[float, float, float] | None = None
 
 
-class MapUse(_Model):
+class MapUse(_ResultModel):
     """The map that the run was located on: its name and version, the share of the run that was recognised, and the
     probability that the place is right. Nothing of the map was used where ``sections`` is 0.
     """
@@ -87,7 +87,7 @@ class MapUse(_Model):
     found_after_m: float | None
 
 
-class Summary(_Model):
+class Summary(_ResultModel):
     """The run in one page. Biases are those at the end of the run; what was not estimated is null.
 
     ``configuration`` is what was used, adapted noise levels included; ``noise_ratios`` says, per group of factors, how

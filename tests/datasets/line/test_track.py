@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.numerics import rotations
 
 GAUGE_M = 1.067
@@ -18,7 +18,7 @@ def rough():
 @pytest.fixture
 def track(winding_ride, rough):
     """Curves both ways, canted, on gradients, in bad order."""
-    return Track(winding_ride.line, rough, GAUGE_M)
+    return SimulatedTrack(winding_ride.line, rough, GAUGE_M)
 
 
 S = np.array([50.0, 130.0, 200.0, 330.0, 540.0, 580.3, 730.0, 900.0])
@@ -30,7 +30,7 @@ def columns(table):
 
 def test_perfect_track_is_its_line(winding_ride):
     line = winding_ride.line
-    perfect = Track(line, Irregularities.none(line.length_m), GAUGE_M)
+    perfect = SimulatedTrack(line, Irregularities.none(line.length_m), GAUGE_M)
     np.testing.assert_allclose(perfect.centre(S), line.position(S), atol=1e-12)
     np.testing.assert_allclose(perfect.rpy(S), line.rpy(S), atol=1e-14)
     np.testing.assert_allclose(perfect.rpy_slopes(S), line.rpy_slopes(S), atol=1e-14)
@@ -93,7 +93,7 @@ def test_from_the_other_end_it_is_the_same_track(make_line, rough):
         cant=[0, 0, -0.1, -0.1, 0, 0],
         grade=[0, 0, 0.02, 0.02, 0, 0],
     )
-    track = Track(line, rough, GAUGE_M)
+    track = SimulatedTrack(line, rough, GAUGE_M)
     turned = track.reversed()
     s = np.linspace(100.0, 1400.0, 101)
     start = track.centre(np.array(1500.0))

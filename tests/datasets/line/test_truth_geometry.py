@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from trackfg.datasets.line.irregularities import KNOT_M, Irregularities, IrregularityModel, draw_irregularities
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.truth_geometry import OperatorLengths, truth_geometry
 from trackfg.datasets.line.wavelength_band import d1_gain
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
@@ -22,7 +22,7 @@ def waves(length_m, wavelength_m, amplitudes_m):
 
 
 def perfect(line):
-    return Track(line, Irregularities.none(line.length_m), BASE_M)
+    return SimulatedTrack(line, Irregularities.none(line.length_m), BASE_M)
 
 
 def geometry(track, direction=1, origin=0.0, s_from=0.0, s_to=None, **conventions):
@@ -47,7 +47,7 @@ def winding(make_line, rough):
         cant=[0, 0, -0.1, -0.1, 0, 0, 0.08, 0.08, 0, 0],
         grade=[0.01, 0.01, 0.02, 0.02, -0.015, -0.015, 0.01, 0.01, 0, 0],
     )
-    return Track(line, rough, BASE_M)
+    return SimulatedTrack(line, rough, BASE_M)
 
 
 def test_rows_are_whole_multiples_within_the_run(winding):
@@ -119,7 +119,7 @@ def test_gradient_and_vertical_curve(make_line):
 def test_operators_have_their_gain_on_a_wave(make_line, wavelength):
     level, alignment, cross_level, gauge = 3e-3, 2e-3, 4e-3, 1e-3
     line = make_line([0, 1600], [0, 0])
-    table = geometry(Track(line, waves(1600.0, wavelength, [level, alignment, cross_level, gauge]), BASE_M))
+    table = geometry(SimulatedTrack(line, waves(1600.0, wavelength, [level, alignment, cross_level, gauge]), BASE_M))
     table = table.set_index("chainage_m").loc[600.0:1000.0]
     x, w = table.index.to_numpy(), 2 * np.pi / wavelength
     sine = 1e3 * np.sin(w * x)
@@ -218,7 +218,7 @@ def test_a_run_from_the_other_end_gives_the_same_table(winding, direction):
 def test_measured_d1_standard_deviation_is_that_asked_for(make_line):
     line = make_line([0, 40_000], [0, 0])
     model = IrregularityModel("low", level_d1_sd_m=1e-3, alignment_d1_sd_m=0.7e-3)
-    track = Track(line, draw_irregularities(model, 40_000.0, np.random.default_rng(2)), BASE_M)
+    track = SimulatedTrack(line, draw_irregularities(model, 40_000.0, np.random.default_rng(2)), BASE_M)
     table = geometry(track)
     assert table["level_mm"].std() == pytest.approx(1.0, rel=0.05)
     assert table["alignment_mm"].std() == pytest.approx(0.7, rel=0.05)

@@ -8,7 +8,7 @@ from scipy.interpolate import PPoly
 
 from trackfg.datasets import tables
 from trackfg.datasets.line.irregularities import IrregularityModel, draw_irregularities
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.sensors.inertial_sensor import gravity, ideal_samples
 from trackfg.datasets.vehicle.body_motion import through
 from trackfg.datasets.vehicle.motion import Limits, change, motion, rest
@@ -24,7 +24,9 @@ VEHICLES = [Rigid(), Rigid(1.2), CarBody()]
 def rough_ride(winding_ride):
     """Makes the winding ride with a vehicle on rough track, sampled at given edges."""
     line, drive = winding_ride.line, winding_ride.motion
-    track = Track(line, draw_irregularities(IrregularityModel(), line.length_m, np.random.default_rng(5)), 1.067)
+    track = SimulatedTrack(
+        line, draw_irregularities(IrregularityModel(), line.length_m, np.random.default_rng(5)), 1.067
+    )
     return lambda vehicle, edges: Ride(line, drive, body=vehicle.body_motion(track, drive, edges))
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.sensors.lasers import LaserModel, laser_description, laser_tables, two_units
 from trackfg.datasets.vehicle.motion import motion, rest
 from trackfg.datasets.vehicle.ride import Ride
@@ -28,7 +28,7 @@ class TiltedRide(Ride):
 
 
 def _perfect(line):
-    return Track(line, Irregularities.none(line.length_m), GAUGE_M)
+    return SimulatedTrack(line, Irregularities.none(line.length_m), GAUGE_M)
 
 
 def _exact(ride, track, models=UNITS, duration_s=10.0):
@@ -84,7 +84,7 @@ def test_on_a_circle(make_line):
 def test_on_rough_track_it_is_the_rail_in_the_sensors_plane(winding_ride):
     line = winding_ride.line
     rough = IrregularityModel("high", 1.5e-3, 1.5e-3, 1.5e-3, 1.0e-3)
-    track = Track(line, draw_irregularities(rough, line.length_m, np.random.default_rng(0)), GAUGE_M)
+    track = SimulatedTrack(line, draw_irregularities(rough, line.length_m, np.random.default_rng(0)), GAUGE_M)
     ride = TiltedRide(line, winding_ride.motion, tilt=(0.02, 0.01, -0.02))
     units = two_units(8.0, -8.0, 0.6, 0.4, rate_hz=1.0)
     found = _exact(ride, track, units, 100.0)
@@ -104,7 +104,9 @@ def test_on_rough_track_it_is_the_rail_in_the_sensors_plane(winding_ride):
 
 def test_irregularities_come_out_in_both_units(make_line):
     line = make_line([0, 2000], [0, 0])
-    track = Track(line, draw_irregularities(IrregularityModel("high"), 2000.0, np.random.default_rng(1)), GAUGE_M)
+    track = SimulatedTrack(
+        line, draw_irregularities(IrregularityModel("high"), 2000.0, np.random.default_rng(1)), GAUGE_M
+    )
     ride = Ride(line, motion(rest(60.0), 100.0, 9.0))
     found = _exact(ride, track, duration_s=60.0)
     # The body follows the designed line, and unit B passes a second after A.

@@ -14,7 +14,7 @@ from trackfg.datasets.sensors.odometer import (
     slip_table,
     worn_scale,
 )
-from trackfg.datasets.vehicle.adhesion import AdhesionModel, SlipEvent, draw_slip
+from trackfg.datasets.vehicle.adhesion import AdhesionModel, WheelSlip, draw_slip
 from trackfg.datasets.vehicle.motion import Limits, motion, rest, reverse, run
 from trackfg.datasets.vehicle.ride import Ride
 
@@ -98,7 +98,7 @@ def test_stamped_pulses_are_the_sampled_count(curved_to_and_fro, signed, effects
     model = TachModel(signed=signed, clock_offset_s=0.07, **effects)
     slip = None
     if effects:
-        placed = AdhesionModel(events=(SlipEvent(20.0, 5.0, 0.4), SlipEvent(80.0, 5.0, -1.0)))
+        placed = AdhesionModel(events=(WheelSlip(20.0, 5.0, 0.4), WheelSlip(80.0, 5.0, -1.0)))
         slip = draw_slip(ride, placed, _duration(ride), np.random.default_rng(0))
     sampled, stamped, third = (
         pulse_table(ride, replace(model, stamped=n), 1.003, _duration(ride), np.random.default_rng(5), slip)
@@ -182,7 +182,7 @@ def test_a_wheel_on_the_outer_rail_rolls_further_in_every_curve(make_line, signe
 
 @pytest.mark.parametrize("stamped", [0, 1])
 def test_slips_are_in_the_count(to_and_fro, stamped):
-    placed = AdhesionModel(top_creep=0.0, events=(SlipEvent(20.0, 5.0, 0.4), SlipEvent(30.0, 5.0, -0.3)))
+    placed = AdhesionModel(top_creep=0.0, events=(WheelSlip(20.0, 5.0, 0.4), WheelSlip(30.0, 5.0, -0.3)))
     slip = draw_slip(to_and_fro, placed, _duration(to_and_fro), np.random.default_rng(0))
     model = TachModel(stamped=stamped)
     tach = pulse_table(to_and_fro, model, 0.98, _duration(to_and_fro), np.random.default_rng(0), slip)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg.datasets.sensors.odometer import SLIP_COLUMNS, TachModel, rolled_distance, slip_table
-from trackfg.datasets.vehicle.adhesion import AdhesionModel, LowAdhesion, SlipEvent, adhesion_limit, draw_slip
+from trackfg.datasets.vehicle.adhesion import AdhesionModel, LowAdhesion, WheelSlip, adhesion_limit, draw_slip
 from trackfg.datasets.vehicle.motion import Limits, motion, rest, reverse, run
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
@@ -42,10 +42,10 @@ def test_a_dry_rail_has_curtius_and_knifflers_adhesion():
 
 def test_placed_events_roll_what_their_shape_says(steady):
     events = (
-        SlipEvent(10.0, 4.0, 0.3, ramp_s=1.0),
-        SlipEvent(30.0, 5.0, -0.4, "triangle"),
-        SlipEvent(60.0, 6.0, -0.2, "sawtooth", cycle_s=1.5),
-        SlipEvent(90.0, 2.0, -1.0, ramp_s=0.25),
+        WheelSlip(10.0, 4.0, 0.3, ramp_s=1.0),
+        WheelSlip(30.0, 5.0, -0.4, "triangle"),
+        WheelSlip(60.0, 6.0, -0.2, "sawtooth", cycle_s=1.5),
+        WheelSlip(90.0, 2.0, -1.0, ramp_s=0.25),
     )
     slip = _slip(steady, top_creep=0.0, events=events)
     assert slip.events == events
@@ -65,10 +65,10 @@ def test_placed_events_roll_what_their_shape_says(steady):
 def test_events_that_cannot_be_are_refused(steady):
     for creep, duration in ((-1.01, 1.0), (0.0, 1.0), (0.1, 0.0), (float("nan"), 1.0)):
         with pytest.raises(ValueError, match="expected a creep"):
-            SlipEvent(0.0, duration, creep)
+            WheelSlip(0.0, duration, creep)
     with pytest.raises(ValueError, match="overlap"):
-        _slip(steady, events=(SlipEvent(10.0, 2.0, 0.1), SlipEvent(11.0, 2.0, 0.1)))
-    in_a_row = _slip(steady, events=(SlipEvent(12.0, 2.0, 0.1), SlipEvent(10.0, 2.0, 0.1)))
+        _slip(steady, events=(WheelSlip(10.0, 2.0, 0.1), WheelSlip(11.0, 2.0, 0.1)))
+    in_a_row = _slip(steady, events=(WheelSlip(12.0, 2.0, 0.1), WheelSlip(10.0, 2.0, 0.1)))
     assert [event.start_s for event in in_a_row.events] == [10.0, 12.0]
 
 
@@ -91,7 +91,7 @@ def test_running_backwards_a_slip_still_turns_the_wheel_more(make_line):
     leg = run(np.array([800.0]), np.array([15.0]), (0.0, 0.0), Limits(0.7, 0.5))
     ride = Ride(make_line([0, 1000], [0, 0]), motion([*rest(5.0), *leg, *rest(5.0), *reverse(leg)], 50.0))
     back = ride.motion.duration_s - 30.0
-    slip = _slip(ride, top_creep=0.0, events=(SlipEvent(30.0, 4.0, 0.2), SlipEvent(back, 4.0, 0.2)))
+    slip = _slip(ride, top_creep=0.0, events=(WheelSlip(30.0, 4.0, 0.2), WheelSlip(back, 4.0, 0.2)))
     unsigned, signed = (
         slip_table(ride, tach, slip)["distance_error_m"].to_numpy() for tach in (TACH, TachModel(signed=True))
     )
@@ -172,7 +172,7 @@ def test_creep_is_continuous_and_never_beyond_locked(local_train):
     slip = _slip(
         local_train,
         low=(LowAdhesion(0.0, 20_000.0, 0.1),),
-        events=(SlipEvent(70.0, 12.0, -1.0), SlipEvent(5.0, 1.0, 0.5)),
+        events=(WheelSlip(70.0, 12.0, -1.0), WheelSlip(5.0, 1.0, 0.5)),
     )
     creep = slip.creep
     assert creep(creep.x).min() == pytest.approx(-1.0, abs=1e-12)

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from trackfg import units
 from trackfg.datasets import tables
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.sensors.inertial_sensor import ideal_samples
 from trackfg.datasets.vehicle.flange import Flanging
 from trackfg.datasets.vehicle.motion import Limits, change, motion, rest, run
@@ -21,20 +21,22 @@ G = units.STANDARD_GRAVITY
 
 
 def _even(line):
-    return Track(line, Irregularities.none(line.length_m), 1.067)
+    return SimulatedTrack(line, Irregularities.none(line.length_m), 1.067)
 
 
 def _wavy(line, wavelength_m, amplitudes):
     """Sines of one wavelength; amplitudes of level, alignment, cross-level and gauge."""
     s = np.arange(0.0, line.length_m + 0.125, 0.125)
     values = np.sin(2 * np.pi * s / wavelength_m)[:, None] * np.array(amplitudes)
-    return Track(line, Irregularities(CubicSpline(s, values), line.length_m), 1.067)
+    return SimulatedTrack(line, Irregularities(CubicSpline(s, values), line.length_m), 1.067)
 
 
 @pytest.fixture
 def rough_track(winding_ride):
     line = winding_ride.line
-    return Track(line, draw_irregularities(IrregularityModel(), line.length_m, np.random.default_rng(2)), 1.067)
+    return SimulatedTrack(
+        line, draw_irregularities(IrregularityModel(), line.length_m, np.random.default_rng(2)), 1.067
+    )
 
 
 def test_rigid_on_a_circle_is_inside_by_its_versine(make_line):

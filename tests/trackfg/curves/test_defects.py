@@ -14,7 +14,7 @@ from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.irregularities import draw_irregularities
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.line_design import random_line
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.truth_geometry import truth_geometry
 
 BTC, BCC, ECC, ETC = 3441.2, 3483.2, 3625.0, 3667.0
@@ -30,7 +30,7 @@ def line() -> Line:
 @cache
 def profile(*defects: Defect) -> pd.DataFrame:
     rng = np.random.default_rng([3, 1])
-    track = Track(line(), draw_irregularities(GOOD_TRACK, line().length_m, rng, defects), MAIN_LINE.gauge_m)
+    track = SimulatedTrack(line(), draw_irregularities(GOOD_TRACK, line().length_m, rng, defects), MAIN_LINE.gauge_m)
     table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=0.0, s_to=line().length_m)
     return table[["chainage_m", "curvature_1pm", "cross_level_mm"]].assign(curvature_1pm_sd=1e-8)
 

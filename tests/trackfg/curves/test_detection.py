@@ -15,7 +15,7 @@ from trackfg.datasets.line.irregularities import Irregularities, IrregularityMod
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.line_description import LineDescription, line_from
 from trackfg.datasets.line.line_design import random_line
-from trackfg.datasets.line.track import Track
+from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
@@ -65,7 +65,7 @@ def profile(line: Line, model: IrregularityModel | None = None, seed: int = 0) -
     nothing = Irregularities.none(line.length_m)
     rng = np.random.default_rng([seed, 1])
     irregularities = nothing if model is None else draw_irregularities(model, line.length_m, rng)
-    track = Track(line, irregularities, MAIN_LINE.gauge_m)
+    track = SimulatedTrack(line, irregularities, MAIN_LINE.gauge_m)
     table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=0.0, s_to=line.length_m)
     return table[["chainage_m", "curvature_1pm", "cross_level_mm"]].assign(curvature_1pm_sd=SD_1PM)
 

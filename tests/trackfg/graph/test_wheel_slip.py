@@ -10,7 +10,7 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets import slip_wheel
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import initial_path
@@ -44,7 +44,7 @@ def test_a_wheel_that_rolls_is_left_alone(simulated_in_full: Callable[..., Simul
 def test_slips_are_found_and_the_speed_goes_on(
     simulated_in_full: Callable[..., Simulation], start: float, duration: float, creep: float
 ) -> None:
-    run = slip_wheel(simulated_in_full("mainline", seed=2, duration_s=150.0), [SlipEvent(start, duration, creep)])
+    run = slip_wheel(simulated_in_full("mainline", seed=2, duration_s=150.0), [WheelSlip(start, duration, creep)])
     found, _ = found_in(run.recording)
     middle = 0.5 * (found.t[1:] + found.t[:-1])
     within = (middle > start + 0.5) & (middle < start + duration - 0.5)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackfg.report.charts import Line, Panel, Strips
+from trackfg.report.charts import ChartLine, ChartPanel, Strips
 from trackfg.report.columns import packed
-from trackfg.report.page import Code, Drawing, Facts, Fold, Page, Row, Section, Table, Text, Tile, Tiles
+from trackfg.report.page import Code, Drawing, Facts, Fold, Page, PageSection, PageTable, TableRow, Text, Tile, Tiles
 
 EVIL = "</script><script>window.evil = 1</script><img src=x onerror=alert(1)>&\"'"
 
@@ -18,15 +18,17 @@ EVIL = "</script><script>window.evil = 1</script><img src=x onerror=alert(1)>&\"
 @pytest.fixture(scope="module")
 def page() -> Page:
     x = packed(np.arange(10.0), 0.1)
-    panel = Panel(EVIL, "mm", (Line(EVIL, "#123456", x, packed(np.arange(10.0) ** 2, 0.1)),), marks=((1.0, 5.0, EVIL),))
+    panel = ChartPanel(
+        EVIL, "mm", (ChartLine(EVIL, "#123456", x, packed(np.arange(10.0) ** 2, 0.1)),), marks=((1.0, 5.0, EVIL),)
+    )
     blocks = (
         Text(EVIL),
         Tiles((Tile(EVIL, EVIL, EVIL),)),
         Facts(((EVIL, EVIL),)),
-        Table((EVIL,), (Row((EVIL,)), Row((EVIL,), mark="group")), caption=EVIL),
+        PageTable((EVIL,), (TableRow((EVIL,)), TableRow((EVIL,), mark="group")), caption=EVIL),
         Fold(EVIL, (Code(EVIL), Drawing(Strips("x, m", "m", (0.0, 9.0), (panel,)), title=EVIL, note=EVIL))),
     )
-    return Page("result", EVIL, EVIL, (Section("one", EVIL, blocks),))
+    return Page("result", EVIL, EVIL, (PageSection("one", EVIL, blocks),))
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets import slip_wheel
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
-from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.evaluation.slip_scores import score_slips
 from trackfg.recording.model import Recording
 from trackfg.results.result import Result
@@ -81,7 +81,7 @@ def assert_survived(run: Simulation, *, metres: float, seconds: float) -> None:
     [("start", 10.0, 0.6), ("full speed", 5.0, -1.0), ("full speed", 30.0, -0.6), ("curve", 1.0, 0.05)],
 )
 def test_one_slip(rolling_run: Callable[..., Simulation], place: str, duration: float, creep: float) -> None:
-    event = SlipEvent(PLACES[place], duration, creep, ramp_s=0.3)
+    event = WheelSlip(PLACES[place], duration, creep, ramp_s=0.3)
     assert_survived(slip_wheel(rolling_run(), [event]), metres=0.5, seconds=0.5)
 
 
@@ -94,23 +94,23 @@ def test_every_slip(rolling_run: Callable[..., Simulation], place: str, duration
     start = PLACES[place] + (8.0 if place == "start" and duration == 1.0 else 0.0)
     # From rest to full speed the accelerometer alone tells the way.
     metres = 1.2 if duration == 30.0 else 0.4
-    event = SlipEvent(start, min(duration, 24.0) if place == "braking" else duration, creep)
+    event = WheelSlip(start, min(duration, 24.0) if place == "braking" else duration, creep)
     assert_survived(slip_wheel(rolling_run(), [event]), metres=metres, seconds=1.2)
 
 
 SEQUENCES = {
-    "slide protection": [SlipEvent(104.0, 20.0, -0.3, "sawtooth")],
-    "weak slide protection": [SlipEvent(104.0, 20.0, -0.06, "sawtooth")],
+    "slide protection": [WheelSlip(104.0, 20.0, -0.3, "sawtooth")],
+    "weak slide protection": [WheelSlip(104.0, 20.0, -0.06, "sawtooth")],
     "both ways in a row": [
-        SlipEvent(60.0 + 6.0 * i, 4.0, c) for i, c in enumerate((0.1, 0.2, 0.05, -0.1, -0.3, 0.3, -1.0))
+        WheelSlip(60.0 + 6.0 * i, 4.0, c) for i, c in enumerate((0.1, 0.2, 0.05, -0.1, -0.3, 0.3, -1.0))
     ],
-    "one way in a row": [SlipEvent(60.0 + 6.0 * i, 4.0, -0.08) for i in range(7)],
+    "one way in a row": [WheelSlip(60.0 + 6.0 * i, 4.0, -0.08) for i in range(7)],
     "in every start and stop": [
-        SlipEvent(start, 8.0, creep)
+        WheelSlip(start, 8.0, creep)
         for start, creep in ((36.0, 0.1), (110.0, -0.15), (164.0, 0.05), (234.0, -0.1), (290.0, 0.3), (360.0, -0.05))
     ],
-    "locked to the stop": [SlipEvent(106.0, 26.0, -1.0, ramp_s=0.2)],
-    "in the first seconds of motion": [SlipEvent(30.5, 6.0, 0.4)],
+    "locked to the stop": [WheelSlip(106.0, 26.0, -1.0, ramp_s=0.2)],
+    "in the first seconds of motion": [WheelSlip(30.5, 6.0, 0.4)],
 }
 
 

@@ -13,7 +13,7 @@ import pytest
 from trackfg import smooth
 from trackfg.datasets.faults import drop_imu, drop_tach, slip_wheel
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.evaluation.slip_scores import score_slips
 from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.streaming.events import StreamEvent
@@ -51,7 +51,7 @@ def twice(t: pd.Series) -> float:
 def slipping() -> Simulation:
     """A slip, and a slide that is longer than a piece, and than the lag."""
     run = simulate("mainline", seed=2, duration_s=150.0)
-    return slip_wheel(run, [SlipEvent(62.0, 3.0, 0.3), SlipEvent(85.0, 16.0, -0.25)])
+    return slip_wheel(run, [WheelSlip(62.0, 3.0, 0.3), WheelSlip(85.0, 16.0, -0.25)])
 
 
 @pytest.fixture(scope="module")
