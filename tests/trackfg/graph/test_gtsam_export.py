@@ -12,7 +12,7 @@ import pytest
 from trackfg.config import SmoothConfig, SolverConfig
 from trackfg.datasets import slip_wheel
 from trackfg.datasets.scenarios import Simulation
-from trackfg.datasets.vehicle.adhesion import SlipEvent
+from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.landmark import landmark
 from trackfg.factors.loss import Cauchy
@@ -35,7 +35,7 @@ def with_outliers(simulated: Make) -> Problem:
 
 def with_slip(simulated: Make) -> Problem:
     """A wheel that slips for 5 s: the chain of switches leaves it no weight there."""
-    run = slip_wheel(simulated("mainline", seed=2, duration_s=60.0), [SlipEvent(40.0, 5.0, 0.3)])
+    run = slip_wheel(simulated("mainline", seed=2, duration_s=60.0), [WheelSlip(40.0, 5.0, 0.3)])
     return build_problem(run.recording, SmoothConfig())
 
 
