@@ -294,7 +294,7 @@ _SOLVER = (
         "trackfg/solver/covariance.py",
         ("tests/trackfg/solver/test_covariance.py",),
         (
-            _one("the spread of a keyframe given the next is left out", "ahead @ A.T + spread[k]", "ahead @ A.T"),
+            _one("the spread of a keyframe given the next is left out", "@ A.T + spread[k]", "@ A.T"),
             _one("samples do not follow the next keyframe", "@ window + noise[k]", "@ (0 * window) + noise[k]"),
             _one(
                 "functions of two keyframes lose the second",
@@ -542,7 +542,7 @@ _SENSORS = (
     ),
 )
 
-_WINDOW_TEST = "tests/trackfg/streaming/test_fixed_lag.py"
+_WINDOW_TEST = "tests/trackfg/streaming/window/test_window.py"
 _STREAMING = (
     Part(
         "trackfg/streaming/window/window.py",
@@ -555,7 +555,14 @@ _STREAMING = (
     Part(
         "trackfg/streaming/window/filter_step.py",
         (_WINDOW_TEST,),
-        (_one("what the wheel adds counts from the wrong place", ".relative_to_step_start(shift)", ""),),
+        (
+            _one("what the wheel adds counts from the wrong place", ".relative_to_step_start(shift)", ""),
+            _one(
+                "the new prior is at the older keyframe",
+                "pair.states.take(slice(1, 2))",
+                "pair.states.take(slice(0, 1))",
+            ),
+        ),
     ),
     Part(
         "trackfg/streaming/window/fix_voting.py",
@@ -564,10 +571,10 @@ _STREAMING = (
             _one("the first fix that contradicts is followed", "if votes <= self.votes:", "if False:"),
             _one(
                 "a place that changes goes the other way",
-                "further=rival.further - further)",
-                "further=rival.further + further)",
+                "other.further_m - innovation)",
+                "other.further_m + innovation)",
             ),
-            _one("a fix read again at rest votes again", "if not again:", "if True:"),
+            _one("a fix read again at rest votes again", "if not repeated:", "if True:"),
         ),
     ),
     Part(
