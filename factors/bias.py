@@ -1,4 +1,4 @@
-"""The inertial sensor's biases, and how it answers to turning and to acceleration.
+"""The inertial sensor's biases walk, and it answers to turning and to acceleration.
 
 The bias that an inertial factor sees is that of its interval: the sensor's own, which walks, and what scale factors,
 axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
@@ -22,7 +22,7 @@ from trackfg.numerics.arrays import Array
 
 
 def response_terms(force: Array, rate: Array) -> Array:
-    """The derivative of the added bias by the calibration, for mean forces and rates (m, 3). (m, 6, dim)."""
+    """Return the derivative (m, 6, dim) of the added bias by the calibration, for mean forces and rates (m, 3)."""
     out = np.zeros((len(rate), 6, Kind.IMU.dim))
     for axis in range(3):
         out[:, axis, 2 * axis : 2 * axis + 2] = force[:, :2]
@@ -32,7 +32,7 @@ def response_terms(force: Array, rate: Array) -> Array:
 
 
 def response_sigmas(accel_scale: float, gyro_scale: float, misalignment: float, g_sensitivity: float) -> Array:
-    """Prior sigmas of the calibration: of A and W scale factors on the diagonal, else misalignment (rad); of G."""
+    """Return prior sigmas of the calibration: of A and W scales on the diagonal, else misalignment (rad); of G."""
     A, W = (np.where(np.eye(3) > 0, scale, misalignment) for scale in (accel_scale, gyro_scale))
     return np.concatenate([A[:, :2].ravel(), W.ravel(), np.full(6, g_sensitivity)])
 

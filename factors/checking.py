@@ -1,4 +1,4 @@
-"""The numerical check of a family's Jacobians."""
+"""Central differences check a family's Jacobians."""
 
 from __future__ import annotations
 

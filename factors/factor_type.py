@@ -1,4 +1,4 @@
-"""The types of factors of a graph: what reports call them, and by what a program finds them."""
+"""Factors are found by their type, and reports call them by its label."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class FactorType(Enum):
-    """What a factor measures or assumes. The value is its label in reports, tables and messages."""
+    """The type says what a factor measures or assumes; its value is the label in reports, tables and messages."""
 
     INERTIAL = "inertial"
     BIAS_WALK = "bias walk"

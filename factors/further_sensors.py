@@ -15,6 +15,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
+from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Kind, Odo
 from trackfg.numerics.arrays import Array
 
@@ -27,7 +28,7 @@ def _increment(
     (d_first, d_second), d_sensor = np.zeros((2, len(first), 1, 4)), np.zeros((len(first), 1, 2))
     d_second[:, 0, Odo.STEP] = -1.0
     d_sensor[:, 0, 0], d_sensor[:, 0, 1] = rolled, -scale * faster
-    residual = scale * rolled - second.step - np.sum(response * wheel, axis=1)
+    residual = tach_excess(scale, rolled, second.step, np.sum(response * wheel, axis=1))
     return residual[:, None], (d_first, d_second, -response[:, None, :], d_sensor)
 
 

@@ -1,4 +1,4 @@
-"""GNSS positions with lever arm and time offset."""
+"""GNSS positions have a lever arm and a time offset."""
 
 from __future__ import annotations
 

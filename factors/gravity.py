@@ -1,4 +1,4 @@
-"""Gravity tilt: which way is down, from the accelerometer."""
+"""The accelerometer tells which way is down: gravity tilt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bridge to GTSAM's own optimisers: our families as ``gtsam.CustomFactor``, our losses as its noise models.
+"""GTSAM's own optimisers take our families as ``gtsam.CustomFactor`` and our losses as noise models.
 
 GTSAM's robust noise models act on the norm of a factor's whitened residual, as ours do, so Huber, Cauchy and the lone
 switch are the same function there. A :class:`~trackfg.factors.loss.SwitchChain` is not: its cost couples all factors

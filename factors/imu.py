@@ -1,4 +1,4 @@
-"""The inertial factors: GTSAM's own preintegration.
+"""The inertial factors are GTSAM's own preintegration.
 
 Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE Trans. Robotics 33 (2017), as
 implemented by GTSAM, with the Earth's rotation (``omegaCoriolis``) when latitude and heading are known. The residual of
@@ -24,14 +24,20 @@ _INTEGRATION_DENSITY = 1e-5
 
 @dataclass(frozen=True)
 class PreintegrationNoise:
-    """White noise densities: gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz); of the position itself m/sqrt(s)."""
+    """The white noise that GTSAM assumes has these densities.
+
+    Gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz), the position itself m/sqrt(s).
+    """
 
     gyro: float
     accel: float
     position: float = _INTEGRATION_DENSITY
 
     def parameters(self, gravity: float, frame_rate: Array) -> gtsam.PreintegrationParams:
-        """GTSAM's parameters for a z-up frame with this gravity (m/s^2), turning at ``frame_rate`` (3,) rad/s in n."""
+        """Return GTSAM's parameters for a z-up frame n with this gravity (m/s^2).
+
+        The frame turns at ``frame_rate`` (3,), rad/s in n.
+        """
         parameters = gtsam.PreintegrationParams.MakeSharedU(gravity)
         parameters.setGyroscopeCovariance(np.eye(3) * self.gyro**2)
         parameters.setAccelerometerCovariance(np.eye(3) * self.accel**2)
@@ -56,9 +62,9 @@ def preintegrate(
 
 @dataclass(frozen=True)
 class Preintegration:
-    """What the inertial sensor measured over an interval: increments as :func:`preintegrate` takes them, their white
-    noise, and the ``gravity`` (m/s^2) and turning (``frame_rate`` (3,), rad/s) of the frame.
+    """The inertial sensor measured these increments over an interval, as :func:`preintegrate` takes them.
 
+    With them are their white noise, and the ``gravity`` (m/s^2) and turning (``frame_rate`` (3,), rad/s) of the frame.
     GTSAM's own object does not tell them, and where it is written down it loses the frame's turning; from them it can
     be made again at any time, the same to the last bit.
     """
@@ -78,7 +84,7 @@ class Preintegration:
         return preintegrate(parameters, self.bias, self.duration, self.rotation, self.velocity)
 
     def predicted(self, nav: Nav, bias: Array) -> Nav:
-        """The state at the end of the interval, from that at its start (one row) with ``bias`` (6,)."""
+        """Return the state at the end of the interval, from that at its start (one row) with ``bias`` (6,)."""
         state = gtsam.NavState(gtsam.Rot3(nav.R[0]), nav.p[0], nav.v[0])
         end = self.measured.predict(state, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy()))
         return Nav(end.attitude().matrix()[None], end.position()[None], end.velocity()[None])
@@ -93,7 +99,7 @@ def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> 
 
 
 def linearize_imu_factors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> LinearFactors:
-    """A graph of :func:`imu_factors` by GTSAM's own derivatives."""
+    """Return a graph of :func:`imu_factors` linearised by GTSAM's own derivatives."""
     linear = graph.linearize(values)
     systems = np.array([linear.at(k).augmentedJacobian() for k in range(linear.size())])
     first = np.arange(len(systems))

@@ -1,4 +1,4 @@
-"""Landmarks: the vehicle passed a known piece of track."""
+"""The vehicle passed a known piece of track: a landmark."""
 
 from __future__ import annotations
 

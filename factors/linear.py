@@ -1,4 +1,4 @@
-"""Linear factors: which variables a batch of factors touches, and their whitened rows there."""
+"""A batch of linear factors has the variables that it touches, and its whitened rows there."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trackfg.numerics.arrays import Array
 
 @dataclass(frozen=True)
 class Slot:
-    """Which variable of ``kind`` each of the m factors touches: ``index``, shape (m,)."""
+    """A slot tells which variable of ``kind`` each of m factors touches: ``index``, shape (m,)."""
 
     kind: Kind
     index: np.ndarray

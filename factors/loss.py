@@ -1,7 +1,7 @@
-"""Robust losses: functions rho of the norm e of a factor's whitened residual, with ``rho = e^2 / 2`` for small e.
+"""A robust loss is a function rho of the norm e of a factor's whitened residual, with ``rho = e^2 / 2`` for small e.
 
-They are minimised by iteratively reweighted least squares with the weight ``rho'(e) / e`` (Zhang, "Parameter estimation
-techniques: a tutorial with application to conic fitting", Image and Vision Computing 15 (1997), table 1).
+Losses are minimised by iteratively reweighted least squares with the weight ``rho'(e) / e`` (Zhang, "Parameter
+estimation techniques: a tutorial with application to conic fitting", Image and Vision Computing 15 (1997), table 1).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from trackfg.numerics.arrays import Array
 
 @dataclass(frozen=True)
 class Loss(ABC):
-    """A robust loss with the tuning constant ``width``, in sigmas."""
+    """A robust loss has the tuning constant ``width``, in sigmas."""
 
     width: float
 
@@ -63,12 +63,12 @@ class Cauchy(Loss):
 
 
 class Switch(Loss):
-    """The negative logarithm of a mixture: of the measurement's own normal distribution and of one
-    :data:`~trackfg.factors.switching.OUTLIER_SIGMAS` as wide, which are equally likely at the width.
+    """A switch between inlier and outlier is averaged over: the loss is the negative logarithm of a mixture.
 
-    Below the width errors count in full, beyond it they count for nothing, so that many of one sign do not pull
-    together. The weight is all but the probability that the error is the measurement's own: a switch variable,
-    averaged over.
+    It is one of the measurement's own normal distribution and of one
+    :data:`~trackfg.factors.switching.OUTLIER_SIGMAS` as wide, which are equally likely at the width. Below the width
+    errors count in full, beyond it they count for nothing, so that many of one sign do not pull together. The weight is
+    all but the probability that the error is the measurement's own.
     """
 
     def weight(self, norm: Array) -> Array:
@@ -85,7 +85,7 @@ class Switch(Loss):
 
 @dataclass(frozen=True)
 class SwitchChain(Loss):
-    """A :class:`Switch` for factors that follow each other in time, whose switches hold for some time.
+    """The switches of factors that follow each other in time are a chain: each holds for some time.
 
     An outlier makes its neighbours doubtful, and errors that last need not be large (:mod:`trackfg.factors.switching`).
     ``interval_s`` is the time from one factor to the next, ``inlier_before`` the probability that the one before the

@@ -1,4 +1,4 @@
-"""How a vehicle on rails can move: along its own axis, or not at all.
+"""A vehicle on rails moves along its own axis, or not at all.
 
 ``nonholonomic`` follows Dissanayake et al., "The aiding of a low-cost strapdown inertial measurement unit using vehicle
 model constraints", IEEE Trans. Robotics and Automation 17 (2001), with lever arm and mounting angles.
@@ -18,13 +18,13 @@ from trackfg.numerics.rotations import matrices, skew, so3_log, so3_right_jacobi
 
 
 def mount_matrix(mount: Array) -> Array:
-    """``R_bt = Rz(yaw) Ry(pitch)``: travel axes to body axes. (m, 2) to (m, 3, 3)."""
+    """Return ``R_bt = Rz(yaw) Ry(pitch)``, travel axes to body axes. (m, 2) to (m, 3, 3)."""
     cp, sp, cy, sy, zero = _turns(mount)
     return matrices([cy * cp, -sy, cy * sp, sy * cp, cy, sy * sp, -sp, zero, cp])
 
 
 def mount_derivative(mount: Array) -> Array:
-    """Of :func:`mount_matrix` by the mounting: (m, 2) to (m, 2, 3, 3)."""
+    """Return the derivative of :func:`mount_matrix` by the mounting. (m, 2) to (m, 2, 3, 3)."""
     cp, sp, cy, sy, zero = _turns(mount)
     derivative = np.empty((len(mount), 2, 3, 3))
     derivative[:, 0] = matrices([-cy * sp, zero, cy * cp, -sy * sp, zero, sy * cp, -cp, zero, -sp])
@@ -50,7 +50,7 @@ def _sideways(nav: Nav, mount: Array, swing: Array) -> tuple[Array, tuple[Array,
 
 
 def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigma: Array, loss: Loss | None) -> Family:
-    """No lateral and no vertical velocity at the vehicle reference point.
+    """The vehicle reference point has no lateral and no vertical velocity.
 
     Residual (m/s): rows 2 and 3 of ``R_bt' (R' v - w x l)``, positive to the left and upwards; ``l`` (3,) is the IMU's
     position in the vehicle, m, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the
@@ -67,7 +67,7 @@ def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:
 
 
 def at_rest(index: np.ndarray, sigma_mps: float, loss: Loss | None) -> Family:
-    """Zero velocity at a keyframe. Residual: ``v`` in n, m/s."""
+    """The velocity at a keyframe is zero. Residual: ``v`` in n, m/s."""
     sigma = np.full((len(index), 3), sigma_mps)
     return Family(FactorType.AT_REST, _velocity, (Slot(Kind.NAV, index),), {}, sigma, loss)
 

@@ -1,4 +1,4 @@
-"""Distance: the tach's count, the wheel's scale, the length of the path, absolute fixes.
+"""Distance is what the tach counts times the wheel's scale, the length of the path, and what absolute fixes tell.
 
 The odometer's state at keyframe k is ``o = (D, S, W, a)``: along-track distance D (m), wheel scale S (true distance per
 nominal distance), wheel distance W as the tach would count it without rounding (m), and a, the distance since the
@@ -38,7 +38,7 @@ def distance_chain(first: np.ndarray, sigma: Array) -> Family:
 
 
 def wheel_response(distance: Array, turned: Array, force: Array) -> Array:
-    """What each entry of ``WHEEL`` adds to the distance that a wheel rolls, shape (m, 4).
+    """Return what each entry of ``WHEEL`` adds to the distance that a wheel rolls, shape (m, 4).
 
     For an interval of the signed ``distance`` (m), in which the vehicle turns left by ``turned`` (rad) under the mean
     forward force ``force`` (g). Off to the left a wheel rolls less in a curve to the left; off to the outside it rolls
@@ -98,7 +98,7 @@ def _reading(odo: Odo, clock: Array, count: Array, rate: Array, since: Array) ->
 
 
 def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sigma: Array) -> Family:
-    """What the tach shows at a keyframe.
+    """The tach shows the count at a keyframe, rounded.
 
     Residual (m): ``W_k - (c_k - r_k T_k)``: ``c`` (m,) is the count at the keyframe's time as nominal distance, ``r``
     (m,) its rate (m/s) and ``T_k`` the clock offset, the seconds to add to the tach's times: offset plus drift times
@@ -120,7 +120,7 @@ def _arc(first: Nav, second: Nav, odo: Odo, lever_arm: Array) -> tuple[Array, tu
     ratio, d_ratio = _angle_over_sine(cosine)
 
     def jacobian(R: Array, tangent_derivative: Array, chord_sign: float) -> Array:
-        """Row over one keyframe's tangent: via its own direction, its own end of the chord."""
+        """Return the row over one keyframe's tangent: via its own direction, its own end of the chord."""
         out = np.zeros((len(R), 1, 9))
         toward = np.einsum("mji,mj->mi", R, mean) * chord_sign
         direction = np.einsum("mji,mj->mi", R, tangent_derivative)
@@ -140,7 +140,7 @@ def _arc(first: Nav, second: Nav, odo: Odo, lever_arm: Array) -> tuple[Array, tu
 
 
 def _angle_over_sine(cosine: Array) -> tuple[Array, Array]:
-    """``phi / sin(phi)`` and its derivative by ``cos(phi)``, by series near zero."""
+    """Return ``phi / sin(phi)`` and its derivative by ``cos(phi)``, by series near zero."""
     cosine = np.minimum(cosine, 1.0)
     x = 1.0 - cosine
     small = x < 1e-4
@@ -184,10 +184,10 @@ def _seen(odo: Odo, distance: Array) -> tuple[Array, tuple[Array, ...]]:
 
 
 def withheld_fix(fixes: Family) -> Family:
-    """Fixes that are not believed: their residuals are known, but nothing follows them."""
+    """Return the fixes as withheld ones: their residuals are evaluated, but no state depends on them."""
     return replace(fixes, type=FactorType.WITHHELD_FIX, evaluate=_seen)
 
 
 def followed_fix(fixes: Family) -> Family:
-    """Fixes as :func:`absolute_fix` has them, whether they were withheld or not."""
+    """Return the fixes as :func:`absolute_fix` makes them, whether they were withheld or not."""
     return replace(fixes, type=FactorType.ABSOLUTE_FIX, evaluate=_fix)

@@ -1,4 +1,4 @@
-"""The shape of the path between two keyframes: a vehicle that follows the track moves where it points, all the time.
+"""A vehicle that follows the track moves where it points all the way from one keyframe to the next.
 
 ``non_holonomic`` says so at an instant; this factor says it over a whole interval. With ``Delta(s)`` the attitude along
 the interval relative to its start, from the gyro, and ``f`` the direction of travel in body axes, the displacement in
@@ -43,7 +43,7 @@ def _path(
     residual = u[:, 1:] - slope * u[:, :1]
 
     def across(derivative: Array) -> Array:
-        """Rows 2 and 3 less ``slope`` times row 1."""
+        """Return rows 2 and 3 less ``slope`` times row 1."""
         return np.asarray(derivative[:, 1:] - slope[:, :, None] * derivative[:, :1])
 
     inverse = so3_right_jacobian_inverse(e)

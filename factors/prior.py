@@ -1,4 +1,4 @@
-"""Priors: what is believed of a variable before any measurement."""
+"""A prior tells what is known of a variable before any measurement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two displacement sensors that pass one place of a rail, one after the other: the difference method as a factor.
+"""Two displacement sensors pass one place of a rail, one after the other: the difference method as a factor.
 
 The leading unit sees the rail at ``b_i`` (body axes, from the IMU) at keyframe i; the trailing one sees the same place
 of it at ``b`` at a time between keyframes j and j + 1, a fraction h of the interval T after j. Both points are one
@@ -19,6 +19,7 @@ method cited in docs/geometry.md.)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,12 +33,19 @@ from trackfg.numerics.hermite import hermite_weights
 from trackfg.numerics.rotations import skew, so3_exp, so3_log, so3_right_jacobian_inverse
 
 
-def _trailing(
-    start: Nav, end: Nav, h: Array, T: Array, *, turned: Array, turn: Array, detail: Array, trail: Array
-) -> tuple[Array, Array, Array]:
+class _Between(NamedTuple):
+    """The motion between two keyframes up to a share of the interval, as :class:`RailSightings` has it."""
+
+    fraction: Array
+    interval: Array
+    turned: Array
+    turn: Array
+    detail: Array
+
+
+def _trailing(start: Nav, end: Nav, motion: _Between, b: Array) -> tuple[Array, Array, Array]:
     """Return the point p(h) + R(h) b (m, 3), and its derivatives by both ends (m, 3, 9)."""
-    A, A_T, b = turned, turn, trail
-    h1, T1 = h[:, None], T[:, None]
+    h1, T1, A, A_T, detail = motion
     w0, w1, u0, u1 = hermite_weights(h1, T1)
     p = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v + detail
 
@@ -48,7 +56,7 @@ def _trailing(
     point = p + np.einsum("mij,mj->mi", R, b)
 
     # R(h) Exp(d): d by both ends' own rotations.
-    by_e = h[:, None, None] * np.linalg.solve(so3_right_jacobian_inverse(h1 * e), so3_right_jacobian_inverse(e))
+    by_e = h1[:, :, None] * np.linalg.solve(so3_right_jacobian_inverse(h1 * e), so3_right_jacobian_inverse(e))
     d_start = np.swapaxes(A @ late, 1, 2) - by_e @ np.swapaxes(relative, 1, 2)
     by_turn = -R @ skew(b)
     by_start = np.concatenate([by_turn @ d_start, w0[:, :, None] * start.R, u0[:, :, None] * start.R], axis=2)
@@ -62,10 +70,10 @@ def _leading(nav: Nav, b: Array) -> tuple[Array, Array]:
 
 
 def _apart(
-    first: Nav, start: Nav, end: Nav, *, across: Array, lead: Array, fraction: Array, interval: Array, **trailing: Array
+    first: Nav, start: Nav, end: Nav, *, across: Array, lead: Array, trail: Array, **between: Array
 ) -> tuple[Array, tuple[Array, ...]]:
     ahead, by_first = _leading(first, lead)
-    behind, by_start, by_end = _trailing(start, end, fraction[:, 0], interval[:, 0], **trailing)
+    behind, by_start, by_end = _trailing(start, end, _Between(**between), trail)
     return np.einsum("mdi,mi->md", across, ahead - behind), (across @ by_first, -across @ by_start, -across @ by_end)
 
 

@@ -1,4 +1,4 @@
-"""The variables of the graph, held as arrays, and their passage to and from GTSAM.
+"""The variables of the graph are held as arrays, and are passed to and from GTSAM.
 
 =========  ====  =================================================================================================
 kind       dim   content and tangent
@@ -38,7 +38,7 @@ from trackfg.numerics.rotations import so3_exp, so3_log
 
 
 class Kind(Enum):
-    """A kind of variable: its GTSAM symbol, its dimension, whether there is one for the whole run."""
+    """A kind of variable has a GTSAM symbol and a dimension, and is shared by the whole run or not."""
 
     NAV = ("n", 9, False)
     BIAS = ("b", 6, False)
@@ -57,7 +57,9 @@ class Kind(Enum):
         """Of :class:`States`."""
 
     def keys(self, index: np.ndarray) -> np.ndarray:
-        """GTSAM keys of variables ``index``: the symbol's letter in the top byte, as ``gtsam.symbol`` makes them."""
+        """Return GTSAM keys of variables ``index``: the symbol's letter in the top byte, as ``gtsam.symbol`` makes
+        them.
+        """
         return (np.uint64(ord(self.letter)) << np.uint64(56)) | np.asarray(index, dtype=np.uint64)
 
 
@@ -72,8 +74,8 @@ SHARED_DIM = sum(kind.dim for kind in SHARED)
 
 @cache
 def offset_in_keyframe(kind: Kind) -> int:
-    """Where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow: the first of
-    several.
+    """Return where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow: the first
+    of several.
     """
     if kind is Kind.SENSOR:
         return KEYFRAME_DIM + SHARED_DIM
@@ -85,7 +87,7 @@ def offset_in_keyframe(kind: Kind) -> int:
 
 @dataclass(frozen=True)
 class Nav:
-    """Attitudes (m, 3, 3), positions (m, 3) and velocities (m, 3)."""
+    """A navigation state has attitudes (m, 3, 3), positions (m, 3) and velocities (m, 3)."""
 
     R: Array
     p: Array
@@ -105,7 +107,7 @@ class Nav:
 
 @dataclass(frozen=True)
 class Odo:
-    """The odometer's states ``array`` (m, 4), its columns by name."""
+    """The odometer's states are an ``array`` (m, 4), its columns have names."""
 
     array: Array
 
@@ -172,8 +174,10 @@ def vectors(value: Value) -> Array:
 
 @dataclass(frozen=True)
 class States:
-    """Values of all variables of a run: n keyframes' of nav, bias and odo, one of each shared kind, (1, dim), and one
-    for each further sensor, (m, dim).
+    """The states are the values of all variables of a run.
+
+    There are n of nav, bias and odo, one per keyframe; one of each shared kind, (1, dim); one for each further sensor,
+    (m, dim).
     """
 
     nav: Nav
@@ -189,11 +193,11 @@ class States:
         return len(self.nav)
 
     def take(self, rows: slice) -> States:
-        """The keyframes of some rows, and the shared variables."""
+        """Return the keyframes of some rows, with the shared variables."""
         return replace(self, nav=self.nav[rows], bias=self.bias[rows], odo=self.odo[rows])
 
     def joined(self, *later: States) -> States:
-        """These keyframes, then the later ones; shared variables of the last."""
+        """Return these keyframes, then the later ones; shared variables are those of the last."""
         every = (self, *later)
         nav = Nav(*(np.concatenate([getattr(states.nav, part) for states in every]) for part in ("R", "p", "v")))
         bias = np.concatenate([states.bias for states in every])
@@ -201,12 +205,12 @@ class States:
         return replace(every[-1], nav=nav, bias=bias, odo=odo)
 
     def of(self, kind: Kind) -> Value:
-        """All values of one kind."""
+        """Return all values of one kind."""
         value: Value = getattr(self, kind.attribute)
         return value
 
     def to_gtsam(self) -> gtsam.Values:
-        """A fresh ``gtsam.Values`` that holds every variable.
+        """Return a fresh ``gtsam.Values`` that holds every variable.
 
         They are moved there from zero: inserting attitudes and biases one by one takes ten times as long.
         """
@@ -217,13 +221,13 @@ class States:
         return _zero(len(self), len(self.sensor)).retract(Step(keyframes, shared).to_gtsam())
 
     def inertial_to_gtsam(self) -> gtsam.Values:
-        """What inertial factors touch alone."""
+        """Return the variables that inertial factors touch, alone."""
         nav = np.concatenate([so3_log(self.nav.R), self.nav.p, self.nav.v], axis=1)
         values = _no_motion(len(self)) if len(self) <= _SHORT else _no_motion.__wrapped__(len(self))
         return values.retract(_vectors({Kind.NAV: nav, Kind.BIAS: self.bias}))
 
     def moved(self, step: Step) -> States:
-        """Every variable retracted by its part of a step."""
+        """Return every variable retracted by its part of a step."""
         parts = {kind: retract(self.of(kind), step.of(kind)) for kind in Kind}
         nav, odo = parts[Kind.NAV], parts[Kind.ODO]
         assert isinstance(nav, Nav)
@@ -234,15 +238,16 @@ class States:
 
 @dataclass(frozen=True)
 class Step:
-    """Tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM) and shared variables (SHARED_DIM,), which those
-    of further sensors follow.
+    """A step has the tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM), shared variables (SHARED_DIM,).
+
+    Those of further sensors follow the other shared ones.
     """
 
     keyframes: Array
     shared: Array
 
     def of(self, kind: Kind) -> Array:
-        """The tangents of one kind: (n, dim), or (1, dim) for a shared one, (m, dim) of further sensors."""
+        """Return the tangents of one kind: (n, dim), or (1, dim) for a shared one, (m, dim) of further sensors."""
         start = offset_in_keyframe(kind)
         if kind is Kind.SENSOR:
             return self.shared[start - KEYFRAME_DIM :].reshape(-1, kind.dim)
@@ -251,11 +256,11 @@ class Step:
         return self.keyframes[:, start : start + kind.dim]
 
     def scaled(self, scale: float) -> Step:
-        """As far as ``scale`` times this one."""
+        """Return the step times ``scale``."""
         return Step(scale * self.keyframes, scale * self.shared)
 
     def to_gtsam(self) -> gtsam.VectorValues:
-        """What ``gtsam.Values.retract`` takes."""
+        """Return the step as ``gtsam.Values.retract`` takes it."""
         return _vectors({kind: self.of(kind) for kind in Kind})
 
 
@@ -268,7 +273,7 @@ def _vectors(tangents: Mapping[Kind, Array]) -> gtsam.VectorValues:
 
 
 _SHORT = 64
-"""Keyframes: for as many a stream asks again and again."""
+"""Keyframes: values of so few are kept, since a stream asks for them again and again."""
 
 
 @lru_cache
@@ -277,7 +282,7 @@ def _keys(kind: Kind, count: int) -> tuple[int, ...]:
 
 
 def _zero(keyframes: int, sensors: int) -> gtsam.Values:
-    """All variables at zero, attitudes at the identity."""
+    """Return all variables at zero, attitudes at the identity."""
     values = _no_motion.__wrapped__(keyframes)
     for key in _keys(Kind.ODO, keyframes):
         values.insert(key, np.zeros(Kind.ODO.dim))
@@ -289,7 +294,7 @@ def _zero(keyframes: int, sensors: int) -> gtsam.Values:
 
 @lru_cache(maxsize=_SHORT)
 def _no_motion(keyframes: int) -> gtsam.Values:
-    """Of inertial factors alone."""
+    """Return the variables of inertial factors alone at zero."""
     values = gtsam.Values()
     for kind, zero in ((Kind.NAV, gtsam.NavState()), (Kind.BIAS, gtsam.imuBias.ConstantBias())):
         for key in _keys(kind, keyframes):

@@ -1,4 +1,4 @@
-"""A chain of measurements each comes from one of two states, inlier or outlier, and stays in it for some time.
+"""Measurements that follow each other come from one of two states, inlier or outlier, and stay in it for some time.
 
 A wheel rolls or slips; the error z of each interval, in sigmas, is then normal or anything. With a chain of two states
 from interval to interval the likelihood of all errors together is a product of 2 by 2 matrices,
@@ -36,7 +36,9 @@ ones show less each, and together the same.
 
 
 class Chain(NamedTuple):
-    """``width``, above 2.5: a lone error of this size, in sigmas, is as likely in the second state as in the first.
+    """The chain of two states has these parameters.
+
+    ``width``, above 2.5: a lone error of this size, in sigmas, is as likely in the second state as in the first.
     ``interval_s``: how long an interval is; more than 1 s counts as 1 s. ``inlier_before``: the probability that the
     interval before belonged to the first state.
     """
@@ -88,13 +90,13 @@ def _cost(z: Array, chain: Chain) -> float:
 
 
 def _forward(matrices: Array, chain: Chain) -> Array:
-    """``p' M_1 ... M_k``, up to a factor. Shape (2, n)."""
+    """Return ``p' M_1 ... M_k``, up to a factor. Shape (2, n)."""
     products = _prefix_products(matrices)[0]
     return np.asarray(chain.inlier_before * products[0] + (1.0 - chain.inlier_before) * products[1])
 
 
 def _matrices(z: Array, chain: Chain) -> tuple[Array, Array]:
-    """M_k up to a factor, shape (2, 2, n), and the logarithm of that factor (n,)."""
+    """Return M_k up to a factor, shape (2, 2, n), and the logarithm of that factor (n,)."""
     transition, stay_cost = _transition(chain.width, chain.interval_s)
     exponents = np.stack([-0.5 * z**2, -stay_cost - 0.5 * (z / OUTLIER_SIGMAS) ** 2])
     scale = exponents.max(axis=0)
@@ -103,7 +105,7 @@ def _matrices(z: Array, chain: Chain) -> tuple[Array, Array]:
 
 @lru_cache
 def _transition(width: float, interval_s: float) -> tuple[Array, float]:
-    """T, and the cost of an interval in the second state."""
+    """Return T, and the cost of an interval in the second state."""
     duration = min(interval_s, 1.0)
     leave = 1.0 - np.exp(-duration / _LASTS_S)
     stay_cost = duration * (0.5 * _LASTING**2 - 1.0 / _LASTS_S)
@@ -112,7 +114,7 @@ def _transition(width: float, interval_s: float) -> tuple[Array, float]:
 
 
 def _prefix_products(matrices: Array) -> tuple[Array, Array]:
-    """M_1 ... M_k for each k up to a factor, shape (2, 2, n), and the logarithm of that factor (n,)."""
+    """Return M_1 ... M_k for each k up to a factor, shape (2, 2, n), and the factor's logarithm (n,)."""
     product, n = matrices.copy(), matrices.shape[2]
     scale = np.zeros(n)
     shift = 1

@@ -1,4 +1,4 @@
-"""The graph of a run: keyframes, factors and initial values.
+"""The graph of a run has keyframes, factors and initial values.
 
 :func:`build_problem` makes it from a recording; docs/graph.md shows how to use it with GTSAM's own optimisers, how to
 add factors, and how to look at their errors.

@@ -1,4 +1,4 @@
-"""From a recording to a factor graph with initial values.
+"""A recording becomes a factor graph with initial values.
 
 ==================  =============================================================================================
 native factors      inertial factors, GTSAM's own
@@ -192,7 +192,7 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
 def _first_pass(
     recording: Recording, config: SmoothConfig, world: World, data: Intervals, wheel: Wheel | None, speedless: bool
 ) -> tuple[Array, InitialPath, Rolling | None]:
-    """Rests and initial path, both without the slips, and where the wheel rolls.
+    """Find rests and initial path, both without the slips, and where the wheel rolls.
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
@@ -216,7 +216,7 @@ def _first_pass(
 
 
 def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:
-    """Lasers want keyframes closer together: at them the rails tie the motion."""
+    """Return the spacing of keyframes: closer together with lasers, since the rails tie the motion there."""
     wanted, laser = config.keyframes, config.laser
     if not recording.description.laser:
         return wanted
@@ -238,7 +238,7 @@ def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
 
 
 def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:
-    """With a start that may be anywhere along the track."""
+    """Return the families with a start that may be anywhere along the track."""
 
     def anywhere(family: Family) -> Family:
         sigma = family.sigma.copy()
@@ -249,7 +249,7 @@ def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:
 
 
 def with_start_at(problem: Problem, distance: float, sd: float) -> Problem:
-    """With a start ``distance`` m along the track, known to ``sd`` m."""
+    """Return the problem with a start ``distance`` m along the track, known to ``sd`` m."""
     shift = distance - float(problem.initial.odo.distance[0])
 
     def moved(family: Family) -> Family:

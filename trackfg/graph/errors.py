@@ -1,4 +1,4 @@
-"""The errors of factors at given states, as a table."""
+"""A table tells the errors of all factors at given states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The graph of a run as GTSAM's own objects, and what their keys mean.
+"""The graph of a run is exported as GTSAM's own objects, with the meaning of their keys.
 
 Inertial factors are GTSAM's ``ImuFactor2``; every other factor is a ``gtsam.CustomFactor`` of its family
 (:mod:`trackfg.factors.gtsam_bridge`), with the family's loss as a robust noise model.
@@ -21,7 +21,7 @@ from trackfg.numerics.arrays import Array
 
 
 class Variable(NamedTuple):
-    """What a GTSAM key stands for.
+    """A variable is what a GTSAM key stands for.
 
     ``number`` is that of the keyframe, and ``t_s`` its time, s; of a variable that the whole run shares, ``number`` is
     that among those of its kind (further sensors have one each), and ``t_s`` is None.
@@ -34,7 +34,7 @@ class Variable(NamedTuple):
 
 @dataclass(frozen=True)
 class GtsamProblem:
-    """A factor graph that GTSAM's optimisers, and factors of one's own, can be used with.
+    """The exported graph can be used with GTSAM's optimisers and factors.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The inertial factors of a graph, the walk of the biases, and gravity tilt where nothing measures speed."""
+"""Inertial samples become inertial factors, a walk of the biases, and gravity tilt where nothing measures speed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _UNKNOWN_ACCELERATION = 0.3
 
 
 def graph_of(measurements: Iterable[Preintegration]) -> gtsam.NonlinearFactorGraph:
-    """GTSAM's own factors of intervals in a row, from the first keyframe on."""
+    """Return GTSAM's own factors of intervals in a row, from the first keyframe on."""
     graph = gtsam.NonlinearFactorGraph()
     for factor in imu_factors(one.measured for one in measurements):
         graph.push_back(factor)
@@ -35,8 +35,9 @@ def graph_of(measurements: Iterable[Preintegration]) -> gtsam.NonlinearFactorGra
 
 
 def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple[Preintegration, ...]:
-    """What the inertial sensor measured in each interval, about the biases of ``states``; without weight on the
-    accelerometer where nothing measures speed.
+    """Return what the inertial sensor measured in each interval, about the biases of ``states``.
+
+    The accelerometer has no weight where nothing measures speed.
     """
     config = inputs.config.imu
     measured = replace(inputs.noise, accel=1e3) if speedless else inputs.noise
@@ -67,18 +68,18 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
 
 
 def own_bias_walk(inputs: GraphInputs) -> Family:
-    """The sensor's own biases walk with the declared densities."""
+    """Return the walk of the sensor's own biases, with the declared densities."""
     return walk_of(inputs.t, inputs.response, inputs.recording.description.imu.noise)
 
 
 def walk_of(t: Array, response: Array, noise: ImuNoise) -> Family:
-    """The same, of keyframes at ``t`` (n,) with their responses to the calibration (n, 6, dim)."""
+    """Return the walk between keyframes at ``t`` (n,) with their responses to the calibration (n, 6, dim)."""
     density = np.repeat([noise.accel_bias_walk, noise.gyro_bias_walk], 3)
     return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), np.sqrt(np.diff(t))[:, None] * density)
 
 
 def tilt(inputs: GraphInputs) -> Family:
-    """Mean specific force around each keyframe, each sample in one mean."""
+    """Return the gravity tilt of the mean specific force around each keyframe, each sample in one mean."""
     middle = np.concatenate([[inputs.edges[0]], (inputs.edges[1:] + inputs.edges[:-1]) // 2, [inputs.edges[-1]]])
     dt = inputs.data.durations[:, None]
     integral = np.vstack([np.zeros(3), np.cumsum(inputs.data.accel * dt, axis=0)])

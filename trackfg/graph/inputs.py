@@ -1,4 +1,4 @@
-"""What the factors of one graph are made from: the recording, where its keyframes are, and a first guess of the run."""
+"""Factors of one graph are made from the recording, where its keyframes are, and a first guess of the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from trackfg.units import STANDARD_GRAVITY
 
 @dataclass(frozen=True)
 class World:
-    """Gravity (m/s^2) and the Earth's rotation in n (rad/s, (3,)), zero where latitude is not known."""
+    """The world has a gravity (m/s^2) and turns in n (rad/s, (3,)): not at all where latitude is not known."""
 
     gravity: float
     earth_rate: Array
@@ -34,7 +34,7 @@ class World:
 
 
 def world_of(recording: Recording) -> World:
-    """Gravity, the Earth's rotation and the heading at the start, as far as the recording tells."""
+    """Return gravity, the Earth's rotation and the heading at the start, as far as the recording tells."""
     track = recording.description.track
     latitude = track.latitude_deg if recording.gnss_origin is None else float(recording.gnss_origin[0])
     height = 0.0 if recording.gnss_origin is None else float(recording.gnss_origin[2])
@@ -50,13 +50,13 @@ def world_of(recording: Recording) -> World:
 
 
 def assumed_noise(description: RecordingDescription, config: SmoothConfig) -> PreintegrationNoise:
-    """White noise of the inertial samples: the declared one times its level."""
+    """Return the white noise of the inertial samples: the declared one times its level."""
     declared, level = description.imu.noise, config.noise
     return PreintegrationNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
 
 
 def still_between(t: Array, rests: Array) -> np.ndarray:
-    """Whether both ends of the intervals between ``t`` (n,) and their middles are in a rest, shape (n - 1,)."""
+    """Return whether ends and middles of the intervals between ``t`` (n,) are in a rest, shape (n - 1,)."""
     resting = within(t, rests)
     still: np.ndarray = resting[:-1] & resting[1:] & within(0.5 * (t[1:] + t[:-1]), rests)
     return still
@@ -64,7 +64,9 @@ def still_between(t: Array, rests: Array) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GraphInputs:
-    """Keyframes at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""
+    """Factors are made from these inputs.
+
+    The keyframes are at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""
 
     recording: Recording
     config: SmoothConfig
@@ -119,7 +121,7 @@ class GraphInputs:
         return np.asarray(np.diff(self.distance_at(self.t)))
 
     def distance_at(self, t: Array) -> Array:
-        """Initial distance travelled, m: the wheel's without slip, or the length of the initial path. (m,) to (m,)."""
+        """Return the initial distance, m: the wheel's without slip, or the length of the initial path. (m,) to (m,)."""
         if self.rolling is not None:
             return self.rolling.wheel.at(t)
         step = np.diff(self.path.p, axis=0)
@@ -140,19 +142,19 @@ class GraphInputs:
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
     def with_rows(self, recording: Recording, wheel: Wheel | None) -> GraphInputs:
-        """With other rows than the inertial sensor's: nothing that is computed once depends on them."""
+        """Return inputs with other rows than the inertial sensor's: nothing that is computed once depends on them."""
         inputs = copy(self)
         vars(inputs).update(recording=recording, wheel=wheel)
         return inputs
 
     def with_motion(self, path: InitialPath, rolling: Rolling) -> GraphInputs:
-        """With another first guess of the motion, and the means as they were computed."""
+        """Return inputs with another first guess of the motion, and the means as they were computed."""
         inputs = replace(self, path=path, rolling=rolling)
         vars(inputs).update(durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro)
         return inputs
 
     def initial_states(self) -> States:
-        """The first guess of every variable."""
+        """Return the first guess of every variable."""
         n = len(self.t)
         R = self.path.attitude(self.t)
         p = self.path.position(self.t) + R @ self.lever_arm
@@ -166,7 +168,7 @@ class GraphInputs:
         return States(nav, bias, odo, *shared)
 
     def _start_distance(self, distance: Array) -> float:
-        """Where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
+        """Return where the run starts, in the sense of running, so that the first fix agrees; 0 without fixes."""
         fixes = self.recording.fixes
         if fixes is None or fixes.empty:
             return 0.0

@@ -1,4 +1,4 @@
-"""Where states are estimated.
+"""States are estimated at keyframes.
 
 A phase runs along the recording at the rate ``max(1/interval, speed/distance)``, slower at rest; a keyframe lies at
 each whole number. Starts and ends of rests and gaps and the times of positions are keyframes of their own, and a
@@ -20,7 +20,7 @@ TOO_CLOSE = 0.35
 def place_keyframes(
     edges: Array, t: Array, speed: Array, rests: Array, required: Array, config: KeyframeConfig
 ) -> np.ndarray:
-    """Indices into ``edges`` (n + 1,), increasing, from 0 to n. ``speed`` (m,) is given at times ``t`` (m,)."""
+    """Return indices into ``edges`` (n + 1,), increasing, from 0 to n; ``speed`` (m,) is given at times ``t`` (m,)."""
     rate = np.maximum(1.0 / config.interval_s, np.abs(speed) / config.distance_m)
     rate = np.where(within(t, rests), 1.0 / config.interval_at_rest_s, rate)
     phase = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
@@ -35,6 +35,6 @@ def place_keyframes(
 
 
 def nearest(grid: Array, times: Array) -> np.ndarray:
-    """Index of the entry of the increasing ``grid`` nearest to each time."""
+    """Return the index of the entry of the increasing ``grid`` nearest to each time."""
     right = np.clip(np.searchsorted(grid, times), 1, len(grid) - 1)
     return right - (times - grid[right - 1] < grid[right] - times)

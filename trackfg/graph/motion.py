@@ -1,4 +1,4 @@
-"""How the vehicle can move: the factors of a graph that say it follows the track, or rests."""
+"""The factors of motion hold the vehicle on the track, or at rest."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ RATE_WINDOW_S = 0.1
 
 
 def motion(inputs: GraphInputs) -> list[Family]:
-    """How it moves along the track, and no motion at rest."""
+    """Return the factors of motion along the track, and of no motion at rest."""
     rigid = inputs.recording.description.imu.rigid
     return [*along_track(inputs), *resting(inputs.t, inputs.rests, inputs.config.motion, rigid=rigid)]
 
 
 def along_track(inputs: GraphInputs) -> list[Family]:
-    """No sideways velocity; a sensor that follows the track moves where it points all the way."""
+    """Return no sideways velocity, and, of a sensor that follows the track, motion where it points all the way."""
     config, k = inputs.config.motion, np.arange(len(inputs.t))
     speed = np.abs(np.interp(inputs.t, inputs.path.t, inputs.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
@@ -38,7 +38,7 @@ def along_track(inputs: GraphInputs) -> list[Family]:
 
 
 def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> list[Family]:
-    """No velocity at keyframes ``t`` (n,), s, within ``rests`` (r, 2), and no motion between two within one."""
+    """Return no velocity at keyframes ``t`` (n,), s, in ``rests`` (r, 2), and no motion between two in one."""
     still = (config.rest_speed_sd_mps, config.rest_turn_sd_rad, config.rest_shift_sd_m)
     if rigid:
         still = (config.rigid_rest_speed_sd_mps, config.rigid_rest_turn_sd_rad, config.rigid_rest_shift_sd_m)
@@ -50,7 +50,7 @@ def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> lis
 
 
 def _path(inputs: GraphInputs, loss: Loss) -> Family:
-    """For a sensor that follows the track, wherever it is not at rest and its record has no hole."""
+    """Return path factors of a sensor that follows the track, where it moves and its record has no hole."""
     config, distance = inputs.config.motion, np.abs(inputs.distance)
     bridged = np.concatenate([[0], np.cumsum(inputs.data.bridged)])
     whole = np.diff(bridged[inputs.edges]) == 0
@@ -65,5 +65,5 @@ def _path(inputs: GraphInputs, loss: Loss) -> Family:
 
 
 def _angular_rate(inputs: GraphInputs) -> Array:
-    """Body rate at the keyframes: the gyro's mean around them, less the initial bias."""
+    """Return the body rate at the keyframes: the gyro's mean around them, less the initial bias."""
     return means_around(inputs.t, RATE_WINDOW_S, inputs.data.edges, inputs.data.gyro) - inputs.path.bias(inputs.t)

@@ -1,4 +1,4 @@
-"""The odometer's factors of a graph: distance, wheel, arc length.
+"""The odometer's factors tie distance, wheel and arc length.
 
 A wheel that drives or brakes creeps: on the stable side of its creep curve by a share of the distance that is about
 proportional to the force that it transmits, some 1 % at the top of the curve. The force per mass, in g, is what the
@@ -39,12 +39,12 @@ _MOVED_SD_M = 1e4
 
 
 def odometer(inputs: GraphInputs) -> list[Family]:
-    """Distance adds up, is the length of the path, and is what the wheel rolls, where there is one."""
+    """Return the factors of distance: it adds up, is the length of the path, and what the wheel rolls."""
     return [*path_length_factors(inputs), *tach_factors(inputs)]
 
 
 def path_length_factors(inputs: GraphInputs) -> list[Family]:
-    """What needs no wheel: distance adds up, and is the length of the path."""
+    """Return the factors that need no wheel: distance adds up, and is the length of the path."""
     config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
     distance = np.abs(inputs.distance)
     chain_sd = np.stack([np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1)
@@ -55,7 +55,7 @@ def path_length_factors(inputs: GraphInputs) -> list[Family]:
 
 
 def tach_factors(inputs: GraphInputs) -> list[Family]:
-    """Distance is what the wheel rolls, where there is one."""
+    """Return the factors of the wheel: distance is what it rolls, where there is one."""
     config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
     distance = np.abs(inputs.distance)
     loss = None
@@ -87,8 +87,10 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
 
 
 def _readable(inputs: GraphInputs) -> np.ndarray:
-    """Keyframes with a tach reading of their own: a count that has not moved since the last reading says nothing
-    new, its rounding error is the same one."""
+    """Return the keyframes with a tach reading of their own.
+
+    A count that has not moved since the last reading adds nothing: its rounding error is the same one.
+    """
     assert inputs.wheel is not None
     covered = np.flatnonzero(inputs.wheel.covers(inputs.t))
     count = inputs.wheel.at(inputs.t[covered])

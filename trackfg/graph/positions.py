@@ -1,4 +1,4 @@
-"""Where the vehicle is: the factors of a graph from fixes and GNSS."""
+"""Fixes and GNSS tell where the vehicle is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trackfg.recording.description import Gnss
 
 
 def positions(inputs: GraphInputs) -> list[Family]:
-    """What the recording has of fixes and GNSS positions, robust if the settings say so."""
+    """Return factors of the recording's fixes and GNSS positions, robust if the settings say so."""
     config, description = inputs.config.position, inputs.recording.description
     families = []
     fixes, gnss = inputs.recording.fixes, inputs.recording.gnss

@@ -1,4 +1,4 @@
-"""Where the wheel does not roll, found before there is a graph: the wheel's speed against the accelerometer's.
+"""Slip is found before there is a graph: the wheel's speed is held against the accelerometer's.
 
 On a grid of times the vehicle's speed v and the error b of the forward acceleration a, which wanders slowly, satisfy
 
@@ -71,8 +71,9 @@ _SETTLED = 0.01
 
 @dataclass(frozen=True)
 class Rolling:
-    """The vehicle's ``speed`` (n,), m/s, at times ``t`` (n,), s; whether the wheel rolls in between (n - 1,); and the
-    ``wheel`` as if it had rolled all the time.
+    """The search for slip gives the vehicle's ``speed`` (n,), m/s, at times ``t`` (n,), s, and where the wheel rolls.
+
+    ``rolls`` (n - 1,): whether it rolls in between; ``wheel``: as if it had rolled all the time.
     """
 
     t: Array
@@ -81,7 +82,7 @@ class Rolling:
     wheel: Wheel
 
     def slips_within(self, t: Array) -> np.ndarray:
-        """Whether it does not roll somewhere between neighbouring times (m,), shape (m - 1,)."""
+        """Return whether the wheel slips somewhere between neighbouring times (m,), shape (m - 1,)."""
         edges = np.clip(np.searchsorted(self.t, t), 0, len(self.rolls))
         slipping = np.concatenate([[0], np.cumsum(~self.rolls)])
         found: np.ndarray = slipping[edges[1:]] > slipping[np.maximum(edges[:-1] - 1, 0)]
@@ -89,8 +90,10 @@ class Rolling:
 
 
 class _Evidence(NamedTuple):
-    """Per step: forward acceleration (m/s^2), rolled distance and its sigma (m), sigma of the change of b (m/s^2);
-    whether the vehicle rests at its start and at its end.
+    """The evidence of each step is a forward acceleration (m/s^2) and a rolled distance with its sigma (m).
+
+    ``walk`` is the sigma of the change of b (m/s^2); the last two tell whether the vehicle rests at the step's start
+    and end.
     """
 
     acceleration: Array
@@ -101,7 +104,7 @@ class _Evidence(NamedTuple):
     rests_after: np.ndarray
 
     def reversed(self) -> _Evidence:
-        """In the order of a film that runs backwards with the speeds it had."""
+        """Return the evidence in reversed time, with the speeds as they are."""
         a, rolled, sigma, walk, before, after = (part[::-1] for part in self)
         return _Evidence(-a, rolled, sigma, walk, after, before)
 
@@ -145,7 +148,10 @@ def _evidence(
 
 
 def _pitch(t: Array, gyro: Array, path: InitialPath) -> Array:
-    """By the gyro alone, up to a constant, at times (n,). Track rises and falls alike: the rate's median is bias."""
+    """Return the pitch by the gyro alone, up to a constant, at times (n,), rad.
+
+    Track rises and falls alike, so the rate's median is bias.
+    """
     w = gyro - path.bias(t)
     roll = np.interp(t, path.t, path.rpy[:, 0])
     rate = w[:, 1] * np.cos(roll) - w[:, 2] * np.sin(roll)
@@ -153,7 +159,7 @@ def _pitch(t: Array, gyro: Array, path: InitialPath) -> Array:
 
 
 def _passed(evidence: _Evidence) -> np.ndarray:
-    """Which rolled distances and rests a Kalman filter of (v, b) finds credible on its way, shape (n,) of bool.
+    """Return which rolled distances and rests a Kalman filter of (v, b) finds credible on its way, (n,) of bool.
 
     Plain numbers: this is the one loop over time, and arrays of two would cost ten times as much.
     """
@@ -184,12 +190,15 @@ def _passed(evidence: _Evidence) -> np.ndarray:
 
 
 def _speeds(evidence: _Evidence, weight: Array, resting: np.ndarray) -> Array:
-    """Least squares: normal equations of (v_0, b_0, v_1, b_1, ...), which are banded. ``resting`` and out (n + 1,)."""
+    """Return the least-squares speeds (n + 1,) from banded normal equations of (v_0, b_0, v_1, b_1, ...).
+
+    ``resting`` is of shape (n + 1,).
+    """
     n, dt = len(weight), _STEP_S
     band, right = np.zeros((4, 2 * n + 2)), np.zeros(2 * n + 2)
 
     def add(offsets: tuple[int, ...], factors: tuple[float, ...], measured: Array, information: Array) -> None:
-        """Rows ``sum of factors times x at 2 k + offsets = measured_k``."""
+        """Add rows ``sum of factors times x at 2 k + offsets = measured_k``."""
         first = 2 * np.arange(len(measured))
         for p, f in zip(offsets, factors, strict=True):
             right[first + p] += f * measured * information

@@ -1,4 +1,4 @@
-"""Gauss-Newton on the graph, its elimination, covariance and noise levels.
+"""The solver minimises a graph by Gauss-Newton, and computes covariances and noise levels.
 
 :func:`solve` minimises a problem of :mod:`trackfg.graph`, :func:`posterior_covariance` tells how sure the minimum is.
 """

@@ -1,4 +1,4 @@
-"""Posterior covariances and posterior samples by recursions over the conditionals of a chain.
+"""Recursions over the conditionals of a chain give posterior covariances and samples.
 
 With the square root of :mod:`trackfg.solver.square_root` the error of keyframe k is ``x_k = A_k y_k + R_k^-1 e``:
 backwards from the last keyframe, covariances of the moving window (x_k, y_k) follow, or, with drawn e, samples of all
@@ -24,7 +24,9 @@ _STACKED = 64
 
 @dataclass(frozen=True)
 class Covariance:
-    """``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
+    """The covariance of a chain consists of marginals and of regressions of each keyframe on the next one.
+
+    ``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
 
     d is KEYFRAME_DIM + SHARED_DIM, in elimination order, and the dimension of each further sensor.
     """
@@ -33,8 +35,9 @@ class Covariance:
     gain: Array
 
     def of(self, kind: Kind) -> Array:
-        """Marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one, of further sensors of all
-        together.
+        """Return the marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one.
+
+        Further sensors have one of all together.
         """
         start = offset_in_keyframe(kind)
         if kind is Kind.SENSOR:
@@ -47,7 +50,7 @@ class Covariance:
         return self.marginal[:, :size, :size]
 
     def with_added_distance_variance(self, variance: Array | float) -> Covariance:
-        """With so much more variance (n,), m^2, of the distances along the track."""
+        """Return the covariance with so much more variance (n,), m^2, of the distances along the track."""
         if not np.any(variance):
             return self
         at, marginal = offset_in_keyframe(Kind.ODO), self.marginal.copy()
@@ -55,7 +58,7 @@ class Covariance:
         return replace(self, marginal=marginal)
 
     def between(self, i: int, j: int) -> Array:
-        """Cross-covariance of keyframes ``i <= j``, shape (d, d).
+        """Return the cross-covariance of keyframes ``i <= j``, shape (d, d).
 
         Exact for a chain; with a longer reach exact for neighbours, and carried from neighbour to neighbour beyond.
         """
@@ -103,7 +106,7 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
-    """Tangent vectors (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
+    """Return tangents (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
     n, size = len(root.inverse), root.size
     samples = np.empty((n, size, count))
     noise = root.inverse @ rng.standard_normal((n, KEYFRAME_DIM, count))
@@ -118,7 +121,7 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class Functions:
-    """m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
+    """These are m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
 
     ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, KEYFRAME_DIM), ``by_shared`` (m, SHARED_DIM).
     """
@@ -171,8 +174,9 @@ def _carried(root: SquareRoot, B: Array, k: int) -> Array:
 
 
 def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array, Array]:
-    """Functions as ``G' z + e`` of z = (x_n, s), the keyframe after the root's last one and the shared variables: the
-    covariance of e, (m, m), and G, (d, m). The functions may touch x_n.
+    """Return the covariance of e, (m, m), and G, (d, m), of functions written as ``G' z + e``.
+
+    z is (x_n, s): the keyframe after the root's last one, which the functions may touch, and the shared variables.
     """
     n, m, dim, size = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM, root.size
     total = np.zeros((m, m))

@@ -1,4 +1,4 @@
-"""Elimination of a chain of keyframes by QR: one small dense factorisation per keyframe.
+"""A chain of keyframes is eliminated by QR: one small dense factorisation per keyframe.
 
 All linear factors ``A d = b`` of keyframe k (those whose first keyframe it is) are rows over the window (x_k, y_k) with
 ``y_k = (x_{k+1}, nav_{k+2}, ..., nav_{k+w}, s)``: tangents x of keyframes, the variables s that the run shares, and,
@@ -40,7 +40,7 @@ _UNDETERMINED = "the measurements do not determine the states"
 
 
 class Conditionals(NamedTuple):
-    """``R``, ``S`` and ``d`` of keyframes, as :class:`SquareRoot` has them."""
+    """The conditionals are ``R``, ``S`` and ``d`` of keyframes, as :class:`SquareRoot` has them."""
 
     R: Array
     S: Array
@@ -87,8 +87,9 @@ def _shared_dim(factors: Sequence[LinearFactors]) -> int:
 
 
 def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -> Array:
-    """Rows [A b] over (x_0, x_1, s) of factors of two keyframes. ``sensors``: how many further ones the run has, if
-    these factors do not touch them all.
+    """Return rows [A b] over (x_0, x_1, s) of factors of two keyframes.
+
+    ``sensors``: how many further ones the run has, if these factors do not touch them all.
     """
     shared_dim = _shared_dim(factors) if sensors is None else SHARED_DIM + Kind.SENSOR.dim * sensors
     rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + shared_dim + 1))
@@ -103,14 +104,15 @@ def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -
 
 
 def compressed(rows: Array) -> Array:
-    """As many rows as columns, at most, that say the same: R of their QR."""
+    """Return R of the rows' QR: equivalent rows, at most as many as columns."""
     with one_thread():
         return _triangle(rows)
 
 
 def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
-    """The square root of the information in rows of :func:`stacked_pair`, by one dense QR; and what these rows say of
-    (x_1, s) alone, as rows [A b].
+    """Return the square root of the information in rows of :func:`stacked_pair`, and the marginal of (x_1, s).
+
+    The marginal are rows [A b]; both come from one dense QR.
     """
     variables, dim = rows.shape[1] - 1, KEYFRAME_DIM
     R = compressed(rows)[:variables]
@@ -174,7 +176,7 @@ def _left(left: Array, alone: Array, shared_dim: int) -> Array:
 
 
 def _conditionals(conditional: Array, ahead: np.ndarray, shared_dim: int) -> Conditionals:
-    """From what :func:`_factored` gives."""
+    """Return the conditionals from what :func:`_factored` gives."""
     R, sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
     later = _PAIR - KEYFRAME_DIM + shared_dim
     S = np.zeros((len(ahead), KEYFRAME_DIM, conditional.shape[2] - KEYFRAME_DIM - 1))
@@ -190,7 +192,7 @@ def _conditionals(conditional: Array, ahead: np.ndarray, shared_dim: int) -> Con
 
 
 def _positive(R: Array) -> tuple[Array, Array]:
-    """Triangles with a positive diagonal, and the signs that their rows were multiplied by.
+    """Return triangles with a positive diagonal, and the signs that their rows were multiplied by.
 
     The sign of a row is arbitrary; so R is unique, and so are samples drawn with it. Raises ``UnsolvableError`` where a
     triangle is singular.
@@ -202,7 +204,7 @@ def _positive(R: Array) -> tuple[Array, Array]:
 
 
 def _triangle(rows: Array) -> Array:
-    """R of the QR of many rows: of some at a time, then of their Rs, and so on."""
+    """Return R of the QR of many rows: of some at a time, then of their Rs, and so on."""
     some, columns = 4 * rows.shape[1], rows.shape[1]
     while len(rows) > some:
         padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
@@ -223,7 +225,7 @@ def _upper(rows: int, columns: int) -> Array:
 
 @lru_cache
 def _columns_in_next(width: int, next_width: int, tail: int) -> np.ndarray:
-    """Where the columns of y_k are in the window of keyframe k + 1."""
+    """Return where the columns of y_k are in the window of keyframe k + 1."""
     x = np.arange(KEYFRAME_DIM)
     nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: width - _PAIR]
     later = np.arange(_PAIR, width - NAV_DIM)
@@ -231,8 +233,9 @@ def _columns_in_next(width: int, next_width: int, tail: int) -> np.ndarray:
 
 
 class _Placed(NamedTuple):
-    """Factors in order of the first keyframe that each touches: ``first`` (m,), -1 for shared variables alone, and the
-    ``last`` one (m,).
+    """Factors are placed in order of the first keyframe that each touches.
+
+    ``first`` (m,) is -1 for shared variables alone; ``last`` (m,).
     """
 
     factors: LinearFactors
@@ -250,7 +253,7 @@ class _Placed(NamedTuple):
 
 
 def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
-    """How many navigation states after x_{k+1} each window has to reach, shape (n,)."""
+    """Return how many navigation states after x_{k+1} each window has to reach, shape (n,)."""
     last = np.arange(1, keyframes + 1)
     for _, first, farthest in factors:
         far = farthest > first + 1
@@ -260,7 +263,7 @@ def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
 
 
 def _systems(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> Iterator[Array]:
-    """Rows of shared variables alone, then those of each keyframe, laid out as its window, the right-hand side last.
+    """Yield rows of shared variables alone, then those of each keyframe, laid out as its window, right-hand side last.
 
     Stacked some keyframes at a time: windows differ, and at the widest all rows together would fill the memory.
     """
@@ -277,7 +280,7 @@ def _systems(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> Itera
 def _stacked(
     factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarray, tail: int
 ) -> tuple[Array, np.ndarray]:
-    """The rows of the keyframes from ``begin`` to ``end``, in order (m, widest window); where those of each start."""
+    """Return the rows of keyframes ``begin`` to ``end``, in order (m, widest window), and where those of each start."""
     parts = []
     for one, first, _ in factors:
         some = slice(*np.searchsorted(first, [begin, end]).tolist())
@@ -308,8 +311,10 @@ def _stacked(
 def _columns(
     slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.ndarray, *, shared_dim: int, further: bool
 ) -> np.ndarray:
-    """Which columns of their windows, of some ``width`` (m,), factors fill whose ``first`` keyframe is this (m,):
-    (m, c + 1), the right-hand side last. ``further``: whether any window reaches further than to the next keyframe.
+    """Return which columns of their windows factors fill, shape (m, c + 1), the right-hand side last.
+
+    Their first keyframes are ``first`` (m,), the windows' widths ``width`` (m,). ``further``: whether any window
+    reaches further than to the next keyframe.
     """
     kinds = tuple(slot.kind for slot in slots)
     at, slot_of, behind = _layout(kinds, shared_dim)
@@ -335,8 +340,10 @@ def _columns(
 
 @lru_cache
 def _layout(kinds: tuple[Kind, ...], shared_dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns of such factors where all slots are of the first keyframe and the window reaches to the next one, and
-    that of the right-hand side; the number of the slot of each; and which are behind all keyframes. All (c + 1,).
+    """Return the columns of factors whose slots are all of the first keyframe, the right-hand side last.
+
+    The window reaches to the next keyframe. With them come the number of the slot of each column, and which are behind
+    all keyframes. All (c + 1,).
     """
     starts = (offset_in_keyframe(kind) + (_PAIR - KEYFRAME_DIM) * kind.shared for kind in kinds)
     at = [start + np.arange(kind.dim) for start, kind in zip(starts, kinds, strict=True)]

@@ -1,4 +1,4 @@
-"""Gauss-Newton with step control over a graph whose values Python owns.
+"""Gauss-Newton with step control minimises a graph whose values Python owns.
 
 Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays),
 eliminates along the chain by QR (:mod:`trackfg.solver.elimination`), and takes the step if the cost falls, else a
@@ -39,7 +39,7 @@ _ROUGH = 3.0
 
 @dataclass(frozen=True)
 class Solution:
-    """The minimum, the square root of the information at the last step towards it, and how it was reached.
+    """A solution is the minimum, the square root of the information at the last step, and how it was reached.
 
     ``values`` are the states as GTSAM has them.
     """
@@ -129,7 +129,7 @@ def _cost(problem: Problem, families: tuple[Family, ...], states: States, values
 def _step(
     problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values, step: Step, cost: float
 ) -> tuple[gtsam.Values, States, float] | None:
-    """The best of the halved or doubled steps; None if none lowers the cost.
+    """Return the best of the halved or doubled steps; None if none lowers the cost.
 
     Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
     as long as that helps more.

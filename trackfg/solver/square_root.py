@@ -1,4 +1,4 @@
-"""The square root of an information matrix of a chain of keyframes, and the solution that comes with it.
+"""The square root of an information matrix of a chain of keyframes comes with the solution.
 
 Elimination (:mod:`trackfg.solver.elimination`) leaves for keyframe k with tangent x_k and the variables s that the run
 shares
@@ -29,7 +29,7 @@ NAV = slice(offset_in_keyframe(Kind.NAV), offset_in_keyframe(Kind.NAV) + NAV_DIM
 
 @dataclass(frozen=True)
 class SquareRoot:
-    """The conditionals of all keyframes, and of s.
+    """The square root consists of the conditionals of all keyframes, and of s.
 
     With K = KEYFRAME_DIM: ``R`` (n, K, K), ``S`` (n, K, SIZE + NAV_DIM (w - 1)), ``d`` (n, K). Columns
     of S: x_{k+1}, s, then the navigation states of k + 2 and so on. ``ahead`` (n,): how many of these a recursion has
@@ -49,7 +49,7 @@ class SquareRoot:
         return KEYFRAME_DIM + len(self.R_shared)
 
     def last(self, keyframes: int) -> SquareRoot:
-        """Of the last keyframes alone, all others eliminated; along a chain."""
+        """Return the square root of the last keyframes alone, all others eliminated; along a chain."""
         return replace(
             self, R=self.R[-keyframes:], S=self.S[-keyframes:], d=self.d[-keyframes:], ahead=self.ahead[-keyframes:]
         )
@@ -71,15 +71,15 @@ class SquareRoot:
         return np.negative(product, out=product)
 
     def parents(self, k: int) -> int:
-        """The size of y_k as far as it is carried."""
+        """Return the size of y_k as far as it is carried."""
         return self.size + NAV_DIM * int(self.ahead[k])
 
     def kept(self, k: int) -> np.ndarray:
-        """Which entries of y_k are in y_{k-1} behind x_k: s, and the navigation states from k + 1 on."""
+        """Return which entries of y_k are in y_{k-1} behind x_k: s, and the navigation states from k + 1 on."""
         return _kept(self.size, int(self.ahead[k - 1]) if k > 0 else 0)
 
     def solution(self) -> Step:
-        """The least-squares solution, backwards from the last keyframe."""
+        """Return the least-squares solution, backwards from the last keyframe."""
         n = len(self.R)
         shared = self.shared_inverse @ self.d_shared
         x = np.empty((n, KEYFRAME_DIM))

@@ -1,4 +1,4 @@
-"""Are the assumed noise levels true? Variance components from the residuals of a solution.
+"""Variance components from the residuals of a solution tell whether the assumed noise levels are true.
 
 For a group of whitened residual rows e with leverages h (the diagonal of ``J P J'``, P the posterior covariance), the
 expected sum of squares is the redundancy ``sum(1 - h)`` if the assumed sigmas are right. The square root of the ratio
@@ -37,7 +37,7 @@ GROUPS = {
 
 
 def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
-    """Actual over assumed noise of each group that can be judged."""
+    """Return actual over assumed noise of each group that can be judged."""
     ratios = _inertial_ratios(problem, solution, covariance)
     for family in problem.families:
         if family.type in GROUPS:
@@ -46,13 +46,13 @@ def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -
 
 
 def adapted(config: SmoothConfig, ratios: dict[str, float]) -> SmoothConfig:
-    """Settings with every noise level as the residuals show it, but none below what was declared."""
+    """Return settings with every noise level as the residuals show it, but none below what was declared."""
     factors = {name: max(current * ratios.get(name, 1.0), 1.0) for name, current in config.noise.factors().items()}
     return config.model_copy(update={"noise": config.noise.model_copy(update=factors)})
 
 
 def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
-    """A warning for each group whose noise is far above what is assumed: its sigmas are not to be trusted."""
+    """Return a warning for each group whose noise is far above what is assumed: its sigmas are too small."""
     return tuple(
         Finding(
             level="warning",
@@ -70,7 +70,7 @@ def _ratio(squares: float, redundancy: float) -> float:
 
 
 def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
-    """Rows 0-2 of the inertial factors are the gyro's, the rest the accelerometer's; bridged intervals are left out."""
+    """Return the ratios of gyro (rows 0-2 of inertial factors) and accelerometer, without bridged intervals."""
     used = np.flatnonzero(~problem.run.inertial.bridged[problem.run.edges[:-1]])
     if used.size == 0:
         return {}
@@ -95,7 +95,9 @@ def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covarianc
 
 
 def _family_sums(family: Family, states: States, covariance: Covariance) -> tuple[float, float]:
-    """Weighted sum of squares and redundancy of a family whose slots lie in at most two neighbouring keyframes."""
+    """Return weighted sum of squares and redundancy of a family whose slots lie in at most two neighbouring
+    keyframes.
+    """
     linear = family.linearize(states)
     keyed = [slot.index for slot in family.slots if not slot.kind.shared]
     first, last = keyed[0], keyed[-1]
@@ -115,6 +117,6 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
 
 
 def _columns(kind: Kind, sensor: int = 0) -> np.ndarray:
-    """Of a variable in a keyframe's tangent; a family is of one further sensor."""
+    """Return the columns of a variable in a keyframe's tangent; ``sensor`` is the number of a further sensor."""
     start = offset_in_keyframe(kind) + kind.dim * sensor
     return np.arange(start, start + kind.dim)
