@@ -17,6 +17,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
@@ -77,16 +78,14 @@ def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covarianc
     linear = linearize_imu_factors(problem.native, solution.values)
     A, e = linear.jacobian[used], linear.b[used]
     nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
-    here, there = covariance.marginal[:-1][used], covariance.marginal[1:][used]
-    cross = covariance.gain[used] @ there
     own = np.concatenate([nav, bias])
-    P = np.zeros((used.size, 24, 24))
     order = np.r_[0:9, 18:24]  # the factor's columns: state k, state k + 1, bias k
-    P[np.ix_(np.arange(used.size), order, order)] = here[:, own[:, None], own]
-    P[:, 9:18, 9:18] = there[:, nav[:, None], nav]
-    joint = cross[:, own[:, None], nav]
-    P[np.ix_(np.arange(used.size), order, np.arange(9, 18))] = joint
-    P[np.ix_(np.arange(used.size), np.arange(9, 18), order)] = np.swapaxes(joint, 1, 2)
+    P = np.zeros((used.size, 24, 24))
+    P[:, order[:, None], order] = covariance.marginal[used[:, None, None], own[:, None], own]
+    P[:, 9:18, 9:18] = covariance.marginal[used[:, None, None] + 1, nav[:, None], nav]
+    joint = _cross(covariance, used, own, used + 1, nav)
+    P[:, order, 9:18] = joint
+    P[:, 9:18, order] = np.swapaxes(joint, 1, 2)
     free = 1.0 - np.sum((A @ P) * A, axis=2)
     return {
         "gyro": _ratio(float(np.sum(e[:, :3] ** 2)), float(free[:, :3].sum())),
@@ -101,19 +100,31 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
     linear = family.linearize(states)
     keyed = [slot.index for slot in family.slots if not slot.kind.shared]
     first, last = keyed[0], keyed[-1]
-    m, d = linear.b.shape
-    size = covariance.marginal.shape[1]
-    here, there = np.zeros((2, m, d, size))
+    parts: dict[bool, list[tuple[Array, np.ndarray]]] = {False: [], True: []}
     for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
-        target = there if not slot.kind.shared and (slot.index != first).any() else here
-        target[:, :, _columns(slot.kind, int(slot.index[0]) if slot.kind is Kind.SENSOR else 0)] += jacobian
-    spread = np.sum((here @ covariance.marginal[first]) * here, axis=2)
-    if there.any():
-        cross = covariance.gain[np.minimum(first, len(covariance.gain) - 1)] @ covariance.marginal[last]
-        spread += np.sum((there @ covariance.marginal[last]) * there, axis=2)
-        spread += 2.0 * np.sum((here @ cross) * there, axis=2)
+        later = not slot.kind.shared and bool((slot.index != first).any())
+        parts[later].append((jacobian, _columns(slot.kind, int(slot.index[0]) if slot.kind is Kind.SENSOR else 0)))
+    spread = np.zeros(linear.b.shape)
+    sides = {}
+    for later, blocks in parts.items():
+        if not blocks:
+            continue
+        jacobian, columns = np.concatenate([J for J, _ in blocks], axis=2), np.concatenate([c for _, c in blocks])
+        sides[later] = jacobian, columns
+        at = (last if later else first)[:, None, None]
+        spread += np.sum((jacobian @ covariance.marginal[at, columns[:, None], columns]) * jacobian, axis=2)
+    if len(sides) == 2:
+        (here, by_first), (there, by_last) = sides[False], sides[True]
+        spread += 2.0 * np.sum((here @ _cross(covariance, first, by_first, last, by_last)) * there, axis=2)
     weight = family.weights(states)[:, None]
-    return float(np.sum(linear.b**2)), float(np.sum(weight) * d - np.sum(spread))
+    return float(np.sum(linear.b**2)), float(np.sum(weight) * linear.b.shape[1] - np.sum(spread))
+
+
+def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, last: np.ndarray, columns: np.ndarray) -> Array:
+    """Return the covariance of ``rows`` of keyframes ``first`` (m,) with ``columns`` of their next ones, ``last``."""
+    k = np.minimum(first, len(covariance.gain) - 1)
+    gain = covariance.gain[k[:, None], rows]
+    return np.asarray(gain @ covariance.marginal[last[:, None], :, columns].swapaxes(1, 2))
 
 
 def _columns(kind: Kind, sensor: int = 0) -> np.ndarray:
