@@ -34,7 +34,7 @@ def trajectory(until_s: float, rate_hz: float) -> pd.DataFrame:
 
 @pytest.mark.parametrize("name", ["line", "gnss", "trolley"])
 def test_what_comes_before_a_fault_is_as_it_was(tools: SimpleNamespace, name: str) -> None:
-    own = tools.base_cases.ground(name)
+    own = tools.base_cases.base_case(name)
     for kind, damage in tools.fault_injection.DAMAGES.items():
         for seed in range(3):
             damaged = damage(own, np.random.default_rng(seed))
@@ -53,7 +53,7 @@ def test_what_comes_before_a_fault_is_as_it_was(tools: SimpleNamespace, name: st
 
 
 def test_every_fault_does_something(tools: SimpleNamespace) -> None:
-    own = tools.base_cases.ground("gnss")
+    own = tools.base_cases.base_case("gnss")
     for kind, damage in tools.fault_injection.DAMAGES.items():
         damaged = damage(own, np.random.default_rng(1)).stream.tables
         same = all(
@@ -65,7 +65,7 @@ def test_every_fault_does_something(tools: SimpleNamespace) -> None:
 
 def test_raw_rows_and_lines_hold_what_canonical_ones_do(tools: SimpleNamespace) -> None:
     for name in ("gnss", "trolley"):
-        own = tools.base_cases.ground(name)
+        own = tools.base_cases.base_case(name)
         given = Counter({table: len(rows.at) for table, rows in own.stream.tables.items()})
         came: Counter[str] = Counter()
         for batch in own.stream.source():
@@ -74,7 +74,7 @@ def test_raw_rows_and_lines_hold_what_canonical_ones_do(tools: SimpleNamespace) 
 
 
 def test_losses_are_seen(tools: SimpleNamespace) -> None:
-    own = tools.base_cases.ground("line")
+    own = tools.base_cases.base_case("line")
     damaged = tools.fault_injection.none(own, np.random.default_rng(0))
     rows = sum(len(table.at) for table in own.stream.tables.values())
     filtered, smoothed = trajectory(60.0, 2.0), trajectory(60.0, 10.0)
@@ -96,7 +96,7 @@ def test_losses_are_seen(tools: SimpleNamespace) -> None:
 
 
 def test_errors_are_taken_where_the_clock_of_the_stream_says(tools: SimpleNamespace) -> None:
-    own = tools.base_cases.ground("line")
+    own = tools.base_cases.base_case("line")
     truth = own.run.truth
     damaged = tools.fault_injection.Damaged(own.stream, 20.0, 20.0, "", ahead_s=5.0)
     later = truth[truth["t_s"] > 30.0]

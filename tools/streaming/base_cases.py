@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 from streaming.arrivals import Form, stream_of
-from streaming.fault_injection import Ground
+from streaming.fault_injection import BaseCase
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import scenario, simulate
@@ -18,7 +18,7 @@ REST_S = 9.0
 LAG_S = 8.0
 CONFIG = SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
 
-_GROUNDS: dict[str, tuple[str, float, Form]] = {
+_SCENARIOS: dict[str, tuple[str, float, Form]] = {
     "line": ("mainline", 100.0, "canonical"),
     "gnss": ("mainline-gnss", 100.0, "raw"),
     "trolley": ("trolley", 4.0, "json"),
@@ -27,15 +27,15 @@ _GROUNDS: dict[str, tuple[str, float, Form]] = {
 }
 """Scenario, spacing of the balises in m, and form."""
 
-GROUNDS = tuple(_GROUNDS)
+BASE_CASES = tuple(_SCENARIOS)
 
 
 @cache
-def ground(name: str, seed: int = 0) -> Ground:
+def base_case(name: str, seed: int = 0) -> BaseCase:
     """The run of that name, which starts early and passes balises often."""
-    scenario_name, spacing_m, form = _GROUNDS[name]
+    scenario_name, spacing_m, form = _SCENARIOS[name]
     run = simulate(_early(scenario(scenario_name), spacing_m), seed=seed, duration_s=DURATION_S)
-    return Ground(name, run, stream_of(run.recording, form))
+    return BaseCase(name, run, stream_of(run.recording, form))
 
 
 def _early(plan: Scenario, spacing_m: float) -> Scenario:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import pandas as pd
 from benchmark import Figure, Part, at_least, at_most
 
-from streaming.base_cases import GROUNDS
+from streaming.base_cases import BASE_CASES
 from streaming.faults import CHECKS, Outcome, outcomes
 
 THROWN = 10
@@ -20,8 +20,8 @@ TOOK_OVER = ("by-window", "by-batch", "restarted")
 
 
 def cases(first_seed: int) -> list[tuple[str, int]]:
-    """Steps that throw, on every ground; and the start with GNSS."""
-    start = first_seed + (GROUNDS.index("gnss") - first_seed) % len(GROUNDS)
+    """Steps that throw, on every base case; and the start with GNSS."""
+    start = first_seed + (BASE_CASES.index("gnss") - first_seed) % len(BASE_CASES)
     return [("none", start), *(("throw", first_seed + i) for i in range(THROWN))]
 
 

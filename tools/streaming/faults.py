@@ -32,8 +32,8 @@ import numpy as np
 import pandas as pd
 
 from streaming.arrivals import Stream
-from streaming.base_cases import CONFIG, GROUNDS, LAG_S, ground
-from streaming.fault_injection import DAMAGES, Damaged, Ground
+from streaming.base_cases import BASE_CASES, CONFIG, LAG_S, base_case
+from streaming.fault_injection import DAMAGES, BaseCase, Damaged
 from streaming.kill_and_resume import BREAKS
 from streaming.run_tables import tables_of
 from trackfg import FixedLagSmoother
@@ -86,9 +86,9 @@ def streamed(stream: Stream) -> Streamed:
 
 
 def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) -> Outcome:
-    """One case; ``undamaged`` are the tables of the grounds."""
+    """One case; ``undamaged`` are the tables of the base cases."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
-    own = ground(GROUNDS[seed % len(GROUNDS)])
+    own = base_case(BASE_CASES[seed % len(BASE_CASES)])
     outcome = Outcome(kind, seed, own.name)
     start = time.perf_counter()
     try:
@@ -108,7 +108,7 @@ def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) ->
     return outcome
 
 
-def judge(outcome: Outcome, own: Ground, damaged: Damaged, result: Streamed, reference: pd.DataFrame) -> None:
+def judge(outcome: Outcome, own: BaseCase, damaged: Damaged, result: Streamed, reference: pd.DataFrame) -> None:
     """Fill in what was not passed, and the errors over sigma."""
     filtered, smoothed = result.tables.get("filtered"), result.tables.get("smoothed")
     if filtered is None or smoothed is None:
@@ -171,7 +171,7 @@ def _losses(damaged: Damaged, result: Streamed, filtered: pd.DataFrame, smoothed
             yield f"{name}: NaN in {', '.join(wrong)}"
 
 
-def errors(own: Ground, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -> Iterator[tuple[str, Array, Array]]:
+def errors(own: BaseCase, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -> Iterator[tuple[str, Array, Array]]:
     """Of each quantity the errors of the rows, less what cannot be told, and their sigmas."""
     truth, t = own.run.truth, table["t_s"].to_numpy() - ahead_s
     clock = truth["t_s"].to_numpy()
@@ -184,7 +184,7 @@ def errors(own: Ground, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -
 
 
 def undamaged(names: Sequence[str], jobs: int) -> dict[str, dict[str, pd.DataFrame]]:
-    """The tables of some grounds as they are."""
+    """The tables of some base cases as they are."""
     tables = dict(_each_in_a_process([(_undamaged, (name,)) for name in names], jobs))
     for i, name in enumerate(names):
         if "filtered" not in tables[i]:
@@ -193,21 +193,21 @@ def undamaged(names: Sequence[str], jobs: int) -> dict[str, dict[str, pd.DataFra
 
 
 def _undamaged(name: str) -> dict[str, pd.DataFrame]:
-    return streamed(ground(name).stream).tables
+    return streamed(base_case(name).stream).tables
 
 
 def outcomes(cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:
     """Of every case, as they come."""
-    names = [name for i, name in enumerate(GROUNDS) if any(seed % len(GROUNDS) == i for _, seed in cases)]
+    names = [name for i, name in enumerate(BASE_CASES) if any(seed % len(BASE_CASES) == i for _, seed in cases)]
     for name in names:
-        ground(name)  # here, for all processes
+        base_case(name)  # here, for all processes
     references = undamaged(names, jobs)
     calls = [(case, (kind, seed, references)) for kind, seed in cases]
     for i, outcome in _each_in_a_process(calls, jobs):
         if isinstance(outcome, Outcome):
             yield outcome
         else:
-            yield Outcome(*cases[i], GROUNDS[cases[i][1] % len(GROUNDS)], failed=outcome)
+            yield Outcome(*cases[i], BASE_CASES[cases[i][1] % len(BASE_CASES)], failed=outcome)
 
 
 def _each_in_a_process(calls: Sequence[tuple[Callable, tuple]], jobs: int) -> Iterator[tuple[int, object]]:

@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from streaming.base_cases import CONFIG, DURATION_S, LAG_S
-from streaming.fault_injection import Ground
+from streaming.fault_injection import BaseCase
 from trackfg import FixedLagSmoother
 from trackfg.errors import OutputError
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
@@ -34,15 +34,15 @@ from trackfg.streaming.sinks.sink import TABLES, Callback, JsonLines, Sink
 from trackfg.streaming.sources.source import Batch, Source
 
 Tables = dict[str, pd.DataFrame]
-Break = Callable[[Ground, np.random.Generator, Tables], tuple[str, dict[str, str]]]
-"""From a ground, a generator and what the stream writes when nothing happens: what was done, and what went wrong."""
+Break = Callable[[BaseCase, np.random.Generator, Tables], tuple[str, dict[str, str]]]
+"""From a base case, a generator and what the stream writes when nothing happens: what was done, and what went wrong."""
 
 MOST_KILLS = 4
 ROWS_PER_PART = (20, 400)
 CHECKPOINT_S = (2.0, 20.0)
 
 
-def kill(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
+def kill(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
     """Killed and resumed some times, at any moments."""
     kills = int(rng.integers(1, MOST_KILLS + 1))
     rows_per_part, every_s = int(rng.integers(*ROWS_PER_PART)), float(rng.uniform(*CHECKPOINT_S))
@@ -59,7 +59,7 @@ def kill(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dic
         return said, _undisturbed(own, folder, whole, rows_per_part, every_s, "resumed")
 
 
-def disk_full(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
+def disk_full(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
     """Parquet parts, or lines in a file, on a disk that has no room for them until it is made."""
     lines = bool(rng.random() < 0.5)
     room = int(np.exp(rng.uniform(np.log(1e3), np.log(4e5 if lines else 3e4))))
@@ -79,7 +79,7 @@ def disk_full(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str
 
 
 def _undisturbed(
-    own: Ground, folder: Path, whole: Tables, rows_per_part: int, every_s: float, when: str
+    own: BaseCase, folder: Path, whole: Tables, rows_per_part: int, every_s: float, when: str
 ) -> dict[str, str]:
     """What is wrong after going on to the end."""
     code = _in_a_process(_written, own, folder, rows_per_part, every_s, None)
@@ -89,7 +89,7 @@ def _undisturbed(
     return {"before": failed} if failed else {}
 
 
-def refused(own: Ground, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
+def refused(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
     """A sink of somebody's own, or a device, that says that it is full."""
     if rng.random() < 0.5:
         said = "lines to a device that is full"
@@ -128,7 +128,7 @@ _REFUSED = 3
 _PART_ROWS, _EVERY_S = 100, 5.0
 
 
-def _smoother(own: Ground) -> FixedLagSmoother:
+def _smoother(own: BaseCase) -> FixedLagSmoother:
     return FixedLagSmoother(own.stream.description, CONFIG, lag_s=LAG_S)
 
 
@@ -153,7 +153,9 @@ class _Killing:
             yield batch
 
 
-def _written(own: Ground, folder: Path, rows_per_part: int, every_s: float, moment: tuple[float, float] | None) -> None:
+def _written(
+    own: BaseCase, folder: Path, rows_per_part: int, every_s: float, moment: tuple[float, float] | None
+) -> None:
     """The stream into a folder, from its last checkpoint if it has one. ``moment`` of its end: at which part of what
     is left of it, and how many seconds after.
     """
@@ -171,11 +173,11 @@ def _written(own: Ground, folder: Path, rows_per_part: int, every_s: float, mome
     stream.run(sink, checkpoints)
 
 
-def _parts_written(own: Ground, folder: Path, room: int) -> None:
+def _parts_written(own: BaseCase, folder: Path, room: int) -> None:
     _with_room(room, lambda: _written(own, folder, _PART_ROWS, _EVERY_S, None))
 
 
-def _lines_written(own: Ground, folder: Path, room: int) -> None:
+def _lines_written(own: BaseCase, folder: Path, room: int) -> None:
     def write() -> None:
         sink: Sink = JsonLines(folder / _LINES)
         run_stream(own.stream.source(), _smoother(own), sink)
