@@ -15,3 +15,8 @@ class UnsolvableError(TrackfgError):
 
 class OutputError(TrackfgError):
     """Output that cannot be written: a full disk, a closed pipe, no permission. What was written before is whole."""
+
+
+def printable(text: str) -> str:
+    """Return a text of a file with its control characters escaped, as ``\\x1b``, so that none reaches a terminal."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from trackfg.cli.tables import named_values, titled
+from trackfg.errors import printable
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 from trackfg.numerics.arrays import Array
 
@@ -55,7 +56,7 @@ def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
         "versions": records(versions),
         "software": dict(feature_map.software),
     }
-    return json.dumps(content, indent=2, ensure_ascii=False)
+    return _json(content)
 
 
 def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[RenderableType]:
@@ -91,7 +92,7 @@ def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
         "cells_added": found.cells_added,
         "cells_removed": found.cells_removed,
     }
-    return json.dumps(content, indent=2, ensure_ascii=False)
+    return _json(content)
 
 
 def of_changes(changes: Changes) -> Iterator[RenderableType]:
@@ -153,7 +154,7 @@ def _overview(feature_map: FeatureMap) -> RenderableType:
     stretches = _stretches(feature_map)
     rows = {
         "map": _which(feature_map),
-        "written": feature_map.written_at or "",
+        "written": printable(feature_map.written_at or ""),
         "covers": ", ".join(f"{first:.2f} to {last:.2f} m" for first, last in stretches) or "nothing",
         "length": f"{sum(last - first for first, last in stretches) / 1e3:.3f} km, {len(feature_map.grid)} cells",
         "runs": f"{len(feature_map.runs)}; {fewest} to {most} in a cell",
@@ -164,13 +165,13 @@ def _overview(feature_map: FeatureMap) -> RenderableType:
         "gauge": f"{meaning.gauge_m:g} m, cross-level over {meaning.cross_level_base_m:g} m",
         "bases": f"curvature {meaning.curvature_base_m:g} m, gradient {meaning.gradient_base_m:g} m, "
         f"versines {meaning.chord_m:g} m",
-        "software": ", ".join(f"{package} {version}" for package, version in feature_map.software.items()),
+        "software": printable(", ".join(f"{package} {version}" for package, version in feature_map.software.items())),
     }
     return named_values("Map", rows)
 
 
 def _which(feature_map: FeatureMap) -> str:
-    return f"{feature_map.name}, version {feature_map.version}"
+    return printable(f"{feature_map.name}, version {feature_map.version}")
 
 
 def _stretches(feature_map: FeatureMap) -> list[tuple[float, float]]:
@@ -217,7 +218,7 @@ def _runs(feature_map: FeatureMap) -> RenderableType:
     for row in _rows(feature_map.runs):
         recording = row.recording_id if row.recording_id != row.run_id else ""
         table.add_row(
-            Text("\n".join(filter(None, (row.run_id, recording, row.start)))),
+            Text("\n".join(printable(text) for text in (row.run_id, recording, row.start) if text)),
             "up" if row.direction > 0 else "down",
             _with_sd(row.offset_m, row.offset_m_sd, 2),
             _with_sd(1e6 * (row.scale - 1.0), 1e6 * row.scale_sd, 0),
@@ -236,12 +237,12 @@ def _landmarks(title: str, landmarks: pd.DataFrame) -> RenderableType:
     for row in _rows(landmarks):
         kind = "" if row.landmark_id.endswith(row.kind) else row.kind
         table.add_row(
-            Text(" ".join(filter(None, (row.landmark_id, kind, row.name, row.sense[:1].upper())))),
+            _text(" ".join(filter(None, (row.landmark_id, kind, row.name, row.sense[:1].upper())))),
             _with_sd(row.chainage_m, row.chainage_m_sd, 2),
             _with_sd(row.radius_m, row.radius_m_sd, 1),
             _with_sd(row.cant_mm, row.cant_mm_sd, 1),
             _with_sd(row.transition_length_m, row.transition_length_m_sd, 1),
-            Text(row.law),
+            _text(row.law),
             str(row.observations),
         )
     return table
@@ -258,7 +259,7 @@ def _versions(versions: pd.DataFrame) -> RenderableType:
         table.add_column(heading)
     for row in _rows(versions):
         parent = "" if pd.isna(row.parent) else str(row.parent)
-        table.add_row(str(row.version), parent, row.written_at, str(row.runs), Text(row.trackfg))
+        table.add_row(str(row.version), parent, _text(row.written_at), str(row.runs), _text(row.trackfg))
     return table
 
 
@@ -278,8 +279,8 @@ def _moved(moved: pd.DataFrame) -> RenderableType:
     for row in _rows(shown):
         _, unit = _shown_in(row.quantity)
         table.add_row(
-            Text(row.landmark_id),
-            Text(row.kind),
+            _text(row.landmark_id),
+            _text(row.kind),
             _label(row.quantity, unit),
             f"{row.a:.2f}",
             f"{row.b:.2f}",
@@ -331,6 +332,17 @@ def _with_sd(value: float, sd: float, digits: int) -> str:
     if not np.isfinite(value):
         return ""
     return f"{value:.{digits}f}" + (f" ± {sd:.{digits}f}" if np.isfinite(sd) else "")
+
+
+def _text(text: str) -> Text:
+    """Return a text of a map without markup and control characters."""
+    return Text(printable(text))
+
+
+def _json(content: dict[str, Any]) -> str:
+    """Return JSON whose characters a terminal can show; others are escaped."""
+    lines = json.dumps(content, indent=2, ensure_ascii=False).split("\n")
+    return "\n".join("".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line) for line in lines)
 
 
 def _rows(table: pd.DataFrame) -> Iterator[Any]:

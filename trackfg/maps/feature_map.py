@@ -84,6 +84,13 @@ INTEGER_COLUMNS = frozenset(("observations", "direction"))
 
 _EVERYWHERE_KNOWN = ("chainage_m", "chainage_m_sd", "observations", "direction")
 _SIGMA_AGREES = 1e-6
+"""Relative difference up to which the covariance's diagonal is the square of the sigmas: rounding."""
+_FURTHEST_M = 1e7
+"""Greatest chainage of a map, m: longer than any railway, and short enough for a profile without gaps in memory."""
+_GREATEST = 1e9
+"""Greatest number in a table that is no sigma: its square and products of it stay finite."""
+_GREATEST_SD = 1e100
+"""Greatest sigma: its square stays finite."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +103,11 @@ class MapConventions:
     gradient_base_m: float
     chord_m: float
     step_m: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name, length in vars(self).items():
+            if not (isinstance(length, int | float) and 0.0 < length < _FURTHEST_M):
+                raise ValueError(f"{name} is {length!r}: expected a length in m")
 
 
 @dataclass(frozen=True)
@@ -146,8 +158,13 @@ class FeatureMap:
     written_at: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        if "\0" in self.name:
+        if not isinstance(self.name, str) or "\0" in self.name:
             raise ValueError(f"name {self.name!r}: expected text")
+        if not all(isinstance(text, str) for text in self.software.values()):
+            raise ValueError(f"software {dict(self.software)!r}: expected versions as text")
+        has_head = isinstance(self.written_at, str | None) and isinstance(self.parent, int | None)
+        if not has_head:
+            raise ValueError(f"written_at {self.written_at!r}, parent {self.parent!r}: expected a time and a version")
         for what, table, columns in (
             ("landmarks", self.landmarks, LANDMARK_COLUMNS),
             ("grid", self.grid, GRID_COLUMNS),
@@ -167,6 +184,8 @@ class FeatureMap:
             raise ValueError("landmarks: expected every landmark_id once")
         _one_of("landmarks", table["kind"], (*CURVE_POINTS, FIX))
         _one_of("landmarks", table["sense"], ("left", "right", ""))
+        if np.any(table["radius_m"] <= 0.0):
+            raise ValueError("landmarks: radius_m: expected positive numbers")
         if not table["chainage_m"].is_monotonic_increasing:
             raise ValueError("landmarks: expected ascending chainage_m")
         if self.covariance.shape != (n, n):
@@ -207,6 +226,9 @@ def _check_table(what: str, table: pd.DataFrame, columns: tuple[str, ...]) -> No
             raise ValueError(f"{what}: {name}: expected finite numbers")
         if name.endswith("_sd") and np.any(values[finite] < 0.0):
             raise ValueError(f"{what}: {name}: expected no negative sigma")
+        greatest = _FURTHEST_M if name == "chainage_m" else _GREATEST_SD if name.endswith("_sd") else _GREATEST
+        if np.any(np.abs(values[finite]) > greatest):
+            raise ValueError(f"{what}: {name}: expected numbers up to {greatest:g}")
     for name in TEXT_COLUMNS.intersection(columns):
         if not all(isinstance(text, str) and "\0" not in text for text in table[name]):
             raise ValueError(f"{what}: {name}: expected text")

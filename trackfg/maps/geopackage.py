@@ -127,6 +127,18 @@ def publish(connection: sa.Connection, version: int, drawn: tuple[Layer, ...]) -
             connection.execute(table.insert(), rows)
 
 
+def check_triggers(connection: sa.Connection, schema: Schema) -> None:
+    """Raise ``ValueError`` for a trigger on a table that a write changes: it would run what a stranger put into it.
+
+    Triggers on the layers are a GIS's spatial index and go with them.
+    """
+    written = {*schema.metadata.tables, "gpkg_contents", "gpkg_geometry_columns", "gpkg_extensions"}
+    triggers = connection.exec_driver_sql("SELECT name, tbl_name FROM sqlite_master WHERE type = 'trigger'").all()
+    for name, table in triggers:
+        if str(table).lower() in written:
+            raise ValueError(f"trigger {name!r} on table {str(table)!r}: expected none")
+
+
 def _remove(connection: sa.Connection, name: str) -> None:
     connection.exec_driver_sql(f'DROP TABLE IF EXISTS "{name}"')
     connection.exec_driver_sql(f'DROP TABLE IF EXISTS "rtree_{name}_geom"')

@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 import sqlalchemy as sa
 
-from trackfg.errors import BadInputError, TrackfgError
+from trackfg.errors import BadInputError, TrackfgError, printable
 from trackfg.maps.schema import Schema, map_schema
 
 DEFAULT_SCHEMA = "trackfg"
@@ -58,6 +58,8 @@ class Location:
                 yield connection
         except sa.exc.DBAPIError as error:
             raise self._explained(error) from error
+        except UnicodeError as error:
+            raise BadInputError(f"{self.shown}: a name in it is no text; expected a feature map") from error
         finally:
             engine.dispose()
 
@@ -70,7 +72,7 @@ class Location:
 
         def open_file() -> sqlite3.Connection:
             connection = sqlite3.connect(uri, uri=True, timeout=_LOCK_WAIT_S, isolation_level=None)
-            connection.execute("PRAGMA trusted_schema = OFF")  # views and triggers of a stranger's file run nothing
+            connection.execute("PRAGMA trusted_schema = OFF")  # functions in a file's schema have no side effects
             connection.execute("PRAGMA cache_spill = OFF")  # readers wait for the commit alone, not for the whole write
             return connection
 
@@ -90,7 +92,7 @@ class Location:
             raise TrackfgError(f"{self.shown}: needs a driver: pip install 'trackfg[postgres]'") from error
 
     def _explained(self, error: sa.exc.DBAPIError) -> TrackfgError:
-        reason = " ".join(str(error.orig).split())
+        reason = printable(" ".join(str(error.orig).split()))
         if "locked" in reason and self.path is not None:
             return TrackfgError(f"{self.shown}: another process has kept it locked for {_LOCK_WAIT_S:g} s")
         return BadInputError(f"{self.shown}: {reason}")
@@ -124,7 +126,11 @@ def _database(text: str) -> Location:
     if "@" in f"{url.host}{url.database}":  # a password with an @ or a / in it, part of which is taken for these
         raise BadInputError(f"not a URL of a database: {expected}. Hint: write @ as %40 and / as %2F in a password")
     schema = url.query.get("schema", DEFAULT_SCHEMA)
-    if not isinstance(schema, str) or not re.fullmatch(r"[a-z_][a-z0-9_]{0,62}", schema) or schema.startswith("pg_"):
+    if (
+        not isinstance(schema, str)
+        or not re.fullmatch(r"[a-z_][a-z0-9_]{0,62}", schema)
+        or schema.startswith(("pg_", "information_schema"))
+    ):
         raise BadInputError(f"schema {schema!r}: expected one name of small letters, digits and underscores")
     shown = url.set(drivername="postgresql", query={"schema": schema}).render_as_string(hide_password=True)
     driver = url.set(drivername="postgresql+psycopg").difference_update_query(["schema"])

@@ -12,13 +12,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import sqlalchemy as sa
 from pydantic import JsonValue
 
-from trackfg.errors import BadInputError, TrackfgError
+from trackfg.errors import BadInputError, TrackfgError, printable
 from trackfg.maps import geopackage, postgres
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.maps.layers import LAYERS, layers
@@ -26,8 +27,9 @@ from trackfg.maps.location import Location, locate
 from trackfg.maps.rows import get_matrix, insert_frame, put_matrix, read_frame
 from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS
 
-_FAMILY = FORMAT.split("/")[0] + "/"
 _RIGHT_HAND_SIDE = "d"
+_DAMAGE = (ValueError, TypeError, OverflowError, RecursionError)
+"""Exceptions of reading what no map holds: other types, infinite integers, JSON nested too deep."""
 
 
 class MapConflictError(TrackfgError):
@@ -62,8 +64,8 @@ def read_map(location: str | os.PathLike[str], version: int | None = None) -> Fe
             raise BadInputError(f"{place.shown}: holds {there}" + ("" if version is None else f", not {version}"))
         try:
             return _read(connection, place, row)
-        except (ValueError, TypeError) as error:
-            raise BadInputError(f"{place.shown}: version {wanted} is damaged: {error}") from error
+        except _DAMAGE as error:
+            raise BadInputError(f"{place.shown}: version {wanted} is damaged: {printable(str(error))}") from error
 
 
 def newest_version(location: str | os.PathLike[str]) -> int | None:
@@ -97,8 +99,11 @@ def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
         ).all()
     table = pd.DataFrame(found, columns=["version", "parent", "written_at", "name", "runs", "software"])
     table["parent"] = table["parent"].astype("Int64")
-    table["trackfg"] = [str(json.loads(text).get("trackfg", "")) for text in table.pop("software")]
-    return table
+    try:
+        table["trackfg"] = [_object("software", text).get("trackfg", "") for text in table.pop("software")]
+    except _DAMAGE as error:
+        raise BadInputError(f"{place.shown}: its table of versions is damaged: {printable(str(error))}") from error
+    return table.astype(dict.fromkeys(("written_at", "name", "trackfg"), "str"))
 
 
 def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, parent: int | None) -> FeatureMap:
@@ -119,6 +124,11 @@ def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, pare
             connection.execute(place.schema.format.insert(), {"fid": 1, "format": FORMAT})
         else:
             _require_map(connection, place)
+        if place.path is not None:
+            try:
+                geopackage.check_triggers(connection, place.schema)
+            except ValueError as error:
+                raise BadInputError(f"{place.shown}: {error}") from error
         newest = _newest(connection, place)
         if newest != parent:
             raise MapConflictError(place.shown, parent, newest)
@@ -129,6 +139,14 @@ def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, pare
 
 def _json(content: Mapping[str, JsonValue]) -> str:
     return json.dumps(dict(content), allow_nan=False, ensure_ascii=False)
+
+
+def _object(what: str, text: str) -> dict[str, Any]:
+    """Return the object that a text of JSON has. Raises ``ValueError`` or ``TypeError`` for anything else."""
+    content = json.loads(text)
+    if not isinstance(content, dict):
+        raise TypeError(f"{what}: expected a JSON object")
+    return content
 
 
 def _table_names(connection: sa.Connection, place: Location) -> set[str]:
@@ -156,8 +174,8 @@ def _require_map(connection: sa.Connection, place: Location) -> None:
     tables = place.schema.metadata.sorted_tables
     if place.schema.format.name in there:
         found = connection.execute(sa.select(place.schema.format.c.format)).scalar()
-        if isinstance(found, str) and found.startswith(_FAMILY) and found != FORMAT:
-            raise BadInputError(f"{place.shown}: has format {found}; this version of trackfg reads {FORMAT}")
+        if found != FORMAT:
+            raise BadInputError(f"{place.shown}: has format {found!r}; this version of trackfg reads {FORMAT}")
     if missing := sorted({table.name for table in tables} - there):
         expected = "expected a feature map"
         if len(missing) == len(tables):
@@ -236,8 +254,8 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
         line=read_frame(connection, schema.line, version),
         runs=runs,
         information=information,
-        configuration=json.loads(row.configuration),
-        software=json.loads(row.software),
+        configuration=_object("configuration", row.configuration),
+        software=_object("software", row.software),
         origin=None if None in origin else (float(origin[0]), float(origin[1]), float(origin[2])),
         version=version,
         parent=row.parent,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import sqlite3
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -256,3 +257,28 @@ def test_no_password_is_shown_of_what_is_no_url(run: Run, place: str, short_run:
         assert "s3cr3t" not in out + err
         assert "expected" in err
         assert len(err.splitlines()) == 1
+
+
+def test_nothing_of_a_map_controls_the_terminal(run: Run, make_map: MakeMap, tmp_path: Path) -> None:
+    path, evil = tmp_path / "line.gpkg", "\x1b]0;OWNED\x07\x1b[31m[bold][/x]\u202e\x9b"
+    made = make_map(cells=41)
+    landmarks = made.landmarks.assign(name=evil)
+    runs = made.runs.assign(recording_id=evil, start=evil)
+    write_map(dataclasses.replace(made, name=evil, landmarks=landmarks, runs=runs), path, parent=None)
+    write_map(
+        dataclasses.replace(made, name=evil, landmarks=landmarks.iloc[:0], covariance=np.zeros((0, 0))), path, parent=1
+    )
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE map_versions SET written_at = ?, software = json_object('trackfg', ?)", (evil, evil))
+    for arguments in (("show", path), ("show", path, "--version", 1), ("diff", path), ("show", path, "--json")):
+        status, out, err = run(*arguments)
+        assert (status, err) == (0, "")
+        assert all(c.isprintable() or c == "\n" for c in out)
+        assert "OWNED" in out
+        if "--json" in arguments:
+            assert json.loads(out)["name"] == evil
+        else:
+            assert "[31m[bold][/x]" in out.replace("\n", "")
+    status, out, err = run("diff", path, "--to-version", 1)
+    assert status == 2
+    assert err.strip().isprintable()

@@ -34,7 +34,7 @@ def changed(table: pd.DataFrame, column: str, value: Any) -> pd.DataFrame:
         ("landmarks", lambda table: changed(table, "kind", "BVC"), "kind: expected one of 'BTC'"),
         ("landmarks", lambda table: changed(table, "sense", "L"), "sense: expected one of 'left'"),
         ("landmarks", lambda table: changed(table, "landmark_id", table["landmark_id"][1]), "every landmark_id once"),
-        ("landmarks", lambda table: changed(table, "chainage_m", 1e9), "landmarks: expected ascending chainage_m"),
+        ("landmarks", lambda table: changed(table, "chainage_m", 1e6), "landmarks: expected ascending chainage_m"),
         ("landmarks", lambda table: changed(table, "chainage_m_sd", 9.0), "covariance: expected the squares"),
         ("landmarks", lambda table: changed(table, "chainage_m", np.nan), "chainage_m: expected finite numbers"),
         ("landmarks", lambda table: table.assign(name=None), "name: expected text"),

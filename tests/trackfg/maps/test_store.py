@@ -358,7 +358,7 @@ def test_refuses_to_write(make_map: MakeMap, tmp_path: Path, monkeypatch: pytest
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
-        ("UPDATE map_format SET format = 'trackfg-map/2'", "has format trackfg-map/2; this version of trackfg reads"),
+        ("UPDATE map_format SET format = 'trackfg-map/2'", "has format 'trackfg-map/2'; this version of trackfg reads"),
         ("DROP TABLE map_grid", "table map_grid is missing"),
         ("ALTER TABLE map_grid DROP COLUMN cant_mm", "cant_mm"),
         ("DELETE FROM map_versions", "holds no version"),
@@ -370,6 +370,22 @@ def test_refuses_to_write(make_map: MakeMap, tmp_path: Path, monkeypatch: pytest
         ("UPDATE map_landmarks SET chainage_m_sd = 3", "covariance: expected the squares"),
         ("UPDATE map_grid SET chainage_m = 'x'", "version 1 is damaged"),
         ("DELETE FROM map_landmarks WHERE kind = 'fix'", "covariance is of other landmarks"),
+        ("UPDATE map_format SET format = 'evil'", "has format 'evil'"),
+        ("UPDATE map_format SET format = ''", "has format ''"),
+        ("UPDATE map_versions SET configuration = '[]'", "configuration: expected a JSON object"),
+        ("UPDATE map_versions SET software = '{\"trackfg\": 1}'", "expected versions as text"),
+        (f"UPDATE map_versions SET configuration = '{'[' * 100000}'", "version 1 is damaged"),
+        ("UPDATE map_versions SET gauge_m = 'wide'", "gauge_m is 'wide': expected a length"),
+        ("UPDATE map_versions SET chord_m = 0", "chord_m is 0.0: expected a length"),
+        ("UPDATE map_versions SET name = x'ff'", "damaged"),
+        ("UPDATE map_runs SET direction = 9e999", "version 1 is damaged"),
+        ("UPDATE map_grid SET observations = 9e999", "version 1 is damaged"),
+        ("UPDATE map_grid SET cross_level_mm = 1e300", "cross_level_mm: expected numbers up to 1e"),
+        ("UPDATE map_grid SET cross_level_mm_sd = 1e300", "cross_level_mm_sd: expected numbers up to 1e"),
+        ("UPDATE map_grid SET chainage_m = 1e9 WHERE chainage_m = 10", "chainage_m: expected numbers up to 1e"),
+        ("UPDATE map_landmarks SET radius_m = 1e300", "radius_m: expected numbers up to 1e"),
+        ("UPDATE map_landmarks SET radius_m = -5", "radius_m: expected positive numbers"),
+        ("UPDATE map_runs SET offset_m = 1e300", "offset_m: expected numbers up to 1e"),
     ],
 )
 def test_refuses_a_damaged_map(make_map: MakeMap, tmp_path: Path, statement: str, message: str) -> None:
@@ -379,6 +395,35 @@ def test_refuses_a_damaged_map(make_map: MakeMap, tmp_path: Path, statement: str
     with pytest.raises(BadInputError, match=message) as caught:
         read_map(path)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("software", ["[]", "{", "7", "[" * 100000])
+def test_a_damaged_list_of_versions(make_map: MakeMap, tmp_path: Path, software: str) -> None:
+    path = tmp_path / "line.gpkg"
+    write_map(make_map(cells=41), path, parent=None)
+    sqlite(path, f"UPDATE map_versions SET software = '{software}'")
+    with pytest.raises(BadInputError, match="table of versions is damaged"):
+        read_versions(path)
+
+
+@pytest.mark.parametrize("table", ["map_versions", "MAP_GRID", "map_matrices", "gpkg_contents"])
+def test_a_strangers_triggers_do_not_run(make_map: MakeMap, tmp_path: Path, table: str) -> None:
+    path = tmp_path / "line.gpkg"
+    write_map(make_map(cells=41), path, parent=None)
+    sqlite(path, f"CREATE TRIGGER evil AFTER INSERT ON {table} BEGIN DELETE FROM map_grid; END")
+    with pytest.raises(BadInputError, match=r"trigger 'evil' on table .*: expected none"):
+        write_map(make_map(cells=41), path, parent=1)
+    assert len(read_map(path).grid) == 41
+
+
+def test_triggers_on_a_layer_and_on_other_tables_stay_allowed(make_map: MakeMap, tmp_path: Path) -> None:
+    """They are a spatial index that a GIS made."""
+    path = tmp_path / "line.gpkg"
+    write_map(make_map(cells=41), path, parent=None)
+    sqlite(path, "CREATE TABLE bridges (fid INTEGER PRIMARY KEY)")
+    for table in ("landmarks", "bridges"):
+        sqlite(path, f"CREATE TRIGGER index_{table} AFTER INSERT ON {table} BEGIN SELECT gis(); END")
+    assert write_map(make_map(cells=41), path, parent=1).version == 2
 
 
 def test_a_newer_format_is_not_written_to(make_map: MakeMap, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from pydantic import JsonValue
 
+from trackfg.errors import BadInputError
 from trackfg.mapping.joining.anchors import chainage_variable, cross_level_variable, offset_variable
 from trackfg.mapping.joining.joint_solution import JointSolution, joint_solution
 from trackfg.mapping.joining.reference_line import Origin
@@ -107,8 +108,16 @@ class Chainages:
 def reopened(feature_map: FeatureMap) -> Survey:
     """Return a finished map as a survey, ready for more runs.
 
-    The variance that the grid's cross-level has from the joint solution is taken out again.
+    The variance that the grid's cross-level has from the joint solution is taken out again. Raises
+    :class:`~trackfg.errors.BadInputError` for a map whose runs' information is not there or does not fit.
     """
+    try:
+        return _reopened(feature_map)
+    except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
+        raise BadInputError(f"map {feature_map.name!r}: the information of its runs is damaged: {error}") from error
+
+
+def _reopened(feature_map: FeatureMap) -> Survey:
     at = Chainages.of(joint_solution(feature_map.information.values()))
     grid = feature_map.grid.drop(columns=["cant_mm", "cant_mm_sd"])
     anchors, place, level, covariance = at.levels()
