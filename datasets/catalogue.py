@@ -315,6 +315,12 @@ def _slippery_lines() -> list[Scenario]:
             summary="the same line with a Doppler radar under the body, silent below 0.5 m/s and 20 times an hour",
             speeds=(radar,),
         ),
+        replace(
+            wet,
+            name="slippery-line-two-axles",
+            summary="the same line with a tachometer on a second axle, whose wheel slips at other places",
+            further_tachs=(replace(wet.tach, wheel_diameter_m=0.83, clock_offset_s=0.03),),
+        ),
     ]
 
 

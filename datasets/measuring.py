@@ -18,12 +18,14 @@ from trackfg.datasets.sensors.imu_errors import ImuErrors
 from trackfg.datasets.vehicle.adhesion import draw_slip
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import RecordingDescription, Tach
+from trackfg.recording.description import FurtherTach, RecordingDescription, Tach
 from trackfg.recording.description import Track as TrackDescription
 from trackfg.recording.model import Recording
 
-Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders", "speeds"]
+Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders", "speeds", "further_tachs"]
 Kept = Literal["imu", "tach"]
+
+_RECORDED_AS: dict[str, TableName] = {"speed": "speeds", "tach": "further_tachs"}
 
 LONGITUDE_DEG = 139.0
 """Where a scenario with a latitude has its origin, on the ellipsoid (gravity is that of height 0)."""
@@ -49,6 +51,7 @@ class Measurement:
     wheel_scale: float
     slips: pd.DataFrame | None
     speed_scales: tuple[float, ...] = ()
+    further_wheel_scales: tuple[float, ...] = ()
 
 
 def measure(
@@ -75,6 +78,7 @@ def measure(
     if errors is not None:
         gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
     wheel = _wheel(plan, ride, duration_s, streams)
+    further = _further_wheels(plan, ride, duration_s, streams)
     fixes, gnss = _positions(plan, ride, duration_s, streams)
     speeds, speed_scales = _speeds(plan, ride, duration_s, streams)
     laser_rng = None if streams is None else streams.run["lasers"]
@@ -92,6 +96,7 @@ def measure(
                 sensor_id=sensor_id,
             ),
             tach=wheel.description,
+            further_tach=tuple(FurtherTach(**vars(one.description)) for one in further),
             fixes=None if fixes is None else tables.fixes_description(),
             gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
             speed=tuple(speed_over_ground.speed_description(model, i) for i, model in enumerate(plan.speeds, start=1)),
@@ -103,11 +108,12 @@ def measure(
         gnss=gnss,
         lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
         gnss_origin=origin,
-        others={f"speed/{i}": table for i, table in enumerate(speeds, start=1)},
+        others={f"speed/{i}": table for i, table in enumerate(speeds, start=1)}
+        | {f"tach/{i}": one.table for i, one in enumerate(further, start=2)},
     )
     if streams is not None:
         recording = _recorded(plan, recording, streams.run["recorders"])
-    return Measurement(recording, errors, wheel.scale, wheel.slips, speed_scales)
+    return Measurement(recording, errors, wheel.scale, wheel.slips, speed_scales, tuple(one.scale for one in further))
 
 
 @dataclass(frozen=True)
@@ -121,8 +127,23 @@ class _Wheel:
 def _wheel(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> _Wheel:
     if streams is None:
         return _Wheel(odometer.ideal_table(ride, plan.tach, duration_s), odometer.ideal_description(plan.tach))
-    scale_rng, slip_rng, pulse_rng = streams.run["tach"].spawn(3)
-    scale = odometer.draw_scale(plan.tach, streams.kept.get("tach", scale_rng))
+    return _rolling(plan, ride, duration_s, streams.run["tach"], streams.kept.get("tach"))
+
+
+def _further_wheels(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> list[_Wheel]:
+    """Of further axles, each with a scale and slips of its own, drawn independently."""
+    plans = [replace(plan, tach=model) for model in plan.further_tachs]
+    if streams is None:
+        return [_wheel(one, ride, duration_s, None) for one in plans]
+    rngs = streams.run["further_tachs"].spawn(len(plans))
+    return [_rolling(one, ride, duration_s, rng, None) for one, rng in zip(plans, rngs, strict=True)]
+
+
+def _rolling(
+    plan: Scenario, ride: Ride, duration_s: float, rng: np.random.Generator, kept_rng: np.random.Generator | None
+) -> _Wheel:
+    scale_rng, slip_rng, pulse_rng = rng.spawn(3)
+    scale = odometer.draw_scale(plan.tach, scale_rng if kept_rng is None else kept_rng)
     slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
     return _Wheel(
         odometer.pulse_table(ride, plan.tach, scale, duration_s, pulse_rng, slip),
@@ -175,7 +196,7 @@ def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) ->
         fixes=None if recording.fixes is None else kept("fixes", recording.fixes),
         gnss=None if recording.gnss is None else kept("gnss", recording.gnss),
         lasers={name: kept("lasers", table) for name, table in recording.lasers.items()},
-        others={name: kept("speeds", table) for name, table in recording.others.items()},
+        others={name: kept(_RECORDED_AS[name.partition("/")[0]], table) for name, table in recording.others.items()},
     )
 
 

@@ -20,7 +20,7 @@ from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Driver
 from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
 
-TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "speeds"]
+TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "speeds", "further_tachs"]
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,7 @@ class Scenario:
     balises: BaliseModel | None = None
     gnss: GnssModel | None = None
     speeds: tuple[SpeedModel, ...] = ()
+    further_tachs: tuple[TachModel, ...] = ()
     recorders: Mapping[TableName, Recorder] = field(default_factory=dict)
     latitude_deg: float | None = None
     chainage_origin_m: float = 0.0

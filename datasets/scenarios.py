@@ -63,6 +63,8 @@ class Simulation:
     """
     speed_scales: tuple[float, ...] = ()
     """Of the sensors of the speed over ground, true speed over measured speed."""
+    further_wheel_scales: tuple[float, ...] = ()
+    """Of the wheels of further axles."""
 
     def write(self, folder: Path | str, table_format: Literal["parquet", "csv"] = "parquet") -> None:
         """Write recording and truth as a recording folder."""
@@ -151,6 +153,7 @@ def simulate(
         mount_rpy_rad=(0.0, 0.0, 0.0) if measured.errors is None else measured.errors.mount_rpy_rad,
         slips=measured.slips,
         speed_scales=measured.speed_scales,
+        further_wheel_scales=measured.further_wheel_scales,
     )
 
 

@@ -289,5 +289,5 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
         prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
-        *sensor_priors(inputs.recording.description),
+        *sensor_priors(inputs.recording.description, config),
     ]

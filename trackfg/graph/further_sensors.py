@@ -20,27 +20,38 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from trackfg.config import SmoothConfig
 from trackfg.factors.family import Family
-from trackfg.factors.further_sensors import speed_distance
+from trackfg.factors.further_sensors import speed_distance, tach_increment
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.prior import prior
 from trackfg.factors.states import Kind
 from trackfg.graph.inputs import GraphInputs
+from trackfg.graph.odometry import creep_variance, response_of_wheels
+from trackfg.graph.wheel_slip import rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
-from trackfg.recording.description import RecordingDescription, Speed, Tach
+from trackfg.recording.canonical import pulse_m
+from trackfg.recording.description import FurtherTach, RecordingDescription, Speed, Tach
 from trackfg.recording.model import TACH_COLUMNS, Recording
+from trackfg.sensors.tach import Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
 """Rows this much older than an interval (s) tell how far apart rows usually are."""
 
-_USUAL_INTERVALS = 3.5
-"""A longer time without a row, in usual intervals, is a silence; as for the tach (:mod:`trackfg.sensors.tach`)."""
 _SWAY_SD_M = 2e-3
 """How far the sensor's place moves along the track besides the reference point, between two keyframes: the body pitches
 by some 1e-3 rad on its springs, under a sensor 2 m below or above. Assumed.
 """
 
+_READ_S = 0.25
+"""A tach is read off at a keyframe from as much before and after (s), as its rate is in :mod:`trackfg.sensors.tach`."""
+_READINGS = 26
+"""As many readings are taken within that: one each 20 ms."""
+_LEAST_ROUNDING_M = 1e-4
+"""Of a reading that is no count (m), as in :mod:`trackfg.sensors.tach`."""
+_NO_ROWS = np.array([[-1e12, 1.0 - 1e12], [0.0, 0.0]])
+"""Times (s, before any run) and values of a table that covers nothing."""
 _GRID_S = 0.1
 """Step of the first guess (s)."""
 _STOP_S = 2.0
@@ -53,26 +64,35 @@ class FurtherSensor(NamedTuple):
     """A sensor with the ``name`` of its table, its ``part`` of the description, and the index of its ``variable``."""
 
     name: str
-    part: Speed
+    part: Speed | FurtherTach
     variable: int
 
 
 def further_sensors(description: RecordingDescription) -> list[FurtherSensor]:
     """Return the further sensors in the order of their variables."""
-    named = [(f"speed/{number}", part) for number, part in enumerate(description.speed, start=1)]
-    return [FurtherSensor(name, part, index) for index, (name, part) in enumerate(named)]
+    speeds: list[tuple[str, Speed | FurtherTach]] = [
+        (f"speed/{number}", part) for number, part in enumerate(description.speed, start=1)
+    ]
+    tachs = [(f"tach/{number}", part) for number, part in enumerate(description.further_tach, start=2)]
+    return [FurtherSensor(name, part, index) for index, (name, part) in enumerate([*speeds, *tachs])]
 
 
-def sensor_priors(description: RecordingDescription) -> Iterator[Family]:
-    """Yield what is declared of each further sensor: scale, and yaw of its mounting."""
+def sensor_priors(description: RecordingDescription, config: SmoothConfig) -> Iterator[Family]:
+    """Yield what is known of each further sensor beforehand: its scale, and the yaw of its mounting or its clock."""
     for sensor in further_sensors(description):
-        sigma = np.array([[sensor.part.scale_sd, np.radians(sensor.part.yaw_sd_deg)]])
+        part = sensor.part
+        other = np.radians(part.yaw_sd_deg) if isinstance(part, Speed) else config.tach.clock_offset_sd_s
+        sigma = np.array([[part.scale_sd, other]])
         yield prior(Kind.SENSOR, np.array([sensor.variable]), np.zeros((1, Kind.SENSOR.dim)), sigma)
 
 
 def measures_speed(recording: Recording) -> bool:
-    """Return whether a further sensor has rows."""
-    return any(len(recording.others.get(sensor.name, ())) > 1 for sensor in further_sensors(recording.description))
+    """Return whether a sensor of the speed over ground has rows."""
+    return any(len(recording.others.get(sensor.name, ())) > 1 for sensor in _speeds(recording))
+
+
+def _speeds(recording: Recording) -> list[FurtherSensor]:
+    return [sensor for sensor in further_sensors(recording.description) if isinstance(sensor.part, Speed)]
 
 
 def with_distance_by_speed(recording: Recording) -> Recording:
@@ -102,11 +122,67 @@ def _sorted(t: Array, values: Array) -> tuple[Array, Array]:
 
 def further_distances(inputs: GraphInputs) -> list[Family]:
     """Return the families of the further sensors, one per sensor, those without rows empty."""
-    return [_speed(inputs, sensor) for sensor in further_sensors(inputs.recording.description)]
+    return [
+        _speed(inputs, sensor, sensor.part) if isinstance(sensor.part, Speed) else _tach(inputs, sensor, sensor.part)
+        for sensor in further_sensors(inputs.recording.description)
+    ]
 
 
-def _speed(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
-    config, part = inputs.config, sensor.part
+def _tach(inputs: GraphInputs, sensor: FurtherSensor, part: FurtherTach) -> Family:
+    """The wheel of a further axle. Its count is read at every keyframe, so two readings are in each interval."""
+    config, at = inputs.config, inputs.t
+    table = inputs.recording.others.get(sensor.name)
+    t, distance = _NO_ROWS if table is None or len(table) < 2 else table[["t_s", "distance_m"]].to_numpy().T
+    longest_s = longest_silence_s(t, config.tach.max_gap_s)
+    k = np.flatnonzero(_heard(t, at - _READ_S, longest_s) & _heard(t, at + _READ_S, longest_s))
+    way = 1.0 if part.signed else np.where(inputs.distance[k] < 0.0, -1.0, 1.0)
+    count, rate, reading_sd = _readings(part, t, distance, at)
+    measured = {
+        "counted": way * np.diff(count)[k],
+        "faster": way * np.diff(rate)[k],
+        "response": response_of_wheels(inputs)[k],
+    }
+    variance = creep_variance(inputs)[k] + (reading_sd[1:] ** 2 + reading_sd[:-1] ** 2)[k]
+    if part.integrates_speed:
+        variance = variance + config.tach.speed_noise_mps**2 * inputs.durations[k]
+    sigma = np.sqrt(variance)[:, None] * config.noise.tach
+    loss = SwitchChain(config.tach.robust_width, config.keyframes.interval_s)
+    family = tach_increment(k, sensor.variable, measured, sigma, loss, sensor.name)
+    if inputs.recording.imu.empty or not k.size:  # one interval of a stream: its window doubts the wheel by itself
+        return family
+    wheel = Wheel(t, distance, _rounding_sd(part, t, distance), 0.0, part.integrates_speed, np.zeros((0, 2)))
+    found = rolling(wheel, inputs.data, inputs.path, inputs.rests, inputs.world.gravity, config)
+    return replace(family, doubtful=found.slips_within(at)[k])
+
+
+def _readings(part: FurtherTach, t: Array, distance: Array, at: Array) -> tuple[Array, Array, Array]:
+    """Return a tach's distance (m) at times ``at`` (m,), s, its rate (m/s) and the sigma of the distance (m), all (m,).
+
+    A parabola is fitted to what is shown shortly before and after. Of n readings with independent roundings its value
+    in the middle has sqrt(9 / (4 n)) of the sigma of one (Savitzky and Golay, "Smoothing and differentiation of data by
+    simplified least squares procedures", Anal. Chem. 36 (1964)); there are no more of them than rows, or than pulses.
+    """
+    offset = np.linspace(-_READ_S, _READ_S, _READINGS)
+    value, slope, _ = np.linalg.pinv(np.vander(offset, 3, increasing=True))
+    shown = np.interp(at[:, None] + offset, t, distance)
+    rounding_sd = _rounding_sd(part, t, distance)
+    pulses = np.ptp(shown, axis=1) / (np.sqrt(12.0) * rounding_sd)
+    independent = np.minimum(pulses, 2.0 * _READ_S / median_interval(t))
+    reading_sd = rounding_sd * np.minimum(1.0, 1.5 / np.sqrt(np.maximum(independent, 1.0)))
+    return shown @ value, shown @ slope, reading_sd
+
+
+def _rounding_sd(part: FurtherTach, t: Array, distance: Array) -> float:
+    """Of one reading, m."""
+    if part.integrates_speed:
+        return _LEAST_ROUNDING_M
+    if part.kind == "pulses":
+        return pulse_m(part) / float(np.sqrt(12.0))
+    return read_resolution(t, distance)[1] if t.size > 2 else _LEAST_ROUNDING_M
+
+
+def _speed(inputs: GraphInputs, sensor: FurtherSensor, part: Speed) -> Family:
+    config = inputs.config
     table = inputs.recording.others.get(sensor.name)
     t, speed = np.zeros((2, 0)) if table is None else table[["t_s", "speed_mps"]].to_numpy().T
     known, integral, interval_s = integrated(t, speed, inputs.t, config.tach.max_gap_s)
@@ -128,15 +204,20 @@ def integrated(t: Array, speed: Array, at: Array, max_gap_s: float) -> tuple[np.
     """
     if t.size < 2:
         return np.zeros(at.size - 1, dtype=bool), np.zeros(at.size - 1), 0.0
-    interval_s = median_interval(t)
-    longest = max(max_gap_s, _USUAL_INTERVALS * interval_s)
-    reach = 0.5 * longest
+    longest_s = longest_silence_s(t, max_gap_s)
+    interval_s, reach = median_interval(t), 0.5 * longest_s
     t = np.concatenate([[t[0] - reach], t, [t[-1] + reach]])
     speed = np.concatenate([speed[:1], speed, speed[-1:]])
     total = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))])
-    silent = np.concatenate([[0], np.cumsum(np.diff(t) > longest)])
     row = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
     within = total[row] + 0.5 * (at - t[row]) * (speed[row] + np.interp(at, t, speed))
+    return _heard(t, at, longest_s), np.diff(within), interval_s
+
+
+def _heard(t: Array, at: Array, longest_s: float) -> np.ndarray:
+    """Return whether rows at ``t`` (n,), s, cover each interval between times ``at`` (m,) without a longer silence."""
+    silences = np.concatenate([[0], np.cumsum(np.diff(t) > longest_s)])
+    row = np.clip(np.searchsorted(t, at, side="right"), 1, t.size - 1)
     inside = (at >= t[0]) & (at <= t[-1])
-    known = inside[:-1] & inside[1:] & (silent[np.minimum(row[1:] + 1, t.size - 1)] == silent[row[:-1]])
-    return known, np.diff(within), interval_s
+    heard: np.ndarray = inside[:-1] & inside[1:] & (silences[row[1:]] == silences[row[:-1] - 1])
+    return heard

@@ -23,6 +23,7 @@ from trackfg.factors.loss import SwitchChain
 from trackfg.factors.odometry import arc_length, creep_sd, distance_chain, tach_distance, tach_reading, wheel_response
 from trackfg.factors.states import Kind
 from trackfg.graph.inputs import GraphInputs
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 
 _DISTANCE_SD_M = 1e-5
@@ -57,18 +58,13 @@ def path_length_factors(inputs: GraphInputs) -> list[Family]:
 def tach_factors(inputs: GraphInputs) -> list[Family]:
     """Return the factors of the wheel: distance is what it rolls, where there is one."""
     config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
-    distance = np.abs(inputs.distance)
     loss = None
     if inputs.recording.description.tach is not None:  # also where it is silent: it may start within the same window
         loss = SwitchChain(config.robust_width, inputs.config.keyframes.interval_s)
     if inputs.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
         return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), loss)]
-    force = inputs.mean_accel[:, 0] / inputs.world.gravity
-    variance = (
-        config.creep_m_per_sqrt_m**2 * (distance + 0.01)
-        + creep_sd(config.creep_per_traction, distance, force) ** 2 / inputs.durations
-    )
+    variance = creep_variance(inputs)
     if inputs.wheel.integrates_speed:
         moving = ~within(0.5 * (inputs.t[1:] + inputs.t[:-1]), inputs.rests)
         variance = variance + config.speed_noise_mps**2 * inputs.durations * moving
@@ -76,7 +72,7 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
     unknown = ~inputs.wheel.counts(inputs.t) | (silent & inputs.wheel.integrates_speed)
     variance = np.where(unknown, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * inputs.config.noise.tach
-    response = wheel_response(inputs.distance, inputs.mean_rate[:, 2] * inputs.durations, force)
+    response = response_of_wheels(inputs)
     assert inputs.rolling is not None
     wheel = tach_distance(k, response, sigma, loss)
     wheel = replace(wheel, doubtful=inputs.rolling.slips_within(inputs.t))
@@ -84,6 +80,22 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
     count, rate = inputs.wheel.at(inputs.t[read]), inputs.wheel.rate(inputs.t[read])
     since = inputs.t[read] - inputs.clock_origin
     return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), inputs.wheel.rounding_sd))]
+
+
+def creep_variance(inputs: GraphInputs) -> Array:
+    """Return the variance of the distance that a wheel rolls in each interval, m^2, shape (n - 1,)."""
+    config, distance = inputs.config.tach, np.abs(inputs.distance)
+    force = inputs.mean_accel[:, 0] / inputs.world.gravity
+    return np.asarray(
+        config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+        + creep_sd(config.creep_per_traction, distance, force) ** 2 / inputs.durations
+    )
+
+
+def response_of_wheels(inputs: GraphInputs) -> Array:
+    """Return what ``WHEEL`` adds to the distance that a wheel rolls in each interval, shape (n - 1, 4)."""
+    force = inputs.mean_accel[:, 0] / inputs.world.gravity
+    return wheel_response(inputs.distance, inputs.mean_rate[:, 2] * inputs.durations, force)
 
 
 def _readable(inputs: GraphInputs) -> np.ndarray:

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackfg.io.formats.registry import FORMATS
-from trackfg.recording.description import Imu, Model, RecordingDescription, Table, Track, Truth
+from trackfg.recording.description import FurtherTach, Imu, Model, RecordingDescription, Table, Track, Truth
 from trackfg.recording.findings import Finding, did_you_mean
 
 FILE_NAME = "recording.toml"
@@ -98,6 +98,7 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
     findings: list[Finding] = []
     parts: dict[str, Model] = {}
     doubtful: set[str] = set()
+    data = _with_tachs_apart(data)
     findings += _top_level(data, file)
 
     for key, model, raw in _named_parts(data):
@@ -105,7 +106,8 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
             findings.append(_not_a_table(key, file, f"[[{key}]], one table per {key}"))
             continue
         if not isinstance(raw, dict):
-            findings.append(_not_a_table(key, file, f"a table [{key}]"))
+            a_list = isinstance(raw, list)
+            findings.append(_list_of_one(key, file) if a_list else _not_a_table(key, file, f"a table [{key}]"))
             continue
         value, faults = _part(model, raw, key, file)
         findings += faults
@@ -123,11 +125,32 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
     return ReadDescription(tuple(findings), description, parts, frozenset(doubtful))
 
 
+def _with_tachs_apart(data: dict[str, Any]) -> dict[str, Any]:
+    """``[[tach]]`` as the first tach and the further ones, as the models have them."""
+    tachs = data.get("tach")
+    if not (isinstance(tachs, list) and tachs and all(isinstance(tach, dict) for tach in tachs)):
+        return data
+    return {**data, "tach": tachs[0], "further_tach": tachs[1:]}
+
+
+def _list_of_one(key: str, file: str) -> Finding:
+    return Finding(
+        "error",
+        "bad-value",
+        f"is a list, but a recording has one {key}",
+        file=file,
+        column=key,
+        expected=f"one table [{key}]",
+        hint=f"write [{key}], and a recording of its own for each other {key}",
+    )
+
+
 def _named_parts(data: Mapping[str, Any]) -> Iterator[tuple[str, type[Model], Any]]:
     """Each part's key, its class, and what the file has there: of a list one by one, ``"laser[1]"``, if it is one."""
     for key, model in _PARTS.items():
         if key in _LISTS and isinstance(data.get(key), list):
-            yield from ((f"{key}[{i}]", model, raw) for i, raw in enumerate(data[key], start=1))
+            name, first = ("tach", 2) if model is FurtherTach else (key, 1)
+            yield from ((f"{name}[{i}]", model, raw) for i, raw in enumerate(data[key], start=first))
         elif key in data:
             yield key, model, data[key]
 
@@ -224,7 +247,7 @@ def _keys_at(model: type[Model], loc: list[str]) -> list[str]:
         annotation = model.model_fields[step].annotation if step in model.model_fields else None
         if isinstance(annotation, type) and issubclass(annotation, Model):
             model = annotation
-    return list(model.model_fields)
+    return [name for name in model.model_fields if name != "further_tach"]  # which is written [[tach]]
 
 
 def _expected_list(model: type[Model], loc: list[str]) -> str:

@@ -58,8 +58,16 @@ def write_recording(
     with replaced_folder(folder) as new:
         for file, table in tables.items():
             _write_table(table, new / file)
-        (new / FILE_NAME).write_text(tomli_w.dumps(_without_none(description.model_dump())), encoding="utf-8")
+        (new / FILE_NAME).write_text(
+            tomli_w.dumps(_without_none(_with_tachs_together(description.model_dump()))), encoding="utf-8"
+        )
     return folder
+
+
+def _with_tachs_together(data: dict[str, Any]) -> dict[str, Any]:
+    """The description's further tachs as entries of ``[[tach]]``."""
+    further = data.pop("further_tach")
+    return {**data, "tach": [data["tach"], *further]} if further else data
 
 
 def _having(table: pd.DataFrame, column: str, file: str) -> pd.DataFrame:
@@ -124,8 +132,9 @@ def _places(
     groups = list(dict.fromkeys(first))
     places = []
     for i, (leader, (keys, _)) in enumerate(zip(first, written, strict=True)):
-        quantity, _, unit = str(keys["column"]).rpartition("_")
-        column = f"{quantity}_{first[: i + 1].count(leader)}_{unit}" if first.count(leader) > 1 else None
+        quantity, *unit = str(keys["column"]).rsplit("_", 1)
+        number = str(first[: i + 1].count(leader))
+        column = "_".join([quantity, number, *unit]) if first.count(leader) > 1 else None
         places.append((f"{sensor.key}_{groups.index(leader) + 1}.{table_format}", column))
     return places
 

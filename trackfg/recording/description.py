@@ -123,6 +123,10 @@ class Tach(Table):
         return self
 
 
+class FurtherTach(Tach):
+    """A tachometer on a further axle, with its own wheel, clock and slips."""
+
+
 class Fixes(Table):
     """Absolute chainages: balise, RFID, mile post."""
 
@@ -180,7 +184,7 @@ class Truth(Table):
 
 
 class RecordingDescription(Model):
-    """All of ``recording.toml``."""
+    """All of ``recording.toml``. Of a list ``[[tach]]`` the first is ``tach``, the others are ``further_tach``."""
 
     format: Literal["trackfg-recording/1"] = "trackfg-recording/1"
     id: str
@@ -188,6 +192,7 @@ class RecordingDescription(Model):
     track: Track = Track()
     imu: Imu
     tach: Tach | None = None
+    further_tach: tuple[FurtherTach, ...] = ()
     fixes: Fixes | None = None
     gnss: Gnss | None = None
     speed: tuple[Speed, ...] = ()

@@ -17,7 +17,7 @@ from trackfg.graph.build import build_problem
 from trackfg.graph.further_sensors import integrated
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
-RADAR = "slippery-line-radar"
+RADAR, TWO_AXLES = "slippery-line-radar", "slippery-line-two-axles"
 
 
 def errors(run: Simulation, smoothed: SmoothedStates) -> tuple[np.ndarray, np.ndarray]:
@@ -25,6 +25,15 @@ def errors(run: Simulation, smoothed: SmoothedStates) -> tuple[np.ndarray, np.nd
     truth = np.interp(smoothed.problem.t, run.truth["t_s"], run.truth["chainage_m"])
     sd = np.sqrt(smoothed.covariance.of(Kind.ODO)[:, 0, 0])
     return smoothed.solution.states.odo.distance - truth, sd
+
+
+def between_fixes(run: Simulation, smoothed: SmoothedStates) -> float:
+    """The rms of the errors between fixes, m: less the line from each fix to the next."""
+    assert run.recording.fixes is not None
+    (error, _), t = errors(run, smoothed), smoothed.problem.t
+    at = run.recording.fixes["t_s"].to_numpy()
+    inside = (t >= at[0]) & (t <= at[-1])
+    return float(np.sqrt(np.mean((error - np.interp(t, at, np.interp(at, t, error)))[inside] ** 2)))
 
 
 def without_radar(run: Simulation) -> Simulation:
@@ -83,3 +92,29 @@ def test_a_radar_alone_measures_the_speed() -> None:
     error, _ = errors(run, smoothed)
     assert smoothed.solution.converged
     assert np.sqrt(np.mean(error**2)) < 2.0
+
+
+def test_without_noise_a_second_wheel_rolls_as_far_as_the_first() -> None:
+    plan = replace(scenario(TWO_AXLES), adhesion=None, irregularities=None, vehicle=Rigid())
+    run = simulate(plan, seed=1, duration_s=200.0, noise=False)
+    smoothed = smooth_states(run.recording, SmoothConfig())
+    family = smoothed.problem.family(FactorType.TACH_INCREMENT)
+    assert family is not None
+    assert np.abs(family.residual(smoothed.solution.states)).max() < 1e-3
+    scale, offset_s = smoothed.solution.states.sensor[0]
+    assert scale == pytest.approx(0.0, abs=1e-4)
+    assert offset_s == pytest.approx(0.0, abs=1e-3)
+
+
+def test_slips_of_one_axle_are_found_by_the_other() -> None:
+    """Under leaves, 13 and more slips in 600 s of each axle; as ``tools/two_axles.py`` measures over more seeds."""
+    plan = replace(scenario(TWO_AXLES), adhesion=scenario("slippery-line-leaves").adhesion)
+    run = simulate(plan, seed=2, duration_s=600.0)
+    assert run.slips is not None
+    assert len(run.slips) > 10
+    two = smooth_states(run.recording, SmoothConfig())
+    description = run.recording.description.model_copy(update={"further_tach": ()})
+    one = smooth_states(replace(run.recording, description=description, others={}), SmoothConfig())
+    assert between_fixes(run, two) < 0.6 * between_fixes(run, one)
+    offset, offset_sd = two.solution.states.sensor[0, 1], np.sqrt(two.covariance.of(Kind.SENSOR)[0, 1, 1])
+    assert abs(offset - 0.03) < 4.0 * offset_sd < 0.03

@@ -551,3 +551,49 @@ def test_a_speed_over_ground_has_no_rows_where_it_says_nothing(draft: Draft, tmp
 def test_an_impossible_speed_over_ground_is_refused(draft: Draft, tmp_path: Path, rows: str, code: str) -> None:
     report = check_recording(with_speed(draft, tmp_path / "rec", rows))
     assert code in [finding.code for finding in report.findings if finding.level == "error"]
+
+
+SECOND = """
+[[tach]]
+file = "second.csv"
+column = "m"
+kind = "distance"
+unit = "m"
+scale_sd = SCALE_SD
+"""
+
+
+def with_second_tach(draft: Draft, folder: Path, scale_sd: str = "0.01") -> Path:
+    """The draft's recording, its tach the first of two."""
+    written = Path(draft.write(folder))
+    (written / "second.csv").write_text("t,m\n0,0\n1,10\n2,25\n", encoding="utf-8")
+    toml = written / "recording.toml"
+    text = toml.read_text(encoding="utf-8").replace("[tach]", "[[tach]]")
+    toml.write_text(text + SECOND.replace("SCALE_SD", scale_sd), encoding="utf-8")
+    return written
+
+
+def test_several_tachs_are_a_list(draft: Draft, tmp_path: Path) -> None:
+    alone = read_recording(draft.write(tmp_path / "alone"))
+    recording = read_recording(with_second_tach(draft, tmp_path / "rec"))
+    assert recording.tach is not None
+    assert alone.tach is not None
+    pd.testing.assert_frame_equal(recording.tach, alone.tach, check_exact=True)
+    np.testing.assert_array_equal(recording.others["tach/2"].to_numpy(), [[0.0, 0.0], [1.0, 10.0], [2.0, 25.0]])
+    write_recording(recording, tmp_path / "again")
+    again = read_recording(tmp_path / "again")
+    pd.testing.assert_frame_equal(again.others["tach/2"], recording.others["tach/2"], check_exact=True)
+    assert again.description.further_tach[0].kind == "distance"
+
+
+def test_a_fault_of_the_second_tach_is_named_as_such(draft: Draft, tmp_path: Path) -> None:
+    report = check_recording(with_second_tach(draft, tmp_path / "rec", scale_sd="-1"))
+    assert any("tach[2].scale_sd" in str(finding) for finding in report.findings)
+
+
+def test_several_imus_are_refused_with_one_message(draft: Draft, tmp_path: Path) -> None:
+    folder = Path(draft.write(tmp_path / "rec"))
+    toml = folder / "recording.toml"
+    toml.write_text(toml.read_text(encoding="utf-8").replace("[imu]", "[[imu]]"), encoding="utf-8")
+    errors = [str(finding) for finding in load(folder).findings if finding.level == "error"]
+    assert any("key imu: is a list, but a recording has one imu" in error for error in errors), errors

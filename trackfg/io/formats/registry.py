@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from trackfg.io.formats.fixes import FixesFormat
+from trackfg.io.formats.further_tach import FurtherTachFormat
 from trackfg.io.formats.gnss import GnssFormat
 from trackfg.io.formats.imu import ImuFormat
 from trackfg.io.formats.laser import LaserFormat
@@ -17,6 +18,7 @@ from trackfg.recording.description import RecordingDescription, Table
 FORMATS: tuple[SensorFormat[Any], ...] = (
     ImuFormat(),
     TachFormat(),
+    FurtherTachFormat(),
     FixesFormat(),
     GnssFormat(),
     SpeedFormat(),
