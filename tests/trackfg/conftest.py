@@ -111,77 +111,86 @@ G = 9.80665
 LATITUDE, LONGITUDE = 35.2, 139.0
 
 
-def run_on_a_line(
-    *,
-    duration_s: float = 150.0,
-    rate_hz: float = 50.0,
-    tach_rate_hz: float = 10.0,
-    tach_late_s: float = 0.0,
-    wheel_scale: float = 1.0,
-    pulse_m: float = np.pi * 0.86 / 90,
-    gyro_white: float = 5e-5,
-    accel_white: float = 1e-3,
-    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    cant_deficiency: float = 0.5,
-    seed: int = 1,
-) -> dict[str, pd.DataFrame]:
+@dataclass(frozen=True)
+class LineRun:
     """A run with two stops over curves with cant and gradients: tables with the contract's example columns.
 
     The kinematics are the textbook's, written without trackfg: w_z = v k, f_x = dv/dt - g sin(pitch),
     f_y = v^2 k + g sin(roll). The tach's stamps are ``tach_late_s`` behind the IMU's clock; the true distance is
     ``wheel_scale`` times the nominal one.
     """
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(duration_s * rate_hz)) / rate_hz
-    knots = np.array([0.0, 20.0, 40.0, 55.0, 62.0, 75.0, 95.0, 110.0, 125.0, 140.0, 1e9])
-    speeds = np.array([0.0, 0.0, 14.0, 14.0, 9.0, 9.0, 0.0, 0.0, 12.0, 16.0, 16.0])
 
-    def smooth(values: np.ndarray, seconds: float) -> np.ndarray:
-        width = max(1, round(seconds * rate_hz))
-        padded = np.pad(values, width, mode="edge")
-        return np.convolve(padded, np.ones(width) / width, mode="same")[width:-width]
+    duration_s: float = 150.0
+    rate_hz: float = 50.0
+    tach_rate_hz: float = 10.0
+    tach_late_s: float = 0.0
+    wheel_scale: float = 1.0
+    pulse_m: float = np.pi * 0.86 / 90
+    gyro_white: float = 5e-5
+    accel_white: float = 1e-3
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cant_deficiency: float = 0.5
+    seed: int = 1
 
-    v = smooth(np.interp(t, knots, speeds), 2.0)
-    v = np.where(((t > 1) & (t < 17)) | ((t > 98) & (t < 107)), 0.0, v)
-    d = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) / rate_hz)])
-    curvature = np.interp(d, [0, 100, 160, 300, 360, 450, 520, 700, 760, 1e6], [0, 0, 1, 1, 0, 0, -1, -1, 0, 0]) / 400.0
-    pitch = -np.interp(d, [0, 80, 140, 500, 560, 1e6], [0, 0, 0.01, 0.01, -0.005, -0.005])
-    roll = -(1.0 - cant_deficiency) * 12.0**2 * curvature / G
-    yaw = np.cumsum(v * curvature) / rate_hz
-    gyro = np.column_stack([np.gradient(roll, t), np.gradient(pitch, t), v * curvature])
-    forward, left = np.gradient(v, t) - G * np.sin(pitch), v**2 * curvature + G * np.sin(roll)
-    accel = np.column_stack([forward, left, np.full(t.size, G)])
-    gyro = gyro + gyro_bias + gyro_white * np.sqrt(rate_hz) * rng.standard_normal(gyro.shape)
-    accel = accel + accel_bias + accel_white * np.sqrt(rate_hz) * rng.standard_normal(accel.shape)
-    imu = pd.DataFrame(dict(zip(("t", "wx", "wy", "wz", "fx", "fy", "fz"), (t, *gyro.T, *accel.T), strict=True)))
+    def tables(self) -> dict[str, pd.DataFrame]:
+        rng = np.random.default_rng(self.seed)
+        t = np.arange(round(self.duration_s * self.rate_hz)) / self.rate_hz
+        knots = np.array([0.0, 20.0, 40.0, 55.0, 62.0, 75.0, 95.0, 110.0, 125.0, 140.0, 1e9])
+        speeds = np.array([0.0, 0.0, 14.0, 14.0, 9.0, 9.0, 0.0, 0.0, 12.0, 16.0, 16.0])
 
-    tach_t = np.arange(round(duration_s * tach_rate_hz)) / tach_rate_hz
-    at = tach_t - tach_late_s
-    travelled = np.interp(at, t, d) + v[-1] * np.maximum(at - t[-1], 0.0)
-    count = np.floor(travelled / wheel_scale / pulse_m).astype(int)
-    east, north = np.cumsum(v * np.sin(yaw)) / rate_hz, np.cumsum(v * np.cos(yaw)) / rate_hz
-    fix_at = np.flatnonzero(np.diff(np.floor(d / 150.0)) > 0)
-    rows = np.arange(0, t.size, round(rate_hz))
-    w2 = 1.0 - 6.69437999e-3 * np.sin(np.radians(LATITUDE)) ** 2
-    across, along = 6378137.0 / np.sqrt(w2) + 50.0, 6378137.0 * (1.0 - 6.69437999e-3) / w2**1.5 + 50.0
-    return {
-        "imu": imu,
-        "tach": pd.DataFrame({"t": tach_t, "count": count}),
-        "fixes": pd.DataFrame({"t": t[fix_at], "chainage_m": 1000.0 + d[fix_at], "sd_m": 0.5}),
-        "gnss": pd.DataFrame(
-            {
-                "t": t[rows],
-                "lat_deg": LATITUDE + np.degrees(north[rows] / along),
-                "lon_deg": LONGITUDE + np.degrees(east[rows] / across / np.cos(np.radians(LATITUDE))),
-                "height_m": 50.0,
-                "sd_e": 1.0,
-                "sd_n": 1.0,
-                "sd_u": 2.0,
-            }
-        ),
-        "laser": pd.DataFrame({"t": t, "a_lv": -420.0 + 2.0 * np.sin(d / 3.0) + 0.1 * rng.standard_normal(t.size)}),
-    }
+        def smooth(values: np.ndarray, seconds: float) -> np.ndarray:
+            width = max(1, round(seconds * self.rate_hz))
+            padded = np.pad(values, width, mode="edge")
+            return np.convolve(padded, np.ones(width) / width, mode="same")[width:-width]
+
+        v = smooth(np.interp(t, knots, speeds), 2.0)
+        v = np.where(((t > 1) & (t < 17)) | ((t > 98) & (t < 107)), 0.0, v)
+        d = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) / self.rate_hz)])
+        curvature = (
+            np.interp(d, [0, 100, 160, 300, 360, 450, 520, 700, 760, 1e6], [0, 0, 1, 1, 0, 0, -1, -1, 0, 0]) / 400.0
+        )
+        pitch = -np.interp(d, [0, 80, 140, 500, 560, 1e6], [0, 0, 0.01, 0.01, -0.005, -0.005])
+        roll = -(1.0 - self.cant_deficiency) * 12.0**2 * curvature / G
+        yaw = np.cumsum(v * curvature) / self.rate_hz
+        gyro = np.column_stack([np.gradient(roll, t), np.gradient(pitch, t), v * curvature])
+        forward, left = np.gradient(v, t) - G * np.sin(pitch), v**2 * curvature + G * np.sin(roll)
+        accel = np.column_stack([forward, left, np.full(t.size, G)])
+        gyro = gyro + self.gyro_bias + self.gyro_white * np.sqrt(self.rate_hz) * rng.standard_normal(gyro.shape)
+        accel = accel + self.accel_bias + self.accel_white * np.sqrt(self.rate_hz) * rng.standard_normal(accel.shape)
+        imu = pd.DataFrame(dict(zip(("t", "wx", "wy", "wz", "fx", "fy", "fz"), (t, *gyro.T, *accel.T), strict=True)))
+
+        tach_t = np.arange(round(self.duration_s * self.tach_rate_hz)) / self.tach_rate_hz
+        at = tach_t - self.tach_late_s
+        travelled = np.interp(at, t, d) + v[-1] * np.maximum(at - t[-1], 0.0)
+        count = np.floor(travelled / self.wheel_scale / self.pulse_m).astype(int)
+        east, north = np.cumsum(v * np.sin(yaw)) / self.rate_hz, np.cumsum(v * np.cos(yaw)) / self.rate_hz
+        fix_at = np.flatnonzero(np.diff(np.floor(d / 150.0)) > 0)
+        rows = np.arange(0, t.size, round(self.rate_hz))
+        w2 = 1.0 - 6.69437999e-3 * np.sin(np.radians(LATITUDE)) ** 2
+        across, along = 6378137.0 / np.sqrt(w2) + 50.0, 6378137.0 * (1.0 - 6.69437999e-3) / w2**1.5 + 50.0
+        return {
+            "imu": imu,
+            "tach": pd.DataFrame({"t": tach_t, "count": count}),
+            "fixes": pd.DataFrame({"t": t[fix_at], "chainage_m": 1000.0 + d[fix_at], "sd_m": 0.5}),
+            "gnss": pd.DataFrame(
+                {
+                    "t": t[rows],
+                    "lat_deg": LATITUDE + np.degrees(north[rows] / along),
+                    "lon_deg": LONGITUDE + np.degrees(east[rows] / across / np.cos(np.radians(LATITUDE))),
+                    "height_m": 50.0,
+                    "sd_e": 1.0,
+                    "sd_n": 1.0,
+                    "sd_u": 2.0,
+                }
+            ),
+            "laser": pd.DataFrame({"t": t, "a_lv": -420.0 + 2.0 * np.sin(d / 3.0) + 0.1 * rng.standard_normal(t.size)}),
+        }
+
+
+def run_on_a_line(**settings: Any) -> dict[str, pd.DataFrame]:
+    """The tables of a :class:`LineRun`."""
+    return LineRun(**settings).tables()
 
 
 @dataclass

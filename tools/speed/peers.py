@@ -17,7 +17,6 @@ from trackfg.baselines.attitude import motion_of
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.arrays import Array
 from trackfg.peers.installed import is_installed
@@ -99,19 +98,11 @@ def plain_problem(run: Simulation, keyframes: KeyframeConfig) -> Problem:
     return replace(problem, families=tuple(replace(family, loss=None) for family in problem.families))
 
 
-def gtsam_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
-    """All factors as GTSAM sees them: its own, and a ``CustomFactor`` for each of ours."""
-    graph = gtsam.NonlinearFactorGraph(problem.native)
-    for family in problem.families:
-        for factor in custom_factors(family):
-            graph.push_back(factor)
-    return graph
-
-
 def compare_optimisers(problem: Problem, repeats: int) -> OptimiserTimes:
     """Both from the same initial values, each to its own stop; the costs say whether they reached the same minimum."""
     ours_s, solution = _fastest(lambda: solve(problem, SmoothConfig().solver), repeats)
-    graph, values, ordering = gtsam_graph(problem), problem.initial.to_gtsam(), chain_ordering(len(problem.t))
+    export = problem.to_gtsam()
+    graph, values, ordering = export.graph, export.values, export.ordering
 
     def optimise() -> gtsam.LevenbergMarquardtOptimizer:
         optimiser = _levenberg_marquardt(graph, values, ordering, "SEQUENTIAL_QR")
@@ -139,7 +130,8 @@ def compare_optimisers(problem: Problem, repeats: int) -> OptimiserTimes:
 
 def with_cholesky(problem: Problem) -> CholeskyOutcome:
     """GTSAM's default linear solver on the same problem, with the same chain ordering."""
-    graph, values, ordering = gtsam_graph(problem), problem.initial.to_gtsam(), chain_ordering(len(problem.t))
+    export = problem.to_gtsam()
+    graph, values, ordering = export.graph, export.values, export.ordering
     optimiser = _levenberg_marquardt(graph, values, ordering, "MULTIFRONTAL_CHOLESKY")
     start, error = time.perf_counter(), None
     try:
