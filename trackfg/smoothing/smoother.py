@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.imu_faults import without_imu_faults
+from trackfg.checks.limits import CheckLimits
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem, build_problem
@@ -111,10 +113,17 @@ def smooth(
     go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
     """
     config = config or SmoothConfig()
-    smoothed = smooth_states(recording, config, feature_map=feature_map, progress=progress)
+    measured = without_imu_faults(recording, CheckLimits())
+    smoothed = smooth_states(measured, config, feature_map=feature_map, progress=progress)
     sources = EventSources.of(smoothed.problem)
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
-    return Result(smoothed.trajectory, smoothed.geometry, events, _summary(recording, smoothed), smoothed.places)
+    return Result(
+        smoothed.trajectory,
+        smoothed.geometry,
+        events,
+        _summary(replace(recording, findings=measured.findings), smoothed),
+        smoothed.places,
+    )
 
 
 def smooth_states(

@@ -1,15 +1,14 @@
-"""What happened on a stream: small frozen records, and the report that collects rows which were not passed on.
+"""Stream events: what happened on a stream, and the report of rows that were not passed on.
 
-Every row that is not passed on is counted in exactly one event. Rows of one kind and table that are met in short
-succession go into one event: it closes when ``QUIET_PUSHES`` batches have gone by without another, or after
+Every row that is not passed on is counted in exactly one event. Rows of one kind and table that come in short
+succession are one event: it closes when ``QUIET_PUSHES`` batches have passed without another, or after
 ``LONGEST_PUSHES``. Batches are counted, not seconds, so that the same batches give the same events.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -58,7 +57,7 @@ class StreamEvent:
     distance_removed_m_sd: float | None = None
 
     def __post_init__(self) -> None:
-        """Names come from the input: control characters in them must not reach a terminal."""
+        """Escape control characters: names come from the input, and must not reach a terminal as they are."""
         for name in ("kind", "table", "detail"):
             text = getattr(self, name)
             if not text.isprintable():
@@ -87,17 +86,17 @@ EVENT_TYPES = {
     "distance_removed_m": "float64",
     "distance_removed_m_sd": "float64",
 }
-"""Columns of a table of events: the fields, but ``input`` for ``table``."""
+"""Columns of a table of events: the fields of an event, but ``input`` for ``table``."""
 
 
 def event_table(events: Iterable[StreamEvent]) -> pd.DataFrame:
-    """One row per event, NaN for what is not known."""
+    """Return a table of one row per event, NaN for what is not known."""
     return pd.DataFrame([astuple(event) for event in events], columns=list(EVENT_TYPES)).astype(EVENT_TYPES)
 
 
 def motion_breaks(events: Iterable[StreamEvent]) -> dict[str, Array]:
-    """Spans (b, 2), s, over which nobody knows what happened, by table: how long a device was off whose clock was set
-    back (``imu``), what a counter that began again did not count (``tach``).
+    """Return spans (b, 2), s, over which the motion is unknown, by table: a device that was off while its clock was set
+    back (``imu``), a counter that began again and did not count (``tach``).
     """
     spans: dict[str, list[tuple[float, float]]] = {}
     for event in events:
@@ -114,65 +113,49 @@ class _Open:
     columns: tuple[str, ...] = ()
 
 
+@dataclass
 class LossReport:
-    """Collects rows that are not passed on, and other events, in the order in which they began."""
+    """Collects rows that are not passed on, and other events, in the order in which they began.
 
-    def __init__(self) -> None:
-        self._open: dict[tuple[str, str], _Open] = {}
-        self._ready: list[StreamEvent] = []
+    ``open``: events that may grow, by kind and table; ``ready``: events that are complete.
+    """
+
+    open: dict[tuple[str, str], _Open] = field(default_factory=dict)
+    ready: list[StreamEvent] = field(default_factory=list)
 
     def lose(self, kind: str, table: str, t: Array, columns: Sequence[str] = ()) -> None:
-        """Rows with the times ``t`` (which may hold NaN) are not passed on, because of ``columns`` if any are said."""
+        """Report rows at times ``t`` (NaN allowed) that are not passed on, because of ``columns`` if any are given."""
         if t.size == 0:
             return
         known = t[np.isfinite(t)]
         first, last = (float(known.min()), float(known.max())) if known.size else (None, None)
         now = StreamEvent(kind, table, first, last, int(t.size), LOSS_KINDS[kind])
-        entry = self._open.setdefault((kind, table), _Open(StreamEvent(kind, table)))
+        entry = self.open.setdefault((kind, table), _Open(StreamEvent(kind, table)))
         entry.columns = tuple(dict.fromkeys([*entry.columns, *columns]))
         entry.event, entry.quiet = _joined(entry.event, now, entry.columns), 0
 
     def note(self, event: StreamEvent) -> None:
-        """An event that loses nothing here."""
-        self._ready.append(event)
+        """Report an event that is complete."""
+        self.ready.append(event)
 
     def end_of_push(self) -> tuple[StreamEvent, ...]:
-        """A batch has gone by: the events that are complete now."""
-        for key, entry in list(self._open.items()):
+        """Return the events that are complete after a batch."""
+        for key, entry in list(self.open.items()):
             entry.pushes += 1
             entry.quiet += 1
             if entry.quiet > QUIET_PUSHES or entry.pushes >= LONGEST_PUSHES:
-                self._ready.append(self._open.pop(key).event)
+                self.ready.append(self.open.pop(key).event)
         return self._drained()
 
     def end_of_stream(self) -> tuple[StreamEvent, ...]:
-        """All that are left."""
-        self._ready += [entry.event for entry in self._open.values()]
-        self._open.clear()
+        """Return the events that are left."""
+        self.ready += [entry.event for entry in self.open.values()]
+        self.open.clear()
         return self._drained()
 
     def _drained(self) -> tuple[StreamEvent, ...]:
-        ready, self._ready = tuple(self._ready), []
+        ready, self.ready = tuple(self.ready), []
         return ready
-
-    def state(self) -> dict[str, Any]:
-        """All of it, as JSON values."""
-        return {
-            "open": [asdict(entry) for entry in self._open.values()],
-            "ready": [asdict(event) for event in self._ready],
-        }
-
-    @classmethod
-    def restored(cls, state: Mapping[str, Any]) -> LossReport:
-        """The one whose :meth:`state` this was."""
-        report = cls()
-        for entry in state["open"]:
-            event = StreamEvent(**entry["event"])
-            report._open[event.kind, event.table] = _Open(
-                event, entry["pushes"], entry["quiet"], tuple(entry["columns"])
-            )
-        report._ready = [StreamEvent(**event) for event in state["ready"]]
-        return report
 
 
 def _joined(a: StreamEvent, b: StreamEvent, columns: Sequence[str]) -> StreamEvent:

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from trackfg.errors import BadInputError
+from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
@@ -50,22 +50,27 @@ class Stream:
     clock: Callable[[], float] = time.monotonic
 
     @classmethod
-    def of(cls, source: Source, smoother: FixedLagSmoother, saved: Checkpoint | None = None) -> Stream:
-        """From the beginning, or from a checkpoint: the source opened at its position, the smoother made as then.
+    def of(
+        cls,
+        source: Source,
+        smoother: FixedLagSmoother,
+        saved: Checkpoint | None = None,
+        *,
+        checks: CheckLimits | None = None,
+    ) -> Stream:
+        """Return a stream from the beginning, or from a checkpoint: source at its position, smoother made as then.
 
-        Raises :class:`BadInputError` where source and smoother are others than those of the checkpoint.
+        ``checks``: limits of values that the intake drops rows by, other than the defaults.
+        Raises :class:`~trackfg.errors.BadInputError` where source and smoother are others than those of the checkpoint.
         """
-        stream = cls(source, smoother, Intake.of(source))
+        stream = cls(source, smoother, Intake.of(source, checks=checks))
         if saved is None:
             return stream
         saved.refuse_others(stream.settings)
         stream.counts.keyframes, stream.counts.events = saved.keyframes, Counter(saved.events)
         if saved.intake is None or saved.smoother is None:
             return stream
-        try:
-            stream.intake.restore(saved.intake)
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise BadInputError(f"the checkpoint's state of the intake cannot be used ({error!r:.200})") from error
+        stream.intake.restore(saved.intake)
         smoother.restore(saved.smoother)
         return stream
 

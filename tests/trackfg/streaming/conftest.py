@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.recording.model import Recording
+from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
@@ -42,3 +44,15 @@ def streamed(
 @pytest.fixture(scope="session")
 def stream() -> Callable[..., Streamed]:
     return streamed
+
+
+def through_a_snapshot(thing: Any, given: tuple[object, ...] = ()) -> Any:
+    """What a stage of a stream is after a checkpoint."""
+    snapshot = dump(thing, given)
+    saved = Snapshot(json.loads(json.dumps(snapshot.tree)), snapshot.data)
+    return type(thing)(**load_attributes(type(thing), saved, given))
+
+
+@pytest.fixture(scope="session")
+def saved_and_restored() -> Callable[..., Any]:
+    return through_a_snapshot

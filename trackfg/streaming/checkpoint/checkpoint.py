@@ -1,8 +1,8 @@
 """Checkpoints: a file from which a stream that was killed goes on, with the same result as if it had not been.
 
-    {"format": "trackfg-checkpoint/1", "trackfg": "1.0"}     which version wrote it
+    {"format": "trackfg-checkpoint/2", "trackfg": "1.0"}     which version wrote it
     {"position": ..., "smoother": ..., ...}                  JSON values, on one line
-    ...                                                      the numbers of the smoother's arrays
+    ...                                                      the numbers of the arrays of intake and smoother
     ...                                                      SHA-256 of all that stands before, 32 bytes
 
 The file is replaced as a whole, after everything that was estimated until then is on the disk. Whatever the moment of a
@@ -21,15 +21,17 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from trackfg import __version__
+from trackfg._version import __version__
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_file import write_whole
 from trackfg.streaming.checkpoint.snapshot import Snapshot
 
-FORMAT = "trackfg-checkpoint/1"
+FORMAT = "trackfg-checkpoint/2"
 EVERY_S = 60.0
 _BEGINS = b'{"format": "trackfg-checkpoint/'
 _DIGEST_BYTES = hashlib.sha256().digest_size
+_SNAPSHOTS = ("intake", "smoother")
+"""Fields that are snapshots, in the order in which their arrays' numbers follow."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Checkpoint:
     settings: Mapping[str, str]
     sink: Mapping[str, Any]
     position: int = 0
-    intake: Mapping[str, Any] | None = None
+    intake: Snapshot | None = None
     smoother: Snapshot | None = None
     until_s: float | None = None
     keyframes: int = 0
@@ -62,13 +64,16 @@ class Checkpoint:
 
     def to_bytes(self) -> tuple[bytes, bytes, bytes]:
         """As in the file, in parts."""
-        smoother = self.smoother or Snapshot({}, b"")
-        content = {**vars(self), "smoother": None if self.smoother is None else smoother.tree}
+        arrays, content = b"", dict(vars(self))
+        for name in _SNAPSHOTS:
+            if (snapshot := content[name]) is not None:
+                content[name] = {"tree": snapshot.tree, "bytes": len(snapshot.data)}
+                arrays += snapshot.data
         head = json.dumps({"format": FORMAT, "trackfg": __version__})
         text = f"{head}\n{json.dumps(content)}\n".encode()
         digest = hashlib.sha256(text)
-        digest.update(smoother.data)
-        return text, smoother.data, digest.digest()
+        digest.update(arrays)
+        return text, arrays, digest.digest()
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Checkpoint:
@@ -87,8 +92,10 @@ class Checkpoint:
                     "finish the stream with the version that began it"
                 )
             values = json.loads(text)
-            if values["smoother"] is not None:
-                values["smoother"] = (values["smoother"], data)
+            for name in _SNAPSHOTS:
+                if values[name] is not None:
+                    size = values[name]["bytes"]
+                    values[name], data = (values[name]["tree"], data[:size]), data[size:]
             return _CHECKPOINT.validate_python(values)
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise BadInputError(f"not a checkpoint ({_reason(error)})") from error

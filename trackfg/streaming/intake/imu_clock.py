@@ -1,46 +1,46 @@
-"""The IMU is the clock of a stream: which of its rows move the clock on, and which stamps are nonsense.
+"""The IMU is the clock of a stream: this stage decides which of its rows move it on, and which stamps are wrong.
 
-A row that is at most ``hold_s`` ahead of the newest one moves the clock on. One that is further ahead, or more than
-``back_s`` behind what was released, puts the clock in doubt: it is set aside, and so are the next, until
+A row that is at most ``hold_s`` ahead of the newest one moves the clock on. A row further ahead, or more than
+``back_s`` behind what was released, puts the clock in doubt. It is quarantined, and so are the next ones, until
 
-* either the old clock goes on for ``hold_s``: then the rows that were set aside are refused (``clock-jump``, or
-  ``late`` where they are less than ``back_s`` behind);
-* or they have gone on among themselves, but for single wrong stamps, for ``hold_s`` (``settle_s`` where they are more
-  than ``ahead_s`` ahead, or behind): then they are the clock, and none of them is lost.
+* the old clock goes on for ``hold_s``: the quarantined rows are refused (``clock-jump``, or ``late`` where they are
+  less than ``back_s`` behind);
+* or they go on among themselves, except for single wrong stamps, for ``hold_s`` (``settle_s`` where they are more than
+  ``ahead_s`` ahead, or behind): then they are the clock, and none of them is lost.
 
-A clock set back by a little comes to where it was before ``settle_s`` is over. Rows that are behind may also be rows
-sent again, or sent late to fill a hole. They are a clock that was set back if times come again that there have been
-rows of, with other values, and if they go on for ``back_s``, or until they are not too late any more. One that is set
-back by less than ``hold_s`` is never too late, as rows in disorder are not: a row that comes behind the newest one and
-beside another puts the clock in doubt as well, and it is settled if the next ones go on so, up to the newest one and
-beyond. (Fewer than ``_FEWEST_AGAIN`` rows are sorted in.)
+A clock that was set back by a little reaches its old time before ``settle_s`` is over. Rows that are behind may also
+have been sent again, or sent late to fill a hole. They are a clock that was set back if their times had other rows
+before, and if they go on for ``back_s`` or until they are no longer too late. If it was set back by less than
+``hold_s``, its rows are never too late. So a row that comes behind the newest one and beside another puts the clock in
+doubt as well, and the doubt is settled if the next rows go on so, up to the newest one and beyond. (Fewer than
+``_FEWEST_AGAIN`` rows are sorted in.)
 
-A clock that went forward left a ``gap``, and is believed, up to ``longest_gap_s``. One that went further was set, and
-one that was set back (``clock-restart``) cannot be believed either: times on the stream must grow, so from there on
-they are the sensor's times plus a shift, by which the first row after comes one sampling interval after the last row
-before. That is right where a running logger's clock was corrected; where a device was off for a time, nobody knows for
-how long.
+A clock that went forward left a ``gap``, up to ``longest_gap_s``. One that went further, or back, was set
+(``clock-restart``). Times on the stream must grow, so from there on they are the sensor's times plus a shift that puts
+the first row after it one sampling interval behind the last row before. That is right where the clock of a running
+logger was corrected; for how long a device was off, its clock does not tell.
 
-A wrong stamp therefore costs itself and nothing else, whatever it says, and the first row of all is no exception.
+A wrong stamp therefore costs itself and nothing else, whatever its value, and the first row of all is no exception.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
-from trackfg.streaming.checkpoint.json_numbers import finite_or, finite_or_none
 from trackfg.streaming.events import LossReport, StreamEvent
 
 _AT_ONCE = 256
-_MOST_DOUBTFUL = 100_000
+"""Rows that are looked at together; a later row's state depends on those before."""
+_MOST_QUARANTINED = 100_000
+"""More rows are refused, so that a stream of wrong stamps does not fill the memory."""
 _RIVAL_ROWS = 10
+"""Rivals that replace the quarantined rows: those had begun with a wrong stamp."""
 _FEWEST_AGAIN = 5
+"""Fewer rows at times that come again are sorted in."""
 _NEIGHBOURS = 3.5
 """Rows so many sampling intervals apart, or less, follow each other."""
 _BESIDE = 0.75
@@ -66,140 +66,144 @@ class ClockLimits:
     longest_gap_s: float = 600.0
 
 
+@dataclass
 class ImuClock:
-    """Places the IMU's rows on the clock of the stream."""
+    """Places the IMU's rows on the clock of the stream.
 
-    def __init__(self, limits: ClockLimits) -> None:
-        self._limits = limits
-        self._doubtful: list[Array] = []
-        self._rival: list[Array] = []
-        self._doubted_at_s = -np.inf
-        self._heard = np.empty((0, 2))
-        self.newest_s = -np.inf
-        """On the stream's clock; minus infinity before the first rows have proved themselves."""
-        self.shift_s = 0.0
-        """What is added to the sensor's time."""
-        self.set_s = np.inf
-        """The sensor's time, as it was before, when the shift changed last."""
+    ``quarantined``: rows that are further ahead or behind than the clock believes, in the order of arrival; ``rivals``:
+    later rows that do not follow these. ``doubted_at_s``: the newest time when the first was quarantined. ``recent``
+    (h, 2): times and checksums of the newest rows. ``newest_s``: on the stream's clock, minus infinity before the first
+    rows have proved themselves. ``shift_s``: what is added to the sensor's time; ``set_s``: the sensor's time, as it
+    was before, when that changed last.
+    """
+
+    limits: ClockLimits
+    quarantined: list[Array] = field(default_factory=list)
+    rivals: list[Array] = field(default_factory=list)
+    doubted_at_s: float = -np.inf
+    recent: Array = field(default_factory=lambda: np.empty((0, 2)))
+    newest_s: float = -np.inf
+    shift_s: float = 0.0
+    set_s: float = np.inf
 
     @property
     def in_doubt(self) -> bool:
         """Whether the clock may be about to change, or has not begun."""
-        return bool(self._doubtful) or bool(np.isneginf(self.newest_s))
+        return bool(self.quarantined) or bool(np.isneginf(self.newest_s))
 
     def in_doubt_since(self, passed_s: float) -> bool:
-        """Whether it may have been set back, but to no earlier than ``passed_s``."""
-        return bool(self._doubtful) and bool(passed_s < self._doubtful[0][0, 0] + self.shift_s <= self.newest_s)
+        """Return whether the clock may have been set back, but to no earlier than ``passed_s``."""
+        return bool(self.quarantined) and bool(passed_s < self.quarantined[0][0, 0] + self.shift_s <= self.newest_s)
 
     def placed(self, rows: Array, passed_s: float, report: LossReport) -> Array:
-        """The rows that belong to the clock, on the stream's time. All up to ``passed_s`` was released before."""
+        """Return the rows of the clock, on the stream's time. All up to ``passed_s`` was released before."""
         kept = [rows[:0]]
         while rows.shape[0]:
-            if self._doubtful and self._comes_up_again(rows[0], passed_s):
-                kept.append(self._settled(report))
+            if self.quarantined and self._comes_up_again(rows[0], passed_s):
+                kept.append(self._settle(report))
             count = self._leading(rows[:_AT_ONCE], passed_s)
             if count:
-                kept.append(self._accepted(rows[:count]))
+                kept.append(self._accept(rows[:count]))
             else:
-                kept.append(self._doubt(rows[:1], passed_s, report))
+                kept.append(self._quarantine(rows[:1], passed_s, report))
                 count = 1
             rows = rows[count:]
-            if self._doubtful and self.newest_s > self._doubted_at_s:
-                kept.append(self._reviewed(passed_s, report))
+            if self.quarantined and self.newest_s > self.doubted_at_s:
+                kept.append(self._review(passed_s, report))
         return np.concatenate(kept)
 
     def finished(self, passed_s: float, report: LossReport) -> Array:
-        """Nothing more will come: rows in doubt that more than one stamp speaks for, if they lie within reach."""
-        self._refuse_rival(report)
-        if not self._doubtful:
+        """Return the quarantined rows that are within reach and have more than one stamp: no more rows come."""
+        self._refuse_rivals(report)
+        if not self.quarantined:
             return np.empty((0, 1))
         if self.in_doubt_since(passed_s):
-            rows = np.concatenate(self._doubtful)
+            rows = np.concatenate(self.quarantined)
             sound, _ = self._within_reach(rows, passed_s)
-            self._doubtful = list(rows[~sound, None, :])
-            if self._doubtful:
+            self.quarantined = list(rows[~sound, None, :])
+            if self.quarantined:
                 self._refuse(report)
-            return self._accepted(rows[sound])
-        t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
+            return self._accept(rows[sound])
+        t = np.concatenate(self.quarantined)[:, 0] + self.shift_s
         beginning = np.isneginf(self.newest_s)
-        if beginning or (t.size > 1 and self.newest_s < t.min() <= self.newest_s + self._limits.ahead_s):
-            return self._settled(report)
+        if beginning or (t.size > 1 and self.newest_s < t.min() <= self.newest_s + self.limits.ahead_s):
+            return self._settle(report)
         self._refuse(report)
         return np.empty((0, 1))
 
     def _leading(self, rows: Array, passed_s: float) -> int:
-        """How many rows from the first on move the clock on, or fill a hole behind it."""
+        """Return how many rows from the first on move the clock on, or fill a hole behind it."""
         sound, behind = self._within_reach(rows, passed_s)
         if behind[0]:
             behind[0] = self._is_beside(rows[:1])
         return _how_many_lead(sound & ~behind)  # those behind are looked at when all before them have been heard
 
     def _within_reach(self, rows: Array, passed_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Which rows are neither too late nor too far ahead, and which are behind the newest one before them."""
+        """Return which rows are neither too late nor too far ahead, and which are behind the newest one before them."""
         t = rows[:, 0] + self.shift_s
         before = np.maximum.accumulate(np.concatenate([[self.newest_s], t]))[:-1]
-        return (t > passed_s) & (t <= before + self._limits.hold_s), t < before
+        return (t > passed_s) & (t <= before + self.limits.hold_s), t < before
 
-    def _accepted(self, rows: Array) -> Array:
+    def _accept(self, rows: Array) -> Array:
         out = np.array(rows)
         out[:, 0] += self.shift_s
         self.newest_s = max(self.newest_s, float(out[:, 0].max()))
-        heard = np.concatenate([self._heard, _marks(out)])
-        if (np.diff(heard[:, 0]) < 0.0).any():
-            heard = heard[np.argsort(heard[:, 0], kind="stable")]
-        kept_s = self._limits.settle_s + self._limits.back_s
-        self._heard = heard[np.searchsorted(heard[:, 0], self.newest_s - kept_s) :]
+        recent = np.concatenate([self.recent, _marks(out)])
+        if (np.diff(recent[:, 0]) < 0.0).any():
+            recent = recent[np.argsort(recent[:, 0], kind="stable")]
+        kept_s = self.limits.settle_s + self.limits.back_s
+        self.recent = recent[np.searchsorted(recent[:, 0], self.newest_s - kept_s) :]
         return out
 
-    def _doubt(self, row: Array, passed_s: float, report: LossReport) -> Array:
-        """Set one row aside, and take the rows set aside for the clock if this one settles it."""
-        if len(self._doubtful) >= _MOST_DOUBTFUL:
+    def _quarantine(self, row: Array, passed_s: float, report: LossReport) -> Array:
+        """Quarantine one row; return all quarantined rows as the clock if this one settles it."""
+        if len(self.quarantined) >= _MOST_QUARANTINED:
             self._refuse(report)
-        if not self._doubtful:
-            self._doubted_at_s = self.newest_s
-        if not self._doubtful or self._continues(self._doubtful, row):
-            self._doubtful.append(row)
-            self._refuse_rival(report)
+        if not self.quarantined:
+            self.doubted_at_s = self.newest_s
+        if not self.quarantined or self._continues(self.quarantined, row):
+            self.quarantined.append(row)
+            self._refuse_rivals(report)
         else:
-            self._rivals(row, report)
-        return self._settled(report) if self._settles() else row[:0]
+            self._add_rival(row, report)
+        return self._settle(report) if self._settles() else row[:0]
 
-    def _rivals(self, row: Array, report: LossReport) -> None:
-        """One wrong stamp must not end a succession, and a succession that began with one must end."""
-        if not self._continues(self._rival, row):
-            self._refuse_rival(report)
-        self._rival.append(row)
-        if len(self._rival) > min(len(self._doubtful), _RIVAL_ROWS):
-            self._doubtful, self._rival = self._rival, self._doubtful
-            self._refuse_rival(report)
+    def _add_rival(self, row: Array, report: LossReport) -> None:
+        """Add a row that does not follow the quarantined ones; where rivals become more, they replace these."""
+        if not self._continues(self.rivals, row):
+            self._refuse_rivals(report)
+        self.rivals.append(row)
+        if len(self.rivals) > min(len(self.quarantined), _RIVAL_ROWS):
+            self.quarantined, self.rivals = self.rivals, self.quarantined
+            self._refuse_rivals(report)
 
     def _continues(self, rows: list[Array], row: Array) -> bool:
         newest = max((float(other[0, 0]) for other in rows[-2:]), default=np.inf)
-        return bool(abs(row[0, 0] - newest) <= self._limits.step_s)
+        return bool(abs(row[0, 0] - newest) <= self.limits.step_s)
 
     def _settles(self) -> bool:
-        first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
+        first, last = self.quarantined[0][0, 0], self.quarantined[-1][0, 0]
         ahead = first + self.shift_s - self.newest_s
         gone_on = last - first
-        if np.isneginf(self.newest_s) or 0.0 < ahead <= self._limits.ahead_s:
-            return bool(gone_on >= self._limits.hold_s)
-        if gone_on >= self._limits.settle_s:
+        if np.isneginf(self.newest_s) or 0.0 < ahead <= self.limits.ahead_s:
+            return bool(gone_on >= self.limits.hold_s)
+        if gone_on >= self.limits.settle_s:
             return True
-        return bool(ahead <= 0.0 and gone_on >= self._limits.back_s and self._is_heard_again())
+        return bool(ahead <= 0.0 and gone_on >= self.limits.back_s and self._times_come_again())
 
     def _comes_up_again(self, row: Array, passed_s: float) -> bool:
-        """Whether this row, which is not too late, follows those set aside, which are, and none came between; or it is
-        the newest, and they are behind.
+        """Return whether the quarantined rows directly precede this row on the new clock: it was set back by less than
+        the hold time.
         """
-        first, last = self._doubtful[0][0, 0], self._doubtful[-1][0, 0]
+        first, last = self.quarantined[0][0, 0], self.quarantined[-1][0, 0]
         reached = passed_s if first + self.shift_s <= passed_s else self.newest_s
-        if self.newest_s > self._doubted_at_s or not first + self.shift_s <= reached < row[0] + self.shift_s:
+        if self.newest_s > self.doubted_at_s or not first + self.shift_s <= reached < row[0] + self.shift_s:
             return False
-        return bool(0.0 < row[0] - last <= self._neighbour_s and self._is_heard_again())
+        return bool(0.0 < row[0] - last <= self._neighbour_s and self._times_come_again())
 
-    def _is_heard_again(self) -> bool:
-        """Whether the rows set aside follow each other and are of times that others were of, with other values."""
-        rows = np.concatenate(self._doubtful)
+    def _times_come_again(self) -> bool:
+        """Return whether the quarantined rows follow each other at times that had other rows before."""
+        rows = np.concatenate(self.quarantined)
         steps = np.diff(rows[:, 0])
         if len(rows) < _FEWEST_AGAIN or np.mean((steps > 0.0) & (steps <= self._neighbour_s)) < 0.9:
             return False
@@ -207,18 +211,18 @@ class ImuClock:
         return bool(np.mean(near <= self._neighbour_s) > 0.5 > np.mean(same))
 
     def _is_beside(self, row: Array) -> bool:
-        """Whether there has been another row where this one is."""
+        """Return whether another row was near the time of this one."""
         (near,), (same,) = self._beside(row)
         return bool(near <= _BESIDE * self._interval_s and not same)
 
     def _beside(self, rows: Array) -> tuple[Array, np.ndarray]:
-        """How far in time each row is from the nearest one heard, s, and whether that is the same row."""
-        heard, marks = self._heard, _marks(rows)
+        """Return how far in time each row is from the nearest recent one, s, and whether that is the same row."""
+        recent, marks = self.recent, _marks(rows)
         marks[:, 0] += self.shift_s
-        if len(heard) < 2:
+        if len(recent) < 2:
             return np.full(len(rows), np.inf), np.zeros(len(rows), dtype=bool)
-        after = np.clip(np.searchsorted(heard[:, 0], marks[:, 0]), 1, len(heard) - 1)
-        both = np.stack([heard[after - 1], heard[after]])
+        after = np.clip(np.searchsorted(recent[:, 0], marks[:, 0]), 1, len(recent) - 1)
+        both = np.stack([recent[after - 1], recent[after]])
         near = np.abs(both[:, :, 0] - marks[:, 0]).min(axis=0)
         return near, (both == marks).all(axis=2).any(axis=0)
 
@@ -228,80 +232,58 @@ class ImuClock:
 
     @property
     def _interval_s(self) -> float:
-        return median_interval(self._heard[:, 0]) if len(self._heard) > 1 else 0.0
+        return median_interval(self.recent[:, 0]) if len(self.recent) > 1 else 0.0
 
-    def _settled(self, report: LossReport) -> Array:
-        rows = np.concatenate(self._doubtful)
-        self._doubtful = []
-        self._refuse_rival(report)
+    def _settle(self, report: LossReport) -> Array:
+        rows = np.concatenate(self.quarantined)
+        self.quarantined = []
+        self._refuse_rivals(report)
         first, before = float(rows[:, 0].min()) + self.shift_s, self.newest_s
-        if np.isneginf(before) or 0.0 < first - before <= self._limits.longest_gap_s:
-            if first - before > self._limits.gap_s and np.isfinite(before):
+        if np.isneginf(before) or 0.0 < first - before <= self.limits.longest_gap_s:
+            if first - before > self.limits.gap_s and np.isfinite(before):
                 detail = f"no rows for {first - before:.3f} s"
                 report.note(StreamEvent("gap", "imu", before, first, 0, detail))
-            return self._accepted(rows)
+            return self._accept(rows)
         interval = median_interval(np.unique(rows[:, 0]))
         self.set_s = before - self.shift_s
         self.shift_s += before + interval - first
         went = f"{'forward' if first > before else 'back'} by {abs(first - before):.3f} s"
         detail = f"the clock went {went}; from here times are the sensor's plus {self.shift_s:.6f} s"
         report.note(StreamEvent("clock-restart", "imu", before, before + interval, 0, detail))
-        return self._accepted(rows)
+        return self._accept(rows)
 
-    def _reviewed(self, passed_s: float, report: LossReport) -> Array:
-        """The old clock has moved on: rows set aside that it has caught up with; all others go when it has gone on."""
-        rows = np.concatenate(self._doubtful)
+    def _review(self, passed_s: float, report: LossReport) -> Array:
+        """Return quarantined rows that the old clock has caught up with; the others are refused when it has gone on."""
+        rows = np.concatenate(self.quarantined)
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         count = _how_many_lead(self._within_reach(rows, passed_s)[0])
-        kept = self._accepted(rows[:count]) if count else rows[:0]
-        self._doubtful = list(rows[count:, None, :])
-        if not self._doubtful:
-            self._refuse_rival(report)
-        elif self.newest_s > self._doubted_at_s + self._limits.hold_s:
+        kept = self._accept(rows[:count]) if count else rows[:0]
+        self.quarantined = list(rows[count:, None, :])
+        if not self.quarantined:
+            self._refuse_rivals(report)
+        elif self.newest_s > self.doubted_at_s + self.limits.hold_s:
             self._refuse(report)
         return kept
 
     def _refuse(self, report: LossReport) -> None:
-        t = np.concatenate(self._doubtful)[:, 0] + self.shift_s
-        late = (t <= self.newest_s) & (t > self.newest_s - self._limits.hold_s - self._limits.back_s)
+        t = np.concatenate(self.quarantined)[:, 0] + self.shift_s
+        late = (t <= self.newest_s) & (t > self.newest_s - self.limits.hold_s - self.limits.back_s)
         report.lose("late", "imu", t[late])
         report.lose("clock-jump", "imu", t[~late])
-        self._doubtful = []
-        self._refuse_rival(report)
+        self.quarantined = []
+        self._refuse_rivals(report)
 
-    def _refuse_rival(self, report: LossReport) -> None:
-        if self._rival:
-            report.lose("clock-jump", "imu", np.concatenate(self._rival)[:, 0] + self.shift_s)
-            self._rival = []
-
-    def state(self) -> dict[str, Any]:
-        """All of it, as JSON values."""
-        return {
-            "doubtful": [row[0].tolist() for row in self._doubtful],
-            "rival": [row[0].tolist() for row in self._rival],
-            "doubted_at_s": finite_or_none(self._doubted_at_s),
-            "heard": self._heard.tolist(),
-            "newest_s": finite_or_none(self.newest_s),
-            "shift_s": self.shift_s,
-            "set_s": finite_or_none(self.set_s),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a :meth:`state`."""
-        self._doubtful = [np.array([row], dtype=np.float64) for row in state["doubtful"]]
-        self._rival = [np.array([row], dtype=np.float64) for row in state["rival"]]
-        self._doubted_at_s = finite_or(-np.inf, state["doubted_at_s"])
-        self._heard = np.array(state["heard"], dtype=np.float64).reshape(-1, 2)
-        self.newest_s = finite_or(-np.inf, state["newest_s"])
-        self.shift_s = state["shift_s"]
-        self.set_s = finite_or(np.inf, state["set_s"])
+    def _refuse_rivals(self, report: LossReport) -> None:
+        if self.rivals:
+            report.lose("clock-jump", "imu", np.concatenate(self.rivals)[:, 0] + self.shift_s)
+            self.rivals = []
 
 
 def _how_many_lead(sound: np.ndarray) -> int:
-    """How many from the first on."""
+    """Return how many from the first on are sound."""
     return sound.size if sound.all() else int(np.argmin(sound))
 
 
 def _marks(rows: Array) -> Array:
-    """What tells rows from others: their times and the sums of all else."""
+    """Return times and checksums of rows (n, 2): a row that comes again has both."""
     return np.column_stack([rows[:, 0], rows[:, 1:].sum(axis=1)])

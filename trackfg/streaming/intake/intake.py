@@ -1,26 +1,27 @@
-"""From batches as a source gives them to sound, canonical rows in the order of time, and what became of the others.
+"""The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    stamps -> arrival -> channels of the IMU -> conversion -> row checks -> clock steps
+    timestamps -> reorder buffer -> faults of the IMU -> conversion -> row checks -> clock jumps
 
-Everything that carries over from one batch to the next is in :meth:`Intake.state`: an intake restored from it and given
+:meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from trackfg.checks.imu_faults import ImuFaultDetector
+from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
+from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.events import LossReport, StreamEvent, motion_breaks
 from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.imu_clock import ClockLimits
-from trackfg.streaming.intake.imu_faults import ImuFaults
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 from trackfg.streaming.intake.row_checks import RowChecks
 from trackfg.streaming.intake.timestamps import Timestamps
@@ -28,94 +29,110 @@ from trackfg.streaming.rows import Rows, described_tables, joined_tables
 from trackfg.streaming.sources.source import Batch, Source
 
 
+@dataclass
 class Intake:
-    """What stands between a source and the estimator. ``canonical``: the batches' rows are so already."""
+    """The stages between a source and the estimator. Where the source's rows are canonical, two are left out.
 
-    def __init__(
-        self,
+    ``rows_in`` and ``rows_out`` count rows; what is lost is in the ``report``.
+    """
+
+    description: RecordingDescription
+    reorder_buffer: ReorderBuffer
+    timestamps: Timestamps | None
+    conversion: Conversion | None
+    imu_faults: ImuFaultDetector
+    row_checks: RowChecks
+    clock_jumps: ClockJumps
+    gnss_origin: Array | None
+    report: LossReport = field(default_factory=LossReport)
+    rows_in: int = 0
+    rows_out: int = 0
+
+    @classmethod
+    def begin(
+        cls,
         description: RecordingDescription,
         *,
         canonical: bool = False,
         limits: ClockLimits | None = None,
+        checks: CheckLimits | None = None,
         gnss_origin: Array | None = None,
-    ) -> None:
-        self._arrival = ReorderBuffer(described_tables(description), limits)
-        self._stamps = None if canonical else Timestamps(description)
-        self._conversion = None if canonical else Conversion(description)
-        self._channels = ImuFaults(description.imu, is_canonical=canonical)
-        self._checks = RowChecks(description)
-        self._steps = ClockJumps(description)
-        self._report = LossReport()
-        self._gnss_origin = gnss_origin
-        self.rows_in = 0
-        self.rows_out = 0
+    ) -> Intake:
+        """Return an intake before the first row; ``canonical``: rows come in canonical form."""
+        checks = checks or CheckLimits()
+        return cls(
+            description=description,
+            reorder_buffer=ReorderBuffer.of(described_tables(description), limits),
+            timestamps=None if canonical else Timestamps.of(description),
+            conversion=None if canonical else Conversion(description),
+            imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
+            row_checks=RowChecks.of(description, checks),
+            clock_jumps=ClockJumps.of(description),
+            gnss_origin=gnss_origin,
+        )
 
     @classmethod
-    def of(cls, source: Source, limits: ClockLimits | None = None) -> Intake:
-        """For the batches of ``source``."""
-        return cls(source.description, canonical=source.canonical, limits=limits, gnss_origin=source.gnss_origin)
+    def of(cls, source: Source, limits: ClockLimits | None = None, checks: CheckLimits | None = None) -> Intake:
+        """Return an intake for the batches of ``source``."""
+        return cls.begin(
+            source.description,
+            canonical=source.canonical,
+            limits=limits,
+            checks=checks,
+            gnss_origin=source.gnss_origin,
+        )
 
     def push(self, batch: Batch) -> tuple[Rows, tuple[StreamEvent, ...]]:
-        """The rows that are complete now, and what is to be said of others."""
+        """Return the rows that are complete after a batch, and the events."""
         self.rows_in += sum(rows.shape[0] for rows in batch.tables.values())
         for event in batch.events:
-            self._report.note(event)
-        tables = batch.tables if self._stamps is None else self._stamps.on_common_clock(batch.tables)
-        rows = self._sound(self._arrival.push(tables, self._report))
-        return self._passed(rows, self._report.end_of_push())
+            self.report.note(event)
+        tables = batch.tables if self.timestamps is None else self.timestamps.on_common_clock(batch.tables)
+        rows = self._sound(self.reorder_buffer.push(tables, self.report))
+        return self._explained(rows, self.report.end_of_push())
 
     def finish(self) -> tuple[Rows, tuple[StreamEvent, ...]]:
-        """The stream is over: the rest."""
+        """Return the rest at the end of the stream."""
         tables: dict[str, Array] = {}
-        if self._stamps is not None:
-            tables = self._arrival.push(self._stamps.on_common_clock({}, last=True), self._report)
-        rest = self._arrival.finish(self._report)
+        if self.timestamps is not None:
+            tables = self.reorder_buffer.push(self.timestamps.on_common_clock({}, last=True), self.report)
+        rest = self.reorder_buffer.finish(self.report)
         rows = self._sound(joined_tables([tables, rest]), last=True)
-        return self._passed(rows, self._report.end_of_stream(), last=True)
+        return self._explained(rows, self.report.end_of_stream(), last=True)
 
-    def _passed(
+    def _explained(
         self, rows: Rows, events: tuple[StreamEvent, ...], *, last: bool = False
     ) -> tuple[Rows, tuple[StreamEvent, ...]]:
-        rows, events = self._steps.passed(rows, events, last=last)
+        rows, events = self.clock_jumps.without_jumps(rows, events, last=last)
         self.rows_out += len(rows)
         return replace(rows, breaks=motion_breaks(events)), events
 
     def _sound(self, tables: Mapping[str, Array], *, last: bool = False) -> Rows:
-        if "imu" in tables:
-            tables = {**tables, "imu": self._channels.passed(tables["imu"], self._report)}
-        if last and len(rest := self._channels.finish()):
-            tables = {**tables, "imu": np.concatenate([part for part in (tables.get("imu"), rest) if part is not None])}
-        until_s = self._arrival.watermark_s
-        if (since_s := self._channels.waiting_since_s) <= until_s:
+        imu = [self._measurements(tables["imu"])] if "imu" in tables else []
+        if last and len(rest := self.imu_faults.finish()):
+            imu.append(rest)
+        if imu:
+            tables = {**tables, "imu": np.concatenate(imu) if len(imu) > 1 else imu[0]}
+        until_s = self.reorder_buffer.watermark_s
+        if (since_s := self.imu_faults.waiting_since_s) <= until_s:
             until_s = float(np.nextafter(since_s, -np.inf))
-        if self._conversion is not None:
-            tables = self._conversion.converted(tables, self._report)
-            self._gnss_origin = self._conversion.gnss_origin
-        return Rows.of(self._checks.sound(tables, self._report), until_s, self._gnss_origin)
+        if self.conversion is not None:
+            tables = self.conversion.converted(tables, self.report)
+            self.gnss_origin = self.conversion.gnss_origin
+        return Rows.of(self.row_checks.sound(tables, self.report), until_s, self.gnss_origin)
 
-    def state(self) -> dict[str, Any]:
-        """Everything that carries over, as JSON values."""
-        return {
-            "arrival": self._arrival.state(),
-            "stamps": None if self._stamps is None else self._stamps.state(),
-            "conversion": None if self._conversion is None else self._conversion.state(),
-            "channels": self._channels.state(),
-            "checks": self._checks.state(),
-            "steps": self._steps.state(),
-            "report": self._report.state(),
-            "rows_in": self.rows_in,
-            "rows_out": self.rows_out,
-        }
+    def _measurements(self, rows: Array) -> Array:
+        measurements, faults = self.imu_faults.take(rows)
+        for fault in faults:
+            self.report.lose(fault.code, "imu", fault.t, fault.columns)
+        return measurements
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from the :meth:`state` of an intake made with the same arguments."""
-        self._arrival.restore(state["arrival"])
-        if self._stamps is not None and self._conversion is not None:
-            self._stamps.restore(state["stamps"])
-            self._conversion.restore(state["conversion"])
-            self._gnss_origin = self._conversion.gnss_origin
-        self._channels.restore(state["channels"])
-        self._checks.restore(state["checks"])
-        self._steps.restore(state["steps"])
-        self._report = LossReport.restored(state["report"])
-        self.rows_in, self.rows_out = state["rows_in"], state["rows_out"]
+    def state(self) -> Snapshot:
+        """Return everything that carries over."""
+        return dump(self, (self.description,))
+
+    def restore(self, state: Snapshot) -> None:
+        """Go on from the :meth:`state` of an intake made with the same arguments. Raises
+        :class:`~trackfg.errors.BadInputError` where it does not fit.
+        """
+        vars(self).update(load_attributes(Intake, state, (self.description,)))

@@ -24,7 +24,6 @@ from trackfg.output.events import Event, events
 from trackfg.output.slip_events import wheel_excess
 from trackfg.output.trajectory import trajectory_table
 from trackfg.solver.covariance import Covariance
-from trackfg.streaming.checkpoint.json_numbers import finite_or_none
 from trackfg.streaming.events import StreamEvent
 
 LONGEST_S = 300.0
@@ -133,5 +132,5 @@ def _turned_s(sources: EventSources, states: States) -> float:
 
 def _stream_event(event: Event) -> StreamEvent:
     kind, start, end, *numbers, detail = event
-    known = (finite_or_none(value) for value in numbers)
+    known = (None if np.isnan(value) else float(value) for value in numbers)
     return StreamEvent(kind, EVENT_TABLES.get(kind, ""), start, end, 0, detail, *known)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from trackfg.streaming.checkpoint.checkpoint import Checkpoint
 from trackfg.streaming.events import event_table
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sinks.parquet_parts import ParquetParts, read_parts
@@ -62,8 +63,8 @@ def run(source: Source, intake: Intake, sink: ParquetParts, saved: Path, *, ever
         sink.write("smoothed", rows.frame("tach"))
         sink.write("events", event_table(events))
         if count % every == 0:
-            state = {"position": batch.position, "intake": intake.state(), "sink": sink.checkpoint()}
-            saved.write_text(json.dumps(state, allow_nan=False))
+            checkpoint = Checkpoint({}, sink.checkpoint(), batch.position, intake.state())
+            saved.write_bytes(b"".join(checkpoint.to_bytes()))
     rows, events = intake.finish()
     sink.write("filtered", rows.frame("imu"))
     sink.write("smoothed", rows.frame("tach"))
@@ -81,14 +82,14 @@ def test_killed_at_any_moment(
     source = JsonLinesSource(io.BytesIO(lines), batch_s=0.3)
     run(source, Intake.of(source), ParquetParts(folder / "whole"), folder / "unused", every=every, killed_at=None)
 
-    saved = folder / "checkpoint.json"
+    saved = folder / "checkpoint"
     for killed_at in [*kills, None]:
-        state = json.loads(saved.read_text()) if saved.exists() else {"position": 0, "intake": None, "sink": None}
-        source = JsonLinesSource(io.BytesIO(lines), batch_s=0.3, position=state["position"])
+        state = Checkpoint.from_bytes(saved.read_bytes()) if saved.exists() else Checkpoint({}, {})
+        source = JsonLinesSource(io.BytesIO(lines), batch_s=0.3, position=state.position)
         intake = Intake.of(source)
-        if state["intake"] is not None:
-            intake.restore(state["intake"])
-        begun = state["sink"] or {name: {"part": 1, "rows": 0} for name in TABLES}
+        if state.intake is not None:
+            intake.restore(state.intake)
+        begun = state.sink or {name: {"part": 1, "rows": 0} for name in TABLES}
         sink = ParquetParts(folder / "killed", rows_per_part=100, state=begun)
         try:
             run(source, intake, sink, saved, every=every, killed_at=killed_at)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,15 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trackfg.checks.imu_faults import ImuFaultDetector
+from trackfg.checks.limits import CheckLimits
+from trackfg.checks.stuck_value import StuckValue
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import Imu, RecordingDescription, Tach
 from trackfg.streaming.events import LossReport, StreamEvent
 from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.intake.imu_faults import ImuFaults
 from trackfg.streaming.intake.intake import Intake
-from trackfg.streaming.intake.stuck_value import StuckValue
 from trackfg.streaming.sources.source import Batch, RecordingSource
 
 RATE_HZ = 200.0
@@ -47,13 +48,24 @@ def stuck(rows: Array, *channels: int, begin: int = BEGIN, end: int = END) -> Ar
     return out
 
 
+def detector(imu: Imu = IMU, *, is_canonical: bool = True) -> ImuFaultDetector:
+    return ImuFaultDetector.of(imu, CheckLimits(), is_canonical=is_canonical)
+
+
+def measurements(channels: ImuFaultDetector, rows: Array, report: LossReport) -> Array:
+    out, faults = channels.take(rows)
+    for fault in faults:
+        report.lose(fault.code, "imu", fault.t, fault.columns)
+    return out
+
+
 def passed(
     rows: Array, *, imu: Imu = IMU, is_canonical: bool = True, cuts: list[int] | None = None
 ) -> tuple[Array, list[StreamEvent]]:
     """What is left of rows that come in groups, and the events."""
-    channels, report = ImuFaults(imu, is_canonical=is_canonical), LossReport()
+    channels, report = detector(imu, is_canonical=is_canonical), LossReport()
     groups = np.split(rows, np.arange(20, len(rows), 20) if cuts is None else cuts)
-    out = [*(channels.passed(group, report) for group in groups), channels.finish()]
+    out = [*(measurements(channels, group, report) for group in groups), channels.finish()]
     return np.concatenate(out), list(report.end_of_stream())
 
 
@@ -124,17 +136,17 @@ def test_a_signal_without_noise_may_stay_where_it_is() -> None:
 
 
 def test_nothing_waits_where_nothing_repeats() -> None:
-    channels, report, rows = ImuFaults(IMU, is_canonical=True), LossReport(), riding()
+    channels, report, rows = detector(), LossReport(), riding()
     for group in np.split(rows, range(20, len(rows), 20)):
-        assert len(channels.passed(group, report)) == len(group)
+        assert len(measurements(channels, group, report)) == len(group)
         assert channels.waiting_since_s == np.inf
 
 
 def test_rows_wait_no_longer_than_it_is_unclear() -> None:
-    channels, report, rows = ImuFaults(IMU, is_canonical=True), LossReport(), stuck(riding(), 4)
+    channels, report, rows = detector(), LossReport(), stuck(riding(), 4)
     waited = []
     for row in rows:
-        channels.passed(row[None], report)
+        measurements(channels, row[None], report)
         since = channels.waiting_since_s
         waited.append(row[0] - since if np.isfinite(since) else 0.0)
     assert max(waited) <= 0.2 + 1e-6
@@ -198,15 +210,12 @@ def test_rows_one_by_one_are_no_exception() -> None:
 
 
 @pytest.mark.parametrize("cut", [0, 150, BEGIN + 2, BEGIN + 100, END + 10, 2600, 2815, 2840, 3105])
-def test_it_goes_on_from_its_state(cut: int) -> None:
-    rows, report = faulty(), LossReport()
-    whole, again = (ImuFaults(IMU, is_canonical=True) for _ in range(2))
-    before = whole.passed(rows[:cut], report)
-    again.restore(json.loads(json.dumps(whole.state(), allow_nan=False)))
-    assert again.state() == whole.state()
-    reports = LossReport.restored(json.loads(json.dumps(report.state()))), report
+def test_it_goes_on_from_its_state(saved_and_restored: Callable[..., Any], cut: int) -> None:
+    rows, report, whole = faulty(), LossReport(), detector()
+    before = measurements(whole, rows[:cut], report)
+    again, reports = saved_and_restored(whole), (saved_and_restored(report), report)
     rest = [
-        np.concatenate([one.passed(rows[cut:], said), one.finish()])
+        np.concatenate([measurements(one, rows[cut:], said), one.finish()])
         for one, said in zip((again, whole), reports, strict=True)
     ]
     np.testing.assert_array_equal(*rest)
@@ -240,7 +249,7 @@ def test_what_waits_is_later_than_what_is_complete() -> None:
     description = RecordingDescription(
         id="stuck", imu=IMU, tach=Tach(file="tach.csv", time="t", column="distance", kind="distance", unit="m")
     )
-    intake, until, count, lost = Intake(description, canonical=True), -np.inf, 0, 0
+    intake, until, count, lost = Intake.begin(description, canonical=True), -np.inf, 0, 0
     for i in range(0, len(rows), 20):
         batch = Batch({"imu": rows[i : i + 20], "tach": tach[i : i + 20]})
         passed_on, events = intake.push(batch)

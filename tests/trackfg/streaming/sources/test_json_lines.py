@@ -129,7 +129,7 @@ def test_a_bad_line_is_one_event_and_the_next_line_is_read(case: str) -> None:
 @pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "null", "1e999", "1" + "0" * 400])
 def test_values_that_are_missing_or_no_quantity_are_rows_for_the_report(value: str) -> None:
     source = JsonLinesSource(io.BytesIO(lines({"description": DESCRIPTION}, *map(imu, range(40)), TACH + value + "}")))
-    intake = Intake(source.description)
+    intake = Intake.begin(source.description)
     events = [event for batch in source for event in intake.push(batch)[1]]
     rows, last = intake.finish()
     assert [(event.kind, event.table, event.rows) for event in [*events, *last]] == [("not-finite", "tach", 1)]
@@ -169,7 +169,7 @@ def test_an_end_within_a_line_is_no_crash() -> None:
         (lines({"description": 3}), "line 1: the description is no object"),
         (lines({"description": {"id": "x"}}), "required key is missing"),
         (lines({"description": {**DESCRIPTION, "imu": {**DESCRIPTION["imu"], "axes": "FFF"}}}), "imu.axes"),
-        (lines({"description": {**DESCRIPTION, "speed": 3}}), "unknown key"),
+        (lines({"description": {**DESCRIPTION, "velocity": 3}}), "unknown key"),
         (lines({"description": {**DESCRIPTION, "laser": {"name": "a"}}}), "laser"),
         (lines({"description": {**DESCRIPTION, "format": "trackfg-recording/2"}}), "format"),
     ],
@@ -219,7 +219,7 @@ def test_any_bytes_are_read_to_their_end(content: bytes) -> None:
 @settings(max_examples=100, deadline=None)
 def test_any_objects_become_rows_or_events(rows: list[dict[str, Any]]) -> None:
     source = JsonLinesSource(io.BytesIO(lines({"description": DESCRIPTION}, *rows)))
-    intake, bad, events = Intake(source.description), 0, []
+    intake, bad, events = Intake.begin(source.description), 0, []
     for batch in source:
         bad += sum(event.rows for event in batch.events)
         events += intake.push(batch)[1]

@@ -1,0 +1,225 @@
+"""IMU faults are rows that are numbers and yet no measurements; the smoother does without them, and sees a gap.
+
+Batch and stream share this detector. It takes rows in order, a few at a time or all at once.
+
+``stuck-channel``
+    A channel shows one value again and again (:mod:`trackfg.checks.stuck_value`), more often than it does by chance
+    (:mod:`trackfg.checks.channel_statistics`): it is stuck, or cut off at the end of its range. Rows between two at the
+    end of the range are dropped with them: alone they would be too small on average.
+``impossible-value``
+    A value is beyond what the sensors of rail vehicles show at all; or far beyond what this recording has shown, and
+    beyond what a vehicle does, for less than ``_BELIEVED_S``: a sensor that is hit, or a value garbled on its way.
+
+A row goes as a whole. One sample that equals the one before makes rows wait, from it on, until more of them come or
+others: rows of which none repeats are not delayed. How rows are grouped makes no difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.checks.channel_statistics import ChannelStatistics
+from trackfg.checks.limits import CheckLimits
+from trackfg.checks.stuck_value import StuckValue
+from trackfg.numerics.arrays import Array
+from trackfg.recording import canonical
+from trackfg.recording.description import Imu
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import IMU_COLUMNS, Recording
+from trackfg.units import to_si
+
+_PATIENCE_S = 0.2
+"""A channel that is cut off may stay below the end of its range for so long, s."""
+_FAR = 10.0
+"""A value so many times further from its centre than any before is far beyond."""
+_BELIEVED_S = 0.5
+"""Values that are far beyond for longer are believed, s: something has changed."""
+_DIGITS = 11
+"""Digits after the point of values turned back to the sensor's axes: rounding must not tell equal ones apart."""
+
+
+class ImuFault(NamedTuple):
+    """Rows with the times ``t`` (n,), s, that are no measurements, because of these columns of the sensor."""
+
+    code: str
+    t: Array
+    columns: tuple[str, ...]
+
+
+@dataclass
+class ImuFaultDetector:
+    """Tells measurements from faults. ``R``, where rows are in body axes: these are judged in the sensor's.
+
+    ``possible``, ``usual`` (6,): limits in the rows' units. ``plateaus``: one per channel; ``before``: the newest row's
+    values; ``count``: rows so far; ``held``: rows that may be of a plateau, ``held_rows`` their numbers; ``far``: rows
+    in succession that are far beyond; ``centre``, ``limit`` (6,): a value further than the limit from the centre is.
+    """
+
+    columns: tuple[str, ...]
+    R: Array | None
+    possible: Array
+    usual: Array
+    statistics: ChannelStatistics
+    limit: Array
+    centre: Array = field(default_factory=lambda: np.zeros(6))
+    plateaus: list[StuckValue] = field(default_factory=lambda: [StuckValue() for _ in range(6)])
+    before: Array = field(default_factory=lambda: np.full(6, np.nan))
+    count: int = 0
+    held: Array = field(default_factory=lambda: np.empty((0, 7)))
+    held_rows: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    far: int = 0
+
+    @classmethod
+    def of(cls, imu: Imu, limits: CheckLimits, *, is_canonical: bool) -> ImuFaultDetector:
+        """Return the detector before the first row; ``is_canonical``: rows are in SI and body axes."""
+        R, units = canonical.imu_rotation(imu), np.ones(6)
+        if not is_canonical:
+            units = np.repeat([to_si("angular rate", imu.gyro_unit), to_si("acceleration", imu.accel_unit)], 3)
+        possible = np.repeat([limits.possible_rate_radps, limits.possible_force_mps2], 3) / units
+        return cls(
+            columns=(*imu.gyro, *imu.accel),
+            R=R if is_canonical and not np.array_equal(R, np.eye(3)) else None,
+            possible=possible,
+            usual=np.repeat([limits.usual_rate_radps, limits.usual_force_mps2], 3) / units,
+            statistics=ChannelStatistics(np.repeat([imu.noise.gyro_white, imu.noise.accel_white], 3) / units),
+            limit=possible,
+        )
+
+    def take(self, rows: Array) -> tuple[Array, list[ImuFault]]:
+        """Take the next rows (n, 7), in order; return the measurements that are known to be such, and the faults."""
+        measurements, faults = [np.empty((0, 7))], list[ImuFault]()
+        while rows.shape[0]:
+            count = max(self.statistics.room - len(self.held), 1)
+            sensed = self._in_sensor_axes(rows[:count])
+            wild = np.abs(sensed[:, 1:] - self.centre) > self.limit
+            if self.far or wild.any():
+                count = 1 if self.far else max(int(wild.any(axis=1).argmax()), 1)
+                sensed, wild = sensed[:count], wild[:count]
+            part, rows = rows[:count], rows[count:]
+            if wild.any():
+                faults.append(self._wild(sensed, wild))
+            else:
+                self.far = max(self.far - 1, 0)
+                measurements.append(self._judge(part, sensed, faults))
+        return measurements[1] if len(measurements) == 2 else np.concatenate(measurements), faults
+
+    def finish(self) -> Array:
+        """Return the rows that wait, at the end: they were not found to be faults."""
+        rest, self.held, self.held_rows = self.held, self.held[:0], self.held_rows[:0]
+        return rest
+
+    @property
+    def waiting_since_s(self) -> float:
+        """Time of the first row that waits, s; infinite where none does."""
+        return float(self.held[0, 0]) if len(self.held) else np.inf
+
+    def _in_sensor_axes(self, rows: Array) -> Array:
+        if self.R is None:
+            return rows
+        values = np.round(np.hstack([rows[:, 1:4] @ self.R, rows[:, 4:] @ self.R]), _DIGITS)
+        return np.column_stack([rows[:, 0], values])
+
+    def _fault(self, code: str, t: Array, bad: np.ndarray) -> ImuFault:
+        """Return the fault of rows at ``t`` with ``bad`` (m, 6) values."""
+        columns = (name for name, channel in zip(self.columns, bad.T, strict=True) if channel.any())
+        return ImuFault(code, t, tuple(columns))
+
+    def _wild(self, rows: Array, wild: np.ndarray) -> ImuFault:
+        self.far += 1
+        statistics = self.statistics
+        if statistics.interval_s is not None and self.far * statistics.interval_s > _BELIEVED_S:
+            furthest = np.abs(rows[0, 1:] - self.centre)
+            statistics.furthest = np.maximum(statistics.furthest, np.minimum(furthest, self.possible))
+            self.far = 0
+            self._set_limits()
+        return self._fault("impossible-value", rows[:, 0], wild)
+
+    def _set_limits(self) -> None:
+        if self.statistics.interval_s is not None:
+            self.centre = self.statistics.centre
+            self.limit = np.clip(_FAR * self.statistics.furthest, self.usual, self.possible)
+
+    def _judge(self, rows: Array, sensed: Array, faults: list[ImuFault]) -> Array:
+        values = sensed[:, 1:]
+        same = np.empty(values.shape, dtype=bool)
+        np.equal(values[1:], values[:-1], out=same[1:])
+        np.equal(values[0], self.before, out=same[0])
+        before, self.before = self.before, values[-1].copy()
+        begin = self.count
+        self.count += len(rows)
+        if all(plateau.level is None for plateau in self.plateaus) and not same.any():
+            self._learn(sensed)
+            return rows
+        every = np.concatenate([self.held, rows])
+        numbers = np.concatenate([self.held_rows, np.arange(begin, self.count)])
+        wrong = np.zeros((len(every), 6), dtype=bool)
+        interval = self.statistics.interval_s
+        patience = 0 if interval is None else round(_PATIENCE_S / interval)
+        for c, (plateau, chance) in enumerate(zip(self.plateaus, self.statistics.chance, strict=True)):
+            if plateau.level is None and not same[:, c].any():
+                continue
+            series = values[:, c].tolist()
+            for first, end in plateau.take(series, begin, float(before[c]), chance, patience):
+                wrong[(numbers >= first) & (numbers < end), c] = True
+        lost = wrong.any(axis=1)
+        if lost.any():
+            faults.append(self._fault("stuck-channel", every[lost, 0], wrong))
+        waits = ~lost & (numbers >= min(plateau.held_from for plateau in self.plateaus))
+        passes = ~lost & ~waits
+        self.held, self.held_rows = every[waits], numbers[waits]
+        out = every[passes]
+        if len(out):
+            self._learn(self._in_sensor_axes(out))
+        return out
+
+    def _learn(self, sensed: Array) -> None:
+        completes = len(sensed) >= self.statistics.room
+        self.statistics.learn(sensed)
+        if completes:
+            self._set_limits()
+
+
+def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:
+    """Return the recording without the rows of its IMU that are no measurements, and with a finding of each kind.
+
+    A recording without faults is returned as it is.
+    """
+    imu = recording.description.imu
+    detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
+    rows = recording.imu[list(IMU_COLUMNS)].to_numpy()
+    faults = detector.take(rows)[1]
+    if not faults:
+        return recording
+    sound = ~np.isin(rows[:, 0], np.concatenate([fault.t for fault in faults]))
+    findings = [_finding(imu, code, [fault for fault in faults if fault.code == code]) for code in _MEANINGS]
+    return replace(
+        recording,
+        imu=recording.imu[sound].reset_index(drop=True),
+        findings=(*recording.findings, *(finding for finding in findings if finding is not None)),
+    )
+
+
+_MEANINGS = {
+    "stuck-channel": "show one value again and again: stuck, or at the end of the range",
+    "impossible-value": "show values beyond what the sensor of a rail vehicle shows, or far beyond all before",
+}
+"""What the columns of a fault do, by its code."""
+
+
+def _finding(imu: Imu, code: str, faults: list[ImuFault]) -> Finding | None:
+    """Return the finding that rows with faults of one code were dropped; None where there are none."""
+    if not faults:
+        return None
+    columns = ", ".join(dict.fromkeys(name for fault in faults for name in fault.columns))
+    count, first = sum(len(fault.t) for fault in faults), min(float(fault.t[0]) for fault in faults)
+    return Finding(
+        "warning",
+        "imu-rows-dropped",
+        f"{count} row{'s' if count > 1 else ''} not used, and bridged: {columns} {_MEANINGS[code]}",
+        file=imu.file,
+        time_s=first,
+        hint="check the sensor's range and its wiring; sigmas are larger there",
+    )
