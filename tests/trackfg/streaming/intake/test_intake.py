@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trackfg.checks.limits import CheckLimits
 from trackfg.io.reader import read_recording
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
@@ -158,7 +159,7 @@ def checked(rows: list[list[float]], *, signed: bool = False, name: str = "tach"
         "imu": {"file": "-", "gyro": ["a", "b", "c"], "accel": ["d", "e", "f"]},
         "tach": {"file": "-", "column": "d", "kind": "distance", "unit": "m", "signed": signed},
     }
-    checks, report = RowChecks(RecordingDescription.model_validate(toml)), LossReport()
+    checks, report = RowChecks.of(RecordingDescription.model_validate(toml), CheckLimits()), LossReport()
     out = [checks.sound({name: np.array(rows[i : i + 7])}, report)[name] for i in range(0, len(rows), 7)]
     return np.concatenate(out), list(report.end_of_stream())
 
