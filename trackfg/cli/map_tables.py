@@ -1,4 +1,4 @@
-"""What the commands about maps show, as rich tables and as JSON."""
+"""Tables and JSON of the commands about maps."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from trackfg.mapping.changes.difference import Difference
 
 _SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
-"""By a column's suffix: what it is shown in."""
+"""Factor and unit in which a column is shown, by its suffix."""
 
 MOVED_SIGMAS = 3.0
-"""What moved by less is counted, not shown; JSON has everything."""
+"""Quantities that moved by fewer sigmas are counted and not shown; JSON has everything."""
 
 
 def of_map(feature_map: FeatureMap, versions: pd.DataFrame) -> Iterator[RenderableType]:
-    """One version of a map: what it covers, how well, from which runs, its landmarks; and the versions there are."""
+    """Yield tables of one version of a map: extent, sigmas, runs, landmarks; and of the versions there are."""
     yield _overview(feature_map)
     yield _sigmas(feature_map)
     yield _runs(feature_map)
@@ -39,7 +39,7 @@ def of_map(feature_map: FeatureMap, versions: pd.DataFrame) -> Iterator[Renderab
 
 
 def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
-    """The same; the grid by its stretches and sigmas."""
+    """Return the same as JSON; the grid by its stretches and sigmas."""
     content = {
         "name": feature_map.name,
         "version": feature_map.version,
@@ -60,7 +60,7 @@ def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
 
 
 def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[RenderableType]:
-    """What moved by :data:`MOVED_SIGMAS` or more, what is new and gone, and the grid quantity by quantity."""
+    """Yield tables of what moved by :data:`MOVED_SIGMAS` or more, landmarks added and removed, and the grid."""
     yield named_values(
         "Difference, the second less the first",
         {
@@ -80,7 +80,7 @@ def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[R
 
 
 def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
-    """All of it."""
+    """Return all of a difference as JSON."""
     content = {
         "a": {"name": a.name, "version": a.version},
         "b": {"name": b.name, "version": b.version},
@@ -96,7 +96,7 @@ def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
 
 
 def of_changes(changes: Changes) -> Iterator[RenderableType]:
-    """What changed, and what would have been found."""
+    """Yield tables of what changed, and of what would have been found."""
     if len(changes.table):
         table = _compact("Changes, the run less the map")
         for heading in ("from m", "to m"):
@@ -135,7 +135,7 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
 
 
 def changes_json(changes: Changes) -> str:
-    """Changes, thresholds and coverage."""
+    """Return changes, thresholds and coverage as JSON."""
     content = {name: records(getattr(changes, name)) for name in ("table", "thresholds", "coverage")}
     return json.dumps({"changes": content.pop("table"), **content}, indent=2)
 
@@ -175,7 +175,7 @@ def _which(feature_map: FeatureMap) -> str:
 
 
 def _stretches(feature_map: FeatureMap) -> list[tuple[float, float]]:
-    """First and last place of each stretch without a hole."""
+    """Return the first and last place of each stretch without a hole."""
     x, step = feature_map.grid["chainage_m"].to_numpy(), feature_map.conventions.step_m
     breaks = np.flatnonzero(np.diff(x) > 1.5 * step)
     firsts, lasts = np.r_[0, breaks + 1], np.r_[breaks, len(x) - 1]
@@ -291,7 +291,7 @@ def _moved(moved: pd.DataFrame) -> RenderableType:
 
 
 def _sections(sections: pd.DataFrame) -> RenderableType:
-    """One row per quantity: over all, and where it differs most."""
+    """Return a table with one row per quantity: over all, and where it differs most."""
     table = _compact("Grid")
     table.add_column("quantity")
     for heading in ("cells", "mean", "rms", "rms,\nsigmas", "largest", "at m"):
@@ -346,7 +346,7 @@ def _json(content: dict[str, Any]) -> str:
 
 
 def _rows(table: pd.DataFrame) -> Iterator[Any]:
-    """A named tuple per row; pandas does not tell the types of its fields."""
+    """Yield a named tuple per row; pandas does not give the types of its fields."""
     yield from table.itertuples(index=False)
 
 

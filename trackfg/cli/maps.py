@@ -1,4 +1,4 @@
-"""The commands about feature maps, ``trackfg map ...``."""
+"""Commands about feature maps, ``trackfg map ...``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A feature map in memory: landmarks, reference geometry, reference line, and what each run said.
+"""A feature map in memory: landmarks, grid, reference line, and the information of each run.
 
 Everything faces increasing chainage, whichever way the runs went; SI units but where a column's suffix says otherwise;
 the 1-sigma of column ``x`` is ``x_sd``, in the same unit. NaN: not known; an empty text: does not apply.
@@ -38,7 +38,9 @@ from pydantic import JsonValue
 from trackfg.numerics.arrays import Array
 
 CURVE_POINTS = ("BTC", "BCC", "ECC", "ETC")
+"""Kinds of landmarks of a curve, in order of chainage."""
 FIX = "fix"
+"""Kind of a landmark that is a named fix."""
 
 
 def _with_sd(*quantities: str) -> tuple[str, ...]:
@@ -95,7 +97,10 @@ _GREATEST_SD = 1e100
 
 @dataclass(frozen=True)
 class MapConventions:
-    """What the columns mean; as in :class:`trackfg.results.summary.GeometryConventions`. Lengths in m."""
+    """The meaning of a map's columns, as in :class:`trackfg.results.summary.GeometryConventions`; lengths in m.
+
+    Raises ``ValueError`` for a length that is none.
+    """
 
     gauge_m: float
     cross_level_base_m: float
@@ -112,7 +117,7 @@ class MapConventions:
 
 @dataclass(frozen=True)
 class RunInformation:
-    """What a run said about the map's variables x: ``R x = d + e``, ``e ~ N(0, I)``; R (m, n), d (m,).
+    """The information of a run on the map's variables x: ``R x = d + e``, ``e ~ N(0, I)``; R (m, n), d (m,).
 
     ``variables`` names the n columns, each in the unit that its name ends in: ``mark/ID/chainage_m``,
     ``mark/ID/cross_level_mm``, ``run/ID/offset_m``, ``sensor/ID/roll_mrad`` (:mod:`trackfg.mapping.joining.anchors`).

@@ -20,23 +20,23 @@ _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
 
 
 def point_wkb(xyz: Array) -> bytes:
-    """A point with height, shape (3,)."""
+    """Return a point with height, shape (3,)."""
     return struct.pack("<BI3d", _LITTLE_ENDIAN, _POINT_Z, *xyz)
 
 
 def line_wkb(xyzm: Array) -> bytes:
-    """A line of vertices with height and measure, shape (n, 4)."""
+    """Return a line of vertices with height and measure, shape (n, 4)."""
     head = struct.pack("<BII", _LITTLE_ENDIAN, _LINESTRING_ZM, len(xyzm))
     return head + np.ascontiguousarray(xyzm, dtype="<f8").tobytes()
 
 
 def geopackage_point(xyz: Array, srs_id: int) -> bytes:
-    """:func:`point_wkb` with GeoPackage's header."""
+    """Return :func:`point_wkb` with GeoPackage's header."""
     return _header(srs_id, _NO_ENVELOPE) + point_wkb(xyz)
 
 
 def geopackage_line(xyzm: Array, srs_id: int) -> bytes:
-    """:func:`line_wkb` with GeoPackage's header and the extent in x and y."""
+    """Return :func:`line_wkb` with GeoPackage's header and the extent in x and y."""
     (x0, y0), (x1, y1) = xyzm[:, :2].min(axis=0), xyzm[:, :2].max(axis=0)
     return _header(srs_id, _ENVELOPE_XY) + struct.pack("<4d", x0, x1, y0, y1) + line_wkb(xyzm)
 

@@ -1,7 +1,4 @@
-"""What makes an SQLite file a GeoPackage 1.2 (OGC 12-128r14): its head, its own tables, and who is listed in them.
-
-1.2 is the oldest version with everything that a map needs (tables of attributes), so that old readers take it too.
-"""
+"""An SQLite file is a GeoPackage 1.2 (OGC 12-128r14) by its header, its own tables, and the layers listed there."""
 
 from __future__ import annotations
 
@@ -90,7 +87,7 @@ def create(connection: sa.Connection, schema: Schema) -> None:
 
 
 class _Geometry(sa.types.UserDefinedType[bytes]):
-    """The column's type is the name of its geometry, which GeoPackage demands; its content is bytes."""
+    """The type of a geometry column is the geometry's name, which GeoPackage demands; its content is bytes."""
 
     cache_ok = True
 
@@ -102,8 +99,10 @@ class _Geometry(sa.types.UserDefinedType[bytes]):
 
 
 def publish(connection: sa.Connection, version: int, drawn: tuple[Layer, ...]) -> None:
-    """Replace the layers. Their tables are made anew, and with them goes a spatial index that a GIS added: its triggers
-    call functions of the GIS.
+    """Replace the layers.
+
+    Their tables are made anew, and with them goes a spatial index that a GIS added: its triggers call functions of the
+    GIS.
     """
     connection.exec_driver_sql(f"UPDATE gpkg_contents SET last_change = {_NOW}")
     for layer in drawn:

@@ -1,12 +1,4 @@
-"""The newest version as a GIS draws it: points of landmarks, and the reference line in pieces of a kilometre.
-
-The layers are a picture of the map, made anew with every version: nothing is read back from them. Only the newest is
-drawn, because a layer has one reference system and a map may be georeferenced in a later version than its first.
-
-Georeferenced maps are in EPSG:4326 (longitude, latitude, height above the ellipsoid): exact without a projection, one
-system for lines that cross zones of UTM, and present in every GeoPackage and PostGIS database. Others are in the
-undefined Cartesian system, east and north of the map's frame in m. The line's measure M is the chainage.
-"""
+"""The layers are the newest version as a GIS draws it: points of landmarks, and the line in pieces of a kilometre."""
 
 from __future__ import annotations
 
@@ -30,7 +22,10 @@ _LINE_COLUMNS = ("from_m", "to_m")
 
 @dataclass(frozen=True)
 class Layer:
-    """``attributes``: one row per feature; ``coordinates`` of each: (3,) or (n, 4), None where it has no place."""
+    """A layer of a map: ``attributes``, one row per feature, and the ``coordinates`` of each.
+
+    These are (3,) or (n, 4), None where the feature has no place.
+    """
 
     name: str
     description: str
@@ -41,7 +36,7 @@ class Layer:
 
     @property
     def is_measured(self) -> bool:
-        """Whether vertices have a measure; all have a height."""
+        """True if vertices have a measure; all have a height."""
         return self.geometry == "LINESTRING"
 
     @property
@@ -55,7 +50,7 @@ class Layer:
         return float(x0), float(y0), float(x1), float(y1)
 
     def table(self, schema: str | None, geometry: sa.types.TypeEngine[bytes]) -> sa.Table:
-        """The layer's table, its geometry in column ``geom``."""
+        """Return the layer's table, its geometry in column ``geom``."""
         return sa.Table(
             self.name,
             sa.MetaData(schema=schema),
@@ -67,7 +62,7 @@ class Layer:
         )
 
     def rows(self, version: int, geometries: list[bytes | None]) -> list[dict[str, object]]:
-        """The rows of the table, NaN as None."""
+        """Return the rows of the table, NaN as None."""
         known = self.attributes.astype(object).where(self.attributes.notna(), None)
         return [
             {"fid": fid, "geom": geom, "version": version, **{str(name): value for name, value in row.items()}}
@@ -76,7 +71,7 @@ class Layer:
 
 
 def layers(feature_map: FeatureMap) -> tuple[Layer, Layer]:
-    """The landmarks and the reference line."""
+    """Return the layers of landmarks and of the reference line."""
     marks = feature_map.landmarks
     line = feature_map.line
     vertices = np.column_stack([_placed(feature_map, line), line["chainage_m"]])
@@ -111,7 +106,7 @@ def _placed(feature_map: FeatureMap, table: pd.DataFrame) -> Array:
 
 
 def _pieces(vertices: Array) -> list[Array]:
-    """Cut at whole kilometres, neighbours sharing the vertex behind the cut, and where positions are missing."""
+    """Return the line cut at whole kilometres, neighbours sharing a vertex, and where positions are missing."""
     placed: np.ndarray = np.all(np.isfinite(vertices), axis=1)
     stretch = np.cumsum(~placed)
     kilometre = np.floor(vertices[:, 3] / _PIECE_M)

@@ -1,4 +1,4 @@
-"""Where a map is: the path of a GeoPackage (``.gpkg``), or the URL of a PostgreSQL database.
+"""The location of a map is the path of a GeoPackage (``.gpkg``), or the URL of a PostgreSQL database.
 
 One database schema holds one map: ``postgresql://host/database?schema=NAME``, :data:`DEFAULT_SCHEMA` without. All else
 in the URL goes to the driver as it is.
@@ -22,6 +22,7 @@ from trackfg.errors import BadInputError, TrackfgError, printable
 from trackfg.maps.schema import Schema, map_schema
 
 DEFAULT_SCHEMA = "trackfg"
+"""Database schema of a URL that names none."""
 
 Purpose = Literal["read", "write", "create"]
 
@@ -47,7 +48,7 @@ class Location:
 
     @contextmanager
     def connect(self, purpose: Purpose) -> Iterator[sa.Connection]:
-        """A transaction: committed at the end of the block, undone with an exception or when the process dies.
+        """Open a transaction: committed at the end of the block, undone with an exception or when the process dies.
 
         To ``create`` is to write, where there may be no file yet. Raises :class:`BadInputError` for what cannot be
         opened or is refused by the database, and :class:`TrackfgError` where it stays locked or has no driver.
@@ -64,7 +65,10 @@ class Location:
             engine.dispose()
 
     def _file_engine(self, purpose: Purpose) -> sa.Engine:
-        """SQLite opens by URI: ``rw`` makes no file, also where it could only be read, and undoes a killed write."""
+        """Return an engine that opens by URI.
+
+        With ``rw`` it makes no file, also where it could only be read, and undoes a killed write.
+        """
         path = self.path
         assert path is not None
         _refuse_unless_sqlite(path, may_be_absent=purpose == "create")
@@ -138,7 +142,7 @@ def _database(text: str) -> Location:
 
 
 def _refuse_unless_sqlite(path: Path, may_be_absent: bool) -> None:
-    """An empty file is what a first write leaves that was killed."""
+    """Raise ``BadInputError`` for no SQLite file; an empty one is what a killed first write leaves."""
     try:
         with path.open("rb") as file:
             head = file.read(len(_SQLITE_MAGIC))

@@ -1,9 +1,4 @@
-"""What a map needs in PostgreSQL besides its tables: a schema, a lock for writers, and geometry columns.
-
-With PostGIS in the database, the layers have columns of its type ``geometry``; without, ``bytea`` with the same
-well-known binary, which becomes geometry by ``ST_GeomFromWKB(geom, 4326)`` wherever PostGIS is. The extension is not
-created here: that is for the owner of the database. Layers keep the kind of column that they were created with.
-"""
+"""A map in PostgreSQL needs, besides its tables, a schema, a lock for writers, and geometry columns."""
 
 from __future__ import annotations
 
@@ -80,7 +75,10 @@ def _type_name(layer: Layer) -> str:
 
 
 def _column_type(connection: sa.Connection, schema: str, table: str) -> str | None:
-    """As PostgreSQL writes it, such as ``bytea`` or ``geometry(PointZ,4326)``; None where there is no such table."""
+    """Return a column's type as PostgreSQL writes it, None where there is no such table.
+
+    Examples are ``bytea`` and ``geometry(PointZ,4326)``.
+    """
     found = connection.execute(
         sa.text(
             "SELECT format_type(atttypid, atttypmod) FROM pg_attribute JOIN pg_class c ON c.oid = attrelid "
@@ -93,5 +91,5 @@ def _column_type(connection: sa.Connection, schema: str, table: str) -> str | No
 
 
 def _with_srid(column_type: str) -> str:
-    """PostGIS leaves the system 0 unsaid: ``geometry(PointZ)``."""
+    """Return a type with its reference system: PostGIS leaves the system 0 out, as in ``geometry(PointZ)``."""
     return column_type if "," in column_type else column_type.replace(")", f",{_NO_SYSTEM})")

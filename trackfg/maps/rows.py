@@ -1,4 +1,4 @@
-"""Data frames and matrices into the tables and out of them.
+"""Data frames and matrices are written to the tables and read from them here.
 
 A statement per row through SQLAlchemy's own layer costs 30 us on PostgreSQL: 12 s for 100 km. So frames go in by what
 each database has for it: ``executemany`` of prepared tuples in SQLite, ``COPY`` in PostgreSQL.
@@ -25,6 +25,7 @@ from trackfg.numerics.arrays import Array
 Column: TypeAlias = "np.ndarray | pd.Series"
 
 _AT_A_TIME = 50_000
+"""Rows that are converted at a time."""
 
 
 def insert_frame(connection: sa.Connection, table: sa.Table, version: int, frame: pd.DataFrame) -> None:
@@ -44,7 +45,7 @@ def insert_frame(connection: sa.Connection, table: sa.Table, version: int, frame
 
 
 def _copy(connection: sa.Connection, table: sa.Table, names: list[str], columns: list[Column]) -> None:
-    """Numbers are written so that they read back exactly; an empty text is quoted, a NULL is not."""
+    """Copy columns into a table: numbers so that they read back exactly, an empty text quoted, a NULL not."""
     kinds = [pa.string() if isinstance(table.c[name].type, sa.Text) else None for name in names]
     arrays = [pa.array(column, kind, from_pandas=True) for column, kind in zip(columns, kinds, strict=True)]
     batch = pa.table(arrays, names=names)
@@ -64,7 +65,7 @@ def _quoted(connection: sa.Connection, table: sa.Table, names: list[str]) -> str
 
 
 def read_frame(connection: sa.Connection, table: sa.Table, version: int) -> pd.DataFrame:
-    """The rows of one version in their order, without ``fid, version``; NULL numbers become NaN."""
+    """Return the rows of one version in their order, without ``fid, version``; NULL numbers become NaN."""
     wanted = list(table.columns)[2:]
     first = version * ROWS_PER_VERSION
     chosen = (table.c.fid >= first) & (table.c.fid < first + ROWS_PER_VERSION)
@@ -74,7 +75,7 @@ def read_frame(connection: sa.Connection, table: sa.Table, version: int) -> pd.D
 
 
 def _parts(result: sa.CursorResult[tuple[object, ...]], names: list[str]) -> Iterator[pd.DataFrame]:
-    """Some thousand rows at a time, because Python's numbers take five times the memory of the frame's."""
+    """Yield some thousand rows at a time, because Python's numbers take five times the memory of the frame's."""
     while True:
         rows = result.fetchmany(_AT_A_TIME)
         columns = list(zip(*rows, strict=True)) or [()] * len(names)
@@ -104,7 +105,7 @@ def put_matrix(connection: sa.Connection, schema: Schema, names: tuple[str, ...]
 
 
 def get_matrix(connection: sa.Connection, schema: Schema, address: str) -> tuple[tuple[str, ...], Array]:
-    """The column names and the matrix (m, n). Raises ``ValueError`` where it is missing or damaged."""
+    """Return the column names and the matrix (m, n). Raises ``ValueError`` where it is missing or damaged."""
     matrices = schema.matrices
     row = connection.execute(sa.select(matrices).where(matrices.c.sha256 == address)).first()
     if row is None:

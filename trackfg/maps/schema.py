@@ -25,7 +25,9 @@ from trackfg.maps.feature_map import (
 )
 
 FORMAT = "trackfg-map/1"
+"""Format of a stored map; a newer one has a greater number."""
 ROWS_PER_VERSION = 2**32
+"""Row numbers of each version in a table."""
 
 KEY = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 """In SQLite only INTEGER, which has 64 bits there, can be the row's own number, as GeoPackage demands."""
@@ -38,7 +40,7 @@ _BYTES = sa.LargeBinary()
 
 @dataclass(frozen=True)
 class Schema:
-    """The tables in one database schema (PostgreSQL), or in a file (``schema`` None)."""
+    """The tables of a map in one database schema (PostgreSQL), or in a file (``schema`` None)."""
 
     metadata: sa.MetaData
     format: sa.Table
@@ -51,7 +53,7 @@ class Schema:
 
 
 def map_schema(schema: str | None) -> Schema:
-    """The tables, in the order in which they can be created."""
+    """Return the tables, in the order in which they can be created."""
     metadata = sa.MetaData(schema=schema)
 
     def table(name: str, *columns: sa.Column[Any]) -> sa.Table:
@@ -99,7 +101,7 @@ ORIGIN_COLUMNS = ("origin_latitude_deg", "origin_longitude_deg", "origin_height_
 
 
 def data_column(name: str) -> sa.Column[Any]:
-    """A column of a data frame. Numbers may be NULL, which is NaN in memory."""
+    """Return a column of a data frame. Numbers may be NULL, which is NaN in memory."""
     if name in TEXT_COLUMNS:
         return sa.Column(name, _TEXT, nullable=False)
     if name in INTEGER_COLUMNS:

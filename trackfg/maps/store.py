@@ -1,8 +1,8 @@
 """Maps in a GeoPackage or a PostgreSQL database: every write adds a version, and no version ever changes.
 
-A write is one transaction: killed at any moment, it leaves what was there. Who writes says which version his map was
-made from; if another has written since, he gets :class:`MapConflictError` and nothing is lost: he reads the newest and
-adds his run to that. The check is made under a lock that only writers hold, so of two at once, one is told.
+A write is one transaction: killed at any moment, it leaves what was there. A writer names the version that its map was
+made from; if there is a newer one, :class:`MapConflictError` is raised and nothing is lost: the newest is read and the
+run added to that. The check is made under a lock that only writers hold, so of two at once, one is refused.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _DAMAGE = (ValueError, TypeError, OverflowError, RecursionError)
 
 
 class MapConflictError(TrackfgError):
-    """Another has written since: ``newest`` is the newest version there, ``parent`` the one that the map is made from.
+    """The map was written meanwhile.
 
-    Either is None where there is none.
+    ``newest`` is the newest version there, ``parent`` the one that the map is made from; None where there is none.
     """
 
     def __init__(self, shown: str, parent: int | None, newest: int | None) -> None:
@@ -50,7 +50,8 @@ class MapConflictError(TrackfgError):
 def read_map(location: str | os.PathLike[str], version: int | None = None) -> FeatureMap:
     """Read a version, the newest if None, from the path of a ``.gpkg`` or a ``postgresql://`` URL.
 
-    Raises :class:`BadInputError` where there is no map, no such version, or it was written by a newer trackfg.
+    Raises :class:`BadInputError` where there is no map, no such version, it was written by a newer trackfg, or is
+    damaged.
     """
     place = locate(location)
     with place.connect("read") as connection:
@@ -69,7 +70,7 @@ def read_map(location: str | os.PathLike[str], version: int | None = None) -> Fe
 
 
 def newest_version(location: str | os.PathLike[str]) -> int | None:
-    """The number of the newest version; None where there is no map yet, but one can be made.
+    """Return the number of the newest version; None where there is no map yet, but one can be made.
 
     Raises :class:`BadInputError` where something else than a map is.
     """
@@ -84,9 +85,10 @@ def newest_version(location: str | os.PathLike[str]) -> int | None:
 
 
 def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
-    """All versions: ``version, parent, written_at, name, runs`` (their number), ``trackfg`` (the package's version).
+    """Return a table of all versions.
 
-    Raises :class:`BadInputError` as :func:`read_map` does.
+    Columns ``version, parent, written_at, name, runs`` (their number), ``trackfg`` (the package's version). Raises
+    :class:`BadInputError` as :func:`read_map` does.
     """
     place = locate(location)
     schema = place.schema
@@ -154,7 +156,7 @@ def _table_names(connection: sa.Connection, place: Location) -> set[str]:
 
 
 def _is_new(connection: sa.Connection, place: Location) -> bool:
-    """Whether a map can be made here: in an empty file, or in a database schema without tables of these names.
+    """Return whether a map can be made here: in an empty file, or in a schema without tables of these names.
 
     Raises :class:`BadInputError` where a table of another's would be taken for a layer, whose content is replaced.
     """
