@@ -20,7 +20,7 @@ _STANDARD = "-"
 _CHECKPOINT = "checkpoint"
 
 
-def stream(
+def stream(  # noqa: PLR0913  (a parameter is an option of the command)
     source: Annotated[
         str,
         typer.Argument(
