@@ -1,5 +1,7 @@
-"""Channels of the IMU that are numbers and yet no measurements: stuck, repeated, cut off at the end of the range, or
-beyond any.
+"""IMU channels are warned of that are stuck, repeated, cut off at the end of the range, or beyond any value.
+
+What is stuck or cut off is what batch and stream drop (:mod:`trackfg.checks.imu_faults`). A channel that is constant
+for long is warned of even where values repeat so often by chance that the detector does not judge it.
 """
 
 from __future__ import annotations
@@ -7,29 +9,27 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.imu_faults import ImuFaultDetector
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.robust import robust_sd
 from trackfg.numerics.spans import true_runs
-from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import IMU_COLUMNS
 
-_MIN_PLATEAU = 3
-_FAR = 6.0
-"""A plateau is saturation if it is this many robust standard deviations from the median."""
-
 
 def findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-    """Warnings about the sensor's own columns (``table`` is in body axes and is turned back)."""
-    t = table["t_s"].to_numpy()
-    values = table[list(IMU_COLUMNS[1:])].to_numpy()
-    R = imu_rotation(imu)
-    sensor = np.hstack([values[:, :3] @ R, values[:, 3:] @ R])
+    """Return warnings about the sensor's own columns (``table`` is in body axes and is turned back)."""
+    rows = table[list(IMU_COLUMNS)].to_numpy()
+    detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
+    faults = [fault for fault in detector.take(rows)[1] if fault.code == "stuck-channel"]
+    t, sensor = rows[:, 0], detector.in_sensor_axes(rows)[:, 1:]
     found = _repeated(imu, t, sensor, limits)
-    for name, channel in zip((*imu.gyro, *imu.accel), sensor.T, strict=True):
-        found += _stuck(imu, name, t, channel, limits) or _saturated(imu, name, t, channel)
+    same = np.diff(sensor, axis=0) == 0.0
+    same &= ~same.all(axis=1)[:, None]  # which are repeated rows
+    for c, name in enumerate((*imu.gyro, *imu.accel)):
+        times = np.concatenate([np.zeros(0), *(fault.t for fault in faults if name in fault.columns)])
+        found += _plateau(imu, name, t, sensor[:, c], (same[:, c], np.isin(t, times)), limits)
     for names, channels, most, unit in (
         (imu.gyro, sensor[:, :3], limits.possible_rate_radps, "rad/s"),
         (imu.accel, sensor[:, 3:], limits.possible_force_mps2, "m/s^2"),
@@ -40,7 +40,7 @@ def findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding
 
 
 def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Finding]:
-    """Rows in which all six channels stay the same: a logger that fills gaps with the last sample."""
+    """Return the finding of rows in which all six channels stay the same: a logger repeats the last sample in gaps."""
     same = (np.diff(sensor, axis=0) == 0.0).all(axis=1) & (sensor[1:] != 0.0).any(axis=1)
     share = float(np.mean(same))
     start, length = _longest_run(same)
@@ -65,18 +65,35 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
     ]
 
 
-def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -> list[Finding]:
-    start, length = _longest_run(np.diff(channel) == 0.0)
-    if length == 0 or t[start + length] - t[start] < limits.stuck_s:
+def _plateau(
+    imu: Imu, name: str, t: Array, channel: Array, masks: tuple[np.ndarray, np.ndarray], limits: CheckLimits
+) -> list[Finding]:
+    """Return the finding of the longest plateau that is dropped, or lasts for ``limits.stuck_s``.
+
+    ``masks``: which rows equal the next one (n - 1,), and which are dropped (n,). A plateau at the highest or lowest
+    value of the channel is one at the end of its range.
+    """
+    same, dropped = masks
+    runs, before = true_runs(same), np.concatenate([[0], np.cumsum(dropped)])
+    seconds = t[runs[:, 1]] - t[runs[:, 0]]
+    runs = runs[(seconds >= limits.stuck_s) | (before[runs[:, 1] + 1] > before[runs[:, 0] + 1])]
+    if len(runs) == 0:
         return []
-    whole = length == channel.size - 1
-    message = "constant over the whole recording" if whole else f"constant for {t[start + length] - t[start]:.4g} s"
-    hint = "check the sensor and the logger's resolution"
-    expected = "a signal with noise"
+    start, end = runs[np.argmax(t[runs[:, 1]] - t[runs[:, 0]])].tolist()
+    level, whole = float(channel[start]), end - start == channel.size - 1
+    if level in (channel.min(), channel.max()) and not whole:
+        at_end = channel == level
+        start, code, expected = int(np.argmax(at_end)), "saturated-channel", None
+        message = f"stays at its extreme {level:.6g} (SI) in {np.count_nonzero(at_end)} rows: saturated"
+        hint = "use a wider range; until then the smoother does without these rows"
+    else:
+        code, expected = "stuck-channel", "a signal with noise"
+        message = "constant over the whole recording" if whole else f"constant for {t[end] - t[start]:.4g} s"
+        hint = "check the sensor and the logger's resolution"
     return [
         Finding(
             "warning",
-            "stuck-channel",
+            code,
             message,
             file=imu.file,
             column=name,
@@ -86,32 +103,6 @@ def _stuck(imu: Imu, name: str, t: Array, channel: Array, limits: CheckLimits) -
             hint=hint,
         )
     ]
-
-
-def _saturated(imu: Imu, name: str, t: Array, channel: Array) -> list[Finding]:
-    """Several rows in succession at exactly the highest or lowest value, far from the usual ones."""
-    middle = float(np.median(channel))
-    spread = robust_sd(channel - middle)
-    for end in (float(channel.min()), float(channel.max())):
-        at_end = channel == end
-        _, length = _longest_run(at_end)
-        if length >= _MIN_PLATEAU and abs(end - middle) > _FAR * spread > 0.0:
-            i = int(np.argmax(at_end))
-            message = f"stays at its extreme {end:.6g} (SI) in {np.count_nonzero(at_end)} rows: saturated"
-            hint = "use a wider range; until then the rows near these are not to be trusted"
-            return [
-                Finding(
-                    "warning",
-                    "saturated-channel",
-                    message,
-                    file=imu.file,
-                    column=name,
-                    row=i + 1,
-                    time_s=float(t[i]),
-                    hint=hint,
-                )
-            ]
-    return []
 
 
 def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit: str) -> list[Finding]:

@@ -93,7 +93,7 @@ class ImuFaultDetector:
         measurements, faults = [np.empty((0, 7))], list[ImuFault]()
         while rows.shape[0]:
             count = max(self.statistics.room - len(self.held), 1)
-            sensed = self._in_sensor_axes(rows[:count])
+            sensed = self.in_sensor_axes(rows[:count])
             wild = np.abs(sensed[:, 1:] - self.centre) > self.limit
             if self.far or wild.any():
                 count = 1 if self.far else max(int(wild.any(axis=1).argmax()), 1)
@@ -116,7 +116,8 @@ class ImuFaultDetector:
         """Time of the first row that waits, s; infinite where none does."""
         return float(self.held[0, 0]) if len(self.held) else np.inf
 
-    def _in_sensor_axes(self, rows: Array) -> Array:
+    def in_sensor_axes(self, rows: Array) -> Array:
+        """Return rows (n, 7) as the sensor has them, so that equal values are equal."""
         if self.R is None:
             return rows
         values = np.round(np.hstack([rows[:, 1:4] @ self.R, rows[:, 4:] @ self.R]), _DIGITS)
@@ -172,7 +173,7 @@ class ImuFaultDetector:
         self.held, self.held_rows = every[waits], numbers[waits]
         out = every[passes]
         if len(out):
-            self._learn(self._in_sensor_axes(out))
+            self._learn(self.in_sensor_axes(out))
         return out
 
     def _learn(self, sensed: Array) -> None:
