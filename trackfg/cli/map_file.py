@@ -37,9 +37,9 @@ def build_map_file(
     name is given for a map that has another.
     """
     place = locate(location)
-    known = newest_version(location)
-    if known is not None and name is not None and (there := read_map(location).name) != name:
-        raise BadInputError(f"{place.shown}: is the map {there!r}; expected no other name, or another place")
+    newest = newest_version(location)
+    if newest is not None and name is not None and (stored_name := read_map(location).name) != name:
+        raise BadInputError(f"{place.shown}: is the map {stored_name!r}; expected no other name, or another place")
     show = progress or (lambda what, done: None)
     share = 0.9
     results = [
@@ -51,13 +51,13 @@ def build_map_file(
         show(what, share + (1.0 - share) * done)
 
     while True:
-        known = newest_version(location)
-        if known is None:
+        newest = newest_version(location)
+        if newest is None:
             joined = build_map(results, name=name or place.name, progress=joining)
         else:
-            joined = with_runs(read_map(location, known), results, progress=joining)
+            joined = with_runs(read_map(location, newest), results, progress=joining)
         try:
-            return write_map(joined, location, parent=known)
+            return write_map(joined, location, parent=newest)
         except MapConflictError:
             continue
 

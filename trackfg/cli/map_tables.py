@@ -59,38 +59,38 @@ def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
     return _json(content)
 
 
-def of_difference(a: FeatureMap, b: FeatureMap, found: Difference) -> Iterator[RenderableType]:
+def of_difference(a: FeatureMap, b: FeatureMap, comparison: Difference) -> Iterator[RenderableType]:
     """Yield tables of what moved by :data:`MOVED_SIGMAS` or more, landmarks added and removed, and the grid."""
     yield named_values(
         "Difference, the second less the first",
         {
             "first": _which(a),
             "second": _which(b),
-            "runs": _RELATIONS[found.relation],
-            "landmarks": f"{len(found.added)} added, {len(found.removed)} removed",
-            "cells": f"{found.cells_added} added, {found.cells_removed} removed",
+            "runs": _RELATIONS[comparison.relation],
+            "landmarks": f"{len(comparison.added)} added, {len(comparison.removed)} removed",
+            "cells": f"{comparison.cells_added} added, {comparison.cells_removed} removed",
         },
     )
-    if len(found.added):
-        yield _landmarks("Landmarks added", found.added)
-    if len(found.removed):
-        yield _landmarks("Landmarks removed", found.removed)
-    yield _moved(found.moved)
-    yield _sections(found.sections)
+    if len(comparison.added):
+        yield _landmarks("Landmarks added", comparison.added)
+    if len(comparison.removed):
+        yield _landmarks("Landmarks removed", comparison.removed)
+    yield _moved(comparison.moved)
+    yield _sections(comparison.sections)
 
 
-def difference_json(a: FeatureMap, b: FeatureMap, found: Difference) -> str:
+def difference_json(a: FeatureMap, b: FeatureMap, comparison: Difference) -> str:
     """Return all of a difference as JSON."""
     content = {
         "a": {"name": a.name, "version": a.version},
         "b": {"name": b.name, "version": b.version},
-        "relation": found.relation,
-        "moved": records(found.moved),
-        "added": records(found.added),
-        "removed": records(found.removed),
-        "sections": records(found.sections),
-        "cells_added": found.cells_added,
-        "cells_removed": found.cells_removed,
+        "relation": comparison.relation,
+        "moved": records(comparison.moved),
+        "added": records(comparison.added),
+        "removed": records(comparison.removed),
+        "sections": records(comparison.sections),
+        "cells_added": comparison.cells_added,
+        "cells_removed": comparison.cells_removed,
     }
     return _json(content)
 
@@ -127,9 +127,13 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
     for row in _rows(changes.thresholds):
         scale, unit = _shown_in(row.quantity)
         least = changes.coverage[row.quantity].dropna()
-        found = (f"{scale * x:.2f}" for x in (least.median(), least.max())) if len(least) else ("", "")
+        texts = (f"{scale * x:.2f}" for x in (least.median(), least.max())) if len(least) else ("", "")
         table.add_row(
-            _label(row.quantity, unit), f"{row.compared_m:.0f}", f"{row.noise_factor:.2f}", f"{row.sigmas:.1f}", *found
+            _label(row.quantity, unit),
+            f"{row.compared_m:.0f}",
+            f"{row.noise_factor:.2f}",
+            f"{row.sigmas:.1f}",
+            *texts,
         )
     yield table
 

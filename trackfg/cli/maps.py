@@ -69,13 +69,13 @@ def changes(
     from trackfg.maps import read_map
     from trackfg.results.result import Result
 
-    found = find_changes(Result.read(run), read_map(place, version), floor_mm=floor)
+    track_changes = find_changes(Result.read(run), read_map(place, version), floor_mm=floor)
     if out is not None:
-        found.write(out)
+        track_changes.write(out)
     if json:
-        print(map_tables.changes_json(found))
+        print(map_tables.changes_json(track_changes))
         return
-    for table in map_tables.of_changes(found):
+    for table in map_tables.of_changes(track_changes):
         show_table(table)
     if out is not None:
         print(f"changes: {out}")
@@ -133,11 +133,11 @@ def diff(
         from_version = b.parent
     a = read_map(first, from_version)
     try:
-        found = difference(a, b)
+        comparison = difference(a, b)
     except ValueError as error:
         raise BadInputError(f"the maps cannot be compared: {error}") from error
     if json:
-        print(map_tables.difference_json(a, b, found))
+        print(map_tables.difference_json(a, b, comparison))
         return
-    for table in map_tables.of_difference(a, b, found):
+    for table in map_tables.of_difference(a, b, comparison):
         show_table(table)

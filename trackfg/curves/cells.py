@@ -85,16 +85,16 @@ def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
     known = np.isfinite(values["curvature_1pm"]) & np.isfinite(values["curvature_1pm_sd"])
     used = np.flatnonzero(known)
     far = np.flatnonzero(np.diff(place[used]) * step > BRIDGED_M + step)
-    found = []
+    pieces = []
     for first, stop in zip([0, *(far + 1)], [*(far + 1), len(used)], strict=True):
         piece = used[first:stop]
         n = (place[piece[-1]] - place[piece[0]] + 1) // rows if piece.size else 0
         if n >= _FEWEST_CELLS:
             start = chainage[piece[0]] - 0.5 * (step + base_m)
             at = place - place[piece[0]]
-            here = (at >= 0) & (at < n * rows)
-            found.append(_cells(start, n, rows, base_m, at[here], {name: v[here] for name, v in values.items()}))
-    return found
+            inside = (at >= 0) & (at < n * rows)
+            pieces.append(_cells(start, n, rows, base_m, at[inside], {name: v[inside] for name, v in values.items()}))
+    return pieces
 
 
 def _cells(start: float, n: int, rows: int, base_m: float, at: np.ndarray, values: dict[str, Array]) -> Cells:

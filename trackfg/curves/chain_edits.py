@@ -22,12 +22,12 @@ def with_law(chain: CurveChain, law: TransitionLaw, only: int | None = None) -> 
     """Return the chain with all transitions, or ``only`` one, by this law, of lengths that look the same from afar."""
     laws = list(chain.laws)
     places = chain.places.copy()
-    for i, old in enumerate(chain.laws):
+    for i, previous_law in enumerate(chain.laws):
         if only not in (None, i) or chain.begin[i] == chain.end[i]:
             continue
         laws[i] = law
         ends = chain.places[[chain.begin[i], chain.end[i]]]
-        places[[chain.begin[i], chain.end[i]]] = ends.mean() + SPREAD[old] / SPREAD[law] * (ends - ends.mean())
+        places[[chain.begin[i], chain.end[i]]] = ends.mean() + SPREAD[previous_law] / SPREAD[law] * (ends - ends.mean())
     return replace(chain, laws=tuple(laws), places=places)
 
 
@@ -38,9 +38,9 @@ def opened(chain: CurveChain) -> Iterator[CurveChain]:
         within = j % 2 == 1 and chain.straight[(j + 1) // 2]
         if a == b and (j % 2 == 0 or within):
             points = chain.points
-            before = points[j] - points[j - 1] if j else np.inf
-            after = points[j + 2] - points[j + 1] if j + 2 < len(nodes) else np.inf
-            half = max(min(_OPENED_M, 0.3 * before, 0.3 * after), 0.1)
+            room_before = points[j] - points[j - 1] if j else np.inf
+            room_after = points[j + 2] - points[j + 1] if j + 2 < len(nodes) else np.inf
+            half = max(min(_OPENED_M, 0.3 * room_before, 0.3 * room_after), 0.1)
             places = np.append(chain.places, chain.places[a] + half)
             places[a] -= half
             # Whatever comes at that place after the opening moves with its further side.
@@ -54,9 +54,11 @@ def collapsed(chain: CurveChain) -> CurveChain:
     while level < len(chain.laws):
         pair = (level, level + 1)
         if chain.curvature[level] * chain.curvature[level + 1] > 0.0:
-            gone = min((i for i in pair if 0 < i < len(chain.laws)), key=lambda i: level_length(chain, i), default=None)
-            if gone is not None:
-                chain = bridged(chain, gone)
+            short = min(
+                (i for i in pair if 0 < i < len(chain.laws)), key=lambda i: level_length(chain, i), default=None
+            )
+            if short is not None:
+                chain = bridged(chain, short)
                 level = 0
                 continue
         level += 1
@@ -72,14 +74,14 @@ def level_length(chain: CurveChain, level: int) -> float:
 
 def bridged(chain: CurveChain, level: int) -> CurveChain:
     """Return the chain with the transitions on both sides of a level as one, by the law of the longer one."""
-    before, after = level - 1, level
+    first, second = level - 1, level
     ends = list(chain.end)
-    ends[before] = chain.end[after]
+    ends[first] = chain.end[second]
     laws = list(chain.laws)
-    spans = [chain.places[chain.end[t]] - chain.places[chain.begin[t]] for t in (before, after)]
-    laws[before] = chain.laws[before] if spans[0] >= spans[1] else chain.laws[after]
+    spans = [chain.places[chain.end[t]] - chain.places[chain.begin[t]] for t in (first, second)]
+    laws[first] = chain.laws[first] if spans[0] >= spans[1] else chain.laws[second]
     levels = [i for i in range(len(chain.straight)) if i != level]
-    kept = [t for t in range(len(laws)) if t != after]
+    kept = [t for t in range(len(laws)) if t != second]
     return selected(replace(chain, end=tuple(ends), laws=tuple(laws)), list(chain.straight), levels, kept)
 
 
@@ -143,14 +145,14 @@ def _inserted(chain: CurveChain, transition: int, nodes: tuple[float, float], cu
     first, second = nodes
     places = np.append(chain.places, first if first == second else [first, second])
     level = i + 1
-    new = 0.0 if curvature is None else curvature
+    level_curvature = 0.0 if curvature is None else curvature
     return CurveChain(
         straight=(*chain.straight[:level], curvature is None, *chain.straight[level:]),
         begin=(*chain.begin[:level], len(places) - 1, *chain.begin[level:]),
         end=(*chain.end[:i], p, *chain.end[i:]),
         laws=(*chain.laws[:level], *chain.laws[i:]),
         places=places,
-        curvature=np.insert(chain.curvature, level, new),
+        curvature=np.insert(chain.curvature, level, level_curvature),
         cant=np.insert(chain.cant, level, 0.0 if curvature is None else chain.cant[i : i + 2].mean()),
     )
 
@@ -161,10 +163,10 @@ def with_crossing(chain: CurveChain) -> CurveChain | None:
     It is inserted at the first such transition; None if there is none.
     """
     for i in range(len(chain.laws)):
-        before, after = chain.curvature[i], chain.curvature[i + 1]
-        if before * after < 0.0:
+        curvature_before, curvature_after = chain.curvature[i], chain.curvature[i + 1]
+        if curvature_before * curvature_after < 0.0:
             b, e = chain.places[chain.begin[i]], chain.places[chain.end[i]]
-            zero = float(b + (e - b) * before / (before - after))
+            zero = float(b + (e - b) * curvature_before / (curvature_before - curvature_after))
             return _inserted(chain, i, (zero, zero), None)
     return None
 
@@ -177,8 +179,8 @@ def with_level(chain: CurveChain, t: float) -> CurveChain:
     room = min(t - ends[0], ends[1] - t)
     half = max(min(10.0, 0.4 * room), 0.1)
     if j >= 0 and j % 2 == 0:
-        here = float(chain.curvature_at(np.array([t]))[0])
-        return _inserted(chain, j // 2, (t - half, t + half), here)
+        level_curvature = float(chain.curvature_at(np.array([t]))[0])
+        return _inserted(chain, j // 2, (t - half, t + half), level_curvature)
     level = (j + 1) // 2
     p = len(chain.places)
     return CurveChain(

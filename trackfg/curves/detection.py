@@ -33,10 +33,10 @@ def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0, widest_radius_m:
     not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
     """
     with one_thread():
-        return _found(cells_of(profile, base_m), widest_radius_m)
+        return _curves_of(cells_of(profile, base_m), widest_radius_m)
 
 
-def _found(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
+def _curves_of(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
     lines = [CurvedLine(cells, tuple(first_chains(cells, widest_radius_m))) for cells in pieces]
     if not any(line.chains for line in lines):
         return []
@@ -50,11 +50,11 @@ def _found(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
     groups = [
         _group(chain, line.stretch(k, noise), widest_radius_m) for line in lines for k, chain in enumerate(line.chains)
     ]
-    found = [group for group in groups if group is not None]
-    weights = law_weights([group.trial for group in found])
-    found = [group.relawed(w) for group, w in zip(found, weights, strict=True)]
-    weights = law_weights([group.trial for group in found])
-    curves = [curve for group, w in zip(found, weights, strict=True) for curve in _curves(group, w)]
+    fits = [group for group in groups if group is not None]
+    weights = law_weights([group.trial for group in fits])
+    fits = [group.relawed(w) for group, w in zip(fits, weights, strict=True)]
+    weights = law_weights([group.trial for group in fits])
+    curves = [curve for group, w in zip(fits, weights, strict=True) for curve in _curves(group, w)]
     return [replace(curve, id=number) for number, curve in enumerate(curves, start=1)]
 
 
@@ -75,19 +75,19 @@ class Group:
 
 
 def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group | None:
-    alone = structured(chain, stretch.without_tilt(), widest_radius_m)
-    if alone is None:
+    curvature_fit = structured(chain, stretch.without_tilt(), widest_radius_m)
+    if curvature_fit is None:
         return None
-    if stretch.tilt is None or not any(alone.chain.straight):
-        return Group(law_trial(alone), None)
-    seeded, stretch = canted(alone.chain, replace(alone.stretch, tilt=stretch.tilt))
-    together = fitted(seeded, stretch)
-    apart = fitted(seeded, replace(stretch, turn=None))
-    excess = together.chi2 / together.scale - (alone.chi2 + apart.chi2) / together.scale
-    limit = float(chi_squared.isf(_SHARED_ABOVE, len(alone.chain.places)))
-    if excess < limit and np.all(np.diff(together.chain.points) >= 0.0):
-        return Group(law_trial(simplified(together, widest_radius_m)), None)
-    return Group(law_trial(alone), apart)
+    if stretch.tilt is None or not any(curvature_fit.chain.straight):
+        return Group(law_trial(curvature_fit), None)
+    seeded, stretch = canted(curvature_fit.chain, replace(curvature_fit.stretch, tilt=stretch.tilt))
+    joint_fit = fitted(seeded, stretch)
+    cant_fit = fitted(seeded, replace(stretch, turn=None))
+    excess = joint_fit.chi2 / joint_fit.scale - (curvature_fit.chi2 + cant_fit.chi2) / joint_fit.scale
+    limit = float(chi_squared.isf(_SHARED_ABOVE, len(curvature_fit.chain.places)))
+    if excess < limit and np.all(np.diff(joint_fit.chain.points) >= 0.0):
+        return Group(law_trial(simplified(joint_fit, widest_radius_m)), None)
+    return Group(law_trial(curvature_fit), cant_fit)
 
 
 def _curves(group: Group, weights: Array) -> list[Curve]:
@@ -157,11 +157,11 @@ def _kind(chain: CurveChain, level: int) -> CurveKind:
     last = len(chain.straight) - 1
     beside = [i for i in (level - 1, level + 1) if 0 <= i <= last]
     compound = any(not chain.straight[i] for i in beside)
-    before = level > 1 and chain.straight[level - 1] and chain.end[level - 2] == chain.begin[level - 1]
-    after = level + 1 < last and chain.straight[level + 1] and chain.end[level] == chain.begin[level + 1]
+    joined_at_begin = level > 1 and chain.straight[level - 1] and chain.end[level - 2] == chain.begin[level - 1]
+    joined_at_end = level + 1 < last and chain.straight[level + 1] and chain.end[level] == chain.begin[level + 1]
     # Straights without length lie between curves of opposite sign, and may between those of one.
-    reverse = (before and chain.curvature[level - 2] * chain.curvature[level] < 0.0) or (
-        after and chain.curvature[level + 2] * chain.curvature[level] < 0.0
+    reverse = (joined_at_begin and chain.curvature[level - 2] * chain.curvature[level] < 0.0) or (
+        joined_at_end and chain.curvature[level + 2] * chain.curvature[level] < 0.0
     )
     kinds: dict[tuple[bool, bool], CurveKind] = {
         (False, False): "simple",

@@ -56,7 +56,7 @@ class Stretch:
     @property
     def disturbances(self) -> int:
         """The number of disturbances that were allowed."""
-        return sum(seen.increments.disturbances for seen in (self.turn, self.tilt) if seen is not None)
+        return sum(observed.increments.disturbances for observed in (self.turn, self.tilt) if observed is not None)
 
     def without_tilt(self) -> Stretch:
         """Return the stretch with its curvature only."""
@@ -100,11 +100,11 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
         size = np.maximum(np.diag(normal), 1e-12 * float(normal.max(initial=1e-300)))
         step = np.linalg.solve(normal + np.diag(damping * size), -gradient)
         promised = -float(step @ (2.0 * gradient + normal @ step))
-        after = chain.with_parameters(x + scales * step)
-        r_after, j_after = _residuals(after, stretch)
-        gained = chi2 - float(r_after @ r_after)
+        candidate = chain.with_parameters(x + scales * step)
+        candidate_r, candidate_j = _residuals(candidate, stretch)
+        gained = chi2 - float(candidate_r @ candidate_r)
         if gained >= 0.0:
-            chain, x, r, j, chi2 = after, x + scales * step, r_after, j_after * scales, chi2 - gained
+            chain, x, r, j, chi2 = candidate, x + scales * step, candidate_r, candidate_j * scales, chi2 - gained
             damping = max(damping / 8.0, _DAMPED)
         else:
             damping = max(damping * 8.0, _DAMPED_AGAIN)
@@ -115,7 +115,7 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
     # What the data do not tell gets a large variance, not an infinite one.
     _, s, v = np.linalg.svd(j, full_matrices=False)
     w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
-    freedom = sum(seen.increments.freedom for seen in (stretch.turn, stretch.tilt) if seen is not None)
+    freedom = sum(observed.increments.freedom for observed in (stretch.turn, stretch.tilt) if observed is not None)
     return Fit(chain, stretch, chi2, freedom, w.T @ w)
 
 
@@ -141,17 +141,17 @@ def _cant_disturbances(chain: CurveChain, tilt: Observed, stretch: Stretch, *, f
     The ramps are ``free``, or where the transitions are.
     """
     while True:
-        here = _with_cants(chain, tilt, stretch.tilt_edges)
+        with_cants = _with_cants(chain, tilt, stretch.tilt_edges)
         if free:
-            fit = fitted(here, replace(stretch, turn=None, tilt=tilt))
+            fit = fitted(with_cants, replace(stretch, turn=None, tilt=tilt))
             r, slopes = _residuals(fit.chain, fit.stretch)
         else:
-            model, by_all = tilts(here, stretch.tilt_edges)
+            model, by_all = tilts(with_cants, stretch.tilt_edges)
             r, slopes = tilt.white(tilt.increments.measured - model), tilt.white(by_all[:, len(chain.places) :])
-        gain, after = tilt.most_disturbed(r, slopes)
-        if gain < DISTURBED_FROM or after.increments.disturbances > len(r) // 10:
+        gain, candidate = tilt.most_disturbed(r, slopes)
+        if gain < DISTURBED_FROM or candidate.increments.disturbances > len(r) // 10:
             return tilt, float(r @ r) + PER_DISTURBANCE * tilt.increments.disturbances
-        tilt = after
+        tilt = candidate
 
 
 def _with_cants(chain: CurveChain, tilt: Observed, tilt_edges: Array) -> CurveChain:
@@ -174,7 +174,7 @@ def _scales(chain: CurveChain, stretch: Stretch) -> Array:
 
 def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
     p, c = len(chain.places), len(chain.curved)
-    counts = (0 if seen is None else len(seen.increments.measured) for seen in (stretch.turn, stretch.tilt))
+    counts = (0 if observed is None else len(observed.increments.measured) for observed in (stretch.turn, stretch.tilt))
     ends = np.cumsum([0, *counts])
     r = np.empty(ends[-1])
     slopes = np.zeros((ends[-1], p + c * (1 if stretch.tilt is None else 2)))

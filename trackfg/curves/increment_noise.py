@@ -93,10 +93,10 @@ class IncrementNoise:
         out: Array = self.autocovariance(n)[lags]
         out[np.arange(n), np.arange(n)] += known
         if disturbed is not None and np.any(disturbed):
-            here = np.arange(n)
-            out[here, here] += disturbed[1:] + disturbed[:-1]
-            out[here[1:], here[:-1]] -= disturbed[1:-1]
-            out[here[:-1], here[1:]] -= disturbed[1:-1]
+            diagonal = np.arange(n)
+            out[diagonal, diagonal] += disturbed[1:] + disturbed[:-1]
+            out[diagonal[1:], diagonal[:-1]] -= disturbed[1:-1]
+            out[diagonal[:-1], diagonal[1:]] -= disturbed[1:-1]
         return out
 
     def autocovariance(self, count: int) -> Array:
@@ -158,12 +158,12 @@ def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> Incr
 
 def _pieces(residuals: Array, known: Array) -> list[tuple[Array, Array]]:
     """Return what was measured in one piece, cut into overlapping halves where it is long."""
-    found = []
+    pieces = []
     for first, stop in true_runs(np.isfinite(residuals)):
         length = min(int(stop - first), _LONGEST_PIECE)
         if length < _SHORTEST_PIECE:
             continue
         count = 1 if stop - first == length else 1 + int(np.ceil(2.0 * (stop - first - length) / length))
         starts = np.linspace(first, stop - length, count).astype(int)
-        found += [(residuals[start : start + length], known[start : start + length]) for start in starts]
-    return found
+        pieces += [(residuals[start : start + length], known[start : start + length]) for start in starts]
+    return pieces

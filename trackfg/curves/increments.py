@@ -103,10 +103,10 @@ class Observed:
             left = size - np.einsum("ij,ij->j", explained, explained)
         else:
             left = size
-        said = np.isfinite(np.concatenate([self.increments.known, self.increments.between]))
+        informative = np.isfinite(np.concatenate([self.increments.known, self.increments.between]))
         # Not what says nothing yet, nor what the curves explain as well, nor less than a defect.
         along, left = residuals @ tried, np.maximum(left, 1e-300)
-        free = said & (left > _OTHERWISE * size) & (np.abs(along) > self.increments.least * left)
+        free = informative & (left > _OTHERWISE * size) & (np.abs(along) > self.increments.least * left)
         gains = np.where(free, along**2 / left, 0.0)
         k = int(np.argmax(gains))
         known, between = self.increments.known.copy(), self.increments.between.copy()
@@ -125,8 +125,8 @@ class Observed:
         """
         observed = self
         for _ in range(len(residuals) // 10):
-            gain, after = observed.most_disturbed(observed.white(residuals), observed.white(slopes))
+            gain, candidate = observed.most_disturbed(observed.white(residuals), observed.white(slopes))
             if gain < DISTURBED_FROM:
                 break
-            observed = after
+            observed = candidate
         return observed

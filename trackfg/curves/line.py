@@ -69,11 +69,11 @@ class CurvedLine:
         for k, chain in enumerate(self.chains):
             rows = self._rows(k, overlapping=False)
             edges = self.cells.edges[rows.start : rows.stop + 2]
-            here = slice(rows.start, rows.stop - 1)
-            out[here] -= tilts(chain, edges[:-1] + 0.5 * self.cells.base_m)[0]
-            left = np.where(telling[here] & ~beside[here], out[here], 0.0)
+            steps = slice(rows.start, rows.stop - 1)
+            out[steps] -= tilts(chain, edges[:-1] + 0.5 * self.cells.base_m)[0]
+            left = np.where(telling[steps] & ~beside[steps], out[steps], 0.0)
             if not np.any(chain.cant) or np.abs(left).max(initial=0.0) > _UNEXPLAINED * usual:
-                out[here] = np.where(beside[here], out[here], np.nan)
+                out[steps] = np.where(beside[steps], out[steps], np.nan)
         return out
 
     def clear(self) -> np.ndarray:
@@ -143,13 +143,13 @@ class CurvedLine:
         if chain.straight[0]:
             low = chain.points[0] - _AROUND_M if overlapping else -np.inf
             if k > 0:
-                before = self.chains[k - 1].points[-1]
-                low = max(low, chain.points[0] - share * (chain.points[0] - before) + clear)
+                previous_end = self.chains[k - 1].points[-1]
+                low = max(low, chain.points[0] - share * (chain.points[0] - previous_end) + clear)
         if chain.straight[-1]:
             high = chain.points[-1] + _AROUND_M if overlapping else np.inf
             if k + 1 < len(self.chains):
-                after = self.chains[k + 1].points[0]
-                high = min(high, chain.points[-1] + share * (after - chain.points[-1]) - clear)
+                next_begin = self.chains[k + 1].points[0]
+                high = min(high, chain.points[-1] + share * (next_begin - chain.points[-1]) - clear)
         # Neighbours that were pulled over each other keep what is their own.
         low, high = min(low, chain.points[0]), max(high, chain.points[-1])
         rows = np.flatnonzero((x >= low) & (x < high))
@@ -189,8 +189,8 @@ def _undisturbed(increments: CellIncrements, noise: IncrementNoise, clear: np.nd
         for low, high in itertools.pairwise(np.linspace(first, stop, count + 1).astype(int)):
             # A little is seen twice, so that nothing hides at a window's end.
             rows = slice(max(int(low) - _SEEN_TWICE, int(first)), int(high))
-            seen = Observed(increments.part(rows), noise)
-            after = seen.undisturbed(seen.increments.measured, np.zeros((rows.stop - rows.start, 0)))
-            if after is not seen:
-                increments = increments.with_part(rows, after.increments)
+            observed = Observed(increments.part(rows), noise)
+            disturbed = observed.undisturbed(observed.increments.measured, np.zeros((rows.stop - rows.start, 0)))
+            if disturbed is not observed:
+                increments = increments.with_part(rows, disturbed.increments)
     return increments

@@ -59,10 +59,10 @@ def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
             groups.append([int(first), int(stop)])
     chains = []
     for k, (first, stop) in enumerate(groups):
-        before = groups[k - 1][1] if k else 0
-        after = groups[k + 1][0] if k + 1 < len(groups) else len(mean)
-        low = max(first - _BESIDE, before if k == 0 else (before + first) // 2)
-        high = min(stop + _BESIDE, after if k + 1 == len(groups) else (stop + after + 1) // 2)
+        previous_stop = groups[k - 1][1] if k else 0
+        next_first = groups[k + 1][0] if k + 1 < len(groups) else len(mean)
+        low = max(first - _BESIDE, previous_stop if k == 0 else (previous_stop + first) // 2)
+        high = min(stop + _BESIDE, next_first if k + 1 == len(groups) else (stop + next_first + 1) // 2)
         pieces = _pieces(cells.curvature[low:high], sd)
         within = low > 0, high < len(mean)
         chain = _chain(pieces, cells.centres[low] - 0.5 * cells.base_m, cells.base_m, least, within)
@@ -79,9 +79,9 @@ def _parts(chain: CurveChain) -> list[CurveChain]:
     if len(chain.curved) <= _MOST_CURVES or longest is None or lengths[longest] < _CUT_M:
         return [chain]
     every, last = list(chain.straight), len(chain.laws)
-    before = selected(chain, every, list(range(longest + 1)), list(range(longest)))
-    after = selected(chain, every, list(range(longest, last + 1)), list(range(longest, last)))
-    return [*_parts(before), *_parts(after)]
+    first_part = selected(chain, every, list(range(longest + 1)), list(range(longest)))
+    last_part = selected(chain, every, list(range(longest, last + 1)), list(range(longest, last)))
+    return [*_parts(first_part), *_parts(last_part)]
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def _chain(
     ends: list[list[float]] = []
     if not pieces[0].constant:
         levels.append(pieces[0].start)
-    for piece, after in zip(pieces, [*pieces[1:], None], strict=True):
+    for piece, following in zip(pieces, [*pieces[1:], None], strict=True):
         first, stop = start_m + base_m * piece.first, start_m + base_m * piece.stop
         if piece.constant:
             if len(levels) > len(ends):
@@ -151,9 +151,9 @@ def _chain(
             ends.append([first, stop])
         else:
             ends[-1][1] = stop
-        if after is None:
+        if following is None:
             levels.append(piece.end)
-        elif not after.constant and (after.end - after.start) * (piece.end - piece.start) < 0.0:
+        elif not following.constant and (following.end - following.start) * (piece.end - piece.start) < 0.0:
             levels.append(piece.end)
             ends[-1][1] = stop - 0.1 * base_m
     if len(levels) == len(ends):

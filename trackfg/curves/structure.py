@@ -93,10 +93,10 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
     for _ in range(2 + len(chain.straight)):
         best = _undisturbed(best, widest_radius_m)
         split = (with_level(best.chain, t) for t in _doubtful(best))
-        after = _first_lower(best, split, widest_radius_m)
-        if after is best:
+        candidate = _first_lower(best, split, widest_radius_m)
+        if candidate is best:
             break
-        best = simplified(after, widest_radius_m)
+        best = simplified(candidate, widest_radius_m)
     best = _without_short_curves(best, widest_radius_m)
     return None if len(best.chain.curved) == 1 and _straight_costs_less(best, stretch) else best
 
@@ -104,20 +104,20 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
 def simplified(best: Fit, widest_radius_m: float) -> Fit:
     """Return the fit without levels that it does not need, nor lengths that do not differ from nothing."""
     for _ in range(4):
-        after = _merged_where_short(_pruned(best, widest_radius_m), widest_radius_m)
-        if after is best:
+        candidate = _merged_where_short(_pruned(best, widest_radius_m), widest_radius_m)
+        if candidate is best:
             break
-        best = after
+        best = candidate
     return best
 
 
 def _merged_where_short(best: Fit, widest_radius_m: float) -> Fit:
     for _ in range(len(best.chain.places)):
         shorter = _shortest_merged(best)
-        after = best if shorter is None else _lower(best, shorter, widest_radius_m)
-        if after is best:
+        candidate = best if shorter is None else _lower(best, shorter, widest_radius_m)
+        if candidate is best:
             return best
-        best = after
+        best = candidate
     return best
 
 
@@ -136,12 +136,12 @@ def _costs_less(fit: Fit, than: Fit) -> bool:
 def _pruned(best: Fit, widest_radius_m: float) -> Fit:
     """Return the fit without the levels and transitions that it does not need, and with the lengths that it does."""
     for _ in range(2 * len(best.chain.straight)):
-        after = _first_lower(best, opened(best.chain), widest_radius_m)
-        if after is best:
-            after = _first_lower(best, _reduced(best), widest_radius_m)
-        if after is best:
+        candidate = _first_lower(best, opened(best.chain), widest_radius_m)
+        if candidate is best:
+            candidate = _first_lower(best, _reduced(best), widest_radius_m)
+        if candidate is best:
             return best
-        best = after
+        best = candidate
     return best
 
 
@@ -173,8 +173,8 @@ def _reduced(fit: Fit) -> Iterator[CurveChain]:
             continue
         # Levels i and i + 1 as one, of the longer one's curvature; then either of them as part of a transition.
         lengths = [level_length(chain, i), level_length(chain, i + 1)]
-        gone = i if lengths[0] < lengths[1] else i + 1
-        levels = [level for level in range(last + 1) if level != gone]
+        shorter = i if lengths[0] < lengths[1] else i + 1
+        levels = [level for level in range(last + 1) if level != shorter]
         yield selected(chain, list(chain.straight), levels, [t for t in range(last) if t != i])
         for level in (i, i + 1):
             if 0 < level < last:
@@ -207,10 +207,10 @@ def _undisturbed(fit: Fit, widest_radius_m: float) -> Fit:
         gain, turn = fit.stretch.turn.most_disturbed(*regressors(fit.chain, fit.stretch.without_tilt()))
         if _to_scale(gain, fit) < DISTURBED_FROM or gain < _step_gains(fit)[1].max(initial=0.0):
             break
-        after = refitted(fit.chain, replace(fit.stretch, turn=turn), widest_radius_m)
-        if after is None:
+        candidate = refitted(fit.chain, replace(fit.stretch, turn=turn), widest_radius_m)
+        if candidate is None:
             break
-        fit = after
+        fit = candidate
     return fit
 
 
@@ -256,13 +256,13 @@ def _doubtful(fit: Fit) -> list[float]:
     """
     at, gains = _step_gains(fit)
     apart = _APART_CELLS * (fit.stretch.edges[1] - fit.stretch.edges[0])
-    found: list[float] = []
+    places: list[float] = []
     for k in np.argsort(-gains):
-        if _to_scale(float(gains[k]), fit) < _SPLITS_FROM or len(found) == _TRIED:
+        if _to_scale(float(gains[k]), fit) < _SPLITS_FROM or len(places) == _TRIED:
             break
-        if all(abs(at[k] - other) >= apart for other in found):
-            found.append(float(at[k]))
-    return found
+        if all(abs(at[k] - other) >= apart for other in places):
+            places.append(float(at[k]))
+    return places
 
 
 def _to_scale(gain: float, fit: Fit) -> float:

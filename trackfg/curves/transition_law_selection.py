@@ -68,10 +68,10 @@ def law_weights(trials: Sequence[LawTrial]) -> list[Array]:
     for _ in range(_ROUNDS):
         shares = np.exp(digamma(counts))
         weights = [_weights(trial.chi2, shares) for trial in trials]
-        after = _PRIOR_COUNTS + sum((w.sum(axis=0) for w in weights), np.zeros(len(LAWS)))
-        if np.abs(after - counts).max() < _SETTLED:
+        updated = _PRIOR_COUNTS + sum((w.sum(axis=0) for w in weights), np.zeros(len(LAWS)))
+        if np.abs(updated - counts).max() < _SETTLED:
             break
-        counts = after
+        counts = updated
     return weights
 
 

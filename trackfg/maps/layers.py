@@ -112,11 +112,11 @@ def _pieces(vertices: Array) -> list[Array]:
     kilometre = np.floor(vertices[:, 3] / _PIECE_M)
     starts = np.flatnonzero(placed & np.r_[True, (np.diff(stretch) > 0) | ~placed[:-1] | (np.diff(kilometre) != 0)])
     ends = np.r_[starts[1:], len(vertices)] if starts.size else starts
-    found = []
+    pieces = []
     for start, end in zip(starts, ends, strict=True):
         shared = end < len(vertices) and placed[end] and stretch[end] == stretch[start]
         piece = vertices[start : end + 1 if shared else end]
         piece = piece[placed[start : start + len(piece)]]
         if len(piece) > 1:
-            found.append(piece)
-    return found
+            pieces.append(piece)
+    return pieces

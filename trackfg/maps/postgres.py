@@ -52,15 +52,15 @@ def publish(connection: sa.Connection, schema: Schema, version: int, drawn: tupl
         )
     ).scalar()
     for layer in drawn:
-        there = _column_type(connection, name, layer.name)
+        column_type = _column_type(connection, name, layer.name)
         srid = WGS_84 if layer.georeferenced else _NO_SYSTEM
-        of_postgis = None if home is None or there == _BYTEA else _Geometry(home, _type_name(layer), srid)
+        of_postgis = None if home is None or column_type == _BYTEA else _Geometry(home, _type_name(layer), srid)
         table = layer.table(name, of_postgis or sa.LargeBinary())
-        if there is None:
+        if column_type is None:
             table.create(connection, checkfirst=False)
         else:
             connection.execute(table.delete())
-            if of_postgis is not None and f",{srid})" not in _with_srid(there):
+            if of_postgis is not None and f",{srid})" not in _with_srid(column_type):
                 shown = connection.dialect.identifier_preparer.format_table(table)
                 change = f"ALTER TABLE {shown} ALTER COLUMN geom TYPE {of_postgis.get_col_spec()} USING NULL"
                 connection.exec_driver_sql(change)

@@ -41,9 +41,9 @@ class MapConflictError(TrackfgError):
     def __init__(self, shown: str, parent: int | None, newest: int | None) -> None:
         self.parent, self.newest = parent, newest
         made = "made from no earlier version" if parent is None else f"made from version {parent}"
-        there = "there is no version" if newest is None else f"the newest there is version {newest}"
+        stored = "there is no version" if newest is None else f"the newest there is version {newest}"
         super().__init__(
-            f"{shown}: the map is {made}, but {there}; nothing is written: read the newest and add to that"
+            f"{shown}: the map is {made}, but {stored}; nothing is written: read the newest and add to that"
         )
 
 
@@ -61,8 +61,8 @@ def read_map(location: str | os.PathLike[str], version: int | None = None) -> Fe
         versions = place.schema.versions
         row = connection.execute(sa.select(versions).where(versions.c.version == wanted)).first()
         if row is None:
-            there = "no version" if newest is None else f"versions 1 to {newest}"
-            raise BadInputError(f"{place.shown}: holds {there}" + ("" if version is None else f", not {version}"))
+            stored = "no version" if newest is None else f"versions 1 to {newest}"
+            raise BadInputError(f"{place.shown}: holds {stored}" + ("" if version is None else f", not {version}"))
         try:
             return _read(connection, place, row)
         except _DAMAGE as error:
@@ -96,10 +96,10 @@ def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
         _require_map(connection, place)
         runs = sa.select(sa.func.count()).where(schema.runs.c.version == schema.versions.c.version).scalar_subquery()
         heads = [schema.versions.c[name] for name in ("version", "parent", "written_at", "name")]
-        found = connection.execute(
+        rows = connection.execute(
             sa.select(*heads, runs, schema.versions.c.software).order_by(schema.versions.c.version)
         ).all()
-    table = pd.DataFrame(found, columns=["version", "parent", "written_at", "name", "runs", "software"])
+    table = pd.DataFrame(rows, columns=["version", "parent", "written_at", "name", "runs", "software"])
     table["parent"] = table["parent"].astype("Int64")
     try:
         table["trackfg"] = [_object("software", text).get("trackfg", "") for text in table.pop("software")]
@@ -160,25 +160,25 @@ def _is_new(connection: sa.Connection, place: Location) -> bool:
 
     Raises :class:`BadInputError` where a table of another's would be taken for a layer, whose content is replaced.
     """
-    there = _table_names(connection, place)
+    tables = _table_names(connection, place)
     if place.path is not None:
-        return not there
-    if there.intersection(table.name for table in place.schema.metadata.sorted_tables):
+        return not tables
+    if tables.intersection(table.name for table in place.schema.metadata.sorted_tables):
         return False
-    if taken := sorted(there.intersection(LAYERS)):
+    if taken := sorted(tables.intersection(LAYERS)):
         raise BadInputError(f"{place.shown}: holds a table {taken[0]} but no map; expected a schema of the map's own")
     return True
 
 
 def _require_map(connection: sa.Connection, place: Location) -> None:
     """Raise :class:`BadInputError` unless all tables are there, in a format that this version reads."""
-    there = _table_names(connection, place)
+    stored = _table_names(connection, place)
     tables = place.schema.metadata.sorted_tables
-    if place.schema.format.name in there:
-        found = connection.execute(sa.select(place.schema.format.c.format)).scalar()
-        if found != FORMAT:
-            raise BadInputError(f"{place.shown}: has format {found!r}; this version of trackfg reads {FORMAT}")
-    if missing := sorted({table.name for table in tables} - there):
+    if place.schema.format.name in stored:
+        stored_format = connection.execute(sa.select(place.schema.format.c.format)).scalar()
+        if stored_format != FORMAT:
+            raise BadInputError(f"{place.shown}: has format {stored_format!r}; this version of trackfg reads {FORMAT}")
+    if missing := sorted({table.name for table in tables} - stored):
         expected = "expected a feature map"
         if len(missing) == len(tables):
             raise BadInputError(f"{place.shown}: holds no feature map; {expected}")
@@ -223,12 +223,12 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
 def _runs_with_addresses(connection: sa.Connection, place: Location, written: FeatureMap) -> pd.DataFrame:
     addresses: list[str | None] = []
     for run in written.runs["run_id"]:
-        said = written.information.get(run)
-        if said is None:
+        rows = written.information.get(run)
+        if rows is None:
             addresses.append(None)
         else:
-            names = (*said.variables, _RIGHT_HAND_SIDE)
-            addresses.append(put_matrix(connection, place.schema, names, np.column_stack([said.R, said.d])))
+            names = (*rows.variables, _RIGHT_HAND_SIDE)
+            addresses.append(put_matrix(connection, place.schema, names, np.column_stack([rows.R, rows.d])))
     return written.runs.assign(information_sha256=pd.Series(addresses, dtype="object"))
 
 

@@ -170,12 +170,12 @@ def _landmarks(
     when = np.full(len(place), np.nan)
     for profile in sorted(passes, key=len, reverse=True):
         points = profile.views[0].points
-        there = np.isnan(when) & (place >= profile.cell[0] * step_m) & (place <= profile.cell[-1] * step_m)
-        when[there] = np.interp(place[there], profile.cell * step_m, points.keyframe + points.fraction)
-    seen = np.isfinite(when)
-    k = np.clip(when[seen].astype(np.int64), 0, len(states) - 2)
-    f = when[seen] - k
+        within = np.isnan(when) & (place >= profile.cell[0] * step_m) & (place <= profile.cell[-1] * step_m)
+        when[within] = np.interp(place[within], profile.cell * step_m, points.keyframe + points.fraction)
+    passed = np.isfinite(when)
+    k = np.clip(when[passed].astype(np.int64), 0, len(states) - 2)
+    f = when[passed] - k
     D = states.odo.distance
-    beyond = direction * place[seen] - ((1.0 - f) * D[k] + f * D[k + 1])
-    distance = direction * used["reference_m"].to_numpy()[seen] - beyond
-    return landmark(k, f, distance, landmark_sd(used)[seen, None], loss)
+    beyond = direction * place[passed] - ((1.0 - f) * D[k] + f * D[k + 1])
+    distance = direction * used["reference_m"].to_numpy()[passed] - beyond
+    return landmark(k, f, distance, landmark_sd(used)[passed, None], loss)

@@ -83,8 +83,8 @@ def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
 
 def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_sd: Array) -> ChangeNoise:
     """Return the noise of ``change`` (n,): as stated, and raised to what its own spread shows."""
-    before = over.before(name)
-    sides = np.stack([over.before_at(name, sign * shift_sd) - before for sign in (-1.0, 1.0)])
+    map_values = over.before(name)
+    sides = np.stack([over.before_at(name, sign * shift_sd) - map_values for sign in (-1.0, 1.0)])
     sides = np.where(np.isfinite(sides), sides, sides[::-1])  # next to a hole there is one side only
     sigma = np.sqrt(stated**2 + np.mean(sides**2, axis=0))
     ratio = change / sigma
@@ -97,8 +97,8 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
     factor = max(float(np.nan_to_num(whole, nan=1.0)), least)
     octave = np.floor(np.log2(np.maximum(over.run_column("speed_mps"), _SLOWEST_MPS)))
     factors = np.full(len(ratio), factor)
-    for one in np.unique(octave):
-        rows = octave == one
+    for band in np.unique(octave):
+        rows = octave == band
         of_band = _spread(ratio[rows])
         if np.isfinite(of_band):
             factors[rows] = max(of_band, least)

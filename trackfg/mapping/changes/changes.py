@@ -103,21 +103,21 @@ def changes(
     shift, shift_sd = residual_shift(over, stated)
     alike = _like_a_millimetre(conventions)
     each = false_alarms_per_10_km / 1e4 / len(QUANTITIES)
-    found: dict[str, _Compared] = {}
+    compared: dict[str, _Compared] = {}
     for name in QUANTITIES:
         change = over.after_at(name, shift) - over.before(name)
         if name in WITHOUT_SLOW_PART:
             change = change - _slow(change, over.step_m)
         noise = change_noise(over, name, change, stated[name], shift_sd)
-        found[name] = _Compared(change, noise, noise.sigmas_for(each), alike[name], floor_mm)
+        compared[name] = _Compared(change, noise, noise.sigmas_for(each), alike[name], floor_mm)
     cells = {"chainage_m": over.chainage, "observations": over.grid["observations"].to_numpy(), "shift_m": shift}
-    for name, one in found.items():
-        cells |= {name: one.change, f"{name}_sd": one.noise.sigma}
+    for name, part in compared.items():
+        cells |= {name: part.change, f"{name}_sd": part.noise.sigma}
     return Changes(
-        table=_table(over, found),
+        table=_table(over, compared),
         cells=pd.DataFrame(cells),
-        thresholds=_thresholds(found, over.step_m),
-        coverage=_coverage(over, found),
+        thresholds=_thresholds(compared, over.step_m),
+        coverage=_coverage(over, compared),
     )
 
 
@@ -170,24 +170,24 @@ def _slow(change: Array, step_m: float) -> Array:
     return smooth.to_numpy()
 
 
-def _table(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
-    changed = np.any([one.changed for one in found.values()], axis=0)
+def _table(over: Overlay, compared: dict[str, _Compared]) -> pd.DataFrame:
+    changed = np.any([part.changed for part in compared.values()], axis=0)
     spans = true_runs(changed)
     together = round(_TOGETHER_M / over.step_m)
     first = np.flatnonzero(np.r_[True, spans[1:, 0] - spans[:-1, 1] >= together][: len(spans)])
     stops = spans[np.r_[first[1:], len(spans)] - 1, 1] if len(spans) else ()
-    rows = [_row(over, found, slice(a, b)) for a, b in zip(spans[first, 0], stops, strict=True)]
+    rows = [_row(over, compared, slice(a, b)) for a, b in zip(spans[first, 0], stops, strict=True)]
     return pd.DataFrame(rows, columns=list(CHANGE_COLUMNS))
 
 
-def _row(over: Overlay, found: dict[str, _Compared], rows: slice) -> dict[str, object]:
+def _row(over: Overlay, compared: dict[str, _Compared], rows: slice) -> dict[str, object]:
     """Return one change as a row: cells ``rows``, the first and the last of them changed."""
-    places = {name: at for name, one in found.items() if (at := one.largest(rows)) >= 0}
-    size = {name: abs(found[name].change[at]) / found[name].like_a_mm for name, at in places.items()}
+    places = {name: at for name, part in compared.items() if (at := part.largest(rows)) >= 0}
+    size = {name: abs(compared[name].change[at]) / compared[name].like_a_mm for name, at in places.items()}
     in_mm = [name for name in size if name.endswith("_mm")]
     name = max(in_mm or size, key=size.__getitem__)
-    at, one = places[name], found[name]
-    change, sd, before = one.change[at], one.noise.sigma[at], over.before(name)[at]
+    at, part = places[name], compared[name]
+    change, sd, map_value = part.change[at], part.noise.sigma[at], over.before(name)[at]
     return {
         "from_m": over.chainage[rows.start],
         "to_m": over.chainage[rows.stop - 1],
@@ -195,13 +195,13 @@ def _row(over: Overlay, found: dict[str, _Compared], rows: slice) -> dict[str, o
         "change": change,
         "change_sd": sd,
         "sigmas": abs(change) / sd,
-        "before": before,
-        "after": before + change,
-        "kind": _kind(found, size, rows, _LONG_M / over.step_m),
+        "before": map_value,
+        "after": map_value + change,
+        "kind": _kind(compared, size, rows, _LONG_M / over.step_m),
     }
 
 
-def _kind(found: dict[str, _Compared], size: dict[str, float], rows: slice, long: float) -> Kind:
+def _kind(compared: dict[str, _Compared], size: dict[str, float], rows: slice, long: float) -> Kind:
     """Guess the kind of a change from the quantities that changed, ``size`` as if in mm.
 
     One rail that dips takes the cross-level to one side and the level with it; a twist takes it to both sides, or
@@ -211,31 +211,31 @@ def _kind(found: dict[str, _Compared], size: dict[str, float], rows: slice, long
     level = max(size.get(name, 0.0) for name in ("versine_level_mm", "gradient_permille"))
     twist = max(size.get(name, 0.0) for name in ("twist_mm", "cross_level_mm"))
     if lateral > max(level, twist):
-        spread = max(np.sum(found[name].changed[rows]) for name in ("versine_alignment_mm", "curvature_1pm"))
+        spread = max(np.sum(compared[name].changed[rows]) for name in ("versine_alignment_mm", "curvature_1pm"))
         return "curvature" if spread > long else "kick"
-    cross_level = found["cross_level_mm"].change[rows]
+    cross_level = compared["cross_level_mm"].change[rows]
     least, most = np.nanmin(cross_level, initial=0.0), np.nanmax(cross_level, initial=0.0)
     both_sides = min(-least, most) > 0.5 * max(-least, most)
     return "twist" if twist > level and (both_sides or level < 0.3 * twist) else "dip"
 
 
-def _thresholds(found: dict[str, _Compared], step_m: float) -> pd.DataFrame:
+def _thresholds(compared: dict[str, _Compared], step_m: float) -> pd.DataFrame:
     return pd.DataFrame(
         {
-            "quantity": list(found),
-            "sigmas": [one.sigmas for one in found.values()],
-            "floor": [one.floor for one in found.values()],
-            "noise_factor": [one.noise.factor for one in found.values()],
-            "compared_m": [step_m * np.isfinite(one.least).sum() for one in found.values()],
+            "quantity": list(compared),
+            "sigmas": [part.sigmas for part in compared.values()],
+            "floor": [part.floor for part in compared.values()],
+            "noise_factor": [part.noise.factor for part in compared.values()],
+            "compared_m": [step_m * np.isfinite(part.least).sum() for part in compared.values()],
         }
     )
 
 
-def _coverage(over: Overlay, found: dict[str, _Compared]) -> pd.DataFrame:
-    least = pd.DataFrame({name: one.least for name, one in found.items()})
+def _coverage(over: Overlay, compared: dict[str, _Compared]) -> pd.DataFrame:
+    least = pd.DataFrame({name: part.least for name, part in compared.items()})
     groups = least.assign(
         compared=least.notna().all(axis=1).astype(np.float64), observations=over.grid["observations"].to_numpy()
     ).groupby(np.floor(over.chainage / SUMMARY_M + 1e-9) * SUMMARY_M)
-    table = pd.concat([groups["compared"].mean(), groups["observations"].min(), groups[list(found)].max()], axis=1)
+    table = pd.concat([groups["compared"].mean(), groups["observations"].min(), groups[list(compared)].max()], axis=1)
     table.insert(0, "to_m", table.index + SUMMARY_M)
     return table.rename_axis("from_m").reset_index()

@@ -24,10 +24,10 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
     facts, used = result.summary.run, result.summary.map
     placed = (facts is not None and facts.anchored) or (used is not None and used.sections > 0)
     recognition = laid_over(result, grid, float(grid["chainage_m_sd"].median()) if placed else None)
-    to_map, known = recognition.warp, recognition.used
+    to_map, sections = recognition.warp, recognition.used
     if to_map is None:
         raise BadInputError(f"run {run}: its track is not recognised on the map {feature_map.name!r}")
-    shift_sd = np.interp(result.geometry["chainage_m"], known["run_m"], known["match_sd_m"])
+    shift_sd = np.interp(result.geometry["chainage_m"], sections["run_m"], sections["match_sd_m"])
     return changes(
         result.geometry,
         grid,

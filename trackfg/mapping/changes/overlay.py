@@ -63,8 +63,8 @@ class Overlay:
 
     def run_column(self, name: str) -> Array:
         """Return any column of the run, such as its sigmas or its speed, interpolated linearly, (n,)."""
-        there = np.interp(self.run_chainage, self.run["chainage_m"].to_numpy(), self.run[name].to_numpy())
-        return np.asarray(there, dtype=np.float64)
+        values = np.interp(self.run_chainage, self.run["chainage_m"].to_numpy(), self.run[name].to_numpy())
+        return np.asarray(values, dtype=np.float64)
 
 
 def overlay(

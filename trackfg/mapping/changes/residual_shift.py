@@ -51,9 +51,9 @@ def residual_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Array
     for step in range(_STEPS):
         information, right = np.zeros(n), np.zeros(n)
         for name in ALIGNED_BY:
-            before = over.before(name)
-            slope = np.gradient(before, over.step_m)
-            change = over.after_at(name, shift) - before
+            map_values = over.before(name)
+            slope = np.gradient(map_values, over.step_m)
+            change = over.after_at(name, shift) - map_values
             weight = share / sigma[name] ** 2
             if step > 0:
                 weight = weight * np.minimum(1.0, _HUBER * sigma[name] / np.maximum(np.abs(change), 1e-12))

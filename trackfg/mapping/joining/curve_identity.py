@@ -46,23 +46,23 @@ def paired(old: Sequence[CurveFeatures], new: Sequence[CurveFeatures]) -> list[i
     """Return for each new curve, in order of chainage, the index of the same old one, or None."""
     m, n = len(old), len(new)
     apart = np.array([[_distance(a, b) for b in new] for a in old]).reshape(m, n)
-    alone = 0.5 * _GATE
+    unpaired = 0.5 * _GATE
     best = np.zeros((m + 1, n + 1))
-    best[:, 0], best[0] = alone * np.arange(m + 1), alone * np.arange(n + 1)
+    best[:, 0], best[0] = unpaired * np.arange(m + 1), unpaired * np.arange(n + 1)
     for i in range(m):
         for j in range(n):
-            best[i + 1, j + 1] = min(best[i, j] + apart[i, j], best[i, j + 1] + alone, best[i + 1, j] + alone)
-    found: list[int | None] = [None] * n
+            best[i + 1, j + 1] = min(best[i, j] + apart[i, j], best[i, j + 1] + unpaired, best[i + 1, j] + unpaired)
+    partners: list[int | None] = [None] * n
     i, j = m, n
     while i and j:
         if best[i, j] == best[i - 1, j - 1] + apart[i - 1, j - 1]:
             i, j = i - 1, j - 1
-            found[j] = i
-        elif best[i, j] == best[i - 1, j] + alone:
+            partners[j] = i
+        elif best[i, j] == best[i - 1, j] + unpaired:
             i -= 1
         else:
             j -= 1
-    return found
+    return partners
 
 
 def _distance(a: CurveFeatures, b: CurveFeatures) -> float:

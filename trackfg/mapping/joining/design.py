@@ -35,7 +35,7 @@ def _risen(law: str, begin: float, end: float, chainage: Array, unseen: float) -
     """Return the share that a transition has risen at places; ``unseen`` where the profile does not reach it."""
     if not (np.isfinite(begin) and np.isfinite(end)):
         return np.full(len(chainage), unseen)
-    known = next((name for name in LAWS if name == law), None)
-    if known is None or end <= begin:
+    known_law = next((name for name in LAWS if name == law), None)
+    if known_law is None or end <= begin:
         return np.asarray((chainage >= begin).astype(np.float64))
-    return rise(known, (chainage - begin) / (end - begin))[0]
+    return rise(known_law, (chainage - begin) / (end - begin))[0]

@@ -81,8 +81,11 @@ def _run_row(
 
     Offset and scale are those of the straight line through the anchors, the bias is the mean over them.
     """
-    own = sighted_values(information)
-    place, level = own[own.index.str.endswith("/chainage_m")], own[own.index.str.endswith("/cross_level_mm")]
+    values = sighted_values(information)
+    place, level = (
+        values[values.index.str.endswith("/chainage_m")],
+        values[values.index.str.endswith("/cross_level_mm")],
+    )
     x, which = place.to_numpy(), joint.rows(list(place.index))
     line = np.vander(x - x.mean(), min(2, len(x)), increasing=True)
     fit = np.linalg.pinv(line)

@@ -71,33 +71,35 @@ def joined(survey: Survey, result: Result) -> Survey:
         check_conventions(result.summary.geometry, survey.conventions, run_id)
     profile = result.geometry[result.geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
     profile = profile.assign(cross_level_mm_sd=local_cross_level_sd(profile))
-    to_map, known = Warp(np.zeros(1), np.zeros(1)), _NO_SIGHTINGS
+    to_map, sighted = Warp(np.zeros(1), np.zeros(1)), _NO_SIGHTINGS
     if survey.grid is not None:
         to_map, recognition = _place(survey, run_id, result, facts)
         profile = warped(profile, to_map, conventions.step_m)
-        known = _sightings_of_known_anchors(survey, profile, to_map, recognition)
-        known = known[_agreeing(survey.chainages, known, result, anchored=facts.anchored and survey.anchored)]
+        sighted = _sightings_of_known_anchors(survey, profile, to_map, recognition)
+        sighted = sighted[_agreeing(survey.chainages, sighted, result, anchored=facts.anchored and survey.anchored)]
         if recognition is not None:
             match_sd = recognition.sections["match_sd_m"].median()
             profile = with_place_noise(profile, float(np.hypot(match_sd, _BETWEEN_SECTIONS_SD_M)))
-    offset = _offset(survey, known, profile["chainage_m"].to_numpy())
+    offset = _offset(survey, sighted, profile["chainage_m"].to_numpy())
     profile = profile.assign(cross_level_mm=profile["cross_level_mm"] - offset)
-    new, places = _new_anchors(survey, profile, to_map)
-    if survey.grid is not None and not known.anchors and not (new.anchors and facts.anchored and survey.anchored):
+    added, places = _new_anchors(survey, profile, to_map)
+    if survey.grid is not None and not sighted.anchors and not (added.anchors and facts.anchored and survey.anchored):
         raise BadInputError(
             f"run {run_id}: it passes none of the map's anchors, which are some {APART_M:g} m apart: "
             "expected a longer run"
         )
     information = information_on_anchors(
         run_id,
-        _in_order(known, replace(new, cross_level_mm=new.cross_level_mm + _offset(survey, known, places))),
+        _in_order(sighted, replace(added, cross_level_mm=added.cross_level_mm + _offset(survey, sighted, places))),
         result.covariance,
         _sensor(survey, run_id, facts, conventions.cross_level_base_m),
         anchored=facts.anchored,
     )
     line = _line_seen(survey, result, facts, to_map)
     level = {
-        anchor: mean for anchor, mean in zip(new.anchors, new.cross_level_mm.tolist(), strict=True) if np.isfinite(mean)
+        anchor: mean
+        for anchor, mean in zip(added.anchors, added.cross_level_mm.tolist(), strict=True)
+        if np.isfinite(mean)
     }
     return replace(
         survey,
@@ -105,7 +107,7 @@ def joined(survey: Survey, result: Result) -> Survey:
         grid=profile[["chainage_m", *_merged_columns()]] if survey.grid is None else merged(survey.grid, profile),
         line=line if survey.line is None else survey.line if line is None else with_positions(survey.line, line),
         origin=survey.origin or facts.origin,
-        place={**survey.place, **dict(zip(new.anchors, places.tolist(), strict=True))},
+        place={**survey.place, **dict(zip(added.anchors, places.tolist(), strict=True))},
         level={**survey.level, **level},
         information={**survey.information, run_id: information},
         runs={**survey.runs, run_id: SurveyedRun(result.summary.recording_id, facts)},
@@ -147,13 +149,13 @@ def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tupl
     to_map = recognition.warp
     if to_map is not None:
         return to_map, recognition
-    mine, theirs = result.geometry["chainage_m"], grid["chainage_m"]
-    overlap = min(mine.iloc[-1], theirs.iloc[-1]) - max(mine.iloc[0], theirs.iloc[0])
+    of_run, of_map = result.geometry["chainage_m"], grid["chainage_m"]
+    overlap = min(of_run.iloc[-1], of_map.iloc[-1]) - max(of_run.iloc[0], of_map.iloc[0])
     if both and overlap < _OVERLAP_M:
         return Warp(np.zeros(1), np.zeros(1)), None
     raise BadInputError(
-        f"run {run_id}: its track is not recognised on the map, which reaches from {theirs.iloc[0]:.0f} m to "
-        f"{theirs.iloc[-1]:.0f} m: expected a run over the same track"
+        f"run {run_id}: its track is not recognised on the map, which reaches from {of_map.iloc[0]:.0f} m to "
+        f"{of_map.iloc[-1]:.0f} m: expected a run over the same track"
     )
 
 

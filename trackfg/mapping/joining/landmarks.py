@@ -105,20 +105,24 @@ def _nodes(curves: Sequence[Curve]) -> tuple[list[_Node], Array]:
         values = [float(getattr(curve, name)) for name in POINTS]
         shared = {node.chainage_m: k for k, node in enumerate(nodes) if number and node.curve >= number - 1}
         # This curve's points by place, each the one that it is preferred to be.
-        own: dict[float, int] = {}
+        point_at: dict[float, int] = {}
         for point in _PREFERRED:
             if np.isfinite(values[point]):
-                own.setdefault(values[point], point)
-        for place, point in own.items():
+                point_at.setdefault(values[point], point)
+        for place, point in point_at.items():
             if place in shared and point in (1, 2) and nodes[shared[place]].point in (0, 3):
                 nodes[shared[place]] = _Node(place, number, point)
-        old = [place for place in own if place in shared]
-        new = [place for place in own if place not in shared]
-        at = {place: QUANTITIES.index(POINTS[point]) for place, point in own.items()}
+        common = [place for place in point_at if place in shared]
+        further = [place for place in point_at if place not in shared]
+        at = {place: QUANTITIES.index(POINTS[point]) for place, point in point_at.items()}
         covariance = _joined(
-            covariance, curve.covariance, [shared[p] for p in old], [at[p] for p in old], [at[p] for p in new]
+            covariance,
+            curve.covariance,
+            [shared[p] for p in common],
+            [at[p] for p in common],
+            [at[p] for p in further],
         )
-        nodes += [_Node(place, number, own[place]) for place in new]
+        nodes += [_Node(place, number, point_at[place]) for place in further]
     order = np.argsort([node.chainage_m for node in nodes], kind="stable")
     return [nodes[k] for k in order], covariance[np.ix_(order, order)]
 
@@ -130,8 +134,8 @@ def _joined(known: Array, own: Array, rows: list[int], shared: list[int], added:
     """
     gain = own[np.ix_(added, shared)] @ np.linalg.pinv(own[np.ix_(shared, shared)], hermitian=True)
     across = gain @ known[rows]
-    alone = own[np.ix_(added, added)] - gain @ own[np.ix_(shared, added)]
-    return np.block([[known, across.T], [across, alone + across[:, rows] @ gain.T]])
+    conditional = own[np.ix_(added, added)] - gain @ own[np.ix_(shared, added)]
+    return np.block([[known, across.T], [across, conditional + across[:, rows] @ gain.T]])
 
 
 def _ids(curves: Sequence[Curve], nodes: Sequence[_Node], sd: Array, previous: pd.DataFrame | None) -> list[str]:
@@ -166,10 +170,10 @@ def _features_of(curve: Curve, sigmas: dict[float, float]) -> CurveFeatures:
 
 def _features_of_table(table: pd.DataFrame) -> dict[str, CurveFeatures]:
     """Return the features of the curves of a table by their ids, in order of chainage."""
-    found = {}
+    features = {}
     for curve_id, rows in table[table["kind"].isin(CURVE_POINTS)].groupby("curve_id", sort=False):
         row = rows.iloc[0]
-        found[str(curve_id)] = CurveFeatures(
+        features[str(curve_id)] = CurveFeatures(
             sense=str(row["sense"]),
             radius_m=(float(row["radius_m"]), float(row["radius_m_sd"])),
             arc_length_m=(float(row["arc_length_m"]), float(row["arc_length_m_sd"])),
@@ -178,7 +182,7 @@ def _features_of_table(table: pd.DataFrame) -> dict[str, CurveFeatures]:
                 for kind, place, place_sd in zip(rows["kind"], rows["chainage_m"], rows["chainage_m_sd"], strict=True)
             },
         )
-    return found
+    return features
 
 
 def _measured(column: str, curve: Curve, name: str | None) -> dict[str, float]:

@@ -33,12 +33,12 @@ def positions_of_run(trajectory: pd.DataFrame, to_map: Warp, run_origin: Origin,
     place, first = np.unique(place[order], return_index=True)
     rows = trajectory.iloc[order[first]]
     vertices = multiples_between(place[0], place[-1], VERTEX_M)
-    there = np.column_stack([np.interp(vertices, place, rows[axis]) for axis in _AXES])
+    positions = np.column_stack([np.interp(vertices, place, rows[axis]) for axis in _AXES])
     if run_origin != origin:
-        there = geodetic_to_enu(enu_to_geodetic(there, run_origin), np.array(origin))
+        positions = geodetic_to_enu(enu_to_geodetic(positions, run_origin), np.array(origin))
     columns: dict[str, Array] = {"chainage_m": vertices}
     for i, axis in enumerate(_AXES):
-        columns[axis], columns[f"{axis}_sd"] = there[:, i], np.interp(vertices, place, rows[f"{axis}_sd"])
+        columns[axis], columns[f"{axis}_sd"] = positions[:, i], np.interp(vertices, place, rows[f"{axis}_sd"])
     return pd.DataFrame(columns, columns=list(LINE_COLUMNS))
 
 

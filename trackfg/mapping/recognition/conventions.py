@@ -21,10 +21,10 @@ _SCALE_SD_WITHOUT_WHEEL = 1e-3
 
 def check_conventions(meaning: GeometryConventions, conventions: MapConventions, run: str) -> None:
     """Raise :class:`~trackfg.errors.BadInputError` where the columns of run and map mean something else."""
-    for name, theirs in vars(conventions).items():
-        ours = getattr(meaning, name)
-        if abs(ours - theirs) > 1e-9:
-            raise BadInputError(f"run {run}: {name} is {ours:g}; expected that of the map, {theirs:g}")
+    for name, expected in vars(conventions).items():
+        value = getattr(meaning, name)
+        if abs(value - expected) > 1e-9:
+            raise BadInputError(f"run {run}: {name} is {value:g}; expected that of the map, {expected:g}")
 
 
 def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Recognition:

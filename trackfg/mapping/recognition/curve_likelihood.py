@@ -111,13 +111,13 @@ def curve_means_of(
 
 def _log_density_anywhere(y: Array, noise: float, usual: float) -> Array:
     """Return the log density q of each mean given the two before it, on any track. Shape (n,) to (n,)."""
-    last, before = (np.concatenate([np.full(lag, np.nan), y[:-lag]])[: len(y)] for lag in (1, 2))
+    last, last_but_one = (np.concatenate([np.full(lag, np.nan), y[:-lag]])[: len(y)] for lag in (1, 2))
     density, weight = np.zeros(len(y)), np.zeros(len(y))
     rounding = _RADIUS_CHANGE * y  # as on the reference, or the same circle would be likelier on any other track
     for (about, scale), probability in zip(
         (
             (last, np.hypot(noise * 2.0**0.5, rounding)),
-            (2.0 * last - before, np.hypot(noise * 6.0**0.5, rounding)),
+            (2.0 * last - last_but_one, np.hypot(noise * 6.0**0.5, rounding)),
             (0.0, noise),
             (0.0, usual),
         ),

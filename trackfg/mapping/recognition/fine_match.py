@@ -295,7 +295,7 @@ def _fit(features: Sequence[_Feature], x: Array, start: _Fit, scale_sd: float, *
         step = np.einsum("kab,kb->ka", inverse, b)
         place = place + np.clip(step[:, 0], -_GREATEST_STEP_M, _GREATEST_STEP_M)
         scale = scale + np.clip(step[:, 1], -_GREATEST_SCALE_STEP, _GREATEST_SCALE_STEP)
-        weights = [one.cauchy_weight for one in linearised]
+        weights = [part.cauchy_weight for part in linearised]
     reach = _REACH_M if searched else _REACH_BY_CURVES_M
     accepted = _is_match(linearised) & (np.abs(step[:, 0]) < _CONVERGED_M) & (np.abs(place - about) < reach)
     sd = np.sqrt(_variance(linearised, inverse, prior), where=accepted, out=np.full(len(about), np.nan))
@@ -307,8 +307,8 @@ def _normal_equations(linearised: Sequence[_Linearised], prior: float, pull: Arr
     A, b = np.zeros((len(pull), 2, 2)), np.zeros((len(pull), 2))
     A[:, 1, 1] = prior
     b[:, 1] = prior * pull
-    for one in linearised:
-        matrix, vector = one.normal()
+    for part in linearised:
+        matrix, vector = part.normal()
         A += matrix
         b += vector
     A[:, 0, 0] += np.finfo(np.float64).tiny
@@ -320,13 +320,13 @@ def _variance(linearised: Sequence[_Linearised], inverse: Array, prior: float) -
     B = np.zeros_like(inverse)
     B[:, 1, 1] = prior
     shared, slopes, squares, rows = (np.zeros(len(inverse)) for _ in range(4))
-    for one in linearised:
-        B += one.coloured()
-        with_run, of_reference = one.slopes()
+    for part in linearised:
+        B += part.coloured()
+        with_run, of_reference = part.slopes()
         shared += with_run
         slopes += of_reference
-        squares += one.squares()
-        rows += one.known.sum(axis=1)
+        squares += part.squares()
+        rows += part.known.sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = (inverse @ B @ inverse)[:, 0, 0] * (slopes / shared) ** 2
     per_value = _VALUE_M / linearised[0].feature.step_m
@@ -336,8 +336,8 @@ def _variance(linearised: Sequence[_Linearised], inverse: Array, prior: float) -
 
 def _is_match(linearised: Sequence[_Linearised]) -> NDArray[np.bool_]:
     """Return whether each section (k,) shares its slopes with the reference, and has rows enough."""
-    shared, slopes = (sum(parts) for parts in zip(*(one.slopes() for one in linearised), strict=True))
-    known = np.concatenate([one.known for one in linearised], axis=1)
+    shared, slopes = (sum(parts) for parts in zip(*(part.slopes() for part in linearised), strict=True))
+    known = np.concatenate([part.known for part in linearised], axis=1)
     return np.asarray((shared > _LEAST_SHARED * slopes) & (known.sum(axis=1) > _LEAST_KNOWN * known.shape[1]))
 
 

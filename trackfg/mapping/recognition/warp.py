@@ -52,9 +52,9 @@ def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
     place = warp.inverse(chainage)
     nearest = np.clip(np.searchsorted(old, place), 1, len(old) - 1)
     nearest = nearest - (place - old[nearest - 1] < old[nearest] - place)
-    there = np.abs(place - old[nearest]) <= step_m
-    place, nearest = place[there], nearest[there]
-    columns: dict[str, Array] = {"chainage_m": chainage[there]}
+    inside = np.abs(place - old[nearest]) <= step_m
+    place, nearest = place[inside], nearest[inside]
+    columns: dict[str, Array] = {"chainage_m": chainage[inside]}
     splines: dict[bytes, list[str]] = {}  # columns known at the same rows have one matrix to be solved
     for name in table.columns.drop("chainage_m"):
         values = table[name].to_numpy()
