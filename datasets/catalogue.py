@@ -13,6 +13,7 @@ from trackfg.datasets.line.irregularities import IrregularityModel
 from trackfg.datasets.line.line_design import LineDesign
 from trackfg.datasets.scenario import Recorder, Scenario
 from trackfg.datasets.sensors.clocks import ClockModel, DropModel
+from trackfg.datasets.sensors.further_axle import FurtherAxle
 from trackfg.datasets.sensors.imu_grades import ADIS16480, ADIS16495_1
 from trackfg.datasets.sensors.lasers import two_units
 from trackfg.datasets.sensors.odometer import TachModel
@@ -313,13 +314,13 @@ def _slippery_lines() -> list[Scenario]:
             wet,
             name="slippery-line-radar",
             summary="the same line with a Doppler radar under the body, silent below 0.5 m/s and 20 times an hour",
-            speeds=(radar,),
+            further_sensors=(radar,),
         ),
         replace(
             wet,
             name="slippery-line-two-axles",
             summary="the same line with a tachometer on a second axle, whose wheel slips at other places",
-            further_tachs=(replace(wet.tach, wheel_diameter_m=0.83, clock_offset_s=0.03),),
+            further_sensors=(FurtherAxle(replace(wet.tach, wheel_diameter_m=0.83, clock_offset_s=0.03), wet.adhesion),),
         ),
     ]
 

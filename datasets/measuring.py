@@ -12,20 +12,20 @@ import pandas as pd
 from trackfg.datasets import tables
 from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.scenario import Scenario, TableName
-from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning, speed_over_ground
+from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning
 from trackfg.datasets.sensors.clocks import dropped, stamped
+from trackfg.datasets.sensors.further_sensor import Measured
 from trackfg.datasets.sensors.imu_errors import ImuErrors
 from trackfg.datasets.vehicle.adhesion import draw_slip
 from trackfg.datasets.vehicle.ride import Ride
+from trackfg.io.formats.registry import format_of
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import FurtherTach, RecordingDescription, Tach
+from trackfg.recording.description import RecordingDescription, Tach
 from trackfg.recording.description import Track as TrackDescription
 from trackfg.recording.model import Recording
 
-Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders", "speeds", "further_tachs"]
+Sensor = Literal["imu", "tach", "balises", "gnss", "lasers", "recorders", "further"]
 Kept = Literal["imu", "tach"]
-
-_RECORDED_AS: dict[str, TableName] = {"speed": "speeds", "tach": "further_tachs"}
 
 LONGITUDE_DEG = 139.0
 """Where a scenario with a latitude has its origin, on the ellipsoid (gravity is that of height 0)."""
@@ -50,8 +50,7 @@ class Measurement:
     errors: ImuErrors | None
     wheel_scale: float
     slips: pd.DataFrame | None
-    speed_scales: tuple[float, ...] = ()
-    further_wheel_scales: tuple[float, ...] = ()
+    further_scales: Mapping[str, float] = field(default_factory=dict)
 
 
 def measure(
@@ -78,42 +77,45 @@ def measure(
     if errors is not None:
         gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
     wheel = _wheel(plan, ride, duration_s, streams)
-    further = _further_wheels(plan, ride, duration_s, streams)
     fixes, gnss = _positions(plan, ride, duration_s, streams)
-    speeds, speed_scales = _speeds(plan, ride, duration_s, streams)
+    further = _further(plan, ride, duration_s, streams)
     laser_rng = None if streams is None else streams.run["lasers"]
     on_earth = gnss is not None and plan.latitude_deg is not None
     origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
-    recording = Recording(
-        description=RecordingDescription(
-            id=name if streams else f"{name}-noise-free",
-            track=_track_description(plan, track, ride),
-            imu=tables.imu_description(
-                plan.imu.declared_noise,
-                plan.imu.lever_arm_m,
-                rigid=plan.vehicle.rigid,
-                mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,
-                sensor_id=sensor_id,
-            ),
-            tach=wheel.description,
-            further_tach=tuple(FurtherTach(**vars(one.description)) for one in further),
-            fixes=None if fixes is None else tables.fixes_description(),
-            gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
-            speed=tuple(speed_over_ground.speed_description(model, i) for i, model in enumerate(plan.speeds, start=1)),
-            laser=tuple(lasers.laser_description(model) for model in plan.lasers),
+    named = {
+        format_of(one.part).table_name(one.part, number): one
+        for group in further.values()
+        for number, one in enumerate(group, start=1)
+    }
+    description = RecordingDescription(
+        id=name if streams else f"{name}-noise-free",
+        track=_track_description(plan, track, ride),
+        imu=tables.imu_description(
+            plan.imu.declared_noise,
+            plan.imu.lever_arm_m,
+            rigid=plan.vehicle.rigid,
+            mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,
+            sensor_id=sensor_id,
         ),
+        tach=wheel.description,
+        fixes=None if fixes is None else tables.fixes_description(),
+        gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
+        laser=tuple(lasers.laser_description(model) for model in plan.lasers),
+    )
+    parts = {key: tuple(one.part for one in group) for key, group in further.items()}
+    recording = Recording(
+        description=description.model_copy(update=parts),
         imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),
         tach=wheel.table,
         fixes=fixes,
         gnss=gnss,
         lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
         gnss_origin=origin,
-        others={f"speed/{i}": table for i, table in enumerate(speeds, start=1)}
-        | {f"tach/{i}": one.table for i, one in enumerate(further, start=2)},
+        others={name: one.table for name, one in named.items()},
     )
     if streams is not None:
         recording = _recorded(plan, recording, streams.run["recorders"])
-    return Measurement(recording, errors, wheel.scale, wheel.slips, speed_scales, tuple(one.scale for one in further))
+    return Measurement(recording, errors, wheel.scale, wheel.slips, {name: one.scale for name, one in named.items()})
 
 
 @dataclass(frozen=True)
@@ -127,23 +129,8 @@ class _Wheel:
 def _wheel(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> _Wheel:
     if streams is None:
         return _Wheel(odometer.ideal_table(ride, plan.tach, duration_s), odometer.ideal_description(plan.tach))
-    return _rolling(plan, ride, duration_s, streams.run["tach"], streams.kept.get("tach"))
-
-
-def _further_wheels(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> list[_Wheel]:
-    """Of further axles, each with a scale and slips of its own, drawn independently."""
-    plans = [replace(plan, tach=model) for model in plan.further_tachs]
-    if streams is None:
-        return [_wheel(one, ride, duration_s, None) for one in plans]
-    rngs = streams.run["further_tachs"].spawn(len(plans))
-    return [_rolling(one, ride, duration_s, rng, None) for one, rng in zip(plans, rngs, strict=True)]
-
-
-def _rolling(
-    plan: Scenario, ride: Ride, duration_s: float, rng: np.random.Generator, kept_rng: np.random.Generator | None
-) -> _Wheel:
-    scale_rng, slip_rng, pulse_rng = rng.spawn(3)
-    scale = odometer.draw_scale(plan.tach, scale_rng if kept_rng is None else kept_rng)
+    scale_rng, slip_rng, pulse_rng = streams.run["tach"].spawn(3)
+    scale = odometer.draw_scale(plan.tach, streams.kept.get("tach", scale_rng))
     slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
     return _Wheel(
         odometer.pulse_table(ride, plan.tach, scale, duration_s, pulse_rng, slip),
@@ -163,16 +150,14 @@ def _positions(
     return None if fixes is None or fixes.empty else fixes, gnss
 
 
-def _speeds(
-    plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None
-) -> tuple[list[pd.DataFrame], tuple[float, ...]]:
-    """The tables of the sensors of the speed over ground, and their true scales."""
-    rngs = [None] * len(plan.speeds) if streams is None else streams.run["speeds"].spawn(len(plan.speeds))
-    measured = [
-        speed_over_ground.speed_table(ride, model, duration_s, rng)
-        for model, rng in zip(plan.speeds, rngs, strict=True)
-    ]
-    return [table for table, _ in measured], tuple(scale for _, scale in measured)
+def _further(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> dict[str, list[Measured]]:
+    """What the further sensors measure, by their key."""
+    sensors = plan.further_sensors
+    rngs = [None] * len(sensors) if streams is None else streams.run["further"].spawn(len(sensors))
+    measured: dict[str, list[Measured]] = {}
+    for sensor, rng in zip(sensors, rngs, strict=True):
+        measured.setdefault(sensor.key, []).append(sensor.measured(ride, duration_s, rng))
+    return measured
 
 
 def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) -> Recording:
@@ -196,7 +181,7 @@ def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) ->
         fixes=None if recording.fixes is None else kept("fixes", recording.fixes),
         gnss=None if recording.gnss is None else kept("gnss", recording.gnss),
         lasers={name: kept("lasers", table) for name, table in recording.lasers.items()},
-        others={name: kept(_RECORDED_AS[name.partition("/")[0]], table) for name, table in recording.others.items()},
+        others={name: kept("further", table) for name, table in recording.others.items()},
     )
 
 

@@ -11,16 +11,16 @@ from trackfg.datasets.line.irregularities import IrregularityModel
 from trackfg.datasets.line.line_design import LineDesign
 from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.sensors.clocks import ClockModel, DropModel
+from trackfg.datasets.sensors.further_sensor import FurtherSensor
 from trackfg.datasets.sensors.imu_errors import ImuModel
 from trackfg.datasets.sensors.lasers import LaserModel
 from trackfg.datasets.sensors.odometer import TachModel
 from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
-from trackfg.datasets.sensors.speed_over_ground import SpeedModel
 from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Driver
 from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
 
-TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "speeds", "further_tachs"]
+TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "further"]
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,7 @@ class Scenario:
     adhesion: AdhesionModel | None = None
     balises: BaliseModel | None = None
     gnss: GnssModel | None = None
-    speeds: tuple[SpeedModel, ...] = ()
-    further_tachs: tuple[TachModel, ...] = ()
+    further_sensors: tuple[FurtherSensor, ...] = ()
     recorders: Mapping[TableName, Recorder] = field(default_factory=dict)
     latitude_deg: float | None = None
     chainage_origin_m: float = 0.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -61,10 +62,8 @@ class Simulation:
     """The truth of slips and slides (:func:`trackfg.datasets.sensors.odometer.slip_table`), where adhesion was
     simulated.
     """
-    speed_scales: tuple[float, ...] = ()
-    """Of the sensors of the speed over ground, true speed over measured speed."""
-    further_wheel_scales: tuple[float, ...] = ()
-    """Of the wheels of further axles."""
+    further_scales: Mapping[str, float] = field(default_factory=dict)
+    """Of further sensors by the names of their tables: true distance or speed over the measured one."""
 
     def write(self, folder: Path | str, table_format: Literal["parquet", "csv"] = "parquet") -> None:
         """Write recording and truth as a recording folder."""
@@ -152,8 +151,7 @@ def simulate(
         tach_time_offset_s=_tach_time_offset_s(plan) if noise else 0.0,
         mount_rpy_rad=(0.0, 0.0, 0.0) if measured.errors is None else measured.errors.mount_rpy_rad,
         slips=measured.slips,
-        speed_scales=measured.speed_scales,
-        further_wheel_scales=measured.further_wheel_scales,
+        further_scales=measured.further_scales,
     )
 
 

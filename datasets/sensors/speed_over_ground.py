@@ -7,11 +7,13 @@ silent below a lowest speed, and now and then where the ground gives no echo.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
 from trackfg.datasets import tables
+from trackfg.datasets.sensors.further_sensor import Measured
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.recording.description import Speed, Vector3
@@ -34,6 +36,12 @@ class SpeedModel:
     place_m: Vector3 = (0.0, 0.0, 0.0)
     dropouts_per_hour: float = 0.0
     dropout_s: tuple[float, float] = (1.0, 10.0)
+    key: ClassVar[str] = "speed"
+
+    def measured(self, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> Measured:
+        """See :class:`~trackfg.datasets.sensors.further_sensor.FurtherSensor`."""
+        table, scale = speed_table(ride, self, duration_s, rng)
+        return Measured(table, speed_description(self), scale)
 
 
 def speed_table(
@@ -61,11 +69,11 @@ def speed_table(
     return table, scale / float(np.cos(yaw))
 
 
-def speed_description(model: SpeedModel, number: int) -> Speed:
-    """What ``recording.toml`` says of the canonical table of the sensor with this number, from 1."""
+def speed_description(model: SpeedModel) -> Speed:
+    """What ``recording.toml`` says of the canonical table."""
     time, speed = SPEED_COLUMNS
     return Speed(
-        file=f"speed_{number}.parquet",
+        file="speed.parquet",
         time=time,
         column=speed,
         sd_mps=model.sd_mps,

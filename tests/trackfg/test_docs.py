@@ -61,6 +61,14 @@ def test_the_example_of_the_graph_runs() -> None:
     assert "again" in names
 
 
+def test_the_worked_example_of_adding_a_sensor_runs() -> None:
+    """From the section of recording.toml to the estimated scale; its own assertions say what it must find."""
+    names: dict[str, object] = {}
+    for block in blocks(ROOT / "docs" / "adding-a-sensor.md", "python"):
+        exec(compile(block, "adding-a-sensor.md", "exec"), names)
+    assert "SleeperModel" in names
+
+
 def test_the_settings_shown_are_accepted() -> None:
     (block,) = blocks(ROOT / "docs" / "command-line.md", "toml")
     SmoothConfig.model_validate(tomllib.loads(block))

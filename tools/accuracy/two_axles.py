@@ -16,7 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.further_axle import FurtherAxle
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import smooth_states
 
@@ -25,6 +27,14 @@ def one_axle(recording: Recording) -> Recording:
     """Return the recording without the second tach."""
     description = recording.description.model_copy(update={"further_tach": ()})
     return replace(recording, description=description, others={})
+
+
+def under_leaves(plan: Scenario) -> Scenario:
+    """Return the scenario with the adhesion of ``slippery-line-leaves``, for both axles."""
+    adhesion = scenario("slippery-line-leaves").adhesion
+    (axle,) = plan.further_sensors
+    assert isinstance(axle, FurtherAxle)
+    return replace(plan, adhesion=adhesion, further_sensors=(replace(axle, adhesion=adhesion),))
 
 
 def sections(run: Simulation, recording: Recording) -> Iterator[tuple[bool, np.ndarray]]:
@@ -50,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--duration", type=float, default=600.0)
     options = parser.parse_args(arguments)
     wet = scenario("slippery-line-two-axles")
-    plans = {"wet": wet, "leaves": replace(wet, adhesion=scenario("slippery-line-leaves").adhesion)}
+    plans = {"wet": wet, "leaves": under_leaves(wet)}
     print(f"{'rails':8}{'sections':>10}{'of them':>10}{'one tach, rms m':>18}{'two tachs, rms m':>18}{'ratio':>8}")
     for name, plan in plans.items():
         errors: dict[tuple[int, bool], list[np.ndarray]] = {}

@@ -13,7 +13,7 @@ snow, a wheel that slips) is given up there by the same loss as the tach
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from trackfg.graph.wheel_slip import rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
-from trackfg.recording.description import FurtherTach, RecordingDescription, Speed, Tach
+from trackfg.recording.description import FurtherTach, RecordingDescription, Speed, Table, Tach
 from trackfg.recording.model import TACH_COLUMNS, Recording
 from trackfg.sensors.tach import Wheel, longest_silence_s, read_resolution
 
@@ -64,25 +64,24 @@ class FurtherSensor(NamedTuple):
     """A sensor with the ``name`` of its table, its ``part`` of the description, and the index of its ``variable``."""
 
     name: str
-    part: Speed | FurtherTach
+    part: Table
     variable: int
 
 
 def further_sensors(description: RecordingDescription) -> list[FurtherSensor]:
     """Return the further sensors in the order of their variables."""
-    speeds: list[tuple[str, Speed | FurtherTach]] = [
-        (f"speed/{number}", part) for number, part in enumerate(description.speed, start=1)
+    named = [
+        (f"{kind.table}/{number}", part)
+        for kind in KINDS
+        for number, part in enumerate(getattr(description, kind.key), start=kind.first)
     ]
-    tachs = [(f"tach/{number}", part) for number, part in enumerate(description.further_tach, start=2)]
-    return [FurtherSensor(name, part, index) for index, (name, part) in enumerate([*speeds, *tachs])]
+    return [FurtherSensor(name, part, index) for index, (name, part) in enumerate(named)]
 
 
 def sensor_priors(description: RecordingDescription, config: SmoothConfig) -> Iterator[Family]:
-    """Yield what is known of each further sensor beforehand: its scale, and the yaw of its mounting or its clock."""
+    """Yield what is known of each further sensor beforehand."""
     for sensor in further_sensors(description):
-        part = sensor.part
-        other = np.radians(part.yaw_sd_deg) if isinstance(part, Speed) else config.tach.clock_offset_sd_s
-        sigma = np.array([[part.scale_sd, other]])
+        sigma = np.array([_kind(sensor).prior_sd(sensor.part, config)])
         yield prior(Kind.SENSOR, np.array([sensor.variable]), np.zeros((1, Kind.SENSOR.dim)), sigma)
 
 
@@ -122,15 +121,17 @@ def _sorted(t: Array, values: Array) -> tuple[Array, Array]:
 
 def further_distances(inputs: GraphInputs) -> list[Family]:
     """Return the families of the further sensors, one per sensor, those without rows empty."""
-    return [
-        _speed(inputs, sensor, sensor.part) if isinstance(sensor.part, Speed) else _tach(inputs, sensor, sensor.part)
-        for sensor in further_sensors(inputs.recording.description)
-    ]
+    return [_kind(sensor).family(inputs, sensor) for sensor in further_sensors(inputs.recording.description)]
 
 
-def _tach(inputs: GraphInputs, sensor: FurtherSensor, part: FurtherTach) -> Family:
+def _kind(sensor: FurtherSensor) -> SensorKind:
+    return next(kind for kind in KINDS if sensor.name.startswith(f"{kind.table}/"))
+
+
+def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     """The wheel of a further axle. Its count is read at every keyframe, so two readings are in each interval."""
-    config, at = inputs.config, inputs.t
+    config, at, part = inputs.config, inputs.t, sensor.part
+    assert isinstance(part, FurtherTach)
     table = inputs.recording.others.get(sensor.name)
     t, distance = _NO_ROWS if table is None or len(table) < 2 else table[["t_s", "distance_m"]].to_numpy().T
     longest_s = longest_silence_s(t, config.tach.max_gap_s)
@@ -181,8 +182,9 @@ def _rounding_sd(part: FurtherTach, t: Array, distance: Array) -> float:
     return read_resolution(t, distance)[1] if t.size > 2 else _LEAST_ROUNDING_M
 
 
-def _speed(inputs: GraphInputs, sensor: FurtherSensor, part: Speed) -> Family:
-    config = inputs.config
+def _speed(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
+    config, part = inputs.config, sensor.part
+    assert isinstance(part, Speed)
     table = inputs.recording.others.get(sensor.name)
     t, speed = np.zeros((2, 0)) if table is None else table[["t_s", "speed_mps"]].to_numpy().T
     known, integral, interval_s = integrated(t, speed, inputs.t, config.tach.max_gap_s)
@@ -221,3 +223,36 @@ def _heard(t: Array, at: Array, longest_s: float) -> np.ndarray:
     inside = (at >= t[0]) & (at <= t[-1])
     heard: np.ndarray = inside[:-1] & inside[1:] & (silences[row[1:]] == silences[row[:-1] - 1])
     return heard
+
+
+def _tach_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
+    """Scale, and the clock's offset, s."""
+    assert isinstance(part, FurtherTach)
+    return part.scale_sd, config.tach.clock_offset_sd_s
+
+
+def _speed_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
+    """Scale, and the tangent of the mounting's yaw."""
+    assert isinstance(part, Speed)
+    return part.scale_sd, float(np.radians(part.yaw_sd_deg))
+
+
+class SensorKind(NamedTuple):
+    """A kind of further sensor.
+
+    ``key`` is the list of the description that it is in; its tables are called ``table``, a slash, and a number from
+    ``first``. ``prior_sd`` gives the sigmas of its variable, ``family`` its factors, with its table's name as label.
+    """
+
+    key: str
+    table: str
+    first: int
+    prior_sd: Callable[[Table, SmoothConfig], tuple[float, float]]
+    family: Callable[[GraphInputs, FurtherSensor], Family]
+
+
+KINDS = (
+    SensorKind("speed", "speed", 1, _speed_prior_sd, _speed),
+    SensorKind("further_tach", "tach", 2, _tach_prior_sd, _tach),
+)
+"""All kinds, in the order of their variables."""

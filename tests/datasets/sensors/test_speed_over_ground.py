@@ -30,5 +30,5 @@ def test_scale_noise_and_silences_are_as_asked_for(winding_ride: Ride) -> None:
 
 
 def test_it_is_declared_as_it_is() -> None:
-    part = speed_description(SpeedModel(sd_mps=0.2, place_m=(1.0, 2.0, 3.0)), 2)
-    assert (part.file, part.sd_mps, part.lever_arm_m) == ("speed_2.parquet", 0.2, (1.0, 2.0, 3.0))
+    part = speed_description(SpeedModel(sd_mps=0.2, place_m=(1.0, 2.0, 3.0)))
+    assert (part.sd_mps, part.lever_arm_m) == (0.2, (1.0, 2.0, 3.0))

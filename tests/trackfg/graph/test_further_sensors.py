@@ -9,6 +9,7 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.further_axle import FurtherAxle
 from trackfg.datasets.sensors.speed_over_ground import SpeedModel
 from trackfg.datasets.vehicle.vehicle import Rigid
 from trackfg.factors.factor_type import FactorType
@@ -58,7 +59,7 @@ def test_two_rows_are_needed() -> None:
 def test_without_noise_the_factors_hold_at_the_truth() -> None:
     """On a level, straight-built vehicle the integral is the distance, to the rule's error: the third difference."""
     plan = replace(scenario(RADAR), adhesion=None, irregularities=None, vehicle=Rigid())
-    plan = replace(plan, speeds=(SpeedModel(rate_hz=50.0, place_m=(3.0, 0.5, 0.0)),))
+    plan = replace(plan, further_sensors=(SpeedModel(rate_hz=50.0, place_m=(3.0, 0.5, 0.0)),))
     run = simulate(plan, seed=1, duration_s=200.0, noise=False)
     family = build_problem(run.recording, SmoothConfig()).family(FactorType.SPEED_DISTANCE)
     assert family is not None
@@ -77,7 +78,7 @@ def test_a_radar_helps_where_wheels_slip_and_its_sigmas_are_true() -> None:
         alone, _ = errors(run, smooth_states(without_radar(run).recording, SmoothConfig()))
         squares.append([np.mean(error**2), np.mean(alone**2)])
         covered.append(np.mean(np.abs(error) < 1.96 * sd))
-        assert 1.0 + smoothed.solution.states.sensor[0, 0] == pytest.approx(run.speed_scales[0], abs=3e-4)
+        assert 1.0 + smoothed.solution.states.sensor[0, 0] == pytest.approx(run.further_scales["speed/1"], abs=3e-4)
     with_it, without = np.sqrt(np.mean(squares, axis=0))
     assert with_it < 0.8 * without
     assert np.mean(covered) > 0.95
@@ -108,7 +109,10 @@ def test_without_noise_a_second_wheel_rolls_as_far_as_the_first() -> None:
 
 def test_slips_of_one_axle_are_found_by_the_other() -> None:
     """Under leaves, 13 and more slips in 600 s of each axle; as ``tools/two_axles.py`` measures over more seeds."""
-    plan = replace(scenario(TWO_AXLES), adhesion=scenario("slippery-line-leaves").adhesion)
+    leaves, wet = scenario("slippery-line-leaves").adhesion, scenario(TWO_AXLES)
+    (axle,) = wet.further_sensors
+    assert isinstance(axle, FurtherAxle)
+    plan = replace(wet, adhesion=leaves, further_sensors=(replace(axle, adhesion=leaves),))
     run = simulate(plan, seed=2, duration_s=600.0)
     assert run.slips is not None
     assert len(run.slips) > 10

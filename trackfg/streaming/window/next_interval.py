@@ -46,8 +46,7 @@ OTHER_ROWS = (
     FactorType.TACH_READING,
     *_WITHIN_INTERVAL,
     FactorType.WITHHELD_FIX,
-    FactorType.TACH_INCREMENT,
-    FactorType.SPEED_DISTANCE,
+    *(kind for kind in FactorType if kind.of_further_sensor),
 )
 """Families of other rows than the inertial sensor's."""
 

@@ -1,0 +1,32 @@
+"""What a scenario may have besides its IMU, its first tach, its positions and its lasers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import pandas as pd
+
+from trackfg.datasets.vehicle.ride import Ride
+from trackfg.recording.description import Table
+
+
+class Measured(NamedTuple):
+    """The canonical ``table`` of one sensor, its ``part`` of the description, and the true ``scale``: true distance or
+    speed over the measured one.
+    """
+
+    table: pd.DataFrame
+    part: Table
+    scale: float
+
+
+class FurtherSensor(Protocol):
+    """A simulated sensor; ``key`` is the list of ``recording.toml`` that it is in."""
+
+    @property
+    def key(self) -> str:
+        """As :attr:`trackfg.io.formats.sensor_format.SensorFormat.key`."""
+
+    def measured(self, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> Measured:
+        """What it records of a ride until ``duration_s``; exact with no ``rng``."""
