@@ -1,7 +1,7 @@
-"""Back-pressure: when rows come faster than they can be handled, keyframes get sparser. All rows count all the same.
+"""Back-pressure makes keyframes sparser when rows come faster than they can be handled; all rows are used all the same.
 
-A source that does not wait for its taker is a queue. Over a batch that holds T seconds of the stream, for which nobody
-had to wait and which took B seconds to handle, it grows by ``B - T``; when somebody had to wait for rows it is empty.
+A source that does not wait until its rows are taken is a queue. A batch that was there at once, holds T seconds of the
+stream and takes B seconds to handle makes it longer by ``B - T``; where the stream had to wait for rows, it is empty.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import numpy as np
 from trackfg.streaming.events import StreamEvent
 
 _BEHIND_S = 2.0
-"""Keyframes get sparser when the queue has grown by as much."""
+"""Keyframes get sparser when the queue has grown by so much, s."""
 _CAUGHT_UP_S = 10.0
-"""They get denser again when it has been empty, or shorter than a tenth of that, for so long."""
+"""They get denser again when the queue has been shorter than a tenth of that for so long, s."""
 _SPARSEST = 8.0
+"""Keyframes are at most so many times further apart than the settings say."""
 _WAITED = 0.3
-"""Part of a batch's own time: a longer wait for it was for rows, not for their reading."""
+"""A wait longer than this part of a batch's own time was for rows, not for their reading: the queue is empty."""
 
 
 @dataclass
@@ -34,8 +35,8 @@ class BackPressure:
     short_s: float = 0.0
     until_s: float | None = None
 
-    def took(self, waited_s: float, busy_s: float, until_s: float) -> StreamEvent | None:
-        """A batch has been handled; rows are complete up to ``until_s``. What that changes, if anything."""
+    def record(self, waited_s: float, busy_s: float, until_s: float) -> StreamEvent | None:
+        """Record a handled batch, with rows complete up to ``until_s``; return the event if keyframes change."""
         if not np.isfinite(until_s):
             return None  # no row is complete yet
         span = 0.0 if self.until_s is None else max(until_s - self.until_s, 0.0)

@@ -1,6 +1,6 @@
-"""Rows of a stream: a few of each table at a time, as arrays, because a data frame costs more than the rows in it.
+"""Rows of a stream come a few of each table at a time, as arrays: a data frame costs more than the rows in it.
 
-A table is an array of shape (n, columns) whose first column is the time; what the others are is said by
+A table is an array of shape (n, columns) whose first column is the time; the others are given by
 
 ==================  =================================================================================================
 raw                 the recording's description: columns, units and axes as the sensor sends them (:func:`raw_columns`)
@@ -33,32 +33,32 @@ RowTables = Mapping[str, Array]
 
 
 def described_tables(description: RecordingDescription) -> dict[str, Table]:
-    """The parts of a description that have rows, by the table's name; the IMU first."""
+    """Return the parts of a description that have rows, by the table's name; the IMU first."""
     return dict(sensors_of(description))
 
 
 def raw_columns(description: RecordingDescription) -> dict[str, tuple[str, ...]]:
-    """The columns of each table as the sensors send them, the time first."""
+    """Return the columns of each table as the sensors send them, the time first."""
     return {name: (part.time, *format_of(part).columns(part)) for name, part in sensors_of(description)}
 
 
 def canonical_columns(table: str) -> tuple[str, ...]:
-    """The columns of a table in canonical form, the time first."""
+    """Return the columns of a table in canonical form, the time first."""
     return format_of_table(table).canonical
 
 
 NO_SAMPLES = pd.DataFrame(columns=list(IMU_COLUMNS), dtype=np.float64)
-"""Of a recording that is asked for its other tables alone."""
+"""The IMU's table of a recording whose other tables alone are needed."""
 
 
 def joined_tables(parts: Sequence[RowTables]) -> dict[str, Array]:
-    """Each table's rows of all parts, in their order."""
+    """Return each table's rows of all parts, in their order."""
     names = dict.fromkeys(name for part in parts for name in part)
     return {name: np.concatenate([part[name] for part in parts if name in part]) for name in names}
 
 
 def no_rows(table: str) -> Array:
-    """A canonical table of length 0."""
+    """Return a canonical table of length 0."""
     return np.empty((0, len(canonical_columns(table))))
 
 
@@ -68,7 +68,7 @@ class Rows:
 
     Rows up to ``until_s`` (s) are complete: what comes later on the stream is later than this. ``gnss_origin`` is that
     of the recording: latitude (deg), longitude (deg), height (m), or None. ``breaks``: by table, spans (b, 2),
-    s, as :func:`~trackfg.streaming.events.motion_breaks` gives them; told before the first rows after them.
+    s, as :func:`~trackfg.streaming.events.motion_breaks` gives them, with or before the first rows after them.
     """
 
     imu: Array = field(default_factory=lambda: no_rows("imu"))
@@ -86,25 +86,25 @@ class Rows:
         return sum(table.shape[0] for table in self.tables().values())
 
     def tables(self) -> dict[str, Array]:
-        """By name."""
+        """Return the tables by name."""
         lasers = {f"{LASER}{name}": table for name, table in self.lasers.items()}
         return {"imu": self.imu, "tach": self.tach, "fixes": self.fixes, "gnss": self.gnss, **self.others, **lasers}
 
     @classmethod
     def of(cls, tables: RowTables, until_s: float, origin: Array | None = None) -> Rows:
-        """From canonical tables by name."""
+        """Return the rows of canonical tables by name."""
         lasers = {name.removeprefix(LASER): table for name, table in tables.items() if name.startswith(LASER)}
         imu, tach, fixes, gnss = (tables.get(name, no_rows(name)) for name in _SINGLE)
         others = {name: rows for name, rows in tables.items() if name not in _SINGLE and not name.startswith(LASER)}
         return cls(imu, tach, fixes, gnss, lasers, until_s, origin, others=others)
 
     def frame(self, table: str) -> pd.DataFrame:
-        """One table with its columns' names."""
+        """Return one table with its columns' names."""
         rows = self.tables().get(table, no_rows(table))
         return pd.DataFrame(rows, columns=list(canonical_columns(table)))
 
 
 def recording_rows(recording: Recording) -> Rows:
-    """All of a recording at once."""
+    """Return all rows of a recording at once."""
     arrays = {name: table[list(canonical_columns(name))].to_numpy() for name, table in recording.tables.items()}
     return Rows.of(arrays, np.inf, recording.gnss_origin)

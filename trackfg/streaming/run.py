@@ -1,4 +1,4 @@
-"""A stream from its source to its sink.
+"""A stream runs from its source to its sink.
 
 source -> intake -> fixed-lag smoother -> sink
 
@@ -41,7 +41,7 @@ class StreamCounts:
 
 @dataclass
 class Stream:
-    """What stands between a source and a sink, and what has come through."""
+    """The stages between a source and a sink, and counts of what has come through."""
 
     source: Source
     smoother: FixedLagSmoother
@@ -76,19 +76,19 @@ class Stream:
 
     @property
     def settings(self) -> dict[str, str]:
-        """What another stream would have to have alike to go on from a checkpoint of this one."""
+        """Digests by name; a stream with the same ones can go on from a checkpoint of this one."""
         return {**self.smoother.settings, "source": type(self.source).__name__}
 
     @one_thread()
     def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
-        """Everything that the source gives, until it ends. Raises what source, smoother and sink raise."""
+        """Run until the source ends. Raises what source, smoother and sink raise."""
         pace, done = BackPressure(self.smoother.keyframe_spacing), self.clock()
         for batch in self.source:
             begun = self.clock()
             rows, events = self.intake.push(batch)
             self._write(sink, self.smoother.put(rows), events)
             waited, done = begun - done, self.clock()
-            if self.source.live and (change := pace.took(waited, done - begun, rows.until_s)) is not None:
+            if self.source.live and (change := pace.record(waited, done - begun, rows.until_s)) is not None:
                 self.smoother.keyframe_spacing = pace.factor
                 self._write(sink, NO_ESTIMATES, (change,))
             if checkpoints is not None and checkpoints.due(rows.until_s):
@@ -124,7 +124,7 @@ class Stream:
 
 
 def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[StreamEvent]) -> None:
-    """Rows of all tables; ``events`` are those of the estimates and all others."""
+    """Write rows of all tables; ``events`` are those of the estimates and all others."""
     if events:  # a table of none costs as much as one of some
         sink.write("events", event_table(events))
     sink.write("filtered", estimates.filtered)
@@ -133,5 +133,5 @@ def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[StreamEve
 
 
 def run_stream(source: Source, smoother: FixedLagSmoother, sink: Sink) -> StreamCounts:
-    """A stream from its beginning to its end."""
+    """Run a stream from its beginning to its end."""
     return Stream.of(source, smoother).run(sink)

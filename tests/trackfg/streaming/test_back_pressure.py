@@ -21,7 +21,7 @@ def factors(pace: BackPressure, took: list[tuple[float, float]], batch_s: float 
     """After each batch, which somebody waited for and which took so long."""
     out = []
     for i, (waited, busy) in enumerate(took):
-        before, event = pace.factor, pace.took(waited, busy, i * batch_s)
+        before, event = pace.factor, pace.record(waited, busy, i * batch_s)
         assert (event is not None) == (pace.factor != before)
         out.append(pace.factor)
     return out
@@ -50,7 +50,7 @@ def test_it_goes_back_when_it_has_caught_up() -> None:
 
 def test_time_that_nobody_knows_is_no_time() -> None:
     pace = BackPressure()
-    assert pace.took(0.0, 100.0, -np.inf) is None
+    assert pace.record(0.0, 100.0, -np.inf) is None
     assert pace.behind_s == 0.0
 
 

@@ -1,4 +1,4 @@
-"""Checkpoints: a file from which a stream that was killed goes on, with the same result as if it had not been.
+"""A checkpoint is a file from which a stream that was killed goes on, with the same result as if it had not been.
 
     {"format": "trackfg-checkpoint/2", "trackfg": "1.0"}     which version wrote it
     {"position": ..., "smoother": ..., ...}                  JSON values, on one line
@@ -28,6 +28,7 @@ from trackfg.streaming.checkpoint.snapshot import Snapshot
 
 FORMAT = "trackfg-checkpoint/2"
 EVERY_S = 60.0
+"""Time of the stream from one checkpoint to the next, s: as much is computed again after a kill."""
 _BEGINS = b'{"format": "trackfg-checkpoint/'
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _SNAPSHOTS = ("intake", "smoother")
@@ -63,7 +64,7 @@ class Checkpoint:
             )
 
     def to_bytes(self) -> tuple[bytes, bytes, bytes]:
-        """As in the file, in parts."""
+        """Return the file's content, in parts."""
         arrays, content = b"", dict(vars(self))
         for name in _SNAPSHOTS:
             if (snapshot := content[name]) is not None:
@@ -77,7 +78,7 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Checkpoint:
-        """From all of them. Raises :class:`BadInputError`."""
+        """Return the checkpoint of a file's content. Raises :class:`BadInputError`."""
         if not content.startswith(_BEGINS):
             raise BadInputError("expected the checkpoint of a stream")
         whole, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
@@ -114,7 +115,7 @@ class Checkpoints:
         self._last_s: float | None = None
 
     def due(self, until_s: float) -> bool:
-        """Whether it is time for the next one, rows being complete up to ``until_s``, s."""
+        """Return whether it is time for the next one, with rows complete up to ``until_s``, s."""
         if not math.isfinite(until_s):
             return False
         if self._last_s is None:
@@ -129,7 +130,7 @@ class Checkpoints:
         write_whole(self.path, *checkpoint.to_bytes())
 
     def read(self) -> Checkpoint:
-        """The last one. Raises :class:`BadInputError` where there is none, or it cannot be used."""
+        """Return the last one. Raises :class:`BadInputError` where there is none, or it cannot be used."""
         try:
             return Checkpoint.from_bytes(self.path.read_bytes())
         except OSError as error:

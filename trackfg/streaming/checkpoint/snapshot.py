@@ -1,4 +1,4 @@
-"""What an object holds, as JSON values and bytes, and back: by its type annotations, and to the last bit.
+"""A snapshot is what an object holds, as JSON values and bytes: by its type annotations, and to the last bit.
 
 What goes on from a snapshot must round as it would have without. So arrays come back with their strides, because sums
 over numbers that lie differently in memory add up in another order; and what two places share they share again, or
@@ -46,12 +46,12 @@ import trackfg.factors
 from trackfg.errors import BadInputError
 
 DERIVED: Mapping[str, bool] = types.MappingProxyType({"made again": True})
-"""Metadata of a dataclass's field that follows from the others whenever it is needed."""
+"""Metadata of a dataclass's field that is derived from the others whenever it is needed."""
 
 _ARRAYS = ("<f8", "<f4", "<i8", "<i4", "|b1")
 _SCALARS = {kind.name: kind.type for kind in map(np.dtype, _ARRAYS)}
 _LARGEST_BYTES = 2**32
-"""Of an array with what lies between its numbers."""
+"""The largest array with what lies between its numbers, bytes."""
 
 
 _MISFITS = (KeyError, TypeError, ValueError, AttributeError, NameError, OverflowError, MemoryError, RecursionError)
@@ -66,7 +66,7 @@ class Snapshot(NamedTuple):
 
 
 def dump(thing: object, given: Iterable[object] = ()) -> Snapshot:
-    """The attributes of a thing, each of which its class annotates. What is ``given`` is left out, by its class.
+    """Return the attributes of a thing, each of which its class annotates. What is ``given`` is left out, by its class.
 
     Raises ``TypeError`` for an attribute that is not annotated, or is not what its annotation says.
     """
@@ -79,7 +79,7 @@ def dump(thing: object, given: Iterable[object] = ()) -> Snapshot:
 
 
 def load_attributes(kind: type, snapshot: Snapshot, given: Iterable[object] = ()) -> dict[str, Any]:
-    """The attributes that a thing of class ``kind`` had.
+    """Return the attributes that a thing of class ``kind`` had.
 
     Raises :class:`~trackfg.errors.BadInputError` for a snapshot that does not fit the classes as they are.
     """
@@ -102,7 +102,7 @@ class _Writer:
         self._places: dict[int, int] = {}
 
     def place(self, value: object, node: Callable[[], Any]) -> int:
-        """The number of an object, which is written when it is met for the first time."""
+        """Return the number of an object, which is written when it is met for the first time."""
         if id(value) not in self._places:
             content = node()
             self._places[id(value)] = len(self.objects)
@@ -110,7 +110,7 @@ class _Writer:
         return self._places[id(value)]
 
     def stored(self, array: np.ndarray) -> int:
-        """Where its numbers begin."""
+        """Store an array; return where its numbers begin."""
         at = self._size
         self.data.append(array.tobytes())
         self._size += array.nbytes
@@ -124,7 +124,7 @@ class _Reader:
         self._made: dict[int, Any] = {}
 
     def object(self, place: Any, kind: type, made: Callable[[Any], Any]) -> Any:
-        """The object of that number, made from its node when it is met for the first time."""
+        """Return the object of that number, made from its node when it is met for the first time."""
         if type(place) is not int or not 0 <= place < len(self._objects):
             raise ValueError(f"{place!r} is no object")
         if place not in self._made:
@@ -272,7 +272,7 @@ class _Functions:
 
 @cache
 def _functions() -> dict[str, Callable[..., Any]]:
-    """All functions of :mod:`trackfg.factors`, by module and name."""
+    """Return all functions of :mod:`trackfg.factors`, by module and name."""
     found: dict[str, Callable[..., Any]] = {}
     for info in pkgutil.iter_modules(trackfg.factors.__path__, "trackfg.factors."):
         module = importlib.import_module(info.name)
@@ -363,5 +363,5 @@ def _fields(kind: type, given: tuple[type, ...]) -> dict[str, _Form]:
 
 
 def _hints(kind: type, given: Iterable[type]) -> dict[str, Any]:
-    """What is given may be known to type checkers alone where the class is."""
+    """Return annotations; what is given may be imported for type checkers alone where the class is."""
     return typing.get_type_hints(kind, localns={one.__name__: one for one in given})

@@ -273,10 +273,10 @@ class ClockJumps:
             return due
         assert self.interval_s is not None
         of_it = [event for event in due if jump.is_of(event)]
-        said = f"the clocks went forward by {jump.by_s:.3f} s; as much is taken off all times from here on"
+        jumped = f"the clocks went forward by {jump.by_s:.3f} s; as much is taken off all times from here on"
         if jump.restart:
-            said = of_it[0].detail
-        detail = f"{said}. The count went on as if no time had passed"
+            jumped = of_it[0].detail
+        detail = f"{jumped}. The count went on as if no time had passed"
         after = jump.begin_s + self.interval_s
         return [
             *(event for event in due if event not in of_it),

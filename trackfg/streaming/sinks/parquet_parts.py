@@ -1,4 +1,4 @@
-"""Estimates as Parquet, in parts that are whole from the moment that they are there.
+"""Parquet parts hold estimates, and are whole from the moment that they are there.
 
     FOLDER/filtered/part-000001.parquet, part-000002.parquet, ...
 
@@ -25,7 +25,7 @@ from trackfg.files.atomic_file import UNFINISHED, write_whole
 from trackfg.streaming.sinks.sink import TABLES, columns_of
 
 ROWS_PER_PART = 6000
-"""Ten minutes at 10 Hz."""
+"""Rows of a part: ten minutes at 10 Hz."""
 
 _PART = re.compile(r"part-(\d{6})\.parquet")
 _MOST_PARTS = 999_999
@@ -154,7 +154,7 @@ def _counted(state: Mapping[str, Any], name: str) -> tuple[int, int]:
 
 
 def _go_back(table: _Table, part: int, rows: int) -> None:
-    """To where ``part`` had so many ``rows``."""
+    """Go back to where ``part`` had so many ``rows``."""
     table.number = part
     if missing := sorted(set(range(1, part + (rows > 0))) - set(_numbers(table.folder))):
         raise BadInputError(f"{table.folder}: part-{missing[0]:06d}.parquet is missing; the checkpoint knows of it")

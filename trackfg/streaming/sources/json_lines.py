@@ -1,4 +1,4 @@
-"""Rows as JSON lines: one object per line, ``{"table": "imu", "t": 0.005, "wx": ..., ...}``.
+"""The JSON lines source reads one row per line, ``{"table": "imu", "t": 0.005, "wx": ..., ...}``.
 
 The description comes from the caller, or stands on the first line: ``{"description": {...}}``. See
 docs/streaming-formats.md.
@@ -99,7 +99,7 @@ class JsonLinesSource:
 
 
 def _is_file(stream: Any) -> bool:
-    """Whether all that is in it is there: a file of its own, or of memory."""
+    """Return whether all lines are there already: in a file on disk, or in memory."""
     try:
         return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
     except (OSError, AttributeError):

@@ -1,4 +1,4 @@
-"""Rows from an MCAP file (https://mcap.dev): messages in JSON, the topic is the table.
+"""The MCAP source reads rows from an MCAP file (https://mcap.dev): messages in JSON, the topic is the table.
 
 Messages are read in the order of the file, without its index, so that a file whose end is missing gives all that it
 has. The description comes from the caller, or is the first message, topic ``description``.
@@ -35,7 +35,7 @@ LARGEST_RECORD = 256_000_000
 DESCRIPTION_TOPIC = "description"
 
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, EOFError, OSError)
-"""What reading a damaged file raises."""
+"""Errors that reading a damaged file raises."""
 
 
 class McapSource:
@@ -117,7 +117,7 @@ class McapSource:
         return BadInputError(f"{self._path}: cannot be read ({_reason(error)}); expected an MCAP file")
 
     def _messages(self) -> Iterator[tuple[str, str, bytes]]:
-        """Topic, encoding and content of each message."""
+        """Yield topic, encoding and content of each message."""
         channels: dict[int, Channel] = {}
         with self._path.open("rb") as file:
             for record in _records(file):
@@ -147,7 +147,7 @@ class _Bounded:
 
 
 def _records(file: IO[bytes]) -> Iterator[McapRecord]:
-    """All records; chunks are unpacked here, because their size must not be what they say."""
+    """Yield all records; chunks are unpacked here, because the size that they give is not trusted."""
     for record in StreamReader(
         cast("IO[bytes]", _Bounded(file)), emit_chunks=True, record_size_limit=LARGEST_RECORD
     ).records:

@@ -1,4 +1,4 @@
-"""Rows as JSON objects, from whatever carries them, to batches; nothing in them is trusted.
+"""The row parser makes batches of rows that come as JSON objects; nothing in them is trusted.
 
 A row of table ``imu`` is an object with the columns that the description names, time included, each a number; ``null``
 and NaN are a missing value, other keys are ignored. What is no such object is an event: one for each kind of fault and
@@ -29,7 +29,7 @@ MOST_IN_BATCH = 10_000
 
 
 class RowError(ValueError):
-    """Not a row; the message says what is wrong and what was expected."""
+    """An object is no row; the message says what is wrong and what was expected."""
 
 
 class RowParser:
@@ -49,7 +49,7 @@ class RowParser:
         self._full = False
 
     def take(self, table: str, values: dict[str, Any]) -> None:
-        """Take in one row. Raises :class:`RowError` where it is none."""
+        """Take one row in. Raises :class:`RowError` where it is none."""
         row = self._numbers(table, values)
         self._count += 1
         self._rows.setdefault(table, []).append(row)
@@ -60,17 +60,17 @@ class RowParser:
             self._full = abs(t - self._start_s) >= self._batch_s
 
     def refuse(self, number: int, fault: RowError) -> None:
-        """What stands at place ``number`` is no row."""
+        """Count the object at place ``number`` as no row."""
         self._count += 1
         self._faults.setdefault(str(fault), []).append(number)
 
     @property
     def full(self) -> bool:
-        """Whether there is a batch."""
+        """Whether a batch is complete."""
         return self._full or self._count >= MOST_IN_BATCH
 
     def batch(self, position: int) -> Batch:
-        """What was collected; ``position`` is where the source stands."""
+        """Return what was collected; ``position`` is where the source stands."""
         tables = {name: np.array(rows, dtype=np.float64) for name, rows in self._rows.items()}
         events = tuple(self._event(fault, numbers) for fault, numbers in self._faults.items())
         self._rows, self._faults, self._count, self._start_s, self._full = {}, {}, 0, None, False
@@ -114,7 +114,7 @@ def _number(value: object) -> float:
 
 
 def json_object(text: bytes) -> dict[str, Any]:
-    """One JSON object. Raises :class:`RowError`."""
+    """Return one JSON object. Raises :class:`RowError`."""
     if len(text) > LONGEST_BYTES:
         raise RowError(f"longer than {LONGEST_BYTES} bytes")
     try:
@@ -127,8 +127,8 @@ def json_object(text: bytes) -> dict[str, Any]:
 
 
 def stream_description(given: object, place: str) -> RecordingDescription:
-    """A description as it stands on a stream: as ``recording.toml``, but ``file`` may be left out of its tables, and
-    is never opened. Raises :class:`BadInputError`.
+    """Return a description as it comes on a stream: as ``recording.toml``, but ``file`` may be left out of its tables,
+    and is never opened. Raises :class:`BadInputError`.
     """
     if not isinstance(given, dict):
         raise BadInputError(f"{place}: the description is no object; expected the keys of recording.toml")

@@ -1,4 +1,4 @@
-"""Where rows come from: an iterator of batches, and a recording replayed as one.
+"""A source is an iterator of batches of rows; a recording can be replayed as one.
 
 Other sources: :mod:`trackfg.streaming.sources.json_lines`, :mod:`trackfg.streaming.sources.mcap`.
 """
@@ -19,9 +19,9 @@ from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.rows import recording_rows
 
 BATCH_S = 0.1
-"""Of rows that are waited for."""
+"""Length of a batch of rows that are waited for, s."""
 STORED_BATCH_S = 1.0
-"""Of rows that are there: fewer batches cost less."""
+"""Length of a batch of rows that are stored, s: fewer batches cost less."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Source(Protocol):
 
     @property
     def gnss_origin(self) -> Array | None:
-        """Of canonical rows; None where it is not known, or comes with the first row."""
+        """Origin of canonical rows; None where it is not known, or comes with the first row."""
 
     def __iter__(self) -> Iterator[Batch]: ...
 
