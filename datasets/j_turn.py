@@ -26,18 +26,27 @@ from trackfg.numerics.arrays import Array
 from trackfg.units import KMH, STANDARD_GRAVITY
 
 STEP_S = 0.03
+"""Step of the simulation and of its tables, s (the paper's)."""
 STRETCHES_S = ((0.0, 6.0), (6.0, 12.0), (12.0, 18.0))
+"""Start and end of each stretch of road, s (the paper's)."""
 FRICTION = (0.8, 0.55, 0.3)
 """Of each stretch: dry asphalt, wet asphalt, a film of water."""
 
 _DURATION_S = STRETCHES_S[-1][1]
 _SPEED_MPS = 80.0 * KMH
+"""Speed of the car, m/s (the paper's 80 km/h)."""
 _MASS_KG, _INERTIA_KGM2 = 1562.0, 2630.0
+"""Mass and moment of inertia about the vertical (table 1)."""
 _FRONT_M, _REAR_M = 1.104, 1.42
+"""Distances of the axles from the centre of gravity (table 1)."""
 _CORNERING_N = np.array([42000.0, 64000.0])
+"""Cornering powers of a front and a rear tyre, N/rad (table 1)."""
 _LOAD_N = 0.5 * _MASS_KG * STANDARD_GRAVITY * np.array([_REAR_M, _FRONT_M]) / (_FRONT_M + _REAR_M)
+"""Load of a front and a rear tyre at rest, N."""
 _STEER_RAD, _STEER_RISE_S = float(np.radians(3.0)), 1.0
+"""Steer of the front wheels at the end, and its rise time: 3 deg (the paper's), 1 s (assumed)."""
 _FORCE_SD_N, _ACCELERATION_SD_MPS2 = 20.0, 0.5
+"""1-sigma of the noise of the forces and of the measurement (the paper's)."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,9 @@ from trackfg.recording.model import Recording
 __all__ = ["Scenario", "Simulation", "scenario", "scenarios", "simulate"]
 
 SHORTEST_S = 1.0
+"""Shortest run that is simulated, s."""
 _BEYOND_S = 0.25
+"""How much longer than the recording the body's motion is computed, s; the comment below says why."""
 
 
 @dataclass(frozen=True)

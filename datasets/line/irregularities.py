@@ -38,13 +38,18 @@ from trackfg.datasets.line.wavelength_band import d1_gain
 from trackfg.numerics.arrays import Array
 
 KNOT_M = 0.25
+"""Distance of the spline's knots, m: six to the shortest wave."""
 SHORTEST_M = 1.5
+"""Shortest wave that is generated, m; the module's docstring says why."""
 FADE_M = 25.0
 """Over so much at each end of the track the irregularities grow from nothing, so that a run starts on smooth track."""
 
 _FADE_RATIO = 4.0 / 3.0
+"""Ratio of wavelengths over which the amplitude fades at both ends: 1.5 to 2 m. Chosen here."""
 _KERNEL_WAVES = 6
+"""Half length of the kernel, in longest wavelengths. Chosen here."""
 _OMEGA_R, _OMEGA_C, _OMEGA_S = 0.0206, 0.8246, 0.438
+"""Corners of the spectra, rad/m (ORE B176)."""
 _AMPLITUDES = {
     "low": (4.032e-7, 2.119e-7, 4 * 4.032e-7, 5.32e-8),
     "high": (1.08e-6, 6.125e-7, 4 * 1.08e-6, 1.032e-7),

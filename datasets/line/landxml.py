@@ -28,8 +28,11 @@ from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 
 _SAME_PLACE_M = 0.01
+"""Places of a file that differ by less are one, m: files give centimetres."""
 _LENGTH_OFF_M = 1e-3
+"""A header's length that differs by more from the elements' sum is remarked on, m."""
 _DEFAULT_BASE_M = 1.5
+"""Base of the cross-level where neither file nor caller gives one, m: standard gauge."""
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,11 @@ from trackfg.datasets.line.landxml_plan import SPIRALS
 from trackfg.numerics.arrays import Array
 
 _SAME_PLACE_M = 0.01
+"""Places of a file that differ by less are one, m: files give centimetres."""
 _SAME_CANT_M = 1e-6
+"""Cants at one place that differ by less are one, m."""
 _WIDEST_GAUGE_M = 10.0
+"""A gauge that would be wider is in the unit of the cant, m."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from trackfg.errors import BadInputError
 
 NAMESPACE = "http://www.landxml.org/schema/LandXML-1.2"
 _MOST_BYTES = 256 * 2**20
+"""Largest file that is read, bytes. Chosen here, so that a wrong file does not fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,9 @@ def read_units(root: Node) -> Units:
 
 
 _METRIC = {"meter": 1.0, "millimeter": 1e-3, "centimeter": 1e-2, "kilometer": 1e3}
+"""Metres per unit (LandXML 1.2, Metric)."""
 _IMPERIAL = {"foot": 0.3048, "USSurveyFoot": 1200.0 / 3937.0, "inch": 0.0254, "mile": 1609.344}
+"""Metres per unit (LandXML 1.2, Imperial); the US survey foot is 1200/3937 m by definition."""
 
 
 def _finite(text: str) -> float | None:

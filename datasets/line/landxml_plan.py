@@ -31,6 +31,7 @@ _NEAR = {"sineHalfWave": "half-sine", "biquadraticParabola": "Helmert"}
 """Types whose law holds over the tangent; here it is taken over the arc."""
 
 _OFF_M = 0.01
+"""By how much points of the file may be off the elements before that is remarked on, m."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,9 @@ from trackfg.datasets.line.polynomials import mirrored
 from trackfg.numerics.arrays import Array
 
 _CELL_M = 10.0
+"""Longest cell that the position is integrated over at once, m."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+"""Gauss-Legendre rule of 6 points, exact up to degree 11."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from trackfg.recording.description import Model, Positive
 
 FORMAT = "trackfg-line/1"
 _SMALLEST_VERTICAL_RADIUS_M = 100.0
+"""A smaller radius of a vertical curve is taken for an error, m."""
 
 TransitionLaw = Literal["clothoid", "half-sine", "sine", "bloss", "helmert", "cubic-parabola"]
 

@@ -59,7 +59,9 @@ class _Plan:
 
 
 _STATION_HALF_M = 150.0
+"""Half of the level, straight track at a station, m. Chosen here."""
 _HEIGHT_SCALE_M = 50.0
+"""Height above the start, m, at which the mean gradient back is the steepest one. Chosen here."""
 
 
 def random_line(design: LineDesign, length_m: float, rng: np.random.Generator, *, start_yaw_rad: float = 0.0) -> Line:

@@ -25,6 +25,7 @@ from trackfg.datasets.line.vertical_profile import ProfilePiece
 from trackfg.numerics.arrays import Array
 
 _SAME_PLACE_M = 1e-9
+"""Ends of pieces that differ by less are one, m: rounding."""
 
 
 @dataclass(frozen=True)

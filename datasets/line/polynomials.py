@@ -18,9 +18,13 @@ Pieces = tuple[Array, Array]
 """Edges (m + 1,) and coefficients (k, m)."""
 
 _DEGREE = 9
+"""Degree of the polynomials."""
 _RELATIVE_TOLERANCE = 1e-13
+"""How well they have to fit between the nodes, of the largest value."""
 _ROUNDING = 1e-16
+"""The same in the function's own unit, where all values are about zero."""
 _MOST_PIECES = 256
+"""Pieces that an interval may be cut into until they do."""
 
 
 def joined(parts: Sequence[Pieces]) -> PPoly:

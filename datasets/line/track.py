@@ -32,6 +32,7 @@ from trackfg.numerics.arrays import Array
 
 Side = Literal["left", "right"]
 _SIGN: dict[Side, float] = {"left": 1.0, "right": -1.0}
+"""Side of the rail: left positive."""
 
 
 @dataclass(frozen=True)

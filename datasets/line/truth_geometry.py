@@ -35,10 +35,12 @@ from trackfg.datasets.line.wavelength_band import LONGEST_M, d1_gain
 from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
+"""Step of the table in chainage, m: the default of the smoother's results."""
 _SURROUNDINGS_M = 300.0
 """Farther off, nothing matters to the band (1e-10 of its greatest weight for a kink)."""
 
 _NODES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+"""Two Gauss-Legendre nodes in a cell from 0 to 1."""
 
 
 @dataclass(frozen=True)

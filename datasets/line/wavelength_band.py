@@ -16,6 +16,7 @@ from trackfg.numerics.arrays import Array
 
 SHORTEST_M = 3.0
 LONGEST_M = 25.0
+"""Edges of the band D1, m (EN 13848-1)."""
 
 
 def d1_gain(wavenumber: Array) -> Array:

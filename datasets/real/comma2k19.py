@@ -36,6 +36,7 @@ NOISE = ImuNoise(
     gyro_bias_sd=1e-3,
     accel_bias_sd=0.2,
 )
+"""The noise that is declared of the IMU; docs/datasets.md says where it is from."""
 
 _FILES = (
     "processed_log/IMU/accelerometer/t",

@@ -51,6 +51,7 @@ NOISE = ImuNoise(
     misalignment_sd_rad=1e-4,
     g_sensitivity_sd=1e-6,
 )
+"""The noise that is declared of the IMU; docs/datasets.md says where it is from."""
 
 _FILES = ("f_w_IMSseconds_dt.mat", "CarChip_Speed_interpolated.mat", "BESTPOS.mat", "BESTGPSPOS.mat", "INSPVA.mat")
 

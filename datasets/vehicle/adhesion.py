@@ -45,15 +45,21 @@ from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 
 _GRID_HZ = 10.0
+"""Rate at which demand and supply are compared, Hz."""
 _SLOWEST_MPS = 1.0
 """Speed of the vehicle, m/s, below which no slip is drawn: it would hardly show."""
 _SHORTEST_S, _LONGEST_S = 1.0, 30.0
+"""Shortest and longest event, s. Assumed."""
 _MEDIAN_S = 4.0
+"""Median of an event's length, s. Assumed."""
 _LOG_SD = float(np.log(10.0 / _MEDIAN_S) / 1.2816)
 """1.2816 is the 90 % point of the normal distribution."""
 _GAIN = (5.0, 10.0)
+"""Range of the axle's acceleration over the vehicle's, beyond the limit. Assumed."""
 _PAUSE_S = (1.0, 4.0)
+"""Range of the pause before the next event, s. Assumed."""
 _CYCLE_S = (1.0, 2.0)
+"""Range of a cycle of slide protection, s. Assumed."""
 _APPLYING, _HELD = 0.7, 0.2
 """Of a cycle of slide protection: the share in which the slide grows, and what of its peak is left after a release."""
 

@@ -23,7 +23,9 @@ from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 
 _SLOWEST_MPS = 1.0
+"""Lowest speed limit that is driven by, m/s."""
 _SHORTEST_SERVICE_M = 50.0
+"""Least way of a service, m."""
 
 
 class Driver(Protocol):

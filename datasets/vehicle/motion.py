@@ -24,6 +24,7 @@ Phase = tuple[float, float]
 """A duration in s and a jerk in m/s^3."""
 
 _INSTANT_S = 1e-9
+"""A shorter phase is left out, s: rounding."""
 _REST_MPS = 1e-9
 """Phases shorter and speeds lower than these are rounding: at rest means exactly at rest."""
 

@@ -72,10 +72,15 @@ HIGH_RATIO = 7.0
 """Upper to lower edge of the vibration band, (9)."""
 
 _ORDER = 2
+"""Order of the Butterworth filters. Assumed: the patent gives none."""
 _CELLS_PER_WAVE = 50
+"""Cells of the distance to the wave of F_space: 2 cm at 1 per metre. Chosen here, seven per wave of the upper edge."""
 _MOVING_MPS = 0.1
+"""Speed above which the printed form's mean speed counts a sample as moving, m/s. Chosen here."""
 _HIGHEST_OF_NYQUIST = 0.9
+"""Highest edge of a filter, as a share of the Nyquist frequency: at 1 there is no filter. Chosen here."""
 _START_SD_RAD = 0.01
+"""1-sigma of roll and pitch at the start, rad; forgotten after the time constant. Chosen here."""
 _BLOCK = 50_000
 """Samples that are plain numbers at a time: these take ten times the memory."""
 

@@ -32,13 +32,21 @@ from trackfg.sensors.tach import read_wheel
 from trackfg.units import STANDARD_GRAVITY
 
 TWIST_BASE_M = 5.0
+"""Base of the twist, m: the default of the smoother's results."""
 _TRAJECTORY_S = 0.1
+"""Step of the trajectory, s: the default of the smoother's results."""
 _PLACE_OVER_S = 0.5
+"""Time over which the tachometer's distance is averaged, s; the module's docstring says what it costs."""
 _MAX_TACH_GAP_S = 2.0
+"""A longer silence of the tachometer while moving is a gap, s. Chosen here."""
 _AT_THE_START_S = 5.0
+"""A standstill that begins within this time is that of the start, s. Chosen here."""
 _TILT_OVER_S = 1.0
+"""Time over which the first tilt is averaged where the run does not begin at rest, s. Chosen here."""
 _SHORTEST_PASS_M = 10.0
+"""A shorter pass has no geometry, m: as for the smoother's results (docs/geometry.md)."""
 _PASS_STEP_S = 1.0
+"""Step in time at which changes of direction are looked for, s. Chosen here."""
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,11 @@ VERSINE_COLUMNS = (
 """What the geometry table has beside the usual columns: each rail's versines. The centre line's are their means."""
 
 _HALF_CHORD_M = 5.0
+"""Half of the paper's chord, and the distance of its two units, m."""
 _BASE_TOLERANCE_M = 0.05
+"""By how much the distance of the units may differ from that, m: 1 % of it. Chosen here."""
 _TRAJECTORY_S = 0.1
+"""Step of the trajectory, s: the default of the smoother's results."""
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ _PASSES = 12
 """Roll and pitch act on one another by ``w_z T``, at most some 0.6: each pass leaves that part of the last error."""
 
 _MAX_TACH_GAP_S = 1.0
+"""A longer silence of the tachometer while moving is a gap, s. Chosen here."""
 
 
 @dataclass(frozen=True)

@@ -50,10 +50,13 @@ from trackfg.sensors.tach import Wheel, read_wheel
 
 MODES = ("adhesion", "slip", "slide", "standstill")
 _S, _V, _A, _B, _C, _W = range(6)
+"""Places of the states in x, in the order of the module's docstring."""
 _STILL_SD = 1e-4
 """m, m/s, m/s^2: what a vehicle at rest still moves, lest a covariance become singular."""
 _LONGEST_GAP_S = 0.5
+"""A longer silence of the tachometer while moving is a gap, s: five steps of the filter. Chosen here."""
 _NO_READING_SD = 1e4
+"""1-sigma of the count inside a gap, m: as good as none."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,9 @@ from trackfg.sensors.tach import read_wheel
 from trackfg.units import KMH
 
 _MAX_TACH_GAP_S = 1.0
+"""A longer silence of the tachometer while moving is a gap, s. Chosen here."""
 _CYCLES_ON_END = 3
+"""Cycles that have to meet the jerk rule one after the other (the paper's)."""
 
 
 @dataclass(frozen=True)

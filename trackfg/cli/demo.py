@@ -23,6 +23,7 @@ from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
 SCENARIO, SEED, DURATION_S = "measuring-car", 0, 600.0
+"""What the demo simulates: a scenario, its seed, and how long, s."""
 
 RECORDING, RESULT, PICTURE, RESULT_PAGE, COMPARISON, COMPARISON_PAGE = CONTENT = (
     "recording",

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 _WIDTH_IN_A_PIPE = 120
+"""Letters in a line where there is no terminal whose width could be asked for."""
 
 
 def show(table: RenderableType) -> None:

@@ -25,7 +25,9 @@ ALIGNED_BY = ("twist_mm", "versine_level_mm")
 """What has sharp features everywhere, curves or not."""
 
 _FURTHEST_M = 20.0
+"""How far one run's chainage may be off from another's as a whole, m. Chosen here."""
 _FURTHEST_IN_SECTION_M = 1.0
+"""How far it may be off in a section besides, m. Chosen here."""
 _FULL_SHARE = 0.9
 """A section counts where both runs hold this share of it."""
 

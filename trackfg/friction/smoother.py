@@ -34,7 +34,9 @@ from trackfg.numerics.arrays import Array
 _WIDEST = 32.0
 """The loss starts this many times as wide as it ends."""
 _SHORTEST = 2.0**-12
+"""The shortest step of the line search, as a share of the Gauss-Newton step. Chosen here."""
 _MOST_ITERATIONS = 100
+"""Iterations at one width of the loss. Chosen here."""
 _TOLERANCE = 1e-3
 """Of the cost: half a squared sigma."""
 

@@ -40,6 +40,8 @@ _TAIL = 2e-5
 _PERIOD = 64
 """The kernel is computed as if periodic, this many times the longest wavelength long."""
 _END_ERROR = 0.02
+"""What the missing part of the kernel may do to a sine of any wavelength at an end, as a share of its amplitude. Chosen
+here."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ D0 = Band(1.0, 5.0)
 D1 = Band(3.0, 25.0)
 D2 = Band(25.0, 70.0)
 D3 = Band(70.0, 150.0)
+"""The wavelength ranges D0 to D3 of track geometry; D1 to D3 are those of EN 13848-1."""
 BANDS = {"D0": D0, "D1": D1, "D2": D2, "D3": D3}
 
 

@@ -11,7 +11,10 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 
 CURVED_FROM_1PM = 1.0 / 5000.0
+"""Track that is straighter, 1/m, is judged as tangent: a radius of 5000 m. Chosen here; limits of a railway may set
+another one."""
 _MEAN_OVER_M = 50.0
+"""Length over which the curvature is averaged, m: twice the longest wavelength of D1."""
 
 
 def mean_curvature(chainage_m: Array, curvature_1pm: Array) -> Array:

@@ -19,7 +19,9 @@ from trackfg.geometry.grid import steps, wave_number, window_sums
 from trackfg.numerics.arrays import Array
 
 LEVEL_WINDOWS_M = (24.0,)
+"""Window of the level's baseline, m (Suto, Tsubokawa and Yoshida, 2020)."""
 ALIGNMENT_WINDOWS_M = (24.0, 18.0)
+"""Windows of the alignment's baseline, one after the other, m (the same source)."""
 
 
 def moving_average(y: ArrayLike, step_m: float, window_m: float) -> Array:

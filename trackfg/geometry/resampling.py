@@ -30,6 +30,7 @@ _CELLS = 8
 _PASS_STEPS, _STOP_STEPS = 3.2, 2.0
 """Edges of the low-pass, wavelengths in steps."""
 _ATTENUATION_DB = 60.0
+"""Attenuation of the low-pass in its stop band, dB: an amplitude of 0.1 % is left."""
 _CHUNK = 10_000
 """Steps evaluated at a time: their cells stay in the cache."""
 

@@ -25,6 +25,7 @@ _F = 1.0 / 298.257223563
 
 _B = _A * (1.0 - _F)
 _E2 = _F * (2.0 - _F)
+"""Semi-minor axis, m, and squared eccentricity of the ellipsoid."""
 _CORRECTIONS = 6
 """Rounds of :func:`enu_to_geodetic`: each leaves 6e-5 of the error, so six reach the last bit."""
 

@@ -52,18 +52,27 @@ if TYPE_CHECKING:
 
 NAME = "python-ins"
 DEFAULT_LATITUDE_DEG = 45.0
+"""Latitude where the recording has none, deg: gravity is the standard one there."""
 VELOCITY_HZ = 2.0
 """Body velocities per second. More of them cost the filter more, not the smoother."""
 
 _SPEED_OVER_S = 0.5
+"""Time over which a body velocity is averaged, s: one interval of them."""
 _VELOCITY_SD_MPS = 0.03
+"""1-sigma of a body velocity, each axis, m/s. Chosen here."""
 _TIME_STEP_S = 0.5
+"""Longest step of the filter's covariance, s: one interval of the velocities."""
 _MAX_TACH_GAP_S = 2.0
+"""A longer silence of the tachometer while moving is a gap, s. Chosen here."""
 _TILT_SD_RAD = np.radians(0.3)
+"""1-sigma of roll and pitch at the start, rad. Chosen here."""
 _HEADING_SD_RAD = np.radians(1.0)
+"""1-sigma of the yaw at the start where GNSS or the recording gives it, rad. Chosen here."""
 _NO_HEADING_SD_RAD = np.radians(0.1)  # yaw is then counted from the start
 _START_SPEED_SD_MPS = 0.05
+"""1-sigma of the velocity at the start, each axis, m/s. Chosen here."""
 _START_PLACE_SD_M = 1e-3
+"""1-sigma of the place at the start without GNSS, m: it defines the frame."""
 _STEPS_TO_GEODETIC = 5  # each leaves the angle between the meridians, so a hundredth over 100 km
 _FRD = np.array([1.0, -1.0, -1.0])
 

@@ -9,7 +9,9 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _STRAIGHT_1PM = 1e-4
+"""Curvature below which a curve is called straight, 1/m: a radius of 10 km."""
 _LEAST_LENGTH_M = 40.0
+"""A shorter curve is not named, m. Chosen for the look."""
 _BODY = 0.8
 """The circle of a curve is where it has this share of its greatest curvature."""
 

@@ -17,6 +17,7 @@ _NEAR = 2.5
 """Limits within this many times the extent of the values are brought into the panel."""
 
 _MARGIN = 0.08
+"""Air above and below, as a share of the extent. Chosen for the look."""
 
 
 def extent(values: Array, sigmas: Array, base: float, least: float) -> tuple[float, float]:

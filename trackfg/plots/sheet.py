@@ -19,6 +19,7 @@ _LABEL_HEIGHT = 0.2
 """Of a text beside a panel, as a share of the panel's height."""
 
 _LABEL_LETTERS = 18
+"""Longest name of a limit: what fits the margin beside a panel."""
 
 
 @dataclass(frozen=True)

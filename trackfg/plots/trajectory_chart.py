@@ -20,6 +20,7 @@ from trackfg.results.result import Result
 from trackfg.units import KMH
 
 STRETCHES = 400
+"""Stretches whose extremes a curve is drawn by. Chosen for the size of the picture."""
 
 
 def plot_trajectory(

@@ -25,6 +25,7 @@ VIEW_STRETCHES = 1200
 """More than a chart has columns of pixels."""
 
 _SHORT = 4
+"""A line of at most this many rows per stretch of the first view is unpacked whole at once."""
 PALETTE = (
     "#c45a00",
     "#2f855a",

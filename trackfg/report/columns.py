@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from trackfg.numerics.arrays import Array
 
 _OF_SIGMA, _OF_RANGE, _OF_SIZE = 20.0, 1e5, 200.0
+"""Values are rounded to these parts of their median sigma or of their range, sigmas to the last, of their quartile."""
 _LARGEST = 2**28
 """Whole numbers up to this have second differences of 32 bits."""
 _FINEST = -300.0
 """Power of ten: below are numbers without all their digits."""
 
 _SQUEEZE = 6
+"""Level of the compression: zlib's default."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,14 +19,19 @@ from trackfg.report.columns import Column, packed, packed_sigma
 from trackfg.report.geometry_charts import chainage_axis
 
 _OF_SIZE = 100.0
+"""Values are packed to this part of their usual size."""
 _PLACE, _INSTANT = 1e-3, 1e-3
+"""Accuracy of the axes' places, m, and times, s, in the page."""
 _LEAST = 1.0
+"""Half of what an axis spans at least, in the quantity's unit."""
 _LEAST_BANDS = 2
+"""Bands of speed that a chart over speed needs."""
 _ROBUST = 0.995
 """An error axis holds this share of the errors of the estimators that are shown at first."""
 
 _GRID = "#e3e8ed"
 _BAR_PX = 26
+"""Height of a bar, pixels."""
 
 
 @dataclass(frozen=True)

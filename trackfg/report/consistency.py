@@ -18,9 +18,13 @@ from trackfg.report.numbers import digits, percent
 from trackfg.report.page import PageTable, TableRow
 
 _WITHIN = (1.0, 1.96, 3.0)
+"""Sigmas within which errors are counted: those of 68, 95 and 99.7 % of a normal distribution."""
 _EDGE, _BINS = 5.0, 50
+"""Edge of the histograms, in sigmas, and their number of bins."""
 _ACROSS = 4
+"""Histograms beside each other."""
 _ROW_PX, _BAR_PX = 190, 34
+"""Heights of a row of histograms and of a bar, pixels."""
 _LOUD = 2.0
 """Noise above this many times what is assumed stands out."""
 
@@ -35,7 +39,9 @@ _UNITS = {
 """Suffix of a column: the unit it is shown in, and what brings it there."""
 
 _BAND_KMH = 10.0
+"""Width of a band of speed, km/h."""
 _DOUBLINGS = 3
+"""Doublings of the noise to each side of 1 that the axis shows."""
 
 
 @dataclass(frozen=True)

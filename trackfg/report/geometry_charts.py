@@ -29,6 +29,7 @@ LONG_M = 2000.0
 """Above this length chainage is in km."""
 
 _PLACE = 1e-3
+"""Accuracy of the chainage in the page, m."""
 _ROBUST = 0.998
 """An error axis holds this share of the errors and of the bands: a slow place must not squeeze the rest."""
 

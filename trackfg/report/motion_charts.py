@@ -17,6 +17,7 @@ from trackfg.results.result import Result
 from trackfg.units import KMH
 
 _DEGREE = 180.0 / np.pi
+"""From rad to degrees."""
 _BANDED = (
     ("speed", "km/h", "speed_mps", 1.0 / KMH, 1.0),
     ("roll", "deg", "roll_rad", _DEGREE, 0.05),
@@ -27,8 +28,11 @@ _BANDED = (
 _SHADES = {"standstill": GREY, "slip": AMBER, "slide": ORANGE, "imu gap": RED, "tach gap": RED}
 SHADES = "Shaded: standstills grey, slips and slides amber, gaps of a sensor red."
 _INSTANT = 1e-3
+"""Accuracy of the time in the page, s."""
 _MAP_STRETCHES = 1500
+"""Stretches whose extremes the path is drawn by: more than its chart has pixels."""
 _POSTS = 10
+"""Chainages along the path, about."""
 _ERRORS = {
     "along_track_m": ("place along\nthe track", "m"),
     "speed_kmh": ("speed", "km/h"),

@@ -37,7 +37,9 @@ from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, VectorEstimate
 
 _DEG_PER_HOUR = math.degrees(1.0) * 3600.0
+"""From rad/s to deg/h."""
 _MANY_EVENTS = 25
+"""A table of more events is folded."""
 _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm")
 _LEVELS = ("error", "warning", "info")
 
