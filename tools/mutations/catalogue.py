@@ -297,6 +297,11 @@ _SOLVER = (
             _one("the spread of a keyframe given the next is left out", "@ A.T + spread[k]", "@ A.T"),
             _one("samples do not follow the next keyframe", "@ window + noise[k]", "@ (0 * window) + noise[k]"),
             _one(
+                "functions have the second keyframe's part with the other sign",
+                "D[:, :KEYFRAME_DIM] += functions",
+                "D[:, :KEYFRAME_DIM] -= functions",
+            ),
+            _one(
                 "functions of two keyframes lose the second",
                 "right[:, second] += functions",
                 "right[:, second] -= functions",
@@ -307,7 +312,7 @@ _SOLVER = (
         "trackfg/solver/variance_components.py",
         ("tests/trackfg/solver/test_variance_components.py",),
         (
-            _one("residuals are held against their number, not their redundancy", "d - np.sum(spread)", "d"),
+            _one("residuals are held against their number", "shape[1] - np.sum(spread)", "shape[1]"),
             _one("levels fall below what is declared", "ratios.get(name, 1.0), 1.0)", "ratios.get(name, 1.0), 0.0)"),
         ),
     ),

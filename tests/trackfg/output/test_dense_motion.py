@@ -7,11 +7,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from trackfg.config import SmoothConfig
+from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.imu import PreintegrationNoise
+from trackfg.factors.states import Kind, Nav, Odo, States
+from trackfg.graph.inputs import World
+from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.numerics.rotations import so3_log
 from trackfg.output.dense_motion import DenseMotion, dense_motion
+from trackfg.recording.description import Track
+from trackfg.sensors.imu_intervals import Intervals
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 STEP_S = 0.02
@@ -57,6 +63,29 @@ def test_body_rate_is_the_samples_less_the_bias(noisy: SmoothedStates) -> None:
     expected = samples.gyro[row] - states.bias[motion.keyframe[:-1], 3:]
     np.testing.assert_allclose(motion.gyro[:-1], expected, atol=1e-9)
     assert np.abs(states.bias[:, 3:]).max() > 1e-5
+
+
+def test_what_is_left_of_place_and_speed_is_closed_by_the_cubic() -> None:
+    """By its sensor a body rests; the keyframes have it 0.2 m further on and at 1 m/s one second later. Hermite's cubic
+    from (0, 0) to (0.2, 1) is ``0.2 (3 f^2 - 2 f^3) + f^3 - f^2``: at f = 1/2 it is at 0.1 - 0.125 = -0.025 m, and its
+    slope is 0.3 - 0.25 = 0.05 m/s.
+    """
+    n, gravity = 100, 9.8
+    force = np.tile([0.0, 0.0, gravity], (n, 1))
+    samples = Intervals(np.arange(n + 1) / n, np.zeros((n, 3)), force, np.zeros(n, dtype=bool))
+    zeros = np.zeros((2, 6, Kind.IMU.dim))
+    meaning = geometry_conventions(GeometryConfig(), Track())
+    world, noise = World(gravity, np.zeros(3), 0.0), PreintegrationNoise(1e-5, 1e-3)
+    run = RunContext(np.array([0.0, 1.0]), np.array([0, n]), samples, world, np.zeros(3), noise, 0.0, zeros, 1, meaning)
+    nav = Nav(np.tile(np.eye(3), (2, 1, 1)), *np.zeros((2, 2, 3)))
+    nav.p[1, 0], nav.v[1, 0] = 0.2, 1.0
+    odo = Odo.of(nav.p[:, 0], np.ones(2), nav.p[:, 0], np.array([0.0, 0.2]))
+    shared = (np.zeros((1, kind.dim)) for kind in (Kind.MOUNT, Kind.CLOCK, Kind.IMU))
+    motion = dense_motion(run, States(nav, np.zeros((2, 6)), odo, *shared), 0.01)
+    middle = np.searchsorted(motion.t, 0.5 - 1e-9)
+    assert motion.nav.p[middle, 0] == pytest.approx(-0.025, abs=1e-9)
+    assert motion.nav.v[middle, 0] == pytest.approx(0.05, abs=1e-9)
+    assert motion.distance[middle] == pytest.approx(-0.025, abs=1e-9)
 
 
 def test_rows_are_no_further_apart_than_asked(noisy: SmoothedStates, noisy_motion: DenseMotion) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,14 @@ from trackfg.graph.build import Problem, build_problem
 from trackfg.recording.model import Recording
 from trackfg.sensors.displacement import rail_views
 from trackfg.smoothing.rail_ties import with_rail_factors
-from trackfg.solver.covariance import Covariance, Functions, joint_covariance, posterior_covariance, posterior_samples
+from trackfg.solver.covariance import (
+    Covariance,
+    Functions,
+    covariance_given_next,
+    joint_covariance,
+    posterior_covariance,
+    posterior_samples,
+)
 from trackfg.solver.elimination import compressed, eliminate, eliminate_pair, eliminate_with_marginals, stacked_pair
 from trackfg.solver.square_root import SquareRoot
 
@@ -261,6 +269,25 @@ def test_functions_far_apart_covary_as_in_the_dense_inverse(solved: Solved) -> N
         row[-SHARED_DIM:] = three
     expected = rows @ solved.dense @ rows.T
     ours = joint_covariance(solved.root, Functions(keyframe, first, second, shared))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((ours - expected) / scale).max() < 1e-6
+
+
+def test_functions_given_the_next_keyframe_covary_as_without_it(
+    simulated: Callable[..., Simulation], linearized: Linearized
+) -> None:
+    """Functions ``G' z + e`` of the keyframes before the last one, z = (x_n, s): ``G' P G + Cov(e)`` is the covariance
+    that they have in the whole chain.
+    """
+    solved = solved_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording, linearized)
+    root, rng = solved.root, np.random.default_rng(6)
+    keyframe = np.sort(rng.integers(0, solved.keyframes - 1, 40))
+    first, second = rng.standard_normal((2, 40, KEYFRAME_DIM)) / np.sqrt(np.diag(solved.dense)[:KEYFRAME_DIM])
+    functions = Functions(keyframe, first, second, rng.standard_normal((40, SHARED_DIM)))
+    before = replace(root, R=root.R[:-1], S=root.S[:-1], d=root.d[:-1], ahead=root.ahead[:-1])
+    between, G = covariance_given_next(before, functions)
+    expected = joint_covariance(root, functions)
+    ours = between + G.T @ solved.ours.marginal[-1] @ G
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((ours - expected) / scale).max() < 1e-6
 
