@@ -14,9 +14,13 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 
 _LITTLE_ENDIAN = 1
+"""Byte order of a geometry (ISO 13249-3)."""
 _POINT_Z = 1001
+"""Code of a point with height."""
 _LINESTRING_ZM = 3002
+"""Code of a line with height and measure."""
 _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
+"""Codes of the extent in GeoPackage's header: none, and x and y (OGC 12-128r14, 2.1.3)."""
 
 
 def point_wkb(xyz: Array) -> bytes:

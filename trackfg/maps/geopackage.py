@@ -9,8 +9,11 @@ from trackfg.maps.layers import WGS_84, Layer
 from trackfg.maps.schema import Schema
 
 APPLICATION_ID = int.from_bytes(b"GPKG", "big")
+"""SQLite's application id of a GeoPackage (OGC 12-128r14, 1.1.1)."""
 USER_VERSION = 10200
+"""Version 1.2.0 of GeoPackage."""
 UNDEFINED_CARTESIAN = -1
+"""GeoPackage's number of the undefined Cartesian reference system."""
 
 _NOW = "strftime('%Y-%m-%dT%H:%M:%fZ', 'now')"
 

@@ -15,8 +15,11 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
 
 LAYERS = ("landmarks", "reference_line")
+"""Tables that a GIS draws."""
 WGS_84 = 4326
+"""EPSG number of longitude and latitude of WGS 84."""
 _PIECE_M = 1000.0
+"""Length of a piece of the line, m."""
 _LINE_COLUMNS = ("from_m", "to_m")
 
 

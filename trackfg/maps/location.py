@@ -28,9 +28,11 @@ Purpose = Literal["read", "write", "create"]
 
 _EXPECTED = "expected the path of a .gpkg file or a postgresql:// URL"
 _LOCK_WAIT_S = 120.0
-"""How long a connection waits for another writer of the same file, s: longer than any write takes."""
+"""How long a connection waits for another writer of the same file, s."""
 _POSTGRESQL = {"postgresql", "postgres", "postgresql+psycopg"}
+"""Schemes of a URL of PostgreSQL."""
 _SQLITE_MAGIC = b"SQLite format 3\0"
+"""First bytes of an SQLite file."""
 
 
 @dataclass(frozen=True)

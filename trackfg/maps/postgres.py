@@ -9,7 +9,9 @@ from trackfg.maps.layers import WGS_84, Layer
 from trackfg.maps.schema import Schema
 
 _NO_SYSTEM = 0
+"""PostGIS's number of no reference system."""
 _BYTEA = "bytea"
+"""Type of a geometry column without PostGIS."""
 
 
 def lock(connection: sa.Connection, schema: Schema) -> None:
