@@ -87,6 +87,11 @@ class Checkpoint:
         try:
             head, text, data = whole.split(b"\n", 2)
             made = json.loads(head)
+            if made["format"] != FORMAT:
+                raise BadInputError(
+                    f"a checkpoint of format {made['format']}; expected {FORMAT}; "
+                    "finish the stream with the version of trackfg that began it"
+                )
             if made != {"format": FORMAT, "trackfg": __version__}:
                 raise BadInputError(
                     f"written by trackfg {made.get('trackfg')}, this is {__version__}, which would go on differently; "

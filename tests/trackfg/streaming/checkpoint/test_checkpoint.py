@@ -246,6 +246,12 @@ def test_another_version_is_refused(content: bytes, monkeypatch: pytest.MonkeyPa
         Checkpoint.from_bytes(content)
 
 
+def test_another_format_is_refused_by_its_name(content: bytes) -> None:
+    older = content[:-32].replace(b"trackfg-checkpoint/2", b"trackfg-checkpoint/1", 1)
+    with pytest.raises(BadInputError, match=r"format trackfg-checkpoint/1; expected trackfg-checkpoint/2"):
+        Checkpoint.from_bytes(older + hashlib.sha256(older).digest())
+
+
 def test_other_settings_are_refused(saved: Checkpoint, recording: Recording) -> None:
     source, description = RecordingSource(recording, position=15_000), recording.description
     other = description.model_copy(update={"id": "another"})

@@ -135,6 +135,17 @@ def test_a_signal_without_noise_may_stay_where_it_is() -> None:
     assert not passed(rows)[1]
 
 
+def test_limits_that_a_user_sets_reach_a_stream() -> None:
+    rows, description = riding(), RecordingDescription(id="x", imu=IMU)
+    rows[BEGIN, 1] = 20.0
+    dropped = []
+    for limits in (CheckLimits(), CheckLimits(usual_rate_radps=25.0)):
+        intake = Intake.begin(description, canonical=True, checks=limits)
+        out = [intake.push(Batch({"imu": rows}))[0].imu, intake.finish()[0].imu]
+        dropped.append(len(rows) - len(np.concatenate(out)))
+    assert dropped == [1, 0]
+
+
 def test_nothing_waits_where_nothing_repeats() -> None:
     channels, report, rows = detector(), LossReport(), riding()
     for group in np.split(rows, range(20, len(rows), 20)):
