@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from trackfg import units
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.irregularities import IrregularityModel
 from trackfg.datasets.line.line_design import LineDesign
@@ -24,6 +23,7 @@ from trackfg.datasets.vehicle.driving import Parked, Service, Shunting, SpeedRes
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
 from trackfg.errors import BadInputError
+from trackfg.numerics import units
 
 KMH = units.KMH
 

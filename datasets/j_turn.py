@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.units import KMH, STANDARD_GRAVITY
+from trackfg.numerics.units import KMH, STANDARD_GRAVITY
 
 STEP_S = 0.03
 """Step of the simulation and of its tables, s (the paper's)."""

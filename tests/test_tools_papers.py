@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.sensors.imu_grades import ADIS16480
-from trackfg.units import STANDARD_GRAVITY
+from trackfg.numerics.units import STANDARD_GRAVITY
 
 TOOLS = Path(__file__).parents[1] / "tools"
 

@@ -1,4 +1,12 @@
-"""The errors a user can meet. Everything trackfg raises on purpose derives from :class:`TrackfgError`."""
+"""The errors a user can meet, and texts for their messages.
+
+Everything trackfg raises on purpose derives from :class:`TrackfgError`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
 
 
 class TrackfgError(Exception):
@@ -20,3 +28,10 @@ class OutputError(TrackfgError):
 def printable(text: str) -> str:
     """Return a text of a file with its control characters escaped, as ``\\x1b``, so that none reaches a terminal."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str | None:
+    """Return ``did you mean 'x'?`` for the known name nearest to ``name``; None where none is near."""
+    by_folded = {candidate.strip().casefold(): candidate for candidate in known}
+    near = difflib.get_close_matches(name.strip().casefold(), by_folded, n=1, cutoff=0.6)
+    return f"did you mean {by_folded[near[0]]!r}?" if near else None

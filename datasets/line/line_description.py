@@ -16,11 +16,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from trackfg import units
 from trackfg.datasets.line.alignment import LONGEST_M, SMALLEST_RADIUS_M, Element, Law, piecewise, ramp_law
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.vertical_profile import STEEPEST
 from trackfg.errors import BadInputError
+from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Model, Positive
 

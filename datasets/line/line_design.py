@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg import units
 from trackfg.datasets.line.line import Line, piecewise_linear
+from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 
 Range = tuple[float, float]

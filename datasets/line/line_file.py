@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from trackfg import units
 from trackfg.datasets.line.landxml import read_landxml
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.line_description import read_line
 from trackfg.errors import BadInputError
+from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 
 UNCOMPENSATED_MPS2 = 0.65

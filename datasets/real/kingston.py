@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 import scipy.io
 
-from trackfg import units
 from trackfg.datasets import tables
 from trackfg.datasets.real.real_run import RealRun, existing_files
 from trackfg.errors import BadInputError
-from trackfg.numerics import geodesy
+from trackfg.numerics import geodesy, units
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg import units
 from trackfg.datasets.sensors.imu_errors import ImuModel, ImuResponse
+from trackfg.numerics import units
 from trackfg.recording.description import ImuNoise
 
 _DEG = np.pi / 180.0

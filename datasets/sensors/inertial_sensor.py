@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg import units
 from trackfg.datasets.vehicle.ride import Kinematics, Ride
-from trackfg.numerics import geodesy, rotations
+from trackfg.numerics import geodesy, rotations, units
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Vector3
 

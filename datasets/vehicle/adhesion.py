@@ -38,10 +38,10 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import PPoly
 
-from trackfg import units
 from trackfg.datasets import tables
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
+from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 
 _GRID_HZ = 10.0

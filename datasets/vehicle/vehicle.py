@@ -21,13 +21,13 @@ from typing import Protocol
 
 import numpy as np
 
-from trackfg import units
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.vehicle.body_motion import BodyMotion, through
 from trackfg.datasets.vehicle.motion import DrivenMotion
 from trackfg.datasets.vehicle.suspension import Suspension
 from trackfg.datasets.vehicle.wheelsets import Wheelsets, chord
+from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 
 _MEAN = np.array([[0.25, 0.25, 0.25, 0.25], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]])

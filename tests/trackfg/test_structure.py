@@ -14,7 +14,6 @@ ROOT_MODULES = {
     "config.py",
     "errors.py",
     "lazy_imports.py",
-    "units.py",
 }
 MOST_FILES = 20
 FOLDERS = sorted(

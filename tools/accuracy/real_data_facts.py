@@ -20,7 +20,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from trackfg.datasets import RealRun
 from trackfg.datasets.real import comma2k19, kingston, kitti
-from trackfg.units import KMH
+from trackfg.numerics.units import KMH
 
 Array = NDArray[np.float64]
 GRAVITY = 9.805

@@ -41,9 +41,9 @@ from trackfg.evaluation.scores import rms
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import ImuNoise
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.units import STANDARD_GRAVITY
 
 TROLLEY_S = 1260.0
 """A minute at rest, then 1100 m in 20 minutes."""

@@ -29,9 +29,9 @@ from trackfg.baselines.curve_points import curve_table
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
-from trackfg.units import KMH
 
 SCENARIOS = {"slippery-line": "line", "slippery-line-leaves": "leaves"}
 THRESHOLD_MPS = 3.0 * 1.23 * KMH

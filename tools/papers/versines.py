@@ -21,8 +21,8 @@ from trackfg.baselines.result import BaselineResult
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.numerics.units import KMH
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.units import KMH
 
 SCENARIO = "measuring-car"
 DURATION_S = 900.0

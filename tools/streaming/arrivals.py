@@ -15,12 +15,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.streaming.rows import raw_columns, recording_rows
 from trackfg.streaming.sources.json_lines import JsonLinesSource
 from trackfg.streaming.sources.source import BATCH_S, Batch, Source
-from trackfg.units import STANDARD_GRAVITY
 
 Form = Literal["canonical", "raw", "json"]
 

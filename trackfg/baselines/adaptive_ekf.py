@@ -59,8 +59,8 @@ from trackfg.baselines.result import BaselineResult, recorded
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
-from trackfg.units import STANDARD_GRAVITY
 
 GAL = 0.01
 """m/s^2."""

@@ -24,12 +24,12 @@ from trackfg.geometry.twist import twist
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import normal_gravity
 from trackfg.numerics.passes import Pass, passes
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel
-from trackfg.units import STANDARD_GRAVITY
 
 TWIST_BASE_M = 5.0
 """Base of the twist, m: the default of the smoother's results."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
-from trackfg.units import KMH
+from trackfg.numerics.units import KMH
 
 
 @dataclass(frozen=True)

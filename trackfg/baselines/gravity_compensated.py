@@ -35,7 +35,7 @@ import numpy as np
 
 from trackfg.baselines.slip_detection import Cycles
 from trackfg.numerics.arrays import Array
-from trackfg.units import KMH, STANDARD_GRAVITY
+from trackfg.numerics.units import KMH, STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

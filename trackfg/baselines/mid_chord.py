@@ -45,10 +45,10 @@ from trackfg.geometry.moving_average import ALIGNMENT_WINDOWS_M, LEVEL_WINDOWS_M
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.versines import versine
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.sensors.displacement import SIDES, RailView, rail_views
-from trackfg.units import KMH
 
 Method = Literal["inertial", "difference", "conventional", "developed"]
 

@@ -36,11 +36,11 @@ from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import normal_gravity
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel
-from trackfg.units import STANDARD_GRAVITY
 
 _PASSES = 12
 """Roll and pitch act on one another by ``w_z T``, at most some 0.6: each pass leaves that part of the last error."""

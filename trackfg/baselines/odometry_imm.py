@@ -40,8 +40,8 @@ import pandas as pd
 
 from trackfg.baselines.result import BaselineResult, filled
 from trackfg.errors import BadInputError
-from trackfg.friction.imm import Modes, ModeSteps, interacting_multiple_models, measured
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.imm import Modes, ModeSteps, interacting_multiple_models, measured
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import Recording
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS

@@ -27,11 +27,11 @@ import numpy as np
 from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals, means_around
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel
-from trackfg.units import KMH
 
 _MAX_TACH_GAP_S = 1.0
 """A longer silence of the tachometer while moving is a gap, s. Chosen here."""

@@ -18,9 +18,9 @@ import pandas as pd
 from trackfg.checks.diagnosis_clock import lagged_correlation, tach_acceleration
 from trackfg.numerics import rotations
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import IMU_COLUMNS
 from trackfg.sensors.averages import Motion, averaged, band_passed
-from trackfg.units import STANDARD_GRAVITY
 
 _STEP_S = 0.25
 _SHORT_S, _LONG_S = 0.6, 6.0

@@ -13,8 +13,8 @@ import numpy as np
 
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
-from trackfg.units import STANDARD_GRAVITY
 
 _TAU_S = 0.25
 _MARGIN_S = 0.5

@@ -25,11 +25,11 @@ from trackfg.checks.channel_statistics import ChannelStatistics
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.stuck_value import StuckValue
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import to_si
 from trackfg.recording import canonical
 from trackfg.recording.description import Imu
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import IMU_COLUMNS, Recording
-from trackfg.units import to_si
 
 _PATIENCE_S = 0.2
 """A channel that is cut off may stay below the end of its range for so long, s."""

@@ -15,11 +15,11 @@ import pandas as pd
 from trackfg.checks import diagnosis_axes
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu, Laser, Model, Table, Tach, Track
 from trackfg.recording.findings import Finding, Level, Section
 from trackfg.sensors.averages import Motion, averaged
-from trackfg.units import STANDARD_GRAVITY, known_units, to_si
 
 _STEP_S = 0.5
 

@@ -324,8 +324,8 @@ def limits(
     Limits that the geometry does not suffice for are listed with the reason.
     """
     from trackfg.cli import limit_tables
-    from trackfg.evaluation.track_limits import judge, write_exceedances
     from trackfg.geometry.limits import LimitChoice
+    from trackfg.report.track_limits import judge, write_exceedances
     from trackfg.results.result import Result
 
     if out is not None:

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy import stats
 
 from trackfg.numerics.arrays import Array
-from trackfg.units import KMH
+from trackfg.numerics.units import KMH
 
 COVERED = float(stats.norm.ppf(0.975))
 """Half the width of the interval that holds 95 %, in sigmas."""

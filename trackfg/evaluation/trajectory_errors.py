@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.units import KMH
+from trackfg.numerics.units import KMH
 
 DISTANCE_M = 1000.0
 """The length of track over which distances are scored."""

@@ -29,7 +29,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
-from trackfg.units import KMH, STANDARD_GRAVITY
+from trackfg.numerics.units import KMH, STANDARD_GRAVITY
 
 DRIVE_COLUMNS = ("t_s", "steer_rad", "front_mps2", "rear_mps2")
 """What is measured: lateral acceleration above either axle, at a fixed rate, and the steer, which is known."""

@@ -2,7 +2,7 @@
 
 Miyata and Tsunashima, "Effectiveness of state estimation using interacting multiple model approach" (Nihon University):
 an extended Kalman filter of the bicycle model (:mod:`trackfg.friction.bicycle`) per friction coefficient ``mu_j = j /
-M``, tied by :mod:`trackfg.friction.imm`. The friction estimate is ``sum_j r_j mu_j`` (27).
+M``, tied by :mod:`trackfg.numerics.imm`. The friction estimate is ``sum_j r_j mu_j`` (27).
 
 The plant noise q is on the tyres' forces and therefore in state and measurement. Given y_t, the noise that drives the
 next step has mean ``J (y_t - D F_t)``, ``J = Q D' (D Q D' + R)^-1``, so that with ``B = G (I - J D)``
@@ -26,8 +26,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.friction.bicycle import FRICTION_COLUMNS, Car, Noise, drive_arrays, tyre_forces
-from trackfg.friction.imm import ModeSteps, interacting_multiple_models, measured
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.imm import ModeSteps, interacting_multiple_models, measured
 
 _THREE_MODES = np.array([[0.55, 0.35, 0.10], [0.25, 0.50, 0.25], [0.10, 0.35, 0.55]])
 """Eq. 28."""

@@ -26,8 +26,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from trackfg.errors import BadInputError
-from trackfg.recording.findings import did_you_mean
+from trackfg.errors import BadInputError, did_you_mean
 
 CFR_213 = "cfr-213"
 """The name of the built-in table of 49 CFR 213."""

@@ -16,12 +16,12 @@ from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
 from trackfg.numerics.spans import within
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.tach import Wheel
-from trackfg.units import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

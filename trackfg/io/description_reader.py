@@ -16,9 +16,10 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from trackfg.errors import did_you_mean
 from trackfg.io.formats.registry import FORMATS
 from trackfg.recording.description import FurtherTach, Imu, Model, RecordingDescription, Table, Track, Truth
-from trackfg.recording.findings import Finding, did_you_mean
+from trackfg.recording.findings import Finding
 
 FILE_NAME = "recording.toml"
 FORMAT = "trackfg-recording/1"

@@ -18,8 +18,9 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
+from trackfg.errors import did_you_mean
 from trackfg.numerics.arrays import Array
-from trackfg.recording.findings import Finding, did_you_mean
+from trackfg.recording.findings import Finding
 
 TABLE_SUFFIXES = (".parquet", ".csv")
 _EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL", "None")

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg import units
 from trackfg.checks import columns
 from trackfg.checks.columns import ColumnPlace
 from trackfg.errors import BadInputError
 from trackfg.io.description_reader import locate, read_description
 from trackfg.io.table_file import TableFile, open_table
+from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Truth
 from trackfg.recording.findings import raise_first

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH
 from trackfg.plots.scales import extent
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
-from trackfg.units import KMH
 
 
 @dataclass(frozen=True)

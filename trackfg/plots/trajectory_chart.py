@@ -13,11 +13,11 @@ import pandas as pd
 from trackfg.evaluation.outages import horizontal_errors, withhold
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import Span
+from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import draw, picture_path
 from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Panel, Path2d, Sheet, SheetCurve
 from trackfg.results.result import Result
-from trackfg.units import KMH
 
 STRETCHES = 400
 """Stretches whose extremes a curve is drawn by. Chosen for the size of the picture."""

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg import units
-from trackfg.numerics import geodesy, rotations
+from trackfg.numerics import geodesy, rotations, units
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Gnss, Imu, Laser, Table, Tach
 

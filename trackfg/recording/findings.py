@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from typing import Annotated, Any, Literal, NamedTuple
@@ -74,13 +73,6 @@ class Finding:
 def errors(findings: Iterable[Finding]) -> list[Finding]:
     """Those that make a recording unusable, in their order."""
     return [finding for finding in findings if finding.level == "error"]
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str | None:
-    """``did you mean 'x'?`` for the known name nearest to ``name``, or None where none is near."""
-    by_folded = {candidate.strip().casefold(): candidate for candidate in known}
-    near = difflib.get_close_matches(name.strip().casefold(), by_folded, n=1, cutoff=0.6)
-    return f"did you mean {by_folded[near[0]]!r}?" if near else None
 
 
 def raise_first(findings: Sequence[Finding]) -> None:

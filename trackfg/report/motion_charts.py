@@ -7,6 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
@@ -14,7 +15,6 @@ from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, S
 from trackfg.report.columns import Column, packed, packed_sigma, packed_value
 from trackfg.report.geometry_charts import error_range
 from trackfg.results.result import Result
-from trackfg.units import KMH
 
 _DEGREE = 180.0 / np.pi
 """From rad to degrees."""

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
-from trackfg.evaluation.track_limits import judge
 from trackfg.files.owned_folder import FolderKind
 from trackfg.geometry.limits import LimitChoice
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
+from trackfg.report.track_limits import judge
 from trackfg.report.truth import against
 from trackfg.results.result import RESULT_FOLDER, Result
 

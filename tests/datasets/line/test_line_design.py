@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackfg import units
 from trackfg.datasets.catalogue import MAIN_LINE
 from trackfg.datasets.line.line_design import curve_cant, curve_speed, random_line
+from trackfg.numerics import units
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from trackfg import datasets, units
+from trackfg import datasets
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.line.line_file import UNCOMPENSATED_MPS2, read_line_file, with_curve_limits
 from trackfg.errors import BadInputError
+from trackfg.numerics import units
 
 TOML = """
 format = "trackfg-line/1"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from trackfg import units
 from trackfg.datasets import tables
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
 from trackfg.datasets.line.track import SimulatedTrack
@@ -14,6 +13,7 @@ from trackfg.datasets.vehicle.motion import Limits, change, motion, rest, run
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.suspension import Suspension
 from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
+from trackfg.numerics import units
 
 LEFT, UP, ROLL, PITCH, YAW = range(5)
 VEHICLES = [Rigid(), Rigid(1.2), CarBody(), Flanging(Rigid(), seed=1)]

@@ -13,9 +13,9 @@ from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix, so3_exp
+from trackfg.numerics.units import STANDARD_GRAVITY as G
 from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
-from trackfg.units import STANDARD_GRAVITY as G
 
 RATE_HZ = 500.0
 GRAVITY_GAL = 980.665

@@ -15,9 +15,9 @@ from trackfg.datasets.sensors.imu_grades import ADIS16495_1
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY as G
 from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
-from trackfg.units import STANDARD_GRAVITY as G
 
 RATE_HZ = 200.0
 BASE_M = 1.5

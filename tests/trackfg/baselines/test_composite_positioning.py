@@ -18,9 +18,9 @@ from trackfg.baselines.slip_detection import Cycles, JerkRule, read_cycles, star
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH, STANDARD_GRAVITY
 from trackfg.recording.description import Fixes, Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import IMU_COLUMNS, Recording
-from trackfg.units import KMH, STANDARD_GRAVITY
 
 
 def made_up(

@@ -17,9 +17,9 @@ from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.geometry.moving_average import moving_average
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import KMH, STANDARD_GRAVITY
 from trackfg.recording.description import Imu, Laser, RecordingDescription, Tach, Track
 from trackfg.recording.model import IMU_COLUMNS, Recording
-from trackfg.units import KMH, STANDARD_GRAVITY
 
 METHODS: tuple[Method, ...] = ("inertial", "difference", "conventional", "developed")
 VERSINES = ("versine_level_mm", "versine_alignment_mm")

@@ -16,9 +16,9 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import increment_starts
-from trackfg.units import STANDARD_GRAVITY
 
 
 def problem_of(recording: Recording) -> Problem:

@@ -18,8 +18,8 @@ from trackfg.factors.family import Family
 from trackfg.factors.odometry import wheel_response
 from trackfg.factors.states import Kind
 from trackfg.graph.build import build_problem
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
-from trackfg.units import STANDARD_GRAVITY
 
 
 def wheel_of(run: Simulation, **tach: float) -> tuple[Family, np.ndarray]:

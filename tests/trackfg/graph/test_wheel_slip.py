@@ -12,12 +12,12 @@ from trackfg.datasets import slip_wheel
 from trackfg.datasets.scenarios import Simulation
 from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.graph.wheel_slip import Rolling, rolling
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
-from trackfg.units import STANDARD_GRAVITY
 
 MAX_GAP_S = 5.0
 

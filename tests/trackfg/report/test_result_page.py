@@ -12,13 +12,13 @@ import pytest
 
 import trackfg
 from trackfg.datasets.scenarios import simulate
-from trackfg.evaluation.track_limits import judge
 from trackfg.geometry.limits import Limit, LimitChoice
 from trackfg.report import write_report
 from trackfg.report.charts import Strips
 from trackfg.report.consistency import coverage_table, error_table, histograms, named, noise_bars
 from trackfg.report.geometry_charts import geometry_strips
 from trackfg.report.result_page import result_page
+from trackfg.report.track_limits import judge
 from trackfg.report.truth import Against, against
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.result import Result

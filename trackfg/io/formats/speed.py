@@ -11,10 +11,10 @@ from trackfg.checks.columns import ColumnPlace, negative_speed_over_ground
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import to_si
 from trackfg.recording.description import Speed
 from trackfg.recording.findings import Finding, Section
 from trackfg.recording.model import SPEED_COLUMNS
-from trackfg.units import to_si
 
 
 class SpeedConverter(Converter):

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from trackfg import units
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, did_you_mean
 from trackfg.io.description_reader import FORMAT, validated
+from trackfg.numerics import units
 from trackfg.recording.description import RecordingDescription, Table
-from trackfg.recording.findings import did_you_mean, errors
+from trackfg.recording.findings import errors
 from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.rows import raw_columns
 from trackfg.streaming.sources.source import BATCH_S, Batch

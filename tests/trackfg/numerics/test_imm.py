@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trackfg.friction.imm import interacting_multiple_models, measured
+from trackfg.numerics.imm import interacting_multiple_models, measured
 
 DT = 0.1
 F = np.array([[1.0, DT], [0.0, 1.0]])

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from trackfg.errors import BadInputError, OutputError
-from trackfg.evaluation.track_limits import judge, write_exceedances
 from trackfg.geometry.limits import Limit, LimitChoice
+from trackfg.report.track_limits import judge, write_exceedances
 from trackfg.results.result import Result
 
 TWIST = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)

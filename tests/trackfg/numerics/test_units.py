@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from trackfg import units
+from trackfg.numerics import units
 
 
 @pytest.mark.parametrize(
