@@ -26,8 +26,8 @@ true. The search goes from coarse to fine:
 
    give the place to some millimetres, with a covariance that knows that the noise is coloured.
 
-5. **Decision** (``recognition``). A section's place is used if the probability that the section lies within three
-   sigmas and one place of the search about it is above 0.99, and its sigma is below 5 m. What is ambiguous stays unused.
+5. **Decision** (``recognition``). A section's place is used if the probability that the section's middle lies within
+   three sigmas and 3 m of its fine match exceeds 0.99, and its sigma is below 5 m. What is ambiguous stays unused.
 
 ``tracker`` is step 3 as a filter, for a run that goes on: it keeps the probability of each place after the last
 section. ``warp`` turns the used sections into a function from the run's chainage to the reference's, ``conventions``
