@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackfg.factors.landmark import landmark
 from trackfg.factors.odometry import distance_chain, tach_distance, tach_reading, wheel_response
 from trackfg.factors.states import Odo, States
 
@@ -79,3 +80,14 @@ def test_distance_adds_up(at_origin: AtOrigin) -> None:
     odo = Odo(np.array([[5.0, 1.01, 0.0, 0.0], [12.0, 1.03, 0.0, 6.0]]))
     family = distance_chain(np.array([0]), np.ones((1, 2)))
     np.testing.assert_allclose(family.residual(replace(at_origin(2), odo=odo)), [[1.0, 0.02]])
+
+
+def test_a_landmark_is_passed_at_its_share_of_the_way(at_origin: AtOrigin) -> None:
+    """From D = 100 to 120 m, a quarter of the time gone: 105 m. With a landmark at 103 m the residual is +2 m. The
+    first keyframe has three quarters of it.
+    """
+    states = replace(at_origin(2), odo=Odo.of(np.array([100.0, 120.0]), np.ones(2), np.zeros(2), np.zeros(2)))
+    family = landmark(np.array([0]), np.array([0.25]), np.array([103.0]), np.ones((1, 1)), None)
+    assert family.residual(states).item() == pytest.approx(2.0)
+    by_first, by_second = family.linearize(states).jacobians
+    np.testing.assert_allclose([by_first[0, 0, 0], by_second[0, 0, 0]], [0.75, 0.25])
