@@ -14,6 +14,7 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,7 @@ from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
 FACTORS = (0.5, 1.0, 2.0)
+COLUMNS = ("lower", "as it is", "higher")
 Figures = dict[str, float]
 
 
@@ -41,6 +43,7 @@ class Assumption:
     name: str
     says: str
     measure: Callable[[int, SmoothConfig], Figures]
+    factors: tuple[float, float, float] = FACTORS
 
 
 def _mean_squares(name: str, error: np.ndarray, sd: np.ndarray) -> Figures:
@@ -124,7 +127,13 @@ ASSUMPTIONS = (
     Assumption("tach.creep_per_traction", "how much a wheel creeps per force", line),
     Assumption("motion.sd_per_speed", "how far a body moves other than where it points", line),
     Assumption("trackfg.factors.switching:_LASTS_S", "how long a slip lasts", slips),
-    Assumption("trackfg.factors.switching:_LASTING", "from how many sigmas on a lasting error is a slip", slips),
+    # Doubled, a lasting error would be a slip later than a lone one, which is at 3.5 sigmas.
+    Assumption(
+        "trackfg.factors.switching:_LASTING",
+        "from how many sigmas on a lasting error is a slip",
+        slips,
+        (0.7, 1.0, 1.4),
+    ),
     Assumption("trackfg.graph.wheel_slip:_ACCELERATION_SD", "accelerometer's error before the graph", slips),
     Assumption("trackfg.graph.wheel_slip:_ERROR_WALK", "walk of that error", slips),
     Assumption("trackfg.output.slip_events:_RELEASE_S", "how long slide protection releases a brake", slips),
@@ -137,17 +146,25 @@ ASSUMPTIONS = (
 )
 
 
+def _set(home: ModuleType, constant: str, value: float) -> None:
+    """Change a constant, and forget what functions of its module have computed from it."""
+    setattr(home, constant, value)
+    for function in vars(home).values():
+        if hasattr(function, "cache_clear"):
+            function.cache_clear()
+
+
 def measured(assumption: Assumption, factor: float, seed: int) -> Figures:
     """Measure with one assumption multiplied by ``factor``; runs in a process of its own."""
     module, _, constant = assumption.name.partition(":")
     if constant:
         home = importlib.import_module(module)
         value = getattr(home, constant)
-        setattr(home, constant, factor * value)
+        _set(home, constant, factor * value)
         try:
             return assumption.measure(seed, SmoothConfig())
         finally:
-            setattr(home, constant, value)
+            _set(home, constant, value)
     section, key = assumption.name.split(".")
     settings = SmoothConfig().model_dump()
     settings[section][key] *= factor
@@ -156,15 +173,18 @@ def measured(assumption: Assumption, factor: float, seed: int) -> Figures:
 
 def table(assumptions: list[Assumption], seeds: range, jobs: int) -> pd.DataFrame:
     """One row per assumption and figure, a column per factor: root mean squares over the seeds."""
-    keys = [(i, factor, seed) for i in range(len(assumptions)) for factor in FACTORS for seed in seeds]
+    keys = [(i, factor, seed) for i in range(len(assumptions)) for factor in assumptions[i].factors for seed in seeds]
     calls = {key: (measured, (assumptions[key[0]], *key[1:])) for key in keys}
     results = side_by_side(calls, jobs, "runs")
     rows = []
     for i, assumption in enumerate(assumptions):
         for figure in results[i, 1.0, seeds[0]]:
-            values = [np.sqrt(np.nanmean([results[i, factor, seed][figure] for seed in seeds])) for factor in FACTORS]
+            values = [
+                np.sqrt(np.nanmean([results[i, factor, seed][figure] for seed in seeds]))
+                for factor in assumption.factors
+            ]
             row = {"assumption": assumption.name.rpartition(":")[2], "figure": figure}
-            rows.append(row | {f"x {factor:g}": value for factor, value in zip(FACTORS, values, strict=True)})
+            rows.append(row | dict(zip(COLUMNS, values, strict=True)))
     return pd.DataFrame(rows)
 
 
