@@ -179,10 +179,8 @@ def table(assumptions: list[Assumption], seeds: range, jobs: int) -> pd.DataFram
     rows = []
     for i, assumption in enumerate(assumptions):
         for figure in results[i, 1.0, seeds[0]]:
-            values = [
-                np.sqrt(np.nanmean([results[i, factor, seed][figure] for seed in seeds]))
-                for factor in assumption.factors
-            ]
+            squares = [[results[i, factor, seed][figure] for seed in seeds] for factor in assumption.factors]
+            values = [float(np.sqrt(np.nanmean(of_seeds))) for of_seeds in squares]
             row = {"assumption": assumption.name.rpartition(":")[2], "figure": figure}
             rows.append(row | dict(zip(COLUMNS, values, strict=True)))
     return pd.DataFrame(rows)
