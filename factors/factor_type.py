@@ -42,10 +42,10 @@ class FactorType(Enum):
 
     @property
     def of_further_sensor(self) -> bool:
-        """Whether it is a measurement of a further sensor (:mod:`trackfg.factors.further_sensors`)."""
+        """Return whether it is a measurement of a further sensor (:mod:`trackfg.factors.further_sensors`)."""
         return self in (FactorType.TACH_INCREMENT, FactorType.SPEED_DISTANCE)
 
     @property
     def stackable(self) -> bool:
-        """Whether families of this type may be stacked into one. A marginal's number of rows is its own."""
+        """Return whether families of this type may be stacked into one. A marginal's number of rows is its own."""
         return self not in (FactorType.MARGINAL_PRIOR, FactorType.DELAYED_POSITION)

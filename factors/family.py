@@ -68,7 +68,7 @@ class Family:
 
     @property
     def is_chained(self) -> bool:
-        """Whether the loss of a factor depends on those before it."""
+        """Return whether the loss of a factor depends on those before it."""
         return isinstance(self.loss, SwitchChain)
 
     @property

@@ -79,7 +79,7 @@ class Preintegration:
 
     @cached_property
     def measured(self) -> gtsam.PreintegratedImuMeasurements:
-        """As GTSAM's."""
+        """GTSAM's object of the same increments."""
         parameters = self.noise.parameters(self.gravity, self.frame_rate)
         return preintegrate(parameters, self.bias, self.duration, self.rotation, self.velocity)
 

@@ -88,7 +88,7 @@ def _displacement(first: Nav, second: Nav) -> tuple[Array, tuple[Array, ...]]:
 
 
 def stays(first: np.ndarray, turn_sigma_rad: float, shift_sigma_m: float, loss: Loss | None) -> Family:
-    """Between keyframe k and k + 1, both in one standstill, the body neither turns nor shifts.
+    """The body neither turns nor shifts between keyframe k and k + 1, both in one standstill.
 
     Residual: ``Log(R_k' R_k+1)``, rad, and ``R_k' (p_k+1 - p_k)``, m. It says that the vehicle is still and uses no
     sensor sample, so the preintegrated ones are counted once.

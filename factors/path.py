@@ -63,7 +63,7 @@ def _path(
 def follows_path(
     first: np.ndarray, turn: Array, mean: Array, mean_by_time: Array, lever_arm: Array, sigma: Array, loss: Loss | None
 ) -> Family:
-    """From keyframe k to k + 1 the reference point moves where the vehicle points.
+    """The reference point moves where the vehicle points, from keyframe k to k + 1.
 
     Residual (m): rows 2 and 3 of ``R_k' (q_k+1 - q_k)`` less ``c`` scaled to the same first row; ``q = p - R l``.
     ``turn`` (m, 3, 3) is the gyro's rotation over the interval, ``mean`` and ``mean_by_time`` (m, 3, 3) are C and K,

@@ -101,7 +101,7 @@ class Nav:
 
     @property
     def own_velocity(self) -> Array:
-        """In the body's axes, m/s, shape (m, 3)."""
+        """The velocity in the body's axes, m/s, shape (m, 3)."""
         return np.asarray(np.einsum("mji,mj->mi", self.R, self.v))
 
 

@@ -26,7 +26,7 @@ class FurtherSensor(Protocol):
 
     @property
     def key(self) -> str:
-        """As :attr:`trackfg.io.formats.sensor_format.SensorFormat.key`."""
+        """The key of its format (:class:`trackfg.io.formats.sensor_format.SensorFormat`)."""
 
     def measured(self, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> Measured:
         """What it records of a ride until ``duration_s``; exact with no ``rng``."""

@@ -27,7 +27,7 @@ class WheelScale:
 
 
 def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
-    """From ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
+    """Estimate the scale in ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
 
     What is travelled is the sum of the chainage differences' magnitudes: it grows whichever way the line is counted.
     The sigma is widened by the residuals where those exceed the declared sigmas. None with fewer than two fixes within
@@ -51,7 +51,7 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
 
 
 def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None:
-    """From the distance between positions at least 100 m (and 30 sigma) apart, against the tach's.
+    """Estimate the scale from distances between positions at least 100 m (and 30 sigma) apart, against the tach's.
 
     A chord that turns by an angle a is shorter than its arc by the factor ``sin(a/2) / (a/2)``; a is the mean of the
     turns into the chords before and after. Chords that turn by more than 0.5 rad, or that are run slowly, are left out.

@@ -174,7 +174,7 @@ def _readings(part: FurtherTach, t: Array, distance: Array, at: Array) -> tuple[
 
 
 def _rounding_sd(part: FurtherTach, t: Array, distance: Array) -> float:
-    """Of one reading, m."""
+    """Return the rounding error of one reading, 1-sigma in m."""
     if part.integrates_speed:
         return _LEAST_ROUNDING_M
     if part.kind == "pulses":

@@ -88,12 +88,12 @@ class GraphInputs:
 
     @cached_property
     def still(self) -> np.ndarray:
-        """Whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
+        """Return whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""
         return still_between(self.t, self.rests)
 
     @cached_property
     def durations(self) -> Array:
-        """From each keyframe to the next, s, shape (n - 1,)."""
+        """Return the time from each keyframe to the next, s, shape (n - 1,)."""
         return np.diff(self.t)
 
     @cached_property

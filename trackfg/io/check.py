@@ -28,7 +28,7 @@ class CheckReport:
 
     @property
     def usable(self) -> bool:
-        """Whether the recording has no error, so that :func:`~trackfg.io.reader.read_recording` reads it."""
+        """Return whether the recording has no error, so that :func:`~trackfg.io.reader.read_recording` reads it."""
         return not errors(self.findings)
 
 

@@ -108,7 +108,7 @@ def _assemble(
 
 
 def _truth_files(folder: Path, truth: Truth) -> list[Finding]:
-    """Whether the files are there; their content is not looked at."""
+    """Return whether the files are there; their content is not looked at."""
     findings = []
     for file in filter(None, (truth.file, truth.geometry)):
         findings += resolve_inside(folder, file)[1]

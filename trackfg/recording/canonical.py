@@ -1,4 +1,4 @@
-"""From what a sensor writes to SI, FLU and one clock: the formulas, over columns of any number of rows.
+"""Canonical rows, from a sensor's own units to SI, FLU and one clock: the formulas, over columns of any number of rows.
 
 * time: ``t = raw * unit + time_offset_s``; an IMU stamp at the start or end of the interval that a sample averages is
   moved to its centre by half the median interval (not by each row's own, which would spread the stamps' jitter);

@@ -110,7 +110,7 @@ class Tach(Table):
 
     @property
     def integrates_speed(self) -> bool:
-        """Whether the distance in the ``tach`` table was integrated from a speed, here or before."""
+        """Return whether the distance in the ``tach`` table was integrated from a speed, here or before."""
         return self.kind == "speed" or self.integrated
 
     @model_validator(mode="after")

@@ -75,7 +75,7 @@ class Recording:
 
     @classmethod
     def of_tables(cls, description: RecordingDescription, tables: Mapping[str, pd.DataFrame]) -> Recording:
-        """From :attr:`tables`."""
+        """Make a recording from what :attr:`tables` gives."""
         lasers = {name.removeprefix(LASER_TABLE): t for name, t in tables.items() if name.startswith(LASER_TABLE)}
         tach, fixes, gnss = (tables.get(name) for name in _SINGLE)
         others = {n: t for n, t in tables.items() if n not in ("imu", *_SINGLE) and not n.startswith(LASER_TABLE)}
@@ -92,7 +92,7 @@ class Recording:
         return self.imu[list(IMU_COLUMNS[4:7])].to_numpy()
 
     def content_sha256(self) -> str:
-        """Of the inertial and the wheel's measurements: the same for the same run, whatever it is called."""
+        """Return a digest of the inertial and the wheel's measurements, whatever the run is called."""
         digest = hashlib.sha256()
         for table in (self.imu, self.tach):
             if table is not None:

@@ -104,7 +104,7 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
 
 
 def _low_pass(x: Array) -> Array:
-    """At each time the value there of the straight line fitted to all samples with weights ``exp(-|s| / crossover)``.
+    """Return at each time the straight line fitted to all samples with weights ``exp(-|s| / crossover)``.
 
     Away from the ends that is the first-order filter run both ways. At the ends lines still pass as they are, such as a
     constant bias of the gyro makes, and no single sample, each with its errors, decides how they go on.
@@ -139,7 +139,7 @@ def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, 
 
 
 def _smooth(x: Array) -> Array:
-    """By a Gaussian of 0.5 s; slopes go on beyond the ends, where a run may begin or end with any acceleration."""
+    """Smooth by a Gaussian of 0.5 s; slopes go on beyond the ends, since a run may begin with any acceleration."""
     sigma = 0.5 / _GRID_S
     reach = min(round(4.0 * sigma), len(x) - 1)
     return np.asarray(gaussian_filter1d(np.pad(x, reach, "reflect", reflect_type="odd"), sigma)[reach:][: len(x)])

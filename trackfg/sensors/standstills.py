@@ -97,7 +97,7 @@ def _calm(scatter: Array, level: Array) -> np.ndarray:
 
 
 def _near(mean: Array, centre: Array, scatter: Array) -> np.ndarray:
-    """Whether blocks' means are those at ``centre``, up to noise."""
+    """Return whether blocks' means are those at ``centre``, up to noise."""
     noise = 4.0 * scatter / np.sqrt(5.0)
     rate = np.abs(mean - centre)[:, :3].max(axis=1) <= _RATE_TOLERANCE + noise[:, 0]
     force = np.abs(mean - centre)[:, 3:].max(axis=1) <= _FORCE_TOLERANCE + noise[:, 1]
@@ -106,7 +106,9 @@ def _near(mean: Array, centre: Array, scatter: Array) -> np.ndarray:
 
 
 def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
-    """Whether the positions of a span, half of them at least, lie within 3 sigma of their median; True without GNSS."""
+    """Return whether the positions of a span, half of them at least, lie within 3 sigma of their median; True without
+    GNSS.
+    """
     if gnss is None:
         return True
     seen = gnss[gnss["t_s"].between(*span)]

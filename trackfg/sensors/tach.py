@@ -74,14 +74,14 @@ class Wheel:
         return replace(self, t=rows, distance=self.at(rows) + np.interp(rows, t, added))
 
     def covers(self, t: Array) -> np.ndarray:
-        """Whether there is a reading at ``t``: inside the record and outside its gaps."""
+        """Return whether there is a reading at ``t``: inside the record and outside its gaps."""
         inside: np.ndarray = (t >= self.t[0]) & (t <= self.t[-1])
         for start, end in (*self.gaps, *self.uncounted):
             inside &= (t <= start) | (t >= end)
         return inside
 
     def counts(self, t: Array) -> np.ndarray:
-        """Whether all that is rolled between neighbouring times (m,) is in the distance, shape (m - 1,)."""
+        """Return whether all that is rolled between neighbouring times (m,) is in the distance, shape (m - 1,)."""
         counted = np.ones(len(t) - 1, dtype=bool)
         for start, end in self.uncounted:
             counted &= (t[1:] <= start) | (t[:-1] >= end)
@@ -115,7 +115,7 @@ def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
 
 
 def longest_silence_s(t: Array, max_gap_s: float) -> float:
-    """Between rows, at ``t`` (n,), s, that is no gap: ``max_gap_s``, or a few of the usual intervals."""
+    """Return the longest time between rows, at ``t`` (n,) s, that is no gap: ``max_gap_s``, or some usual intervals."""
     return max(max_gap_s, _USUAL_INTERVALS * median_interval(t))
 
 

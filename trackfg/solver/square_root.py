@@ -45,7 +45,7 @@ class SquareRoot:
 
     @property
     def size(self) -> int:
-        """Of (x_k, s)."""
+        """The number of variables in (x_k, s)."""
         return KEYFRAME_DIM + len(self.R_shared)
 
     def last(self, keyframes: int) -> SquareRoot:

@@ -43,5 +43,5 @@ class FixesFormat(SensorFormat[Fixes]):
         return [] if sd is None else not_positive(sd, ColumnPlace(part.file, part.sd, read.t))
 
     def written(self, part: Fixes, table: pd.DataFrame) -> WrittenTable:
-        """As it is in memory."""
+        """Write the table as it is in memory."""
         return WrittenTable({"chainage": FIX_COLUMNS[1], "sd": FIX_COLUMNS[2]}, table)

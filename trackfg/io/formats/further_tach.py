@@ -7,12 +7,12 @@ from trackfg.recording.description import FurtherTach, Tach
 
 
 class FurtherTachFormat(TachFormat):
-    """As the first tach's, numbered from 2."""
+    """Further tachs have the first tach's table, and are numbered from 2."""
 
     key = "further_tach"
     model = FurtherTach
     several = True
 
     def table_name(self, part: Tach, number: int) -> str:
-        """With the number that the tach has in the file."""
+        """Return a name with the number that the tach has in the file."""
         return f"tach/{number + 1}"

@@ -54,7 +54,7 @@ class GnssFormat(SensorFormat[Gnss]):
         return (*part.position, *part.sd)
 
     def converter(self, part: Gnss) -> GnssConverter:
-        """To metres about an origin."""
+        """Convert to metres about an origin."""
         return GnssConverter(part)
 
     def value_faults(self, part: Gnss, read: ReadColumns) -> list[Finding]:
@@ -80,5 +80,5 @@ class GnssFormat(SensorFormat[Gnss]):
         )
 
     def written(self, part: Gnss, table: pd.DataFrame) -> WrittenTable:
-        """As local positions; of the origin the recording knows."""
+        """Write local positions; the recording has their origin."""
         return WrittenTable({"position": GNSS_COLUMNS[1:4], "sd": GNSS_COLUMNS[4:7], "frame": "local"}, table)

@@ -39,11 +39,11 @@ class ImuFormat(SensorFormat[Imu]):
         return (*part.gyro, *part.accel)
 
     def converter(self, part: Imu) -> ImuConverter:
-        """To vehicle axes."""
+        """Convert to vehicle axes."""
         return ImuConverter(part)
 
     def on_common_clock(self, part: Imu, t: Array) -> Array:
-        """With half a median interval for stamps at the start or end of a sample."""
+        """Shift stamps at the start or end of a sample by half a median interval."""
         return canonical.on_common_clock(part, t, spans.median_interval(t))
 
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
@@ -51,7 +51,7 @@ class ImuFormat(SensorFormat[Imu]):
         return limits.imu_gap_warning_s, limits.imu_gap_error_s
 
     def written(self, part: Imu, table: pd.DataFrame) -> WrittenTable:
-        """In vehicle axes and SI, stamped at the centre."""
+        """Write vehicle axes and SI, stamped at the centre."""
         keys = {
             "stamp": "centre",
             "gyro": IMU_COLUMNS[1:4],

@@ -40,11 +40,11 @@ class LaserFormat(SensorFormat[Laser]):
         return (part.column,)
 
     def converter(self, part: Laser) -> LaserConverter:
-        """To metres."""
+        """Convert to metres."""
         return LaserConverter(part)
 
     def table_name(self, part: Laser, number: int) -> str:
-        """By the laser's own name."""
+        """Return a name made of the laser's own."""
         return f"{LASER_TABLE}{part.name}"
 
     def doubts(self, part: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
@@ -52,5 +52,5 @@ class LaserFormat(SensorFormat[Laser]):
         return plausibility.laser_findings(part, section, table, limits)
 
     def written(self, part: Laser, table: pd.DataFrame) -> WrittenTable:
-        """In metres."""
+        """Write metres."""
         return WrittenTable({"column": LASER_COLUMNS[1], "unit": "m"}, table)

@@ -101,7 +101,7 @@ class SensorFormat(ABC, Generic[Part]):
         return canonical.on_common_clock(part, t)
 
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
-        """Above which silence between rows is doubtful, and above which an error; None where rows come as they do."""
+        """Return the silences between rows that are doubtful and an error, s; None where rows come at any times."""
         return None
 
     def value_faults(self, part: Part, read: ReadColumns) -> list[Finding]:

@@ -43,7 +43,7 @@ class SpeedFormat(SensorFormat[Speed]):
         return (part.column,)
 
     def converter(self, part: Speed) -> SpeedConverter:
-        """To m/s."""
+        """Convert to m/s."""
         return SpeedConverter(part)
 
     def value_faults(self, part: Speed, read: ReadColumns) -> list[Finding]:
@@ -77,5 +77,5 @@ class SpeedFormat(SensorFormat[Speed]):
         return Impossible("speed-jump", wrong)
 
     def written(self, part: Speed, table: pd.DataFrame) -> WrittenTable:
-        """In m/s."""
+        """Write m/s."""
         return WrittenTable({"column": SPEED_COLUMNS[1], "unit": "m/s"}, table)

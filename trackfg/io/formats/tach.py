@@ -62,7 +62,7 @@ class TachFormat(SensorFormat[Tach]):
         return (part.column,)
 
     def converter(self, part: Tach) -> TachConverter:
-        """To metres of the nominal wheel."""
+        """Convert to metres of the nominal wheel."""
         return TachConverter(part)
 
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
@@ -89,7 +89,7 @@ class TachFormat(SensorFormat[Tach]):
         return Impossible("tach-jump", (np.abs(speed) > FASTEST_MPS) | ((speed < 0.0) & (not part.signed)))
 
     def written(self, part: Tach, table: pd.DataFrame) -> WrittenTable:
-        """As counts where these reproduce the distances to the last bit, else as a distance."""
+        """Write counts where these reproduce the distances to the last bit, else a distance."""
         if (counts := _pulse_counts(part, table)) is not None:
             return WrittenTable({"kind": "pulses", "unit": "1", "column": "count"}, counts)
         keys = {"kind": "distance", "unit": "m", "column": TACH_COLUMNS[1], "integrated": part.integrates_speed}

@@ -1,1 +1,1 @@
-"""From a source's batches to complete, sound rows in order."""
+"""The intake turns a source's batches into complete, sound rows in order."""

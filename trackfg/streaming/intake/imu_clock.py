@@ -88,7 +88,7 @@ class ImuClock:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the clock may be about to change, or has not begun."""
+        """Return whether the clock may be about to change, or has not begun."""
         return bool(self.quarantined) or bool(np.isneginf(self.newest_s))
 
     def in_doubt_since(self, passed_s: float) -> bool:

@@ -77,7 +77,7 @@ class ReorderBuffer:
 
     @property
     def _fits_either_way(self) -> bool:
-        """Whether the clocks may have been set back by so little that no row is too late on either."""
+        """Return whether the clocks may have been set back by so little that no row is too late on either."""
         return self.clock.in_doubt_since(self.watermark_s)
 
     def finish(self, report: LossReport) -> dict[str, Array]:

@@ -66,7 +66,7 @@ class RowParser:
 
     @property
     def full(self) -> bool:
-        """Whether a batch is complete."""
+        """Return whether a batch is complete."""
         return self._full or self._count >= MOST_IN_BATCH
 
     def batch(self, position: int) -> Batch:

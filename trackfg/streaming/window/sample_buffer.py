@@ -55,7 +55,7 @@ class SampleBuffer:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there are too few inertial samples to make intervals of."""
+        """Return whether there are too few inertial samples to make intervals of."""
         return self.laid is None
 
     @property

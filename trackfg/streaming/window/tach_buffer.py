@@ -71,7 +71,7 @@ class TachBuffer:
 
     @property
     def silent_at_rest(self) -> bool:
-        """Whether rows may come at the pulses' own times, and so none at rest."""
+        """Return whether rows may come at the pulses' own times, and so none at rest."""
         return self.resolution is not None and (self.resolution.at_pulses or not self.resolution.has_turned)
 
     def _learn(self, rows: Array) -> None:
@@ -142,12 +142,12 @@ class TachResolution:
 
     @property
     def at_pulses(self) -> bool:
-        """Whether rows are the pulses' own times, as far as they show."""
+        """Return whether rows are the pulses' own times, as far as they show."""
         return self.rounding_sd < _AT_PULSES * self.quantum
 
     @property
     def has_turned(self) -> bool:
-        """Whether the wheel has turned since the first row."""
+        """Return whether the wheel has turned since the first row."""
         return not self.learning or len(self.rows) > 1
 
     def learn(self, rows: Array) -> None:

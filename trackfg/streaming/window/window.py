@@ -52,7 +52,7 @@ class Window:
 
     @property
     def suspects_slip(self) -> bool:
-        """Whether it is as likely as not that the wheel slipped in some interval."""
+        """Return whether it is as likely as not that the wheel slipped in some interval."""
         return any((family.weights(self.states) < 0.5).any() for family in self.families if family.is_chained)
 
     @property
