@@ -1,32 +1,40 @@
 """Fine match of sections: where exactly each lies on the reference, by least squares on the rows.
 
 With ``r`` the run's features, ``f`` the reference (a cubic spline) and ``x`` the run's chainage about a section's
-middle, the unknowns of each section are the place ``p`` of its middle and its scale error ``e``, with a prior sigma as
-of the run's scale:
+middle, the unknowns of each section are the position ``m`` of its middle on the reference, in metres, and its scale
+error ``e``, with a prior sigma as of the run's scale:
 
-    r(x) = f(p + (1 + e) x) + c + noise.
+    r(x) = f(m + (1 + e) x) + c + noise.
 
 The constant ``c`` of each feature and section (a roll offset, a bias) is projected out. Gauss-Newton steps; rows far
-off (a defect) have the weight ``1/(1 + (residual / 3 sigma)^2)`` of Cauchy's loss. Sigma is the robust sigma of all
-sections' residuals, but no less than what the tables' sigmas say of curvature and versines (those of the cross-level
-are mostly of its constant).
+off (a defect) have the weight ``w = 1/(1 + (residual / (3 sigma))^2)`` of Cauchy's loss. Each feature has one sigma:
+the robust sigma of its residuals in all sections, but no less than what the tables' sigmas say of curvature and
+versines (those of the cross-level are mostly of its constant).
 
-**Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the gradient
-``G_i = f'_i w_i / sigma`` and the pooled periodogram ``P`` of the weighted residuals of all sections, it is that of
-least squares under coloured noise (White, Econometrica 48, 1980, in the form for stationary noise)
+**Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the derivatives ``J_i`` of a
+row by (m, e), less their weighted mean over the section, the transform ``G(W)`` of ``w_i J_i / sigma`` and the pooled
+periodogram ``P`` of ``w_i residual_i / sigma`` of all sections, it is
 
-    C = A^-1 B A^-1,    A = sum G G^T + prior,    B = mean over frequencies of |G(W)|^2 P(W) + prior,
+    C = A^-1 B A^-1,    A = sum w_i J_i J_i^T / sigma^2 + prior,    B = mean over frequencies of G G* P + prior,
 
-raised where a section's own residuals are larger than the others', and by ``sum f'^2 / sum f' r'``: slopes of the
-reference that the run does not share are no information.
+summed over the features. It has the form of White's covariance (Econometrica 48, 1980) for stationary noise but is not
+that of an M-estimator: A is the matrix of the last weighted Gauss-Newton step, where that has the derivative of the
+score, and the weight stands twice in B, in G and in the residuals, where the score ``sum J_i w_i residual_i`` has it
+once. The three agree where all weights are one.
 
-**Acceptance.** There is no match, and no sigma, where ``sum f' r' < 0.7 sum f'^2``, where half of the rows are unknown,
-where the iteration has not converged, or where it went too far from where it began.
+The variance is raised where a section's own residuals are larger than the others', and, with r' the run's slopes, by
+``(sum f'^2 / sum f' r')^2`` where that exceeds one: slopes of the reference that the run does not share are no
+information.
 
-**Mean and middle.** The result is the mean over the section of the shift between the two chainages. Where the wheel's
-scale is a random walk, the shift is an integrated one. Let ``d`` be the second difference of the means of three
-sections in a row. From the covariance of an integrated Wiener process, ``var(d) = 11/20 L^3 q``, the mean shift less
-that in the middle has the expectation ``0.055 d`` and the sigma ``0.052 sd(d)`` about it. Both are counted as error.
+**Acceptance.** There is no match, and no sigma, where ``sum f' r' < 0.7 sum f'^2``, where half of the rows
+or more are unknown, where the iteration has not converged, or where it went too far from where it began.
+
+**Mean and middle.** Least squares gives about the mean over the section of the shift between the two chainages; it is
+reported as the shift at the middle. Where the wheel's scale is a random walk, the shift is an integrated one. Let ``d``
+be the second difference of the mean shifts of three sections in a row. From the covariance of an integrated Wiener
+process, ``var(d) = 11/20 L^3 q``, the difference of mean and middle has the expectation ``0.055 d`` and the sigma
+``0.052 sd(d)`` about it (taken twice as large, :data:`_WALK_REST`). Neither is corrected, both enter the variance: a
+correction by d would mix the errors of three matches, which are used as independent ones.
 """
 
 from __future__ import annotations
@@ -80,7 +88,7 @@ _ON_ROW = 1e-9
 _LEAST_TRIPLES = 5
 """Triples of sections from which the wheel's walk can be estimated."""
 _WALK_MEAN = 0.055
-"""The expectation of the mean shift less that in the middle, per second difference d (module docstring)."""
+"""The expectation of the mean shift less that at the middle, per second difference d (module docstring)."""
 _WALK_REST = 0.1
 """The sigma about it, per sd(d): twice the 0.052 of a Wiener process. Chosen on ten pairs of simulated runs (shuttle,
 mainline), whose matches err by 1.0 to 1.7 sigmas rms with it and by 1.15 to 1.8 with 0.052; see Assumptions in

@@ -2,29 +2,36 @@
 
 **Hidden state** of section k, one of
 
-* *on*: it lies at place p of the reference (2 m each), the run's chainage has the scale error e (one of a few, the same
-  all along the run), and the track there is c = unchanged or changed since;
-* *alike* p: it is not on the reference, but its curves are as those at p (many lines have curves built by one rule);
-* *off*: it is not on the reference and like no place of it.
+* *on*: it begins (at its end of lower chainage) at place p of the reference, an index of 2 m each, the run's chainage
+  has the scale error e, one of a few, and the track there is c = unchanged or changed since. The scale error stays the
+  same until a slip or a return to the reference, which draw e and c anew from their priors;
+* *alike* p: foreign, resembling p: another line whose curves happen to be those at p (many lines have curves built by
+  one rule). It competes with *on* for the evidence of the curves, so only short waves or further curves decide;
+* *off*: foreign, and like no place of the reference.
 
 **Likelihoods**, all relative to *off*, with the log ratios short and curves of
 :mod:`trackfg.mapping.recognition.likelihood`:
 
     unchanged: exp(short(p) + curves(p)),   changed: exp(curves(p)),   alike: exp(curves(p)),   off: 1.
 
-Even the best section speaks against *off* by :data:`_GREATEST_LOG_RATIO` at most: it may look alike by a cause that no
-likelihood contains, such as a second track beside the first.
+One section speaks against *off* by :data:`_GREATEST_LOG_RATIO` at most: it may look alike by a cause that no likelihood
+contains, such as a second track beside the first.
 
 **Transitions** from one section to the next, the run having moved by s:
 
 * p moves by ``(1 + e) s``, and creeps by one place with probability :data:`_CREEP` each way;
-* a slip of the wheel that nothing has shown moves it anywhere within 50 m, with probability :data:`_SLIP`;
+* a slip of the wheel that nothing has shown moves p anywhere within 50 m, with probability :data:`_SLIP`;
 * unchanged track becomes changed and back (:data:`_TO_CHANGED`, :data:`_TO_UNCHANGED`): a tamped line is changed all
   along, so its sections do not speak against the place one by one;
 * the run leaves the reference (:data:`_LEAVE`, or by its end) and returns to any place (:data:`_RETURN`);
 * *alike* p moves along with the run, or becomes alike another place (:data:`_TO_OTHER`) or *off* (:data:`_TO_UNLIKE`);
-  *off* becomes alike some place (:data:`_TO_ALIKE`). One curve that fits is then weak evidence for *on*, and a further
-  one that fits in its place is as strong as finding one among all places by chance is improbable.
+  *off* becomes alike some place (:data:`_TO_ALIKE`).
+
+**Evidence of curves.** The first curve that fits at p says nothing of *on* against *alike* p. Of that state ``0.65^n``
+(:data:`_GOES_ON`) is left n sections later; the rest is alike some other place, and fits a further curve there only by
+chance, with probability phi. That curve is then evidence for *on* of
+
+    -log(0.65^n + (1 - 0.65^n) phi).
 
 **Inference.** With the forward message ``a_k(x) = P(x_k | sections 1..k)`` and the backward message
 ``b_k(x) ~ P(sections k+1.. | x_k = x)``,
@@ -33,7 +40,8 @@ likelihood contains, such as a second track beside the first.
     P(x_k = x | all sections) ~ a_k(x) b_k(x)
 
 (Rabiner, Proceedings of the IEEE 77, 1989). Forward messages are kept at every sqrt(K)-th of K sections and computed
-again between them where the backward pass needs them: memory grows with the root of the number of sections.
+again between them where the backward pass needs them, so the memory of messages grows with the root of K. The
+likelihoods of all sections at all places of their windows are held throughout.
 """
 
 from __future__ import annotations
@@ -52,6 +60,8 @@ _ON_REFERENCE = 0.5
 """Prior probability that a run that may be anywhere is on the reference."""
 _UNCHANGED = 0.8
 """Prior probability that track is unchanged. Chosen; see Assumptions in docs/engine.md."""
+_CHANGE_PRIOR = np.array([_UNCHANGED, 1.0 - _UNCHANGED], dtype=np.float32)
+"""Prior probabilities of unchanged and of changed track."""
 _TO_CHANGED, _TO_UNCHANGED = 0.02, 0.1
 """Probabilities that the next section is changed where this one is not, and the reverse: on average 1 km is changed
 after 5 km that are not. Chosen on simulated tamped lines; see Assumptions in docs/engine.md."""
@@ -61,37 +71,45 @@ _SLIP = 1e-3
 """Probability of a slip within a section that the run's chainage does not contain. Chosen; see Assumptions in
 docs/engine.md."""
 _SLIP_PLACES = 25
-"""Longest slip, places (50 m)."""
+"""Longest slip to either side, places (50 m)."""
 _LEAVE, _RETURN = 1e-4, 1e-3
 """Probabilities, per section, that the run leaves the reference other than by its end, and that it returns. Chosen; see
 Assumptions in docs/engine.md."""
 _TO_OTHER, _TO_UNLIKE, _TO_ALIKE = 0.3, 0.05, 0.1
-"""Probabilities that a section off the reference has the curves of another place, of none, and of some place after
-none. Chosen on simulated lines of one design, so that a foreign one is not recognised; see Assumptions in
-docs/engine.md.
+"""Probabilities, per section of a foreign line, that it becomes alike another place, that it becomes *off*, and that
+*off* becomes alike some place. Chosen on simulated lines of one design, so that a foreign one is not
+recognised; see Assumptions in docs/engine.md.
 """
 _GOES_ON = 1.0 - _TO_OTHER - _TO_UNLIKE
+"""Probability that *alike* p moves along with the run."""
+_PRIOR_UNLIKE = 0.5
+"""Prior share of *off* in a foreign run; the rest is alike some place."""
 _GREATEST_LOG_RATIO = 12.0
 """Greatest log ratio of one section to "off": one section in 160,000 looks alike by another cause. Chosen; see
 Assumptions in docs/engine.md."""
 _SCALE_STEP = 0.01
-"""Distance of the scale errors: over a section of 100 m, creep bridges half of it."""
+"""Step between the scale errors. One midway between two of them is 0.5 m off after a section of 100 m; creep, with a
+sigma of 0.9 m, covers that."""
 _SCALE_SIGMAS = 3.0
-"""The scale errors reach so many prior sigmas."""
+"""The scale errors reach to so many prior sigmas on either side of zero."""
+_LEAST_SCALE_SD = 0.2 * _SCALE_STEP
+"""Up to this prior sigma (0.2 m in a section of 100 m, a tenth of a place) the only scale error is zero."""
 _NEGLIGIBLE = 1e-15
-"""Probability of a place below which it is not followed; the run may come back to it only from off the reference."""
+"""Share of the total probability below which the places at both ends of a message are cut off. A later section gets
+there again by moving, or by a return from off the reference."""
 NEAR = 32
-"""Places to either side of the most probable one of which probabilities are given: 64 m."""
+"""Places to either side of the mode whose probabilities :class:`PlacePosterior` has: 64 m."""
 _MODE = 3
-"""Places to either side that belong to the most probable one."""
+"""Places to either side of the mode over which means are taken: 6 m, creep and the blur of moving."""
 
 
 @dataclass(frozen=True)
 class PlaceWindows:
-    """The places that each section may be at, in order of travel: ``first`` (k,) and the number of them, ``count``
+    """The places where each section may begin, in order of travel: ``first`` (k,) and the number of them, ``count``
     (k,).
 
-    ``start_m``: where the sections begin in the run's chainage, (k,).
+    ``start_m``: where the sections begin in the run's chainage, (k,): the end of lower chainage, so it descends for a
+    run against it.
     """
 
     first: NDArray[np.int64]
@@ -103,9 +121,10 @@ class PlaceWindows:
 class PlacePosterior:
     """The places of the sections given all of them, in order of travel.
 
-    ``mode`` (k,): the most probable place. ``mean_m`` (k,): where on the reference the section begins, on average over
-    the places about the mode. ``near``, ``so_far`` (k, 2 NEAR + 1): probabilities of the places about the mode, given
-    all sections and given those up to this one. ``unchanged`` (k,): probability of unchanged track, and ``scale`` (k,):
+    ``mode`` (k,): the most probable place, with half of the probability of its two neighbours. ``mean_m`` (k,): where
+    on the reference the section begins, m, on average over the places within 6 m of the mode. ``near``, ``so_far``
+    (k, 2 NEAR + 1): probabilities of the places about the mode, given all sections and given those up to this one.
+    ``unchanged`` (k,): probability of unchanged track, and ``scale`` (k,):
     mean of the scale error, both if the section is at the mode.
     """
 
@@ -143,8 +162,11 @@ class Message:
 class PlaceHmm:
     """The model of one run. ``short``, ``curves``: log likelihood ratios of each section at the places of its window.
 
-    ``scale_sd``: prior sigma of the scale error. ``place_prior``: a section's number and the log prior of the places of
-    its window, where the run's place is known. ``on_reference``: prior probability that the run is on the reference.
+    ``scale_sd``: prior sigma of the scale error. ``place_prior``: where the run's place is known, a section's number
+    and the log density of the places of its window, less its greatest. It multiplies the likelihood of *on* in that
+    section and is not normalised, so of the probability of *on* it leaves the mean of that density over its places.
+    ``on_reference``: prior probability that the run is on the reference, before that, uniform over the places of the
+    first section's window.
     """
 
     windows: PlaceWindows
@@ -157,7 +179,7 @@ class PlaceHmm:
     scale_prior: Array32 = field(init=False)
 
     def __post_init__(self) -> None:
-        reach = int(np.ceil(_SCALE_SIGMAS * self.scale_sd / _SCALE_STEP)) if self.scale_sd > 0.2 * _SCALE_STEP else 0
+        reach = int(np.ceil(_SCALE_SIGMAS * self.scale_sd / _SCALE_STEP)) if self.scale_sd > _LEAST_SCALE_SD else 0
         self.scales = _SCALE_STEP * np.arange(-reach, reach + 1, dtype=np.float64)
         prior = np.exp(-0.5 * (self.scales / self.scale_sd) ** 2) if reach else np.ones(1)
         self.scale_prior = (prior / prior.sum()).astype(np.float32)
@@ -214,21 +236,25 @@ class PlaceHmm:
     def _prior(self) -> Message:
         count = int(self.windows.count[0])
         each = _CHANGE_PRIOR[:, None] * self.scale_prior * np.float32(self.on_reference / count)
-        off = 0.5 * (1.0 - self.on_reference)
         on = np.repeat(each[:, :, None], count, axis=2)
-        return Message(int(self.windows.first[0]), on, np.full(count, off / count, dtype=np.float32), off)
+        off = _PRIOR_UNLIKE * (1.0 - self.on_reference)
+        alike = (1.0 - _PRIOR_UNLIKE) * (1.0 - self.on_reference)
+        return Message(int(self.windows.first[0]), on, np.full(count, alike / count, dtype=np.float32), off)
 
     def _update(self, k: int, state: Message) -> Message:
-        """Multiply a message by the likelihood of section ``k``, relative to the greatest, and return it."""
+        """Multiply a message by the likelihood of section ``k``, relative to the greatest, and return it.
+
+        *Changed* is never likelier than *alike*, so the greatest is among the other three.
+        """
         part = slice(state.first - int(self.windows.first[k]), state.stop - int(self.windows.first[k]))
         alike = changed = self.curves[k][part]
         unchanged = changed + self.short[k][part]
         if self.place_prior is not None and self.place_prior[0] == k:
             prior = self.place_prior[1][part].astype(np.float32)
             changed, unchanged = changed + prior, unchanged + prior
-        best = float(max(alike.max(), unchanged.max()))
-        off = max(0.0, best - _GREATEST_LOG_RATIO)
-        greatest = np.float32(max(best, off))
+        of_best_place = float(max(alike.max(), unchanged.max()))
+        off = max(0.0, of_best_place - _GREATEST_LOG_RATIO)
+        greatest = np.float32(max(of_best_place, off))
         state.on[0] *= np.exp(unchanged - greatest)
         state.on[1] *= np.exp(changed - greatest)
         state.alike *= np.exp(alike - greatest)
@@ -260,23 +286,23 @@ class PlaceHmm:
         on = np.empty((2, len(self.scales), high - low), dtype=np.float32)
         for i, step in enumerate(self._steps(k)):
             _move(previous.on[:, i], step - (low - previous.first), (1.0 - _LEAVE) * (1.0 - _SLIP), on[:, i])
-            exchanged = np.float32(_TO_CHANGED) * on[0, i] - np.float32(_TO_UNCHANGED) * on[1, i]
-            on[0, i] -= exchanged
-            on[1, i] += exchanged
+            net_to_changed = np.float32(_TO_CHANGED) * on[0, i] - np.float32(_TO_UNCHANGED) * on[1, i]
+            on[0, i] -= net_to_changed
+            on[1, i] += net_to_changed
         moved = on.reshape(-1, high - low).sum(axis=0)
-        left = float(previous.on.sum()) - float(moved.sum()) / (1.0 - _SLIP)
-        anew = _box(moved) * np.float32(_SLIP / (1.0 - _SLIP))
+        leaving = float(previous.on.sum()) - float(moved.sum()) / (1.0 - _SLIP)
+        entering = _box(moved) * np.float32(_SLIP / (1.0 - _SLIP))
         count = int(self.windows.count[k])
         all_alike = float(previous.alike.sum())
-        anew += np.float32((previous.off + all_alike) * _RETURN / count)
+        entering += np.float32((previous.off + all_alike) * _RETURN / count)
         for c, i in np.ndindex(on.shape[:2]):
-            on[c, i] += (_CHANGE_PRIOR[c] * self.scale_prior[i]) * anew
+            on[c, i] += (_CHANGE_PRIOR[c] * self.scale_prior[i]) * entering
         alike = np.empty((1, high - low), dtype=np.float32)
         _move(previous.alike[None], self._step(k) - (low - previous.first), _GOES_ON, alike)
         off = _TO_UNLIKE * all_alike + (1.0 - _TO_ALIKE) * previous.off
         off += _GOES_ON * all_alike - float(alike.sum())
         alike += np.float32((_TO_OTHER * all_alike + _TO_ALIKE * previous.off) / count)
-        return Message(low, on, alike[0] * np.float32(1.0 - _RETURN), off * (1.0 - _RETURN) + left)
+        return Message(low, on, alike[0] * np.float32(1.0 - _RETURN), off * (1.0 - _RETURN) + leaving)
 
     def _predict_back(self, k: int, previous: Message, future: Message) -> Message:
         """Return the backward message of section ``k - 1``, at the places of ``previous``: the transpose of a
@@ -336,10 +362,6 @@ class PlaceHmm:
             float(part.sum(axis=(0, 2)) @ self.scales) / weight,
         )
         return moments, _around(place, mode), _around(state.places().astype(np.float64), mode)
-
-
-_CHANGE_PRIOR = np.array([_UNCHANGED, 1.0 - _UNCHANGED], dtype=np.float32)
-"""Prior probabilities of unchanged and of changed track."""
 
 
 def _move(x: Array32, by: float, share: float, out: Array32) -> None:

@@ -2,7 +2,7 @@
 
 Let ``r`` be the short waves of a section of the run and ``f`` those of the reference from a place on, in cells of 1 m.
 
-**At that place, unchanged**, the residual has the mean square ``v = mean (r - b f)^2``. The share ``0 <= b <= 1`` is
+**At that place, unchanged**, the residual has the mean square ``v = mean (r - b f)^2``. The gain ``0 <= b <= 1`` is
 the best one: where there is only noise, b is near zero and no place is better than another. **On any other track** it
 is ``v = mean r^2``. The section has ``n`` independent values: its cells over ``sum of rho^2`` over all lags, ``rho``
 the reference's autocorrelation (Bartlett, Journal of the Royal Statistical Society 98, 1935).
@@ -13,17 +13,18 @@ of freedom about ``s^2`` the marginal likelihood is (Gelman et al., Bayesian Dat
     log L(v, s^2) = (k/2) log(k s^2) - ((k + n)/2) log(k s^2 + n v) + constant,
 
 so a section proves what its own residual lets it prove, whatever the tables' sigmas claim. Of an unchanged section
-``s^2`` is the sum of the claimed variances and of what half a cell of offset and an unknown scale leave,
-``mean f'^2 (1 + var_scale L^2)/12``, but no less than what the best sections leave (:meth:`ShortWaves.residual`). Of
-any other track it is the mean square of the reference.
+``s^2`` is the sum of the variances that the tables claim (none for the cross-level, whose sigma is mostly of its
+constant), of what half a cell of offset and an unknown scale leave, ``mean f'^2 (1 + var_scale L^2)/12``, and of
+(10 % of the reference's rms)^2, but no less than what the best sections leave (:meth:`ShortWaves.residual`). Of any
+other track it is the mean square of the reference, or the claimed variance if that is larger.
 
 **The ratio** is
 
     short(p) = 1/2 (log L(max(v_same, 2 s_same^2), s_same^2) - log L(max(v_any, 2 s_same^2), s_any^2)) - 1/2 log(1 + n).
 
-The last term is the price of the parameter b. Of two places that fit equally, one has the smaller residual by the
-reference's own noise, which is evidence for neither: so all residuals below ``2 s^2`` are equally good, and half of the
-log likelihood ratio counts (a fractional likelihood).
+The last term is the price of the parameter b. The floor: differences between residuals below ``2 s^2`` are noise of the
+two profiles and evidence for neither place. The tempering: the ratio is halved (a tempered, or power, likelihood),
+because the residuals are not quite as modelled and the cells' dependence is known only on average.
 
 The correlations ``sum r f`` of many sections with many offsets are products of matrices, which for sections of 100
 cells is several times as fast as an FFT for each section.
@@ -52,10 +53,10 @@ _PRIOR_DOF = 4.0
 """Degrees of freedom k of the variance's prior: few, so that the residual decides."""
 _FLOOR = 2.0
 """Residuals below so many times s^2 are equally good. Chosen on simulated lines; see Assumptions in docs/engine.md."""
-_FRACTION = 0.5
-"""Share of the log likelihood ratio that counts (O'Hagan, Journal of the Royal Statistical Society B 57, 1995)."""
+_TEMPERING = 0.5
+"""Exponent of the tempered likelihood ratio. Chosen; see Assumptions in docs/engine.md."""
 _LEAST_NOISE = 0.1
-"""Least noise of short waves, as a share of their rms on the reference: what the tables' sigmas do not contain. Chosen
+"""Noise of short waves that is added, as a share of their rms on the reference: what the sigmas do not contain. Chosen
 on simulated lines; see Assumptions in docs/engine.md."""
 _LONGEST_MEMORY_M = 50
 """Lags, m, over which the autocorrelation is summed: twice the base that short waves are free of."""
@@ -81,7 +82,7 @@ class ShortWaves:
         least = np.float32(_FLOOR * self.same_variance) * count
         ratio = self._log_evidence(count, np.maximum(squares, least, out=squares), self.same_variance)
         ratio -= self._log_evidence(count, np.maximum(power, least), self.any_variance)
-        ratio *= np.float32(_FRACTION)
+        ratio *= np.float32(_TEMPERING)
         ratio -= 0.5 * np.log1p(count / np.float32(self.cells_per_value))
         return ratio
 
@@ -109,12 +110,12 @@ class ShortWaves:
             run_power = r**2 @ both
             power = r_known.astype(np.float32) @ _windows(f**2, r.shape[1]).T
         product = r @ windows.T
-        share = product / np.maximum(power, np.finfo(np.float32).tiny)
-        np.clip(share, 0.0, 1.0, out=share)
-        squares = share * power
+        gain = product / np.maximum(power, np.finfo(np.float32).tiny)
+        np.clip(gain, 0.0, 1.0, out=gain)
+        squares = gain * power  # b^2 sum f^2 - 2 b sum r f + sum r^2, in place
         squares -= product
         squares -= product
-        squares *= share
+        squares *= gain
         squares += run_power
         return count, np.maximum(squares, 0.0, out=squares), run_power
 
