@@ -23,8 +23,8 @@ RUN = simulate("mainline", seed=3, duration_s=90.0)
 AT_S = 45.0
 
 
-def streamed() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[StreamEvent]]:
-    source = RecordingSource(RUN.recording)
+def streamed(batch_s: float | None = None) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[StreamEvent]]:
+    source = RecordingSource(RUN.recording, batch_s=batch_s)
     smoother = FixedLagSmoother(source.description, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)), lag_s=5.0)
     intake, out = Intake.of(source), list[Estimates]()
     for batch in source:
@@ -107,6 +107,63 @@ def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None]) 
         error = late[name] - np.interp(late["t_s"], truth["t_s"], truth[name] - truth[name].iloc[0])
         assert (np.abs(error) < 5.0 * late[f"{name}_sd"]).mean() > 0.98, name
     assert late["chainage_m_sd"].max() < 20.0
+
+
+def test_a_settled_step_is_kept_where_the_batch_solution_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every window looks as if the wheel slipped, and so is compared with a batch solution, which fails."""
+    undisturbed = streamed()
+    failures = 0
+
+    def fail(problem: Any, config: Any) -> Any:
+        nonlocal failures
+        if problem.t[-1] < AT_S:
+            return solve(problem, config)
+        failures += 1
+        raise UnsolvableError("as asked")
+
+    solve = running_window.solve
+    monkeypatch.setattr(running_window, "solve", fail)
+    monkeypatch.setattr(Window, "suspects_slip", property(lambda window: window.t[-1] > AT_S))
+    ours = streamed()
+    assert failures > 5
+    assert ours[3] == undisturbed[3]
+    for mine, other in zip(ours[:3], undisturbed[:3], strict=True):
+        pd.testing.assert_frame_equal(mine, other, check_exact=True)
+
+
+def test_a_prediction_that_fails_before_its_last_rows_come_loses_the_window_when_they_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    predict_interval = running_window.predict_interval
+
+    def fail(context: Any, window: Any, data: Any, edges: Any, **kwargs: Any) -> Any:
+        if AT_S < data.edges[edges[1]] < AT_S + 1.0:
+            raise UnsolvableError("as asked")
+        return predict_interval(context, window, data, edges, **kwargs)
+
+    monkeypatch.setattr(running_window, "predict_interval", fail)
+    told = [event for event in streamed(batch_s=0.1)[3] if event.kind == "restarted"]
+    assert [event.detail for event in told] == ["as asked"]
+
+
+def test_a_window_of_one_keyframe_may_be_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After an interval as long as the lag one keyframe is left, and the stream may end before the next one."""
+    source = RecordingSource(RUN.recording)
+    smoother, intake = FixedLagSmoother(source.description, lag_s=5.0), Intake.of(source)
+    for batch in source:
+        smoother.put(intake.push(batch)[0])
+    running = smoother._moving.running
+    assert running is not None
+    running.relinearise_if_due(at_end=True)
+    running.lag_s = 0.0
+    running.relinearise_if_due(at_end=True)
+    assert len(running.window) == 1
+    assert running.added == []
+    before = running.window.states.nav.p
+    last = running.relinearise_if_due(at_end=True)
+    assert last is not None
+    assert last.marginalised is None
+    np.testing.assert_allclose(running.window.states.nav.p, before, atol=1e-3)
 
 
 def test_a_first_window_that_cannot_be_made_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ the distance
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,7 +36,7 @@ from trackfg.streaming.window.window import Interval, Window
 GATE = 5.0
 """An innovation within so many of its sigmas agrees with the hypothesis."""
 MOST_VOTES = 3
-"""Votes that a hypothesis can hold: so many wrong fixes in a row are believed."""
+"""Votes that a hypothesis can hold: it withstands so many wrong fixes that agree, and one more replaces it."""
 _PROBABILITIES = (0.5, 0.1)
 """The probability of a rival, by how many votes it has less than the accepted hypothesis."""
 _CREEP = 0.01
@@ -58,33 +59,32 @@ class Rival:
 class FixVotes:
     """The ``votes`` for the accepted hypothesis, and its ``rivals``.
 
-    ``prior`` (2, 2): covariance of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position of the
-    newest fix; one that is read again at rest is no second vote. ``events``: those that have not been popped.
+    ``distance_scale_covariance`` (2, 2): of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position
+    of the newest fix; one that is read again at rest is no second vote. ``events``: those that have not been popped.
     """
 
     votes: int = 0
     rivals: tuple[Rival, ...] = ()
-    prior: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    distance_scale_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
     newest_m: float | None = None
     events: tuple[StreamEvent, ...] = ()
 
     @property
     def doubt_m(self) -> float:
         """The sigma that the rivals add to the distance, m."""
-        lags = ((rival.further_m, self.votes - rival.votes) for rival in self.rivals)
-        return float(
-            np.sqrt(sum(_PROBABILITIES[lag] * further**2 for further, lag in lags if lag < len(_PROBABILITIES)))
-        )
+        deficits = ((rival.further_m, self.votes - rival.votes) for rival in self.rivals)
+        variances = (_PROBABILITIES[k] * further**2 for further, k in deficits if k < len(_PROBABILITIES))
+        return float(np.sqrt(sum(variances)))
 
     def pop_events(self) -> tuple[StreamEvent, ...]:
         """Return the events since the last call."""
         events, self.events = self.events, ()
         return events
 
-    def update_prior(self, covariance: Covariance) -> None:
-        """Take the prior from the covariance of the newest keyframe."""
+    def update_covariance(self, covariance: Covariance) -> None:
+        """Take the part of the newest keyframe's covariance that predictions of fixes need."""
         at = offset_in_keyframe(Kind.ODO)
-        self.prior = covariance.marginal[-1, at : at + 2, at : at + 2].copy()
+        self.distance_scale_covariance = covariance.marginal[-1, at : at + 2, at : at + 2].copy()
 
     def count_first_window(self, fixes: Family | None, states: States) -> None:
         """Count the fixes of a window that was solved as a batch, by whether its solution follows them."""
@@ -110,7 +110,7 @@ class FixVotes:
         ends = (float(newest.odo.distance[-1]), float(interval.predicted.odo.distance[0]))
         for i, keyframe in enumerate(fixes.slots[0].index.tolist()):
             along = np.array([1.0, ends[1] - ends[0] if keyframe else 0.0])
-            variance = float(along @ self.prior @ along) + (_CREEP * along[1]) ** 2
+            variance = float(along @ self.distance_scale_covariance @ along) + (_CREEP * along[1]) ** 2
             position, sigma = float(fixes.data["distance"][i, 0]), float(fixes.sigma[i, 0])
             innovation, sd = position - ends[keyframe] - shift_m, float(np.hypot(sigma, np.sqrt(variance)))
             repeated = self.newest_m is not None and abs(position - self.newest_m) <= sigma
@@ -119,12 +119,9 @@ class FixVotes:
                 if not repeated:
                     self._count_agreement()
                 continue
-            step = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd)
-            shift_m += step
-            withheld[i] = not step
-            if step:
-                detail = f"{self.votes} fixes agree on a place {step:+.1f} m on"
-                self.events += (StreamEvent("place-changed", "fixes", interval.t, interval.t, 0, detail),)
+            shift = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd, interval.t)
+            shift_m += shift
+            withheld[i] = not shift
         if not withheld.any():
             return interval, shift_m
         others = tuple(family for family in interval.families if family is not fixes)
@@ -137,8 +134,11 @@ class FixVotes:
         else:
             self.rivals = _with_vote_less(self.rivals)
 
-    def _count_contradiction(self, innovation: float, sigma: float, sd: float) -> float:
-        """Return by how much the accepted position shifts, m: 0 unless the fix makes a rival the accepted one."""
+    def _count_contradiction(self, innovation: float, sigma: float, sd: float, t: float) -> float:
+        """Return by how much the accepted position shifts, m: 0 unless the fix makes a rival the accepted one.
+
+        ``t``: the time of the event that this is, s.
+        """
         rival = self._nearest_rival(innovation, sd)
         votes = 1 if rival is None else rival.votes + 1
         if votes <= self.votes:
@@ -149,6 +149,8 @@ class FixVotes:
         self.votes = votes
         if votes > MOST_VOTES:
             self.votes, self.rivals = MOST_VOTES, _with_vote_less(self.rivals)
+        detail = f"{'1 fix agrees' if votes == 1 else f'{votes} fixes agree'} on a place {innovation:+.1f} m on"
+        self.events += (StreamEvent("place-changed", "fixes", t, t, 0, detail),)
         return innovation
 
     def _nearest_rival(self, further_m: float, sd_m: float) -> Rival | None:
@@ -170,9 +172,14 @@ def shift_states(states: States, by_m: float) -> States:
     return replace(states, odo=states.odo.moved_along(by_m))
 
 
-def shift_interval(interval: Interval, by_m: float) -> Interval:
-    """Return the interval ``by_m`` further along the track."""
-    return interval._replace(predicted=shift_states(interval.predicted, by_m))
+def shift_interval(interval: Interval, begin: States, by_m: float) -> Interval:
+    """Return the interval, which begins at the state ``begin``, ``by_m`` further along the track.
+
+    Of its fixes those are followed that agree with the new position.
+    """
+    predicted = shift_states(interval.predicted, by_m)
+    families = _with_fixes_followed_anew(interval.families, shift_states(begin, by_m).joined(predicted), by_m)
+    return interval._replace(predicted=predicted, families=families)
 
 
 def shift_window(window: Window, by_m: float) -> Window:
@@ -181,17 +188,23 @@ def shift_window(window: Window, by_m: float) -> Window:
     Its priors lose what they know of the distance; of its fixes those are followed that agree with the new position.
     """
     states = shift_states(window.states, by_m)
-    families = [_shift_prior(family, by_m) for family in window.families if family.type not in _FIXES]
-    fixes = [family for family in window.families if family.type in _FIXES]
+    families = _with_fixes_followed_anew([_shift_prior(family, by_m) for family in window.families], states, by_m)
+    return replace(window, states=states, families=families)
+
+
+def _with_fixes_followed_anew(families: Sequence[Family], states: States, by_m: float) -> tuple[Family, ...]:
+    """Return families whose fixes are followed where they are nearer to these ``states`` than half the shift."""
+    others = [family for family in families if family.type not in _FIXES]
     followed, withheld = [], []
-    for family in fixes:
-        near = np.abs(family.residual(states)[:, 0]) < 0.5 * abs(by_m)
-        followed.append(followed_fix(family.take(near)))
-        withheld.append(withheld_fix(family.take(~near)))
+    for family in families:
+        if family.type in _FIXES:
+            near = np.abs(family.residual(states)[:, 0]) < 0.5 * abs(by_m)
+            followed.append(followed_fix(family.take(near)))
+            withheld.append(withheld_fix(family.take(~near)))
     for parts in (followed, withheld):
         filled = [part for part in parts if len(part)]
-        families += [filled[0].joined(*filled[1:])] if filled else []
-    return replace(window, states=states, families=tuple(families))
+        others += [filled[0].joined(*filled[1:])] if filled else []
+    return tuple(others)
 
 
 def _shift_prior(family: Family, by_m: float) -> Family:

@@ -8,6 +8,7 @@ the whole window by a relinearisation pass, a batch solution of the window
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -63,9 +64,13 @@ class MovingWindow:
         return self.buffer.until >= t + AFTER_S
 
     def prepare(self, t: float) -> None:
-        """Do what can be done of the keyframe at ``t`` before its last rows come."""
+        """Do what can be done of the keyframe at ``t`` before its last rows come.
+
+        What fails here fails again in :meth:`add_keyframe`, which deals with it.
+        """
         if self.running is not None:
-            self.running.prepare(t)
+            with suppress(*FAILURES):
+                self.running.prepare(t)
 
     def add_keyframe(self, t: float) -> FilterUpdate | None:
         """Estimate the next keyframe, at ``t``; None where the window was lost by it."""

@@ -136,7 +136,8 @@ class RunningWindow:
         root, states = solution.root, solution.states
         window = Window(problem.t, states, problem.measured, problem.run.response, problem.families)
         newest = window.gauss_newton_step({len(window) - 1}).window_without_first(len(window) - 1)
-        votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states)
+        if not on_map:
+            votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states)
         rests, context = Rests(lag_s, problem.rests), first.context
         running = cls(
             buffer=buffer,
@@ -266,14 +267,17 @@ class RunningWindow:
 
     def _jump_along_track(self, interval: Interval, shift_m: float) -> FilterUpdate:
         """Shift the window along the track, where the votes of the fixes say so, and estimate the next keyframe."""
+        begins = [self.window.states.take(slice(-1, None)), *(added.predicted for added in self.added)]
+        *self.added, interval = (
+            shift_interval(added, begin, shift_m) for added, begin in zip([*self.added, interval], begins, strict=True)
+        )
         self.window, self.recent = shift_window(self.window, shift_m), shift_window(self.recent, shift_m)
         self.linearisation_point = shift_states(self.linearisation_point, shift_m)
-        self.added = [shift_interval(added, shift_m) for added in self.added]
-        return self._resolve_recent_keyframes(shift_interval(interval, shift_m))
+        return self._resolve_recent_keyframes(interval)
 
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd
-        self.votes.update_prior(update.covariance)
+        self.votes.update_covariance(update.covariance)
         return update
 
     def _relinearise_window(self, failure: str | None = None) -> Relinearisation:
@@ -315,12 +319,20 @@ class RunningWindow:
         event = None if failure is None else StreamEvent("by-window", t_s=now, detail=failure)
         try:
             step = _settle(window, marginalise, _SETTLED)
-            if step.window.suspects_slip and (batch := self._batch_solution(window)).cost < step.window.cost:
-                step = batch.gauss_newton_step(marginalise)
         except FAILURES as error:
-            step = self._batch_solution(window).gauss_newton_step(marginalise)
             event = StreamEvent("by-batch", t_s=now, detail=str(error))
+            return self._batch_solution(window).gauss_newton_step(marginalise), event
+        if step.window.suspects_slip:
+            step = self._cheaper_by_batch(window, step, marginalise)
         return step, event
+
+    def _cheaper_by_batch(self, window: Window, step: WindowStep, marginalise: Collection[int]) -> WindowStep:
+        """Return the step at the window's batch solution where that exists and costs less, else the ``step`` taken."""
+        try:
+            batch = self._batch_solution(window)
+            return batch.gauss_newton_step(marginalise) if batch.cost < step.window.cost else step
+        except FAILURES:
+            return step
 
     def _back_substituted_states(self, window: Window) -> States:
         """Return states of the whole window by back-substitution from the newest keyframe through the conditionals."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
+from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration, linearize_imu_factors
@@ -72,7 +73,9 @@ class Window:
         return replace(self, families=_merge_by_type([*self.families, *families]))
 
     def extended(self, *intervals: Interval) -> Window:
-        """Return the window with the next keyframes added, each at the end of one interval."""
+        """Return the window with the next keyframes added, each at the end of one interval; itself without any."""
+        if not intervals:
+            return self
         families = self.families
         if len(self) == 1:  # the marginal prior of a newest keyframe is of its bias without the calibration's part
             response = intervals[0].response
@@ -191,13 +194,18 @@ class MarginalisedKeyframes(NamedTuple):
         return cls(t[:count], conditionals, point.take(slice(0, count + 1)))
 
     def back_substitute(self, next_state: States) -> States:
-        """Return the keyframes' states given the next keyframe, the first of ``next_state`` (Rauch, Tung, Striebel)."""
+        """Return the keyframes' states given the next keyframe, the first of ``next_state`` (Rauch, Tung, Striebel).
+
+        Raises ``UnsolvableError`` where a conditional is singular.
+        """
         n, solutions = len(self.t), []
         step = step_from(self.linearisation_point.take(slice(n, None)), next_state.take(slice(0, 1)))
         x = step.keyframes[0]
         for k in reversed(range(n)):
             R, S, d = (part[k] for part in self.conditionals)
-            x = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))[0]
+            x, info = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))
+            if info:
+                raise UnsolvableError(f"the conditional of the keyframe at {self.t[k]:.3f} s is singular")
             solutions.append(x)
         return retract_in_chart(
             self.linearisation_point.take(slice(0, n)), Step(np.array(solutions[::-1]), step.shared)

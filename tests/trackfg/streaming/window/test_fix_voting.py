@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
@@ -16,12 +17,14 @@ from trackfg.datasets.vehicle.driving import Service
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.loss import Cauchy
-from trackfg.factors.odometry import absolute_fix
+from trackfg.factors.odometry import absolute_fix, withheld_fix
 from trackfg.factors.states import Nav, Odo, States
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
-from trackfg.streaming.window.fix_voting import FixVotes
+from trackfg.streaming.window.fix_voting import FixVotes, shift_interval
+from trackfg.streaming.window.moving_window import MovingWindow
+from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.window import Interval
 
 SD_M, APART_M = 0.2, 100.0
@@ -47,7 +50,7 @@ def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[FixVotes, floa
     """
     votes, believed, became = FixVotes(), 0.0, []
     for i, off in enumerate(offsets):
-        votes.prior = np.diag([1e8 if i == 0 else known_m**2, 1e-6])
+        votes.distance_scale_covariance = np.diag([1e8 if i == 0 else known_m**2, 1e-6])
         true = APART_M * (i + 1)
         if i == 0:
             believed = off  # who knows nothing believes the first
@@ -76,7 +79,29 @@ def test_a_few_that_are_wrong_alike_are_not_believed(wrong: int) -> None:
 
 
 def test_many_alike_are_believed() -> None:
-    assert after([RIGHT] * 50 + [WRONG] * 4)[1] == pytest.approx(WRONG)
+    votes, believed, _ = after([RIGHT] * 50 + [WRONG] * 4)
+    assert believed == pytest.approx(WRONG)
+    assert [event.detail for event in votes.pop_events()] == ["4 fixes agree on a place +60.0 m on"]
+
+
+def test_a_single_fix_replaces_a_place_that_no_fix_has_shown() -> None:
+    votes = FixVotes(distance_scale_covariance=np.diag([0.1, 1e-6]))
+    assert votes.vote_on_fixes(passing(100.0, 160.0), at(90.0))[1] == 60.0
+    assert [event.detail for event in votes.pop_events()] == ["1 fix agrees on a place +60.0 m on"]
+
+
+def test_fixes_of_an_interval_are_followed_anew_when_its_place_changes() -> None:
+    """One fix is 60 m on, the other is not: shifted by 60 m, the interval follows the first and withholds the other."""
+    index, sigma = np.array([0, 1]), np.full((2, 1), SD_M)
+    fixes = absolute_fix(index, np.array([90.0 + WRONG, 100.0]), sigma, Cauchy(4.0))
+    sorted_before = (fixes.take(np.array([False, True])), withheld_fix(fixes.take(np.array([True, False]))))
+    interval = passing(100.0, 100.0)._replace(families=sorted_before)
+    shifted = shift_interval(interval, at(90.0), WRONG)
+    assert shifted.predicted.odo.distance == pytest.approx(100.0 + WRONG)
+    assert {family.type: family.data["distance"].item() for family in shifted.families} == {
+        FactorType.ABSOLUTE_FIX: 90.0 + WRONG,
+        FactorType.WITHHELD_FIX: 100.0,
+    }
 
 
 def test_wrong_ones_that_differ_do_not_add_up() -> None:
@@ -104,14 +129,14 @@ def test_who_is_not_sure_where_he_is_follows() -> None:
 
 
 def test_a_fix_read_again_is_no_second_vote() -> None:
-    votes = FixVotes(votes=1, prior=np.diag([0.1, 1e-6]))
+    votes = FixVotes(votes=1, distance_scale_covariance=np.diag([0.1, 1e-6]))
     for _ in range(5):
         votes.vote_on_fixes(passing(100.0, 160.0), at(90.0))
     assert (votes.votes, [rival.votes for rival in votes.rivals]) == (1, [1])
 
 
 def test_a_fix_that_agrees_is_no_second_vote_when_read_again() -> None:
-    votes = FixVotes(votes=1, prior=np.diag([0.1, 1e-6]))
+    votes = FixVotes(votes=1, distance_scale_covariance=np.diag([0.1, 1e-6]))
     for _ in range(5):
         votes.vote_on_fixes(passing(100.0, 100.1), at(90.0))
     assert votes.votes == 2
@@ -179,3 +204,22 @@ def test_a_wrong_first_fix_is_got_over(run: Simulation) -> None:
             error = table["chainage_m"] - np.interp(table["t_s"], run.truth["t_s"], run.truth["chainage_m"])
             assert (np.abs(error) <= 4.0 * table["chainage_m_sd"] + 0.02).all()
     assert pieces[-1].filtered["chainage_m_sd"].iloc[-1] < 1.0
+
+
+@pytest.mark.parametrize("on_map", [False, True])
+def test_where_a_map_tells_the_place_fixes_of_the_first_window_do_not_vote_either(
+    run: Simulation, on_map: bool
+) -> None:
+    fixes = pd.DataFrame({"t_s": [2.0, 4.0, 6.0], "chainage_m": [0.0, 0.0, 60.0], "chainage_sd_m": [0.1, 0.1, 0.1]})
+    source = RecordingSource(replace(run.recording, fixes=fixes), batch_s=0.5)
+    buffer = SampleBuffer(source.description)
+    moving, intake = MovingWindow(buffer, SmoothConfig(), 6.0, on_map=on_map), Intake.of(source)
+    for batch in source:
+        buffer.put(intake.push(batch)[0])
+        t = moving.next_keyframe()
+        if t is not None and moving.has_rows_for(t):
+            moving.add_keyframe(t)
+            break
+    assert moving.running is not None
+    assert moving.votes.doubt_m == pytest.approx(0.0 if on_map else np.sqrt(0.1) * 60.0, rel=0.02)
+    assert len(moving.votes.rivals) == (0 if on_map else 1)

@@ -11,6 +11,7 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
+from trackfg.errors import UnsolvableError
 from trackfg.factors.marginal_prior import marginal_prior, step_from
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.graph.inputs import World
@@ -88,6 +89,14 @@ def test_keyframes_follow_the_next_one_through_their_conditionals() -> None:
         solutions.insert(0, x)
     ours = step_from(point.take(slice(0, 2)), gone.back_substitute(next_one))
     np.testing.assert_allclose(ours.keyframes, solutions, atol=1e-9)
+
+
+def test_a_singular_conditional_is_an_error() -> None:
+    R, S, d = conditional(np.random.default_rng(1))
+    R[3, 3] = 0.0
+    alone = MarginalisedKeyframes(np.array([7.0]), Conditionals(R[None], S[None], d[None]), keyframes(2))
+    with pytest.raises(UnsolvableError, match=r"the keyframe at 7\.000 s is singular"):
+        alone.back_substitute(keyframes(1))
 
 
 def test_a_keyframe_merged_away_leaves_the_others_where_they_were() -> None:
