@@ -25,8 +25,8 @@ POSITIONS = (
 )
 """Families whose measurements are told one by one, or as runs of outliers."""
 
-TOLD = (FactorType.TACH_DISTANCE, *POSITIONS)
-"""All families that events are told by."""
+REPORTED_TYPES = (FactorType.TACH_DISTANCE, *POSITIONS)
+"""The types of all families that events report; none of them has a label."""
 
 _OUTLIER_WEIGHT = 0.5
 """A robust weight below this marks a measurement that the solution does not follow."""

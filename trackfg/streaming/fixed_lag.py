@@ -177,7 +177,7 @@ class FixedLagSmoother:
 
     def _filtered_row(self, update: FilterUpdate) -> dict[str, Array]:
         """Return the newest keyframe's row, by columns."""
-        window, buffer = update.window, self._buffer
+        window, buffer = update.newest_keyframes, self._buffer
         two = window.states.take(slice(len(window) - 2, None))
         covariance = update.covariance.with_added_distance_variance(self._moving.votes.doubt_m**2)
         if self._chainage is not None:
@@ -196,15 +196,15 @@ class FixedLagSmoother:
             return [self._after_loss(lost)]
         if step is None:
             return []
-        running, newest = self._running, float(step.window.t[-1])
+        running, newest = self._running, float(step.whole_window.t[-1])
         if self._tables is None:
-            begin = max(float(step.window.t[0]) - _JUST_S, self._done_s)
+            begin = max(float(step.whole_window.t[0]) - _JUST_S, self._done_s)
             self._tables = SmoothedTables.beginning(running.context, begin, for_map=self._locator is not None)
         tables = self._tables
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
-            inputs = self._table_input(running, step.window, step.root)
+            inputs = self._table_input(running, step.whole_window, step.root)
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
@@ -212,7 +212,7 @@ class FixedLagSmoother:
             tables.history.append(step.marginalised)
         if pieces:
             self._buffer.collapse_rests(tables.forget())
-            newer = float(step.window.t[0]) - BEFORE_S
+            newer = float(step.whole_window.t[0]) - BEFORE_S
             older = float(tables.history.t[0]) - BEFORE_S if tables.history.parts else newer
             self._buffer.forget(older, newer)
         events = (*events, *(() if step.event is None else (step.event,)))

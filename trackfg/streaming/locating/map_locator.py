@@ -210,7 +210,7 @@ class MapLocator:
         distance = self.description.track.direction * rows["reference_m"].to_numpy()[chosen]
         places = PassedPlaces(t, distance, landmark_sd(rows.iloc[chosen]), beyond)
         loss = landmark_loss(self.config.position)
-        late = delayed_position_factor(places, self.history, step.window, step.root, leaving, marginal, loss)
+        late = delayed_position_factor(places, self.history, step.whole_window, step.root, leaving, marginal, loss)
         if late is not None:
             self.used += middle[chosen][np.isin(t, late.places.t)].tolist()
         return late

@@ -1,4 +1,6 @@
-"""The filter step: a Gauss-Newton step of the newest keyframe and the next one, as an iterated Kalman filter takes it.
+"""The filter step is a Gauss-Newton step of the newest keyframe and the next one: an extended Kalman filter's update.
+
+It smooths the older keyframe by one step besides, and is not iterated.
 
 The newest keyframe stands alone, with everything measured before it in its marginal prior. The next one starts at the
 inertial sensor's prediction. The inertial factors are linearised there and compressed to a triangle while the rows of
@@ -38,12 +40,12 @@ class FilterResult(NamedTuple):
 @dataclass(frozen=True)
 class PredictedPair:
     """The newest keyframe and the predicted next one (``pair``), with the linear factors of the inertial sensor and the
-    marginal prior, compressed to a triangle (``rows``).
+    marginal prior, compressed to a ``triangle``.
     """
 
     prediction: Prediction
     pair: Window
-    rows: Array
+    triangle: Array
 
     @classmethod
     def of(cls, newest: Window, prediction: Prediction, noise: ImuNoise) -> PredictedPair:
@@ -65,7 +67,7 @@ class PredictedPair:
             for family in pair.families
             if family.type in OTHER_ROWS and len(family)
         ]
-        root, marginal = eliminate_pair(np.concatenate([self.rows, stacked_pair(others, len(point.sensor))]))
+        root, marginal = eliminate_pair(np.concatenate([self.triangle, stacked_pair(others, len(point.sensor))]))
         updated = pair.updated_by(root)
         chained = (family for family in pair.families if family.is_chained)
         chains = (

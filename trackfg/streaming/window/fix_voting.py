@@ -34,7 +34,7 @@ from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.window import Interval, Window
 
 GATE = 5.0
-"""An innovation within so many of its sigmas agrees with the hypothesis."""
+"""Maximum innovation that agrees with a hypothesis, in its own sigmas."""
 MOST_VOTES = 3
 """Votes that a hypothesis can hold: it withstands so many wrong fixes that agree, and one more replaces it."""
 _PROBABILITIES = (0.5, 0.1)

@@ -18,7 +18,7 @@ from trackfg.factors.marginal_prior import change_of_linearisation_point
 from trackfg.factors.states import KEYFRAME_DIM, States
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
-from trackfg.output.events import TOLD
+from trackfg.output.events import REPORTED_TYPES
 from trackfg.solver.elimination import Conditionals
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.window.window import MarginalisedKeyframes, Window
@@ -76,7 +76,7 @@ class MarginalisedHistory:
         """Return the families of these keyframes joined with those of the keyframes that follow."""
         by_type = {family.type: family for family in self.families}
         for family in later:
-            if family.type in TOLD:
+            if family.type in REPORTED_TYPES:
                 shifted = family.shifted(len(self.parts))
                 by_type[family.type] = by_type[family.type].joined(shifted) if family.type in by_type else shifted
         return tuple(by_type.values())

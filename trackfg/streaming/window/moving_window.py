@@ -1,4 +1,4 @@
-"""The window along a stream: it begins, runs, and begins anew where nothing could be made of the rows.
+"""The window along a stream: it begins, runs, and begins anew where it was lost.
 
 What takes over where a step fails, in this order: the newest keyframes by a step of their own instead of a filter step,
 the whole window by a relinearisation pass, a batch solution of the window
@@ -28,7 +28,7 @@ _SHORTEST_S = 0.02
 
 
 class LostWindow(NamedTuple):
-    """A window that nothing could be made of from ``begin_s`` on, as its last pass ``left`` it, if it had begun."""
+    """A window that no solver could continue from ``begin_s`` on, as its last pass ``left`` it, if it had begun."""
 
     begin_s: float
     reason: str
@@ -37,7 +37,7 @@ class LostWindow(NamedTuple):
 
 @dataclass
 class MovingWindow:
-    """The window of a stream with the keyframes of the last ``lag_s`` seconds.
+    """The window of a stream with the keyframes of the last ``lag_s`` seconds, and up to ten more.
 
     ``running`` is None before the window has begun, which ``starting`` waits for. ``on_map``: a map tells the distance.
     ``keyframe_spacing``: how many times further apart keyframes are than the settings say.

@@ -38,7 +38,7 @@ _NO_RESTS = np.zeros((0, 2))
 OFF_S = 60.0
 """How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not tell."""
 _ROLLING_SIGMAS = 4.0
-"""A wheel within so many sigmas of the predicted distance rolls without slip."""
+"""Maximum deviation from the predicted distance, in sigmas, of a wheel that rolls without slip."""
 _WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
 """Families whose factors may touch the older keyframe alone and are new all the same."""
 OTHER_ROWS = (

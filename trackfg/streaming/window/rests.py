@@ -17,14 +17,16 @@ from trackfg.streaming.window.window import Window
 LOOK_S = 8.0
 """How far before the newest keyframes a rest is looked for, s."""
 _MARGIN_S = 1.5
-"""A gentle start takes so long to show, s; as :mod:`trackfg.sensors.standstills` has it."""
+"""Time that a gentle start takes to show, s; as :mod:`trackfg.sensors.standstills` has it."""
 _MOVING_MPS = 2.0
 """A keyframe faster than this, m/s, lies in no rest: a stuck tach on a smooth straight looks like one."""
 
 
 @dataclass
 class Rests:
-    """The rests of late, ``spans`` (r, 2), s, kept until they are twice ``lag_s`` old."""
+    """The latest rests, ``spans`` (r, 2), s. They are dropped once they end ``2 lag_s + LOOK_S`` before the span in
+    which rests are looked for.
+    """
 
     lag_s: float
     spans: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -51,7 +53,9 @@ class Rests:
         if tach is not None:
             t = buffer.tach[slice(*np.searchsorted(buffer.tach[:, 0], [begin, until])), 0]
             if not silent:  # else no rows are as good as rows that do not change
-                begin, until = (float(t[0]), float(t[-1])) if len(t) else (until, begin)
+                if not len(t):
+                    return
+                begin, until = float(t[0]), float(t[-1])
             elif len(t) and t[-1] > until - _MARGIN_S:
                 until = float(t[-1])
         # Rows outside the span could still show that the vehicle moves.

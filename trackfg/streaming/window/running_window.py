@@ -7,7 +7,8 @@ keyframe and needs one Gauss-Newton step.
 A filter step that doubts the wheel is replaced by a step of the *recent* keyframes, those since the last pass and two
 before them: whether a wheel slipped shows in several intervals. If that fails, the pass is taken at once; if the pass
 does not settle, the window is solved as a batch from its own states. Until the heading is known, linearised positions
-are of little worth: nothing is marginalised then, and the damped batch solver takes over at once.
+are of little worth: nothing is marginalised then unless the window has more than 240 keyframes, the recent keyframes
+are the whole window, and where up to four steps of it do not settle, the damped batch solver takes over.
 """
 
 from __future__ import annotations
@@ -52,24 +53,24 @@ _BEFORE_PASS = 2
 _RATES_S = 0.1
 """Inertial samples on either side of an interval, s, tell the rates at its ends."""
 _SETTLED = 15.0
-"""A step so long, in posterior sigmas, needs no second one: what is left after it is a tenth or less."""
+"""Maximum length, in posterior sigmas, of a step that needs no second one: what is left after it is a tenth or less."""
 _SETTLED_RECENT = 1000.0
 """The same for recent keyframes. A wheel against the inertial sensor alone makes some hundred; the pass does the rest.
 """
 _MOST_STEPS = 4
 """Gauss-Newton steps of one window before it counts as unsettled."""
 _HEADING_SD_RAD = 0.03
-"""With a smaller sigma of yaw, rad, the heading is known."""
+"""Maximum sigma of yaw with which the heading is known, rad."""
 _MOST_WITHOUT_HEADING = 240
 """Keyframes in a window whose heading is not known: a vehicle may stand for hours before it shows."""
 _ROLLING = 0.9
-"""Below this probability that the wheel rolls, the recent keyframes are solved again."""
+"""Minimum probability that the wheel rolls; below it the recent keyframes are solved again."""
 
 
 class FilterUpdate(NamedTuple):
-    """The newest keyframes, and the joint covariance of the last two."""
+    """The ``newest_keyframes``, two or more, and the joint covariance of the last two."""
 
-    window: Window
+    newest_keyframes: Window
     covariance: Covariance
 
     @classmethod
@@ -85,11 +86,11 @@ class FilterUpdate(NamedTuple):
 
 
 class Relinearisation(NamedTuple):
-    """The window after a relinearisation pass, the square root of its information, the keyframes marginalised by it,
-    and an event where something had to take over.
+    """The ``whole_window`` after a relinearisation pass, with the keyframes that this marginalises; the square root of
+    its information; the keyframes marginalised; and an event where a step failed and something had to take over.
     """
 
-    window: Window
+    whole_window: Window
     root: SquareRoot
     marginalised: MarginalisedKeyframes | None
     event: StreamEvent | None = None
@@ -103,7 +104,7 @@ class RunningWindow:
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
     ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event.
-    ``due``: a pass that was taken before its time.
+    ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first window.
     """
 
     buffer: SampleBuffer
@@ -124,7 +125,7 @@ class RunningWindow:
     heading_known: bool = False
     damped: bool = False
     speed_sd: float = 0.0
-    due: Relinearisation | None = None
+    undelivered_pass: Relinearisation | None = None
 
     @classmethod
     def begin(
@@ -152,7 +153,7 @@ class RunningWindow:
             linearisation_point=states,
             recent=window,
             newest=newest,
-            due=Relinearisation(window, root, None, first.waited),
+            undelivered_pass=Relinearisation(window, root, None, first.waited),
         )
         return running, running._record(FilterUpdate.of(window, root))
 
@@ -188,7 +189,11 @@ class RunningWindow:
             self._preintegrate_next(t)
 
     def add_keyframe(self, t: float) -> FilterUpdate:
-        """Estimate the next keyframe, at ``t``. Raises one of :data:`FAILURES`."""
+        """Estimate the next keyframe, at ``t``. Raises one of :data:`FAILURES`.
+
+        :meth:`relinearise_if_due` must have been called since the keyframe before: a result that it has not delivered
+        would be lost.
+        """
         pair, newest = self._preintegrate_next(t), self.newest
         self.predicted = None
         wheel, last = None, float(newest.t[0])
@@ -198,7 +203,7 @@ class RunningWindow:
             nav, buffer = newest.states.nav, self.buffer
             speed = float(nav.v[0] @ nav.R[0, :, 0])
             wheel = self.tach.wheel_until(t + AFTER_S, buffer.tach, last, speed, buffer.uncounted)
-        interval = with_other_rows(pair.prediction, self.buffer.positions_between(last, t), wheel, self.speed_sd)
+        interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
         if not self.on_map:
             interval, shift_m = self.votes.vote_on_fixes(interval, newest.states)
             if shift_m:
@@ -212,11 +217,14 @@ class RunningWindow:
         return self._record(FilterUpdate.of(result.pair, result.root))
 
     def relinearise_if_due(self, *, at_end: bool = False) -> Relinearisation | None:
-        """Take the relinearisation pass, if it is due. Raises one of :data:`FAILURES`."""
-        if self.due is None and (self._pass_is_due or at_end):
+        """Take the relinearisation pass, if it is due, or return the one that was taken already.
+
+        Raises one of :data:`FAILURES`.
+        """
+        if self.undelivered_pass is None and (self._pass_is_due or at_end):
             return self._relinearise_window()
-        due, self.due = self.due, None
-        return due
+        delivered, self.undelivered_pass = self.undelivered_pass, None
+        return delivered
 
     def add_to_first_keyframe(self, family: Family) -> None:
         """Add a family of factors on the first keyframe of the window; others stay."""
@@ -253,16 +261,16 @@ class RunningWindow:
         self.added.append(interval)
         recent = self.recent.extended(*self.added)
         recent = recent.with_families(walk_of(recent.t, recent.response, self.context.description.imu.noise))
-        older = len(recent) - 1
+        last = len(recent) - 1
         try:
-            step = _settle(recent, {older}, _SETTLED_RECENT if self.heading_known else _SETTLED)
+            step = _settle(recent, {last}, _SETTLED_RECENT if self.heading_known else _SETTLED)
         except FAILURES as error:
-            self.due = self._relinearise_window(str(error))
-            return FilterUpdate.of(self.due.window, self.due.root)
-        first, states = older - len(self.added), step.window.states
+            self.undelivered_pass = self._relinearise_window(str(error))
+            return FilterUpdate.of(self.undelivered_pass.whole_window, self.undelivered_pass.root)
+        first, states = last - len(self.added), step.window.states
         self.added = [added.at(states.take(slice(k, k + 2))) for k, added in enumerate(self.added, first)]
-        self.newest = step.window_without_first(older)
-        self.conditionals = [MarginalisedKeyframes.first(recent.t, step.root, step.linearisation_point, older)]
+        self.newest = step.window_without_first(last)
+        self.conditionals = [MarginalisedKeyframes.first(recent.t, step.root, step.linearisation_point, last)]
         return FilterUpdate.of(step.window, step.root)
 
     def _jump_along_track(self, interval: Interval, shift_m: float) -> FilterUpdate:
@@ -297,12 +305,12 @@ class RunningWindow:
         if self.heading_known or len(window) > _MOST_WITHOUT_HEADING:
             leaving = int(np.searchsorted(window.t, now - self.lag_s))
             before_recent = max(len(window) - _BEFORE_PASS, leaving)
-        older = len(window) - 1
-        step, event = self._settle_window(window, {leaving, before_recent, older} - {0}, failure)
+        last = len(window) - 1
+        step, event = self._settle_window(window, {leaving, before_recent, last} - {0}, failure)
         self.heading_known = self.heading_known or self._heading_sd(step.window, step.root) < _HEADING_SD_RAD
         marginalised = step.marginalised_first(leaving) if leaving else None
         self.window, self.recent = step.window_without_first(leaving), step.window_without_first(before_recent)
-        self.newest, self.root = step.window_without_first(older), step.root.last(len(self.window))
+        self.newest, self.root = step.window_without_first(last), step.root.last(len(self.window))
         self.linearisation_point = step.linearisation_point.take(slice(leaving, None))
         self.added, self.conditionals, self.predicted = [], [], None
         return Relinearisation(step.window, step.root, marginalised, event)

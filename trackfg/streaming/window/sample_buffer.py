@@ -23,10 +23,10 @@ from trackfg.streaming.rows import NO_SAMPLES, Rows, canonical_columns, no_rows
 from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
 
 _FIRST_SAMPLES = 10
-"""The sampling interval is the median over so many samples."""
+"""Number of samples over which the sampling interval is the median."""
 _POSITIONS = ("fixes", "gnss")
 _OTHERS_AFTER_S = 0.3
-"""Rows of further sensors so much later than an interval (s) are at hand when it is completed."""
+"""Time after an interval, s, up to which rows of further sensors are at hand when it is completed."""
 _AT_REST_S = 0.5
 """How much of the lasers' rows is kept at either end of a long rest, s."""
 
@@ -143,7 +143,7 @@ class SampleBuffer:
         after = self.breaks["imu"][:, 1]
         return bool(((after >= begin) & (after < until)).any())
 
-    def positions_between(self, begin: float, end: float) -> Recording:
+    def other_rows_between(self, begin: float, end: float) -> Recording:
         """Return a recording of fixes and GNSS, and of further sensors with rows from just before and after."""
         fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
         return Recording(
@@ -168,7 +168,7 @@ class SampleBuffer:
         tach = None
         if self.description.tach is not None:
             tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
-        return replace(self.positions_between(begin, end), imu=imu, tach=tach)
+        return replace(self.other_rows_between(begin, end), imu=imu, tach=tach)
 
     def first_speed(self, since: float) -> float | None:
         """Return when the first row from ``since`` (s) on was measured that tells of the speed."""

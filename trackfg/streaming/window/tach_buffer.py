@@ -17,11 +17,11 @@ from trackfg.recording.description import Tach
 from trackfg.sensors.tach import CRAWL_MPS, Wheel, longest_silence_s, read_resolution, silences
 
 _KEPT_S = 3.0
-"""Rows so much older than the newest keyframe are kept, s: rates are means over some tenths."""
+"""Maximum age of the rows kept, before the newest keyframe, s: rates are means over some tenths."""
 _LEARNT_M = 20.0
-"""After so much rolling the resolution is known, m."""
+"""Minimum distance rolled after which the resolution is known, m."""
 _MOST_ROWS = 20_000
-"""After so many rows since the wheel began to turn, too."""
+"""Number of rows since the wheel began to turn after which it is known, too."""
 _ASSUMED_STEP_M = 0.05
 """A step of a tach whose description gives none, m: coarser than any of 64 pulses a turn."""
 _AT_PULSES = 0.2
@@ -99,7 +99,7 @@ class TachBuffer:
         return self._wheel(every, until, uncounted)
 
     def wheel_over(self, rows: Array, t: Array, count: Array, uncounted: Array) -> Wheel:
-        """Return the wheel over keyframes at ``t`` (n,), s, from ``rows`` (m, 2) as recorded.
+        """Return the wheel over keyframes at ``t`` (n,), s, from ``rows`` (m, 2) as recorded, at least one.
 
         An unsigned tach is signed by the keyframes' ``count`` (n,), m.
         """

@@ -3,6 +3,11 @@
 Factor families, inertial measurements and states are those of :mod:`trackfg.graph.build`; keyframe 0 is the oldest in
 the window. Earlier keyframes act through one factor on keyframe 0 and the shared variables, the marginal prior
 (:mod:`trackfg.factors.marginal_prior`).
+
+**Two biases.** A keyframe at which an interval begins carries the interval's mean bias: its own plus what the IMU's
+calibration adds over the interval, ``response @ calibration``. The newest keyframe begins none and carries its own;
+when the window is extended, that keyframe's marginal prior is expressed by the mean bias
+(``rebased_to_interval_bias``), and its ``response``, zero until then, becomes the interval's.
 """
 
 from __future__ import annotations
