@@ -24,7 +24,7 @@ from rich.table import Table
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.mapping.changes.changes import Changes, changes
-from trackfg.mapping.recognition.conventions import laid_over
+from trackfg.mapping.recognition.conventions import recognised_on_map
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
@@ -75,7 +75,7 @@ def defects(seed: int, length_m: float, size_mm: float) -> tuple[Defect, ...]:
 def compared(base: Result, result: Result) -> tuple[Changes, float]:
     """What changed from the first result to the second, and the seconds it took."""
     grid = base.geometry.assign(observations=1)
-    match = laid_over(result, grid, MAP_SD_M)
+    match = recognised_on_map(result, grid, MAP_SD_M)
     to_map, used = match.warp, match.used
     assert to_map is not None
     shift_sd = np.interp(result.geometry["chainage_m"], used["run_m"], used["match_sd_m"])

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.changes.changes import Changes, changes
-from trackfg.mapping.recognition.conventions import check_conventions, laid_over
+from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.results.result import Result
 
@@ -23,7 +23,7 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
     check_conventions(result.summary.geometry, feature_map.conventions, run)
     facts, used = result.summary.run, result.summary.map
     placed = (facts is not None and facts.anchored) or (used is not None and used.sections > 0)
-    recognition = laid_over(result, grid, float(grid["chainage_m_sd"].median()) if placed else None)
+    recognition = recognised_on_map(result, grid, float(grid["chainage_m_sd"].median()) if placed else None)
     to_map, sections = recognition.warp, recognition.used
     if to_map is None:
         raise BadInputError(f"run {run}: its track is not recognised on the map {feature_map.name!r}")

@@ -22,7 +22,7 @@ from trackfg.mapping.joining.anchors import (
 from trackfg.mapping.joining.merging import MERGED, local_cross_level_sd, merged, window_means, with_place_noise
 from trackfg.mapping.joining.reference_line import positions_of_run, with_positions
 from trackfg.mapping.joining.survey import Chainages, Survey, SurveyedRun
-from trackfg.mapping.recognition.conventions import check_conventions, laid_over
+from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
 from trackfg.maps.feature_map import MapConventions
@@ -145,7 +145,7 @@ def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tupl
     assert grid is not None
     both = facts.anchored and survey.anchored
     map_sd = float(np.sqrt(np.median(np.diag(survey.chainages.covariance))))
-    recognition = laid_over(result, grid, map_sd if both else None)
+    recognition = recognised_on_map(result, grid, map_sd if both else None)
     to_map = recognition.warp
     if to_map is not None:
         return to_map, recognition

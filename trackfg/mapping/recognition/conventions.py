@@ -27,7 +27,7 @@ def check_conventions(meaning: GeometryConventions, conventions: MapConventions,
             raise BadInputError(f"run {run}: {name} is {value:g}; expected that of the map, {expected:g}")
 
 
-def laid_over(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Recognition:
+def recognised_on_map(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Recognition:
     """Recognise a run on a grid; the result's ``warp`` is the function from the run's chainage to the grid's.
 
     ``map_sd_m``: sigma of the grid's chainage; None where run and grid do not count from the same place.

@@ -13,7 +13,8 @@ versines (those of the cross-level are mostly of its constant).
 
 **Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the derivatives ``J_i`` of a
 row by (m, e), less their weighted mean over the section, the transform ``G(W)`` of ``w_i J_i / sigma`` and the pooled
-periodogram ``P`` of ``w_i residual_i / sigma`` of all sections, it is
+periodogram ``P`` of ``w_i residual_i / sigma`` of all sections (times ``(sigma / their robust sigma)^2`` where the
+tables claim more), it is
 
     C = A^-1 B A^-1,    A = sum w_i J_i J_i^T / sigma^2 + prior,    B = mean over frequencies of G G* P + prior,
 
@@ -137,7 +138,7 @@ class _Feature:
     """One feature: the run's rows (k, m) and their slopes, 1/m; the reference as a cubic spline from row to row.
 
     ``cubic`` (n, 4): of the row numbered ``first`` and those after it, highest power first; ``known`` (n,): whether the
-    row and the next are. ``claimed``: sigma of the comparison by the tables; ``least``: the least that is taken.
+    row and the next are. ``claimed``: sigma of the comparison by the tables; ``least_sigma``: the least that is taken.
     """
 
     run: Array
@@ -147,7 +148,7 @@ class _Feature:
     cubic: Array
     known: NDArray[np.bool_]
     claimed: float
-    least: float
+    least_sigma: float
 
     def at(self, places: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return the reference's values, its slopes, and whether they are known, at places, m: three of their shape."""
@@ -185,7 +186,7 @@ class _Linearised:
         residual = _centred(np.where(known, feature.run - value, 0.0), w)
         jacobian = np.stack([_centred(slope, w), _centred(slope * x, w)])
         spread = robust_sd(residual[known]) if known.any() else 0.0
-        return cls(feature, residual, jacobian, w, known, spread, max(spread, feature.claimed, feature.least))
+        return cls(feature, residual, jacobian, w, known, spread, max(spread, feature.claimed, feature.least_sigma))
 
     @property
     def cauchy_weight(self) -> Array:
@@ -201,7 +202,9 @@ class _Linearised:
     def coloured(self) -> Array:
         """Return B without the prior: the variance of the right-hand side under coloured noise, (k, 2, 2)."""
         u = self.weight * self.residual / self.sigma
-        spectrum = _periodogram(u, self.known) * max(1.0, (self.sigma / max(self.spread, self.feature.least)) ** 2)
+        spectrum = _periodogram(u, self.known) * max(
+            1.0, (self.sigma / max(self.spread, self.feature.least_sigma)) ** 2
+        )
         G = np.fft.rfft(self.jacobian * self.weight / self.sigma, 2 * (len(spectrum) - 1), axis=2)
         return _mean_over_frequencies(np.real(G[:, None] * np.conj(G[None])) * spectrum).transpose(2, 0, 1)
 
@@ -244,8 +247,8 @@ def match_sections(run: FeatureProfile, reference: FeatureProfile, sections: Sec
         if which.size and names:
             features = [_feature(run, reference, name, first[which], rows, by_curves=by_curves) for name in names]
             section_scale_sd = min(scale_sd, _CURVES_SCALE) if by_curves else scale_sd
-            start = _Fit(sections.about_m[which], np.zeros(0), sections.scale[which])
-            fit = _fit(features, x, start, section_scale_sd, searched=not by_curves)
+            about, about_scale = sections.about_m[which], sections.scale[which]
+            fit = _fit(features, x, about, about_scale, section_scale_sd, searched=not by_curves)
             place[which], scale[which] = fit.place, fit.scale
             sd[which] = fit.sd * (_CURVES_SD if by_curves else 1.0)
     sd = np.hypot(sd, _mean_to_middle_sd(place - sections.middle_m, sd))
@@ -285,20 +288,26 @@ def _feature(
         cubic=cubic,
         known=both,
         claimed=float(np.sqrt(run.claimed_variance(name) + reference.claimed_variance(name))) if has_claim else 0.0,
-        least=max(_LEAST_NOISE * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25),
+        least_sigma=max(
+            _LEAST_NOISE * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25
+        ),
     )
 
 
-def _fit(features: Sequence[_Feature], x: Array, start: _Fit, scale_sd: float, *, searched: bool) -> _Fit:
-    """Return the places and scale errors that fit best, by Gauss-Newton from ``start`` (its sigmas are not used)."""
-    about, scale = start.place, start.scale
+def _fit(
+    features: Sequence[_Feature], x: Array, about: Array, about_scale: Array, scale_sd: float, *, searched: bool
+) -> _Fit:
+    """Return the places and scale errors that fit best, by Gauss-Newton from ``about``, m, and ``about_scale``, (k,)
+    each. The latter is the mean of the scale's prior.
+    """
+    scale = about_scale
     place = _searched(features, x, about, scale) if searched else about.copy()
     prior = 1.0 / (scale_sd**2 + _WALK_SCALE**2)
     weights = [np.ones_like(feature.run) for feature in features]
     for _ in range(_ROUNDS):
         places = place[:, None] + (1.0 + scale[:, None]) * x
         linearised = [_Linearised.of(feature, places, x, w) for feature, w in zip(features, weights, strict=True)]
-        A, b = _normal_equations(linearised, prior, start.scale - scale)
+        A, b = _normal_equations(linearised, prior, about_scale - scale)
         inverse: Array = np.linalg.inv(A).astype(np.float64, copy=False)
         step = np.einsum("kab,kb->ka", inverse, b)
         place = place + np.clip(step[:, 0], -_GREATEST_STEP_M, _GREATEST_STEP_M)
@@ -336,7 +345,7 @@ def _variance(linearised: Sequence[_Linearised], inverse: Array, prior: float) -
         squares += part.squares()
         rows += part.known.sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = (inverse @ B @ inverse)[:, 0, 0] * (slopes / shared) ** 2
+        variance = (inverse @ B @ inverse)[:, 0, 0] * np.maximum(slopes / shared, 1.0) ** 2
     per_value = _VALUE_M / linearised[0].feature.step_m
     own_noise = (_COMMON_VALUES + squares / per_value) / (_COMMON_VALUES + rows / per_value)
     return np.asarray(variance * np.maximum(1.0, own_noise))
@@ -350,25 +359,30 @@ def _is_match(linearised: Sequence[_Linearised]) -> NDArray[np.bool_]:
 
 
 def _searched(features: Sequence[_Feature], x: Array, place: Array, scale: Array) -> Array:
-    """Return the best of places half a metre apart within 2 m, (k,), by rows half a metre apart and the nearest
-    ones.
+    """Return the best of positions at every 0.5 m within 2 m, m (k,), compared at every 0.5 m of the run, with the
+    nearest reference row.
+
+    Compared are profile log likelihoods, those of the best constant and the best variance of the noise, on the rows
+    that the reference knows at all of these positions. Where there are none, the position stays: the least shift is
+    first.
     """
     step_m = features[0].step_m
     stride = max(1, round(_SEARCH_STEP_M / step_m))
     reach = round(_SEARCH_M / (stride * step_m))
-    offsets = stride * np.arange(-reach, reach + 1)
-    evidence = np.zeros((len(offsets), len(place)))
+    offsets = stride * np.array(sorted(range(-reach, reach + 1), key=abs))
+    log_likelihood = np.zeros((len(offsets), len(place)))
     middle = np.rint((place[:, None] + (1.0 + scale[:, None]) * x[::stride]) / step_m).astype(np.int64)
     for feature in features:
         r, f = feature.run[:, ::stride], np.where(feature.known, feature.cubic[:, 3], np.nan)
-        for k, offset in enumerate(offsets):
-            row = middle - feature.first + offset
-            d = r - f[np.clip(row, 0, len(f) - 1)]
-            known = np.isfinite(d) & (row >= 0) & (row < len(f))
-            d = _centred(np.where(known, d, 0.0), known.astype(np.float64))
-            count = np.maximum(known.sum(axis=1), 1)
-            evidence[k] -= 0.5 * count * np.log((d**2).sum(axis=1) / count + feature.least**2)
-    return np.asarray(place + step_m * offsets[np.argmax(evidence, axis=0)])
+        beyond = np.append(f, np.nan)
+        rows = (middle - feature.first + offset for offset in offsets)
+        differences = [r - beyond[np.where((row >= 0) & (row < len(f)), row, len(f))] for row in rows]
+        known = np.logical_and.reduce([np.isfinite(d) for d in differences])
+        count = known.sum(axis=1)
+        for i, d in enumerate(differences):
+            squares = (_centred(np.where(known, d, 0.0), known.astype(np.float64)) ** 2).sum(axis=1)
+            log_likelihood[i] -= 0.5 * count * np.log(squares / np.maximum(count, 1) + feature.least_sigma**2)
+    return np.asarray(place + step_m * offsets[np.argmax(log_likelihood, axis=0)])
 
 
 def _centred(values: Array, weight: Array) -> Array:
@@ -418,7 +432,7 @@ def _bias(feature: _Feature, x: Array, fit: _Fit) -> tuple[Array, Array]:
     slope = np.where(known, slope, 0.0).sum(axis=1) / some
     r = np.where(known, feature.run - value - mean[:, None], 0.0)
     spread = robust_sd(r[known]) if known.any() else 0.0
-    weight = 1.0 / (1.0 + (r / (_FAR_SIGMAS * max(spread, feature.least))) ** 2)
+    weight = 1.0 / (1.0 + (r / (_FAR_SIGMAS * max(spread, feature.least_sigma))) ** 2)
     long_waves = float(_periodogram(r * weight, known)[_LONG_WAVES].mean())
     variance = long_waves / some + (slope * fit.sd) ** 2
     return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)

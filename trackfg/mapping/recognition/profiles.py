@@ -88,9 +88,13 @@ class FeatureProfile:
 def common_step(run: pd.DataFrame, reference: pd.DataFrame) -> float:
     """Return the step of the grid that both tables are on: the least distance between neighbouring rows, m.
 
-    Raises ``BadInputError`` where a cell of 1 m is no whole number of steps.
+    Raises ``BadInputError`` where there is no column of the chainage, or where a cell of 1 m is no whole number of
+    steps.
     """
-    tables = [table["chainage_m"].to_numpy(dtype=np.float64) for table in (run, reference) if "chainage_m" in table]
+    for what, table in (("run", run), ("reference", reference)):
+        if "chainage_m" not in table:
+            raise BadInputError(f"{what}: no column chainage_m")
+    tables = (table["chainage_m"].to_numpy(dtype=np.float64) for table in (run, reference))
     apart = np.abs(np.concatenate([np.diff(chainage) for chainage in tables]))
     apart = apart[apart > 0.0]
     if not apart.size:
@@ -114,16 +118,20 @@ def common_features(run: pd.DataFrame, reference: pd.DataFrame) -> tuple[str, ..
 def profile_of(table: pd.DataFrame, features: Sequence[str], step_m: float, what: str) -> FeatureProfile:
     """Return a table's features on every row of the grid with this step.
 
-    Raises ``BadInputError``, naming ``what``, where chainage is not ascending on whole multiples of the step.
+    Raises ``BadInputError``, naming ``what``, where there are no rows, where chainage is not ascending on whole
+    multiples of the step, or where no two rows are one step apart: on a coarser grid no cell would be known.
     """
-    if "chainage_m" not in table:
-        raise BadInputError(f"{what}: no column chainage_m")
+    if "chainage_m" not in table or table.empty:
+        raise BadInputError(f"{what}: no column chainage_m, or no rows")
     chainage = table["chainage_m"].to_numpy(dtype=np.float64)
     row = np.rint(chainage / step_m)
     if not (np.isfinite(chainage).all() and np.all(np.abs(chainage / step_m - row) < _ON_GRID)):
         raise BadInputError(f"{what}: chainage_m: expected whole multiples of {step_m:g} m")
     if np.any(np.diff(row) < 1.0):
         raise BadInputError(f"{what}: chainage_m: expected ascending places, each once")
+    if len(row) > 1 and np.diff(row).min() > 1.0:
+        apart_m = step_m * np.diff(row).min()
+        raise BadInputError(f"{what}: chainage_m: rows are {apart_m:g} m apart; expected {step_m:g} m as in the other")
     per_cell = round(CELL_M / step_m)
     first = int(row[0]) // per_cell * per_cell
     count = -(-(int(row[-1]) + 1 - first) // per_cell) * per_cell

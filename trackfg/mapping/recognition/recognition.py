@@ -60,23 +60,27 @@ _ON_KNOWN_LINE = 0.95
 """Prior probability that a run whose place is known is on the reference. Chosen; see Assumptions in docs/engine.md."""
 _LOST_BELOW = 0.5
 """Probability of a place below which it counts as lost again."""
-_FULL = 0.5
-"""A section counts if the run measured this share of it."""
+_LEAST_MEASURED = 0.5
+"""Least share of the first and of the last section that the run measured."""
 
 
 @dataclass(frozen=True)
 class Recognition:
     """The places of a run's sections on a reference.
 
-    ``sections``, one row each, ascending ``run_m``, columns :data:`COLUMNS`: ``run_m`` is the section's middle in the
-    run's chainage, ``reference_m`` that on the reference, ``match_sd_m`` the sigma of this match by itself (noise of
-    both profiles and creep within the section, not the prior; NaN where there is nothing to match). ``probability``:
-    that the section is there, within three sigmas and a place of the search (2 m), or within 20 m where nothing could
-    be matched, given all sections; ``probability_so_far``: that it is within 20 m of there, given this section and
-    those before it in order of travel. ``cross_level_bias_mm``: mean of run
-    minus reference over the section. ``used``: probability of :data:`SURE` and a match of 5 m or better.
+    ``sections`` has one row each, ascending ``run_m``, with the columns :data:`COLUMNS`:
 
-    ``probability``: that the run is on the reference where its most certain section says. ``found_after_m``: distance
+    * ``run_m``, ``reference_m``: the section's middle in the run's chainage and on the reference;
+    * ``match_sd_m``: sigma of this match by itself (noise of both profiles and creep within the section, not the prior;
+      NaN where there is nothing to match);
+    * ``probability``: that the middle is within three of these sigmas and 3 m (a place of 2 m and half of one for
+      rounding) of ``reference_m``, or within 21 m where nothing could be matched, given all sections;
+    * ``probability_so_far``: that it is within 20 m of there, given this section and those before it in order of
+      travel;
+    * ``cross_level_bias_mm``: mean of run minus reference over the section;
+    * ``used``: a probability above :data:`SURE` and a match better than 5 m.
+
+    ``probability``, of the whole run, is the greatest of the column's. ``found_after_m``: distance
     travelled from the first section until its place was known with :data:`SURE` and stayed known; NaN if never.
     """
 
@@ -92,9 +96,12 @@ class Recognition:
 
     @property
     def warp(self) -> Warp | None:
-        """The way from the run's chainage to the reference's; None where not even two sections are used."""
-        used = self.used
-        return Warp(used["run_m"].to_numpy(), used["reference_m"].to_numpy()) if len(used) > 1 else None
+        """The function from the run's chainage to the reference's.
+
+        None where not even two sections are used, or where their places do not ascend: then no one function holds.
+        """
+        run_m, reference_m = (self.used[name].to_numpy() for name in ("run_m", "reference_m"))
+        return Warp(run_m, reference_m) if len(run_m) > 1 and np.all(np.diff(reference_m) > 0.0) else None
 
 
 def recognise(
@@ -113,8 +120,9 @@ def recognise(
     with ``_sd`` or without.
     ``place_sd_m``: prior sigma of reference chainage minus run chainage at every row of the run, (n,); None: anywhere.
     ``rate_sd``: prior sigma of the scale error of the run's chainage. ``direction``: +1 or -1, order of travel.
-    ``section_m``: a whole multiple of 20 m. Sections begin at whole multiples of it; those that the run measured less
-    than half are left out, so a run that is too short gives no sections and probability 0.
+    ``section_m``: a whole multiple of 20 m. Sections begin at whole multiples of it, from the first to the last that
+    the run measured at least half. Those between are kept however little of them was measured: the model moves on
+    through them. A run that is too short gives no sections and probability 0.
 
     Raises :class:`~trackfg.errors.BadInputError` for tables on other grids or with no feature in common, for sigmas
     that are negative, not finite or not one per row, and for any other direction or section.
@@ -157,8 +165,8 @@ def _check(run: pd.DataFrame, place_sd_m: Array | None, rate_sd: float, directio
 
 
 def _first_cells(run: FeatureProfile, length: int) -> NDArray[np.int64]:
-    """Return the first cells of the sections, m: whole multiples of their length, from the first to the last full
-    one.
+    """Return the first cells of the sections, m: whole multiples of their length, from the first to the last that is
+    measured at least half.
     """
     known = np.any([np.isfinite(values) for values in run.features.values()], axis=0)
     row = np.flatnonzero(known) + run.first
@@ -166,10 +174,10 @@ def _first_cells(run: FeatureProfile, length: int) -> NDArray[np.int64]:
         return np.zeros(0, dtype=np.int64)
     rows = length * run.rows_per_cell
     number = row // rows
-    full = np.flatnonzero(np.bincount(number - number[0]) >= _FULL * rows)
-    if full.size == 0:
+    measured = np.flatnonzero(np.bincount(number - number[0]) >= _LEAST_MEASURED * rows)
+    if measured.size == 0:
         return np.zeros(0, dtype=np.int64)
-    return np.asarray((number[0] + np.arange(full[0], full[-1] + 1)) * length, dtype=np.int64)
+    return np.asarray((number[0] + np.arange(measured[0], measured[-1] + 1)) * length, dtype=np.int64)
 
 
 def _model_anywhere(ratios: LogLikelihoods, first_cells: NDArray[np.int64], length: int, rate_sd: float) -> PlaceHmm:

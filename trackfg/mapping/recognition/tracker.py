@@ -20,7 +20,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 
 _NEAR_PLACES = 10
-"""Places to either side that count as the same place: 20 m."""
+"""Places to either side that count as the same place: 20 m. With the middle one they are 21 places, 42 m."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,7 @@ class PlaceTracker:
         first, stop = ratios.places(length)
         self.least.append(ratios.least_residuals(len(cells) - 1, first, stop))
         short, curves = ratios.with_noise(np.array(self.least)).everywhere(first, stop, len(cells) - 1)
+        # The model has the previous section and this one; only this one's likelihood is read, so it stands for both.
         two = np.ones(2, dtype=np.int64)
         windows = PlaceWindows(first * two, (stop - first) * two, np.array([previous_m, begin_m], dtype=np.float64))
         model = PlaceHmm(windows, [short[0]] * 2, [curves[0]] * 2, self.rate_sd)
@@ -85,7 +86,7 @@ class PlaceTracker:
         self.begin_m, self.seen = begin_m, (min(low, begin_m), max(high, begin_m))
 
     def _place(self) -> TrackedPlace:
-        """Return the mean place of the 40 m that hold the greatest probability."""
+        """Return the mean place of the 42 m that hold the greatest probability."""
         state = self.state
         assert state is not None
         place = state.places().astype(np.float64)

@@ -20,7 +20,7 @@ from trackfg.numerics.splines import spline_at
 class Warp:
     """A piecewise linear function from ``old`` (n,) to ``new`` (n,), m, both ascending.
 
-    Beyond the ends it shifts as at the ends. Raises ``ValueError`` for places that do not ascend.
+    Beyond the ends it shifts as at the ends. Raises ``ValueError`` for chainages that do not ascend, or for none.
     """
 
     old: Array
@@ -43,7 +43,7 @@ def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
     """Return a table by new chainages, on multiples of the step.
 
     ``table`` has ``chainage_m`` ascending on multiples of the step, perhaps with gaps. Values are brought over by
-    splines, sigmas (``_sd``) linearly, whole numbers from the nearest row. Rows whose nearest old row is missing are
+    splines, sigmas (``_sd``) linearly, whole numbers from the nearest row. Rows that have no old row within a step are
     left out.
     """
     old = table["chainage_m"].to_numpy()

@@ -198,6 +198,25 @@ def test_bad_input_is_named(line: Line, reference: pd.DataFrame) -> None:
             recognise(run, reference, **{**good, name: value})
 
 
+def test_tables_on_two_grids_are_named(line: Line, reference: pd.DataFrame) -> None:
+    run = line.run(1000.0, 2000.0)
+    for tables, what in (((run.iloc[::2], reference), "run"), ((run, reference.iloc[::4]), "reference")):
+        with pytest.raises(BadInputError, match=rf"{what}: chainage_m: rows are .* m apart; expected 0.25 m"):
+            recognise(*tables, place_sd_m=None, rate_sd=0.01, direction=1)
+    nowhere = [table.drop(columns="chainage_m") for table in (run, reference)]
+    with pytest.raises(BadInputError, match="run: no column chainage_m"):
+        recognise(*nowhere, place_sd_m=None, rate_sd=0.01, direction=1)
+
+
+def test_places_that_do_not_ascend_give_no_function() -> None:
+    def recognised(reference_m: list[float]) -> Recognition:
+        table = pd.DataFrame({"run_m": [50.0, 150.0], "reference_m": reference_m, "used": True})
+        return Recognition(table, 1.0, 100.0)
+
+    assert recognised([51.0, 151.0]).warp is not None
+    assert recognised([151.0, 51.0]).warp is None
+
+
 @pytest.mark.parametrize(("rows", "step_m"), [(2, 0.5), (4, 1.0)])
 def test_a_coarser_grid_will_do(line: Line, reference: pd.DataFrame, rows: int, step_m: float) -> None:
     run = line.run(1000.0, 3000.0, seed=2)
