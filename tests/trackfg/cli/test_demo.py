@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import re
-import runpy
 from pathlib import Path
 
 import pytest
@@ -10,8 +8,6 @@ from trackfg.cli.demo import CONTENT, run_demo
 from trackfg.comparison.table import Comparison
 from trackfg.errors import BadInputError
 from trackfg.results.result import Result
-
-README = Path(__file__).parents[3] / "README.md"
 
 
 @pytest.mark.slow
@@ -38,11 +34,3 @@ def test_other_folders_are_left_alone(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="not an earlier demo"):
         run_demo(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
-
-
-def test_the_example_of_the_front_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
-    (tmp_path / "example.py").write_text(example)
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path("example.py")
-    assert (tmp_path / "out1" / "trajectory.parquet").exists()
