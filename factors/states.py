@@ -263,6 +263,10 @@ class Step:
         """Return the step as ``gtsam.Values.retract`` takes it."""
         return _vectors({kind: self.of(kind) for kind in Kind})
 
+    def inertial_to_gtsam(self) -> gtsam.VectorValues:
+        """Return the same for the variables of :meth:`States.inertial_to_gtsam`."""
+        return _vectors({kind: self.of(kind) for kind in (Kind.NAV, Kind.BIAS)})
+
 
 def _vectors(tangents: Mapping[Kind, Array]) -> gtsam.VectorValues:
     out = gtsam.VectorValues()

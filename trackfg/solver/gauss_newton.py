@@ -41,7 +41,7 @@ _ROUGH = 3.0
 class Solution:
     """A solution is the minimum, the square root of the information at the last step, and how it was reached.
 
-    ``values`` are the states as GTSAM has them.
+    ``values`` are the states that inertial factors touch, as GTSAM has them.
     """
 
     states: States
@@ -84,7 +84,7 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     """
     keyframes = len(problem.t)
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
-    values = problem.initial.to_gtsam()
+    values = problem.initial.inertial_to_gtsam()
     states = problem.initial
     families = tuple(family.convex_start() for family in problem.families)
     robust = False
@@ -137,7 +137,7 @@ def _step(
 
     def attempt(scale: float) -> tuple[gtsam.Values, States, float]:
         scaled = step.scaled(scale)
-        moved, moved_values = states.moved(scaled), values.retract(scaled.to_gtsam())
+        moved, moved_values = states.moved(scaled), values.retract(scaled.inertial_to_gtsam())
         new = _cost(problem, families, moved, moved_values)
         return moved_values, moved, new if np.isfinite(new) else np.inf
 
