@@ -20,9 +20,7 @@ def drop_imu(recording: Recording, start_s: float, end_s: float) -> Recording:
 
 
 def drop_tach(recording: Recording, start_s: float, end_s: float) -> Recording:
-    """Return the recording without the tachometer samples of ``start_s <= t_s < end_s``; the count goes on
-    meanwhile.
-    """
+    """Return the recording without the tachometer samples of ``start_s <= t_s < end_s``; later counts include them."""
     if recording.tach is None:
         return recording
     return replace(recording, tach=_without(recording.tach, start_s, end_s))

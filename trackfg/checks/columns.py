@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
-from trackfg.recording.findings import Finding
+from trackfg.recording.findings import Finding, Level
 
 LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
@@ -26,10 +26,16 @@ class ColumnPlace:
     t: Array | None = None
 
     def error(self, code: str, message: str, row: int, *, expected: str | None, hint: str | None) -> Finding:
-        """An error in the row of that index."""
+        """Return an error in the row of that index."""
+        return self.at_row("error", code, message, row, expected=expected, hint=hint)
+
+    def at_row(
+        self, level: Level, code: str, message: str, row: int, *, expected: str | None, hint: str | None
+    ) -> Finding:
+        """Return a finding in the row of that index."""
         time = float(self.t[row]) if self.t is not None and np.isfinite(self.t[row]) else None
         return Finding(
-            "error",
+            level,
             code,
             message,
             file=self.file,

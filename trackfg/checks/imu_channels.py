@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.imu_faults import ImuFaultDetector
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
@@ -90,19 +91,7 @@ def _plateau(
         code, expected = "stuck-channel", "a signal with noise"
         message = "constant over the whole recording" if whole else f"constant for {t[end] - t[start]:.4g} s"
         hint = "check the sensor and the logger's resolution"
-    return [
-        Finding(
-            "warning",
-            code,
-            message,
-            file=imu.file,
-            column=name,
-            row=start + 1,
-            time_s=float(t[start]),
-            expected=expected,
-            hint=hint,
-        )
-    ]
+    return [ColumnPlace(imu.file, name, t).at_row("warning", code, message, start, expected=expected, hint=hint)]
 
 
 def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit: str) -> list[Finding]:
@@ -114,17 +103,7 @@ def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit
     hint = "remove the rows: a short gap is bridged"
     expected = f"at most {most:g} {unit}"
     return [
-        Finding(
-            "warning",
-            "impossible-value",
-            message,
-            file=imu.file,
-            column=name,
-            row=i + 1,
-            time_s=float(t[i]),
-            expected=expected,
-            hint=hint,
-        )
+        ColumnPlace(imu.file, name, t).at_row("warning", "impossible-value", message, i, expected=expected, hint=hint)
     ]
 
 

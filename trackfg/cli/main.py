@@ -135,7 +135,7 @@ def simulate(
 
 @app.command(epilog="Example: trackfg check run1")
 def check(recording: RecordingFolder, json: Json = False) -> None:
-    """List everything that is wrong or doubtful in a recording, with a hint what to do.
+    """List everything that is wrong or doubtful in a recording, with a hint.
 
     Also listed is what the data say by themselves. Exit status 2 if anything is wrong.
     """

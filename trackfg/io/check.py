@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from trackfg.checks import imu_channels
+from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.diagnosis import diagnose
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.reader import load
@@ -67,18 +68,5 @@ def _fix_order(recording: Recording) -> list[Finding]:
     hint = "set track.direction = -1 if chainage falls along this run, or sort out the mixed-up fix"
     if recording.description.track.direction == -1:
         hint = hint.replace("-1", "1").replace("falls", "grows")
-    time = float(fixes["t_s"].iloc[i])
-    expected = "chainages in the order of the run"
-    return [
-        Finding(
-            "warning",
-            "fix-order",
-            message,
-            file=part.file,
-            column=part.chainage,
-            row=i + 1,
-            time_s=time,
-            expected=expected,
-            hint=hint,
-        )
-    ]
+    place = ColumnPlace(part.file, part.chainage, fixes["t_s"].to_numpy())
+    return [place.at_row("warning", "fix-order", message, i, expected="chainages in the order of the run", hint=hint)]

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AliasChoices, Field
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, printable
 
 Level = Literal["error", "warning", "info"]
 
@@ -45,7 +45,7 @@ class Finding:
         for name in ("message", "file", "column", "expected", "hint"):
             text = getattr(self, name)
             if text is not None and not text.isprintable():
-                object.__setattr__(self, name, "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text))
+                object.__setattr__(self, name, printable(text))
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields as files and JSON have them."""

@@ -141,7 +141,8 @@ def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
     """
     total = np.empty((len(functions.keyframe), len(functions.keyframe)))
     places, first = np.unique(functions.keyframe, return_index=True)
-    ahead = {window.k: window.ahead for window in _windows(root) if window.k in set(places.tolist())}
+    wanted = set(places.tolist())
+    ahead = {window.k: window.ahead for window in _windows(root) if window.k in wanted}
     B, last = np.zeros((0, 0)), None
     for k, start, stop in zip(places.tolist(), first, [*first[1:], len(functions.keyframe)], strict=True):
         own, earlier, width = slice(start, stop), slice(0, start), root.parents(k)

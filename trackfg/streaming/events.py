@@ -13,6 +13,7 @@ from dataclasses import astuple, dataclass, field
 import numpy as np
 import pandas as pd
 
+from trackfg.errors import printable
 from trackfg.numerics.arrays import Array
 
 QUIET_PUSHES = 10
@@ -61,7 +62,7 @@ class StreamEvent:
         for name in ("kind", "table", "detail"):
             text = getattr(self, name)
             if not text.isprintable():
-                object.__setattr__(self, name, "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text))
+                object.__setattr__(self, name, printable(text))
 
     def __str__(self) -> str:
         where = f"{self.table}: " if self.table else ""

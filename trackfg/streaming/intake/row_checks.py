@@ -1,8 +1,8 @@
 """Row checks: sigmas above zero, and steps of the tach that a wheel can make.
 
 A counter that starts again, or loses its place, makes one impossible step and is sound afterwards. Rows after such a
-step are refused until ``RESET_ROWS`` in succession agree. From then on the count goes on from where it was: what was
-rolled during the step is not counted, and the event ``tach-reset`` gives its time.
+step are refused until ``RESET_ROWS`` in succession agree. Later counts are then added to the last value before the
+step: what was rolled during the step is not counted, and the event ``tach-reset`` gives its time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.events import LossReport, StreamEvent
 
 RESET_ROWS = 10
-"""Rows in succession that agree show that a count goes on after a reset."""
+"""A counter is taken to have restarted after this many rows in succession that agree."""
 COARSEST_STEP_M = 10.0
 """No tach counts in coarser steps, m: so much more than the fastest speed gives may lie between two rows."""
 
@@ -65,7 +65,7 @@ class RowChecks:
         for t, counted in rows.tolist():
             if self.last is None or self._follows(self.last, (t, counted + self.offset_m)):
                 self.refused = []
-            elif not self._goes_on(t, counted, report):
+            elif not self._restarts(t, counted, report):
                 lost.append(t)
                 continue
             self.last = (t, counted + self.offset_m)
@@ -73,8 +73,8 @@ class RowChecks:
         report.lose("tach-jump", "tach", np.array(lost))
         return np.array(kept).reshape(-1, 2)
 
-    def _goes_on(self, t: float, counted: float, report: LossReport) -> bool:
-        """Return whether this row completes a succession of rows that agree: the count goes on from here."""
+    def _restarts(self, t: float, counted: float, report: LossReport) -> bool:
+        """Return whether this row completes a succession of rows that agree; the restarted count is then used."""
         if self.refused and not self._follows(self.refused[-1], (t, counted)):
             self.refused = []
         if self.last is None or len(self.refused) < RESET_ROWS:
