@@ -78,6 +78,8 @@ class Problem:
     wheel: Wheel | None
     clock_origin: float
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
+    response: Array
+    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, dim)."""
 
     @property
     def t(self) -> Array:
@@ -173,7 +175,6 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
         lever_arm=inputs.lever_arm,
         noise=inputs.noise,
         mount_roll_sd=np.radians(description.imu.mount_roll_sd_deg),
-        response=inputs.response,
         direction=description.track.direction,
         conventions=geometry_conventions(config.geometry, description.track),
     )
@@ -186,6 +187,7 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
         gaps=gaps,
         wheel=wheel,
         clock_origin=inputs.clock_origin,
+        response=inputs.response,
     )
 
 

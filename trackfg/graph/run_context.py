@@ -35,8 +35,6 @@ class RunContext:
     """White noise of the inertial samples as assumed in the graph."""
     mount_roll_sd: float
     """Uncertainty of the mounting's roll, rad."""
-    response: Array
-    """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, dim)."""
     direction: int
     """+1 where chainage grows along the run, -1 where it falls."""
     conventions: GeometryConventions

@@ -56,14 +56,17 @@ def trajectory_columns(
     return table
 
 
-def calibration_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
-    """Return one row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas."""
-    own = states.bias - run.response @ states.imu[0]
+def calibration_table(response: Array, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
+    """Return one row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas.
+
+    ``response`` (n, 6, dim) is the derivative of each keyframe's bias by the IMU's calibration.
+    """
+    own = states.bias - response @ states.imu[0]
     J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
     odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
     J[:, 0, odo + Odo.SCALE] = 1.0
     J[:, 1:, bias : bias + 6] = np.eye(6)
-    J[:, 1:, imu : imu + Kind.IMU.dim] = -run.response
+    J[:, 1:, imu : imu + Kind.IMU.dim] = -response
     values = np.column_stack([states.odo.scale, own])
     variance = np.einsum("nij,njk,nik->ni", J, covariance.leading(J.shape[2]), J, optimize=True)
     names = ["wheel_scale"]

@@ -170,7 +170,7 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         motion = dense_motion(run, states, dense_step(states, run.conventions.step_m), clock)
         at_clock = motion.at(clock)
         trajectory = trajectory_table(run, at_clock, states, covariance)
-        calibration = calibration_table(run, at_clock, states, covariance)
+        calibration = calibration_table(solved.problem.response, at_clock, states, covariance)
     with stages.stage("geometry"):
         passes = []
         if _speed_is_measured(recording):

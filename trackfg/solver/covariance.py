@@ -18,9 +18,6 @@ from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.solver.square_root import SquareRoot
 
-_STACKED = 64
-"""Keyframes whose products are summed by one multiplication."""
-
 
 @dataclass(frozen=True)
 class Covariance:
@@ -181,7 +178,6 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
     """
     n, m, dim, size = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM, root.size
     total = np.zeros((m, m))
-    stacked: list[Array] = []
     carried = np.zeros((size, m))
     own = np.searchsorted(functions.keyframe, np.arange(n + 1))
     for k in range(n):
@@ -195,26 +191,11 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
         ahead[root.kept(k)] = carried[dim:]
         ahead[:, active] -= root.S[k, :, : len(ahead)].T @ y
         carried = ahead
-        stacked.append(y)
-        if len(stacked) == _STACKED or k == n - 1:
-            _add_products(total, stacked)
-            stacked = []
+        total[active, active] += y.T @ y
     last = slice(own[max(n - 1, 0)], own[n])
     carried[:dim, last] += functions.by_second[last].T
     carried[dim : dim + functions.by_shared.shape[1]] += functions.by_shared.T  # what is behind is not touched
     return total, carried[:size]
-
-
-def _add_products(total: Array, parts: list[Array]) -> None:
-    """Add Y' Y of parts (r, c) that know only the first c functions."""
-    wide = parts[-1].shape[1]
-    if not wide:  # none of these keyframes touches a function
-        return
-    stack = np.zeros((len(parts), KEYFRAME_DIM, wide))
-    for row, part in zip(stack, parts, strict=True):
-        row[:, : part.shape[1]] = part
-    rows = stack.reshape(-1, wide)
-    total[:wide, :wide] += rows.T @ rows
 
 
 def _chain_gain(root: SquareRoot) -> Array:

@@ -73,10 +73,9 @@ def test_what_is_left_of_place_and_speed_is_closed_by_the_cubic() -> None:
     n, gravity = 100, 9.8
     force = np.tile([0.0, 0.0, gravity], (n, 1))
     samples = Intervals(np.arange(n + 1) / n, np.zeros((n, 3)), force, np.zeros(n, dtype=bool))
-    zeros = np.zeros((2, 6, Kind.IMU.dim))
     meaning = geometry_conventions(GeometryConfig(), Track())
     world, noise = World(gravity, np.zeros(3), 0.0), PreintegrationNoise(1e-5, 1e-3)
-    run = RunContext(np.array([0.0, 1.0]), np.array([0, n]), samples, world, np.zeros(3), noise, 0.0, zeros, 1, meaning)
+    run = RunContext(np.array([0.0, 1.0]), np.array([0, n]), samples, world, np.zeros(3), noise, 0.0, 1, meaning)
     nav = Nav(np.tile(np.eye(3), (2, 1, 1)), *np.zeros((2, 2, 3)))
     nav.p[1, 0], nav.v[1, 0] = 0.2, 1.0
     odo = Odo.of(nav.p[:, 0], np.ones(2), nav.p[:, 0], np.array([0.0, 0.2]))

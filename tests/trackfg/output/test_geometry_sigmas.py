@@ -53,7 +53,6 @@ def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:
         lever_arm=np.zeros(3),
         noise=PreintegrationNoise(gyro=gyro, accel=1e-12),
         mount_roll_sd=0.0,
-        response=np.zeros((KEYFRAMES, 6, 21)),
         direction=direction,
         conventions=MEANING,
     )

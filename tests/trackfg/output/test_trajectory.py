@@ -188,7 +188,7 @@ def test_calibration_interpolates_values_and_variances(
     response = response_terms(*np.random.default_rng(8).normal(size=(2, N, 3)))
     response[-1] = 0.0
     found = replace(states, imu=1e-3 * np.random.default_rng(9).normal(size=(1, Kind.IMU.dim)))
-    table = calibration_table(SimpleNamespace(response=response), half, found, covariance)  # type: ignore[arg-type]
+    table = calibration_table(response, half, found, covariance)
     np.testing.assert_allclose(table["wheel_scale"], 1.01)
     # The sensor's own bias is what the calibration does not explain of the interval's.
     own = states.bias - np.einsum("nij,j->ni", response, found.imu[0])

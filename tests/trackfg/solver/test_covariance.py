@@ -292,9 +292,8 @@ def test_functions_given_the_next_keyframe_covary_as_without_it(
     assert np.abs((ours - expected) / scale).max() < 1e-6
 
 
-def test_functions_of_late_keyframes_alone(solved: Solved, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_functions_of_late_keyframes_alone(solved: Solved) -> None:
     """A long rest puts many keyframes before the first place of a profile: none of them touches a function."""
-    monkeypatch.setattr("trackfg.solver.covariance._STACKED", 2)
     k, odo = solved.keyframes - 2, offset_in_keyframe(Kind.ODO)
     by_first = np.zeros((1, KEYFRAME_DIM))
     by_first[0, odo] = 1.0

@@ -135,7 +135,7 @@ class RunningWindow:
         problem = first.problem
         solution = solve(problem, first.context.config.solver)
         root, states = solution.root, solution.states
-        window = Window(problem.t, states, problem.measured, problem.run.response, problem.families)
+        window = Window(problem.t, states, problem.measured, problem.response, problem.families)
         newest = window.gauss_newton_step({len(window) - 1}).window_without_first(len(window) - 1)
         if not on_map:
             votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states)
@@ -368,6 +368,7 @@ class RunningWindow:
             gaps=data.gaps(),
             wheel=None if self.tach is None else self.tach.wheel,
             clock_origin=context.clock_origin,
+            response=window.response,
         )
         return replace(window, states=solve(problem, context.config.solver).states)
 

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from trackfg.config import SmoothConfig
-from trackfg.factors.states import Kind
 from trackfg.graph.inputs import World, assumed_noise
 from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.numerics.arrays import Array
@@ -46,7 +45,6 @@ class StreamContext:
             lever_arm=self.lever_arm,
             noise=assumed_noise(self.description, self.config),
             mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
-            response=np.zeros((len(t), 6, Kind.IMU.dim)),
             direction=self.description.track.direction,
             conventions=self.conventions,
         )

@@ -28,7 +28,7 @@ def step() -> WindowStep:
     problem = build_problem(simulate("mainline", seed=1, duration_s=60.0).recording, SmoothConfig())
     states = solve(problem, SmoothConfig().solver).states
     families = with_free_start(problem.families)
-    window = Window(problem.t, states, problem.measured, problem.run.response, families)
+    window = Window(problem.t, states, problem.measured, problem.response, families)
     return window.gauss_newton_step({LEAVING})
 
 
