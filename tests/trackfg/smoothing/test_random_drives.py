@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -16,21 +16,32 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
 
 
-def assert_a_drive_is_smoothed(
-    name: str, seed: int, speed_mps: float, shortest_m: float, dwell_s: float, fixes_m: float, start_rest_s: float
-) -> None:
-    base = scenario(name)
+@dataclass(frozen=True)
+class Drive:
+    """A drive to and fro: its speed and stops, and how far apart its fixes are."""
+
+    name: str
+    seed: int
+    speed_mps: float
+    shortest_m: float
+    dwell_s: float
+    fixes_m: float
+    start_rest_s: float
+
+
+def assert_a_drive_is_smoothed(drive: Drive) -> None:
+    base = scenario(drive.name)
     driver = replace(
         base.driver,
-        speed_mps=(speed_mps, speed_mps + 0.7),
+        speed_mps=(drive.speed_mps, drive.speed_mps + 0.7),
         near_m=20.0,
-        far_m=20.0 + 4.0 * shortest_m,
-        shortest_m=shortest_m,
-        start_rest_s=start_rest_s,
-        dwell_s=(dwell_s, dwell_s + 2.0),
+        far_m=20.0 + 4.0 * drive.shortest_m,
+        shortest_m=drive.shortest_m,
+        start_rest_s=drive.start_rest_s,
+        dwell_s=(drive.dwell_s, drive.dwell_s + 2.0),
     )
-    drive = replace(base, driver=driver, balises=BaliseModel(spacing_m=fixes_m, sd_m=0.1))
-    run = simulate(drive, seed=seed, duration_s=90.0)
+    plan = replace(base, driver=driver, balises=BaliseModel(spacing_m=drive.fixes_m, sd_m=0.1))
+    run = simulate(plan, seed=drive.seed, duration_s=90.0)
     result = smooth(run.recording)
     trajectory = result.trajectory
     assert np.isfinite(trajectory.to_numpy()).all()
@@ -44,28 +55,29 @@ def assert_a_drive_is_smoothed(
         assert np.abs(z).max() < 7.0, column
 
 
-DRIVES = {
-    "name": st.sampled_from(["shunting", "shunting-unsigned"]),
-    "seed": st.integers(0, 10_000),
-    "speed_mps": st.floats(0.4, 2.5),
-    "shortest_m": st.floats(10.0, 40.0),
-    "dwell_s": st.floats(0.5, 6.0),
-    "fixes_m": st.sampled_from([2.0, 5.0, 20.0]),
-    "start_rest_s": st.sampled_from([0.5, 3.0, 20.0]),
-}
+DRIVES = st.builds(
+    Drive,
+    name=st.sampled_from(["shunting", "shunting-unsigned"]),
+    seed=st.integers(0, 10_000),
+    speed_mps=st.floats(0.4, 2.5),
+    shortest_m=st.floats(10.0, 40.0),
+    dwell_s=st.floats(0.5, 6.0),
+    fixes_m=st.sampled_from([2.0, 5.0, 20.0]),
+    start_rest_s=st.sampled_from([0.5, 3.0, 20.0]),
+)
 
 
 @settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(**DRIVES)
-def test_a_few_drives(**drive: object) -> None:
-    assert_a_drive_is_smoothed(**drive)  # type: ignore[arg-type]
+@given(DRIVES)
+def test_a_few_drives(drive: Drive) -> None:
+    assert_a_drive_is_smoothed(drive)
 
 
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(**DRIVES)
-def test_many_drives(**drive: object) -> None:
-    assert_a_drive_is_smoothed(**drive)  # type: ignore[arg-type]
+@given(DRIVES)
+def test_many_drives(drive: Drive) -> None:
+    assert_a_drive_is_smoothed(drive)
 
 
 def test_a_rest_with_a_fix_every_fifth_of_a_second() -> None:
