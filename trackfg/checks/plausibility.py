@@ -17,7 +17,7 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
 from trackfg.recording.canonical import imu_rotation
-from trackfg.recording.description import Imu, Laser, Model, Table, Tach, Track
+from trackfg.recording.description import Imu, Laser, Model, Speed, Table, Tach, Track
 from trackfg.recording.findings import Finding, Level, Section
 from trackfg.sensors.averages import Motion, averaged
 
@@ -168,6 +168,24 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
     )
 
 
+def speed_findings(code: str, speed: Array, part: Tach | Speed, hint: str, limits: CheckLimits) -> list[Finding]:
+    """Return a finding where one in a hundred speeds (n,), m/s, is beyond any vehicle."""
+    fastest = float(np.quantile(np.abs(speed), 0.99)) if speed.size else 0.0
+    if fastest <= limits.speed_error_mps:
+        return []
+    return [
+        Finding(
+            "error",
+            code,
+            f"speeds of {fastest:.4g} m/s as declared",
+            file=part.file,
+            column=part.column,
+            expected=f"at most {limits.speed_error_mps:g} m/s",
+            hint=hint,
+        )
+    ]
+
+
 def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
     """Speeds that no vehicle has, and a wheel of no usual size."""
     found = []
@@ -175,24 +193,12 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     span = max(1, int(np.searchsorted(t, t[0] + 1.0)))
     speed = np.abs(distance[span:] - distance[:-span]) / (t[span:] - t[:-span])
-    fastest = float(np.quantile(speed, 0.99)) if speed.size else 0.0
-    if fastest > limits.speed_error_mps:
-        hint = (
-            f"check {section.name}.wheel_diameter_m (in m) and {section.name}.pulses_per_rev"
-            if tach.kind == "pulses"
-            else f"check {section.name}.kind and {section.name}.unit"
-        )
-        found.append(
-            Finding(
-                "error",
-                "tach-unit",
-                f"speeds of {fastest:.4g} m/s as declared",
-                file=tach.file,
-                column=tach.column,
-                expected=f"at most {limits.speed_error_mps:g} m/s",
-                hint=hint,
-            )
-        )
+    hint = (
+        f"check {section.name}.wheel_diameter_m (in m) and {section.name}.pulses_per_rev"
+        if tach.kind == "pulses"
+        else f"check {section.name}.kind and {section.name}.unit"
+    )
+    found += speed_findings("tach-unit", speed, tach, hint, limits)
     diameter = tach.wheel_diameter_m
     if diameter is not None and not 0.2 <= diameter <= 2.0:
         hint = f"write {diameter / 1000:g}" if 200 <= diameter <= 2000 else None

@@ -9,6 +9,7 @@ import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace, negative_speed_over_ground
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.plausibility import speed_findings
 from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import to_si
@@ -55,20 +56,8 @@ class SpeedFormat(SensorFormat[Speed]):
 
     def doubts(self, part: Speed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """Speeds of no vehicle."""
-        fastest = float(np.quantile(np.abs(table["speed_mps"]), 0.99)) if len(table) else 0.0
-        if fastest <= limits.speed_error_mps:
-            return []
-        return [
-            Finding(
-                "error",
-                "speed-unit",
-                f"speeds of {fastest:.4g} m/s as declared",
-                file=part.file,
-                column=part.column,
-                expected=f"at most {limits.speed_error_mps:g} m/s",
-                hint=f"check {section.name}.unit",
-            )
-        ]
+        speed, hint = table["speed_mps"].to_numpy(), f"check {section.name}.unit"
+        return speed_findings("speed-unit", speed, part, hint, limits)
 
     def impossible(self, part: Speed, columns: Sequence[Array]) -> Impossible | None:
         """Speeds of no vehicle, and below zero although the sensor is declared unsigned."""
