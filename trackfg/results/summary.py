@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
 from trackfg.recording.findings import Finding
+from trackfg.results.verdict import Verdict
 
 
 class _ResultModel(BaseModel):
@@ -92,7 +93,8 @@ class Summary(_ResultModel):
 
     ``configuration`` is what was used, adapted noise levels included; ``noise_ratios`` says, per group of factors, how
     large the residuals are against what its sigmas lead to expect (1 is right; see
-    :mod:`trackfg.solver.variance_components`).
+    :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be believed;
+    results of versions before it have none.
     """
 
     format: Literal["trackfg-result/1"] = "trackfg-result/1"
@@ -113,6 +115,7 @@ class Summary(_ResultModel):
     accel_bias_mps2: VectorEstimate
     geometry: GeometryConventions
     findings: tuple[Finding, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
 
     @field_serializer("findings")
     def _as_json(self, findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
