@@ -1,7 +1,7 @@
 """The batch smoother: recording in, result out.
 
-recording -> graph and initial values -> Gauss-Newton -> covariances -> dense motion -> trajectory, geometry, events and
-summary
+recording -> graph and initial values -> Gauss-Newton -> covariances -> reassessment and Gauss-Newton in turns
+-> dense motion -> trajectory, geometry, events and summary
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,7 @@ from trackfg.results.summary import Estimate, RunFacts, Solver, Summary, VectorE
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.rail_ties import with_rail_factors
+from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
@@ -70,18 +71,7 @@ class _Stages:
             self.progress(name, done)
 
 
-@dataclass(frozen=True)
-class SolvedRun:
-    """A run's graph and its solution, with covariances and with the ratios of seen to assumed noise."""
-
-    config: SmoothConfig
-    problem: Problem
-    solution: Solution
-    covariance: Covariance
-    noise_ratios: dict[str, float]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SmoothedStates(SolvedRun):
     """Everything the smoother knows, before it becomes files.
 
@@ -157,10 +147,21 @@ def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], s
         with stages.stage("solve") as report:
             problem = with_rail_factors(replace(problem, initial=solution.states), solution.states, views, config.laser)
             solution = solve(problem, config.solver, report)
+    run = SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
+
+    def solved_again(run: SolvedRun, far: bool) -> SolvedRun:
+        with stages.stage("solve") as report:
+            solution = solve(run.problem, config.solver, report, near=not far)
+        covariance, ratios = _covariance(run.problem, solution, stages)
+        return replace(run, solution=solution, covariance=covariance, noise_ratios=ratios)
+
+    return reassessed(run, solved_again)
+
+
+def _covariance(problem: Problem, solution: Solution, stages: _Stages) -> tuple[Covariance, dict[str, float]]:
     with stages.stage("covariance"):
         covariance = posterior_covariance(solution.root)
-        ratios = noise_ratios(problem, solution, covariance)
-    return SolvedRun(config, problem, solution, covariance, ratios)
+        return covariance, noise_ratios(problem, solution, covariance)
 
 
 def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, solved: SolvedRun) -> SmoothedStates:
@@ -178,18 +179,14 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
         places = place_covariance(run, passes, states, solved.solution.root)
     return SmoothedStates(
-        solved.config,
-        solved.problem,
-        solved.solution,
-        covariance,
-        solved.noise_ratios,
-        trajectory,
-        geometry,
-        places,
-        calibration,
-        motion,
-        passes,
-        stages.timings_s,
+        **{part.name: getattr(solved, part.name) for part in fields(SolvedRun)},
+        trajectory=trajectory,
+        geometry=geometry,
+        places=places,
+        calibration=calibration,
+        motion=motion,
+        passes=passes,
+        timings_s=stages.timings_s,
     )
 
 
@@ -219,11 +216,10 @@ def _on_map(
         return replace(alone, located=at)
     with stages.stage("solve") as report:
         solution = solve(at.problem, config.solver, report)
-    with stages.stage("covariance"):
-        covariance = posterior_covariance(solution.root)
-        ratios = noise_ratios(at.problem, solution, covariance)
-        covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
-    again = _with_tables(recording, views, stages, SolvedRun(config, at.problem, solution, covariance, ratios))
+    covariance, ratios = _covariance(at.problem, solution, stages)
+    covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
+    solved = SolvedRun(config, alone.declared, at.problem, solution, covariance, ratios, alone.findings, alone.doubts)
+    again = _with_tables(recording, views, stages, solved)
     return replace(again, located=at, places=PlaceCovariance.none())
 
 
@@ -293,6 +289,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
             *recording.findings,
             *_solver_findings(solution),
             *noise_findings(smoothed.noise_ratios),
+            *smoothed.findings,
             *(() if smoothed.located is None else smoothed.located.findings),
         ),
     )

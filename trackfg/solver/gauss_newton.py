@@ -60,7 +60,9 @@ class _Stop(NamedTuple):
     reason: str
 
 
-def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None) -> Solution:
+def solve(
+    problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None, *, near: bool = False
+) -> Solution:
     """Minimise the cost of a graph, beginning at its initial values.
 
     Parameters
@@ -71,6 +73,8 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
         When to stop: the ``solver`` section of a ``SmoothConfig``.
     progress : callable, optional
         Called after each iteration with the share of ``config.max_iterations`` that is done.
+    near : bool
+        Whether the initial values are a solution of much the same graph, so that robust losses apply at once.
 
     Returns
     -------
@@ -86,8 +90,8 @@ def solve(problem: Problem, config: SolverConfig, progress: Callable[[float], No
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
     values = problem.initial.inertial_to_gtsam()
     states = problem.initial
-    families = tuple(family.convex_start() for family in problem.families)
-    robust = False
+    families = problem.families if near else tuple(family.convex_start() for family in problem.families)
+    robust = near
     cost = initial_cost = _cost(problem, families, states, values)
     stop = None
     root: SquareRoot | None = None

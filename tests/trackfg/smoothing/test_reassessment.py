@@ -1,0 +1,49 @@
+"""The loop of solving and reassessing: in which order, how often, and what is left of what was said."""
+
+from dataclasses import replace
+from typing import Any
+
+from trackfg.config import SmoothConfig
+from trackfg.recording.findings import Finding
+from trackfg.smoothing.reassessment import Reassessment, Reassessor, SolvedRun, reassessed
+from trackfg.smoothing.smoother import smooth_states
+
+
+def raising(times: int, seen: list[float]) -> Reassessor:
+    """Return a reassessor that raises a family's sigma ``times`` times, and notes what it was."""
+
+    def reassessor(run: SolvedRun) -> Reassessment:
+        first, *others = run.problem.families
+        seen.append(float(first.sigma[0, 0] / run.declared.families[0].sigma[0, 0]))
+        again = len(seen) <= times
+        problem = replace(run.problem, families=(replace(first, sigma=2.0 * first.sigma), *others))
+        return Reassessment(problem, (Finding("info", f"round-{len(seen)}", "seen"),), changed=again)
+
+    return reassessor
+
+
+def silent(run: SolvedRun) -> Reassessment:
+    return Reassessment(run.problem, (Finding("info", "silent", "nothing to change"),))
+
+
+def test_solves_while_anything_changes_and_keeps_the_last_word(simulated: Any) -> None:
+    run = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig())
+    solves: list[bool] = []
+
+    def solved_again(run: SolvedRun, far: bool) -> SolvedRun:
+        solves.append(far)
+        return run
+
+    seen: list[float] = []
+    after = reassessed(run, solved_again, [raising(2, seen), silent])
+    assert seen == [1.0, 2.0, 4.0]
+    assert solves == [False, False]
+    assert [finding.code for finding in after.findings] == ["round-3", "silent"]
+    assert after.problem.families[0].sigma[0, 0] == 4.0 * run.declared.families[0].sigma[0, 0]
+
+
+def test_a_reassessor_that_never_rests_is_stopped(simulated: Any) -> None:
+    run = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig())
+    seen: list[float] = []
+    reassessed(run, lambda run, far: run, [raising(100, seen)])
+    assert len(seen) == 4

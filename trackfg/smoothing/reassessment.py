@@ -1,0 +1,84 @@
+"""What a solution shows of its own assumptions is reassessed, and the graph is solved again where that changes it.
+
+    solve -> covariance -> all reassessors in turn -> solve from there, with what changed -> ...
+
+A reassessor looks at one assumption (noise levels, which fixes are wrong, a prior too narrow) and returns the problem
+with other sigmas, losses or factors where the solution contradicts it. Each further solve begins at the last solution,
+so it takes few iterations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from trackfg.config import SmoothConfig
+from trackfg.graph.build import Problem
+from trackfg.recording.findings import Finding
+from trackfg.results.verdict import Doubt
+from trackfg.solver.covariance import Covariance
+from trackfg.solver.gauss_newton import Solution
+
+_ROUNDS = 3
+"""Solves after the first one, at most: noise levels settle geometrically, and each round costs iterations."""
+
+
+@dataclass(frozen=True)
+class SolvedRun:
+    """A run's graph and its solution, with covariances and with the ratios of seen to assumed noise."""
+
+    config: SmoothConfig
+    declared: Problem
+    """As it was built from the recording and the settings, before any reassessment."""
+    problem: Problem
+    """As it was solved."""
+    solution: Solution
+    covariance: Covariance
+    noise_ratios: dict[str, float]
+    findings: tuple[Finding, ...] = ()
+    """What the reassessors say of the solution."""
+    doubts: tuple[Doubt, ...] = ()
+    """Which sigmas they would widen, and why."""
+
+
+@dataclass(frozen=True)
+class Reassessment:
+    """A reassessment is the problem as a reassessor would have it, what it has to say, and whether it changed."""
+
+    problem: Problem
+    findings: tuple[Finding, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    changed: bool = False
+    far: bool = False
+    """Whether the new minimum may be far from the solution, so that convex losses have to lead there first."""
+
+
+Reassessor = Callable[[SolvedRun], Reassessment]
+"""Solution and covariance of the run are those of its last solve; its problem may have been changed since by the
+reassessors before."""
+
+REASSESSORS: tuple[Reassessor, ...] = ()
+"""All of them, in the order in which they see a solution."""
+
+
+def reassessed(
+    run: SolvedRun,
+    solved_again: Callable[[SolvedRun, bool], SolvedRun],
+    reassessors: Sequence[Reassessor] = REASSESSORS,
+) -> SolvedRun:
+    """Return the run after as many rounds of reassessing and solving as change anything, with findings and doubts.
+
+    ``solved_again(run, far)`` solves the run's problem, whose initial values are those of the last solution, and
+    has the covariance of the new one.
+    """
+    for left in reversed(range(_ROUNDS + 1)):
+        problem = replace(run.problem, initial=run.solution.states)
+        said: list[Reassessment] = []
+        for reassessor in reassessors:
+            said.append(reassessor(replace(run, problem=problem)))
+            problem = said[-1].problem
+        if not left or not any(one.changed for one in said):
+            break
+        run = solved_again(replace(run, problem=problem), any(one.far for one in said))
+    findings = tuple(finding for one in said for finding in one.findings)
+    return replace(run, findings=findings, doubts=tuple(doubt for one in said for doubt in one.doubts))
