@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -15,6 +14,7 @@ from trackfg.numerics.spans import true_runs
 from trackfg.output.event_sources import EventSources
 from trackfg.output.slip_events import slip_events
 from trackfg.results.columns import EVENT_COLUMNS
+from trackfg.results.events import Event, events_frame
 from trackfg.solver.covariance import Covariance
 
 POSITIONS = (
@@ -32,57 +32,49 @@ _OUTLIER_WEIGHT = 0.5
 """A robust weight below this marks a measurement that the solution does not follow."""
 
 
-class Event(NamedTuple):
-    """One event: :data:`trackfg.results.columns.EVENT_COLUMNS`, NaN where a column says nothing."""
-
-    kind: str
-    start_s: float
-    end_s: float
-    chainage_m: float
-    chainage_m_sd: float
-    distance_removed_m: float
-    distance_removed_m_sd: float
-    detail: str
+EVENT_TABLES = {
+    "standstill": "imu",
+    "imu gap": "imu",
+    "tach gap": "tach",
+    "slip": "tach",
+    "slide": "tach",
+    "fix used": "fixes",
+    "fix set aside": "fixes",
+    "gnss set aside": "gnss",
+}
+"""The table that an event of each kind concerns; a map is none."""
 
 
 def event_table(
     sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
 ) -> pd.DataFrame:
     """Return a table of the events in order of their start, columns :data:`trackfg.results.columns.EVENT_COLUMNS`."""
-    return pd.DataFrame(events(sources, states, covariance, trajectory), columns=list(EVENT_COLUMNS))
+    table = events_frame(events(sources, states, covariance, trajectory))
+    return table.rename(columns={"t_s": "start_s", "until_s": "end_s"})[list(EVENT_COLUMNS)]
 
 
 def events(sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame) -> list[Event]:
     """Return the events in order of their start; slips and slides over the span of the trajectory."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
-    def row(
-        kind: str, start: float, end: float, detail: str = "", removed: float = np.nan, removed_sd: float = np.nan
-    ) -> Event:
+    def row(kind: str, start: float, end: float, detail: str = "", removed: Sequence[float] = ()) -> Event:
         chainage = sources.direction * np.interp(start, sources.t, states.odo.distance)
-        chainage_sd = float(np.interp(start, sources.t, sd))
-        return Event(kind, float(start), float(end), float(chainage), chainage_sd, removed, removed_sd, detail)
+        chainage_sd = np.interp(start, sources.t, sd)
+        table = EVENT_TABLES.get(kind, "")
+        return Event(kind, table, float(start), float(end), 0, detail, float(chainage), float(chainage_sd), *removed)
 
     rows = [row("standstill", start, end) for start, end in sources.rests]
     rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in sources.gaps]
     if sources.wheel is not None:
         rows += [row("tach gap", start, end) for start, end in sources.wheel.gaps]
     for event in slip_events(sources, states, covariance, trajectory):
-        rows.append(
-            row(
-                "slip" if event.removed_m > 0 else "slide",
-                event.start_s,
-                event.end_s,
-                "",
-                event.removed_m,
-                event.removed_m_sd,
-            )
-        )
+        removed = (event.removed_m, event.removed_m_sd)
+        rows.append(row("slip" if removed[0] > 0 else "slide", event.start_s, event.end_s, removed=removed))
     for kind in POSITIONS:
         family = sources.family(kind)
         if family is not None:
             rows += _positions(sources, family, states, row)
-    return sorted(rows, key=lambda event: event.start_s)
+    return sorted(rows, key=lambda event: event.span_s[0])
 
 
 def _positions(sources: EventSources, family: Family, states: States, row: Callable[..., Event]) -> list[Event]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.streaming.events import StreamEvent
+from trackfg.results.events import Event
 
 _BEHIND_S = 2.0
 """Keyframes get sparser when the queue has grown by so much, s."""
@@ -35,7 +35,7 @@ class BackPressure:
     short_s: float = 0.0
     until_s: float | None = None
 
-    def record(self, waited_s: float, busy_s: float, until_s: float) -> StreamEvent | None:
+    def record(self, waited_s: float, busy_s: float, until_s: float) -> Event | None:
         """Record a handled batch, with rows complete up to ``until_s``; return the event if keyframes change."""
         if not np.isfinite(until_s):
             return None  # no row is complete yet
@@ -47,10 +47,10 @@ class BackPressure:
         self.at_change_s = min(self.at_change_s, self.behind_s)
         if self.behind_s > self.at_change_s + _BEHIND_S and self.factor < _SPARSEST:
             why = self._changed(2.0 * self.factor, f"rows are {self.behind_s:.1f} s ahead")
-            return StreamEvent("sparser", t_s=until_s, detail=why)
+            return Event("sparser", t_s=until_s, detail=why)
         if self.short_s > _CAUGHT_UP_S and self.factor > 1.0:
             why = self._changed(0.5 * self.factor, "rows are handled as they come")
-            return StreamEvent("denser", t_s=until_s, detail=why)
+            return Event("denser", t_s=until_s, detail=why)
         return None
 
     def _changed(self, factor: float, why: str) -> str:

@@ -32,10 +32,10 @@ from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.events import Event
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
@@ -68,7 +68,7 @@ class Estimates(NamedTuple):
     filtered: pd.DataFrame
     smoothed: pd.DataFrame
     geometry: pd.DataFrame
-    events: tuple[StreamEvent, ...] = ()
+    events: tuple[Event, ...] = ()
 
 
 NO_ESTIMATES = Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
@@ -78,7 +78,7 @@ class PassOutput(NamedTuple):
     """The smoothed tables and events that a relinearisation pass led to."""
 
     pieces: list[Tables]
-    events: tuple[StreamEvent, ...]
+    events: tuple[Event, ...]
 
 
 class FixedLagSmoother:
@@ -228,15 +228,15 @@ class FixedLagSmoother:
         self._tables = None
         if self._locator is not None:
             self._locator = MapLocator(self._buffer.description, self.config, self._locator.feature_map)
-        event = StreamEvent("restarted", t_s=lost.begin_s, detail=lost.reason)
+        event = Event("restarted", t_s=lost.begin_s, detail=lost.reason)
         return PassOutput(pieces, (*(event for piece in pieces for event in piece.events), event))
 
     def _table_input(self, running: RunningWindow, window: Window, root: SquareRoot) -> TableInput:
         doubt_m = self._moving.votes.doubt_m
         return TableInput(window, root, running.rests.spans, running.tach, self._chainage, doubt_m)
 
-    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[StreamEvent, ...]:
-        events: list[StreamEvent] = []
+    def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[Event, ...]:
+        events: list[Event] = []
         for piece in pieces:
             located = locator.locate(piece.track, step)
             events += located.events

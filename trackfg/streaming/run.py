@@ -20,9 +20,10 @@ from dataclasses import dataclass, field
 
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.blas_threads import one_thread
+from trackfg.results.events import Event
 from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
-from trackfg.streaming.events import StreamEvent, event_table
+from trackfg.streaming.events import event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sinks.sink import Sink
@@ -114,7 +115,7 @@ class Stream:
             self.counts.events,
         )
 
-    def _write(self, sink: Sink, estimates: Estimates, events: tuple[StreamEvent, ...]) -> None:
+    def _write(self, sink: Sink, estimates: Estimates, events: tuple[Event, ...]) -> None:
         events += estimates.events
         write_estimates(sink, estimates, events)
         counts = self.counts
@@ -123,7 +124,7 @@ class Stream:
         counts.events.update(event.kind for event in events)
 
 
-def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[StreamEvent]) -> None:
+def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[Event]) -> None:
     """Write rows of all tables; ``events`` are those of the estimates and all others."""
     if events:  # a table of none costs as much as one of some
         sink.write("events", event_table(events))

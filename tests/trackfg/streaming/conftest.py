@@ -11,8 +11,8 @@ import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.recording.model import Recording
+from trackfg.results.events import Event
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -25,7 +25,7 @@ class Streamed(NamedTuple):
     filtered: pd.DataFrame
     smoothed: pd.DataFrame
     geometry: pd.DataFrame
-    events: tuple[StreamEvent, ...]
+    events: tuple[Event, ...]
 
 
 def streamed(

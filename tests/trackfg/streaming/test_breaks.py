@@ -11,7 +11,8 @@ import pytest
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.numerics.spans import subtract
-from trackfg.streaming.events import StreamEvent, motion_breaks
+from trackfg.results.events import Event
+from trackfg.streaming.events import motion_breaks
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import RowTables
@@ -98,10 +99,10 @@ def test_a_count_that_begins_again_is_taken_up(run: Simulation) -> None:
 
 def test_breaks_are_told_by_table() -> None:
     events = [
-        StreamEvent("clock-restart", "imu", 1.0, 1.1),
-        StreamEvent("clock-restart", "tach", 1.0, 1.0),
-        StreamEvent("tach-reset", "tach", 2.0, 2.5),
-        StreamEvent("gap", "imu", 3.0, 4.0),
+        Event("clock-restart", "imu", 1.0, 1.1),
+        Event("clock-restart", "tach", 1.0, 1.0),
+        Event("tach-reset", "tach", 2.0, 2.5),
+        Event("gap", "imu", 3.0, 4.0),
     ]
     breaks = motion_breaks(events)
     assert {name: spans.tolist() for name, spans in breaks.items()} == {"imu": [[1.0, 1.1]], "tach": [[2.0, 2.5]]}

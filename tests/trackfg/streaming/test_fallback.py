@@ -12,7 +12,7 @@ import pytest
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import UnsolvableError
-from trackfg.streaming.events import StreamEvent
+from trackfg.results.events import Event
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -23,7 +23,7 @@ RUN = simulate("mainline", seed=3, duration_s=90.0)
 AT_S = 45.0
 
 
-def streamed(batch_s: float | None = None) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[StreamEvent]]:
+def streamed(batch_s: float | None = None) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[Event]]:
     source = RecordingSource(RUN.recording, batch_s=batch_s)
     smoother = FixedLagSmoother(source.description, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)), lag_s=5.0)
     intake, out = Intake.of(source), list[Estimates]()

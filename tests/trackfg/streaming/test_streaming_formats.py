@@ -12,13 +12,14 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.scenarios import simulate
+from trackfg.output.events import EVENT_TABLES
 from trackfg.results.columns import TRAJECTORY_COLUMNS
-from trackfg.streaming.events import LOSS_KINDS, StreamEvent, event_table
+from trackfg.results.events import Event
+from trackfg.streaming.events import LOSS_KINDS, event_table
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sinks.parquet_parts import ROWS_PER_PART, ParquetParts
 from trackfg.streaming.sinks.sink import TABLES, json_lines
 from trackfg.streaming.sources.json_lines import JsonLinesSource
-from trackfg.streaming.tables.settled_events import EVENT_TABLES
 
 PAGE = (Path(__file__).parents[3] / "docs" / "streaming-formats.md").read_text(encoding="utf-8")
 SOURCES = Path(__file__).parents[3] / "trackfg" / "streaming"
@@ -52,9 +53,9 @@ def test_the_lines_shown_are_what_is_written() -> None:
     assert tuple(filtered) == ("table", *TRAJECTORY_COLUMNS)
     written = json_lines(filtered.pop("table"), pd.DataFrame([filtered]))
     assert written == blocks("json")[1].splitlines(keepends=True)[0]
-    event = StreamEvent("late", "tach", 11.9, 12.1, 3, LOSS_KINDS["late"])
+    event = Event("late", "tach", 11.9, 12.1, 3, LOSS_KINDS["late"])
     assert json.loads(json_lines("events", event_table([event]))) == late
-    event = StreamEvent("slip", "tach", 9.3, 10.1, 0, "", 1021.5, 0.2, 0.75, 0.125)
+    event = Event("slip", "tach", 9.3, 10.1, 0, "", 1021.5, 0.2, 0.75, 0.125)
     assert json.loads(json_lines("events", event_table([event]))) == slip
 
 
@@ -76,7 +77,7 @@ def test_the_python_shown_runs(
 
 def test_every_kind_of_event_is_listed() -> None:
     code = "".join(path.read_text(encoding="utf-8") for path in SOURCES.rglob("*.py"))
-    noted = set(re.findall(r'StreamEvent\("([a-z-]+)"', code))
+    noted = set(re.findall(r'\bEvent\("([a-z-]+)"', code))
     assert listed("kind | rows left out") == set(LOSS_KINDS) | {"bad-line", "bad-message", "other-topic"}
     assert listed("kind | what happened, without loss") == noted - {"other-topic"}
     assert listed("kind | what") == {kind for kind in EVENT_TABLES if "landmark" not in kind}

@@ -32,8 +32,8 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
+from trackfg.results.events import Event
 from trackfg.sensors.imu_intervals import hole_s
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.rows import Rows, joined_tables
 
 LOOK_S = 1.0
@@ -76,7 +76,7 @@ class Jump(NamedTuple):
         """Rows up to this time are before the jump, s."""
         return 0.5 * (self.begin_s + self.end_s)
 
-    def is_of(self, event: StreamEvent) -> bool:
+    def is_of(self, event: Event) -> bool:
         """Return whether this is the event of the jump."""
         return event.t_s is not None and abs(event.t_s - self.begin_s) < 1e-6
 
@@ -97,8 +97,8 @@ class ClockJumps:
     recent: dict[str, list[Array]] = field(default_factory=lambda: {"imu": [], "tach": []})
     last_s: dict[str, float] = field(default_factory=dict)
     looked_s: float = -np.inf
-    interruptions: list[StreamEvent] = field(default_factory=list)
-    resets: list[StreamEvent] = field(default_factory=list)
+    interruptions: list[Event] = field(default_factory=list)
+    resets: list[Event] = field(default_factory=list)
     shifts: list[tuple[float, float]] = field(default_factory=list)
     shift_s: float = 0.0
 
@@ -108,8 +108,8 @@ class ClockJumps:
         return cls(description.tach is not None and not description.tach.integrates_speed)
 
     def without_jumps(
-        self, rows: Rows, events: Iterable[StreamEvent], *, last: bool = False
-    ) -> tuple[Rows, tuple[StreamEvent, ...]]:
+        self, rows: Rows, events: Iterable[Event], *, last: bool = False
+    ) -> tuple[Rows, tuple[Event, ...]]:
         """Return the rows that are explained, with times of the stream, and events. ``last``: no others come."""
         events_now = [event for event in map(self._on_stream_clock, events) if not self._must_wait(event)]
         if self.interval_s is None and self.counts:
@@ -151,7 +151,7 @@ class ClockJumps:
         tables = rows.tables()
         return {name: _earlier(table, self.shift_s) for name, table in tables.items()} if self.shift_s else tables
 
-    def _on_stream_clock(self, event: StreamEvent) -> StreamEvent:
+    def _on_stream_clock(self, event: Event) -> Event:
         """Return an event of an earlier stage with times of the stream."""
         if not self.shifts:
             return event
@@ -162,7 +162,7 @@ class ClockJumps:
     def _stream_time(self, t: float | None) -> float | None:
         return None if t is None else t - next((total for since, total in self.shifts[::-1] if t > since), 0.0)
 
-    def _must_wait(self, event: StreamEvent) -> bool:
+    def _must_wait(self, event: Event) -> bool:
         """Return whether an event waits until a jump is explained."""
         if event.kind == "tach-reset":
             self.resets = [*self.resets, event][-_MOST_KEPT:]
@@ -265,7 +265,7 @@ class ClockJumps:
         turned = np.abs(after.mean(axis=0) - before.mean(axis=0))
         return bool((turned <= _TILT * np.linalg.norm(before.mean(axis=0)) + _SIGMAS * noise).all())
 
-    def _explained(self, jump: Jump, *, was_set: bool) -> list[StreamEvent]:
+    def _explained(self, jump: Jump, *, was_set: bool) -> list[Event]:
         """Return the events that waited for this jump; where a clock was set, ``clock-set`` replaces its own."""
         due = [event for event in self.interruptions if _end(event) <= jump.end_s + 1e-6]
         self.interruptions = [event for event in self.interruptions if _end(event) > jump.end_s + 1e-6]
@@ -280,7 +280,7 @@ class ClockJumps:
         after = jump.begin_s + self.interval_s
         return [
             *(event for event in due if event not in of_it),
-            StreamEvent("clock-set", "imu", jump.begin_s, after, 0, detail),
+            Event("clock-set", "imu", jump.begin_s, after, 0, detail),
         ]
 
     def _shift_times(self, jump: Jump) -> None:
@@ -336,5 +336,5 @@ def _earlier(table: Array, by_s: float) -> Array:
     return np.column_stack([table[:, 0] - by_s, table[:, 1:]]) if len(table) else table
 
 
-def _end(event: StreamEvent) -> float:
+def _end(event: Event) -> float:
     return -np.inf if event.until_s is None else event.until_s

@@ -31,7 +31,8 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
-from trackfg.streaming.events import LossReport, StreamEvent
+from trackfg.results.events import Event
+from trackfg.streaming.events import LossReport
 
 _AT_ONCE = 256
 """Rows that are looked at together; a later row's state depends on those before."""
@@ -242,14 +243,14 @@ class ImuClock:
         if np.isneginf(before) or 0.0 < first - before <= self.limits.longest_gap_s:
             if first - before > self.limits.gap_s and np.isfinite(before):
                 detail = f"no rows for {first - before:.3f} s"
-                report.note(StreamEvent("gap", "imu", before, first, 0, detail))
+                report.note(Event("gap", "imu", before, first, 0, detail))
             return self._accept(rows)
         interval = median_interval(np.unique(rows[:, 0]))
         self.set_s = before - self.shift_s
         self.shift_s += before + interval - first
         went = f"{'forward' if first > before else 'back'} by {abs(first - before):.3f} s"
         detail = f"the clock went {went}; from here times are the sensor's plus {self.shift_s:.6f} s"
-        report.note(StreamEvent("clock-restart", "imu", before, before + interval, 0, detail))
+        report.note(Event("clock-restart", "imu", before, before + interval, 0, detail))
         return self._accept(rows)
 
     def _review(self, passed_s: float, report: LossReport) -> Array:

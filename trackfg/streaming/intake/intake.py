@@ -17,8 +17,9 @@ from trackfg.checks.imu_faults import ImuFaultDetector
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
+from trackfg.results.events import Event
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
-from trackfg.streaming.events import LossReport, StreamEvent, motion_breaks
+from trackfg.streaming.events import LossReport, motion_breaks
 from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.imu_clock import ClockLimits
@@ -82,7 +83,7 @@ class Intake:
             gnss_origin=source.gnss_origin,
         )
 
-    def push(self, batch: Batch) -> tuple[Rows, tuple[StreamEvent, ...]]:
+    def push(self, batch: Batch) -> tuple[Rows, tuple[Event, ...]]:
         """Return the rows that are complete after a batch, and the events."""
         self.rows_in += sum(rows.shape[0] for rows in batch.tables.values())
         for event in batch.events:
@@ -91,7 +92,7 @@ class Intake:
         rows = self._sound(self.reorder_buffer.push(tables, self.report))
         return self._explained(rows, self.report.end_of_push())
 
-    def finish(self) -> tuple[Rows, tuple[StreamEvent, ...]]:
+    def finish(self) -> tuple[Rows, tuple[Event, ...]]:
         """Return the rest at the end of the stream."""
         tables: dict[str, Array] = {}
         if self.timestamps is not None:
@@ -101,8 +102,8 @@ class Intake:
         return self._explained(rows, self.report.end_of_stream(), last=True)
 
     def _explained(
-        self, rows: Rows, events: tuple[StreamEvent, ...], *, last: bool = False
-    ) -> tuple[Rows, tuple[StreamEvent, ...]]:
+        self, rows: Rows, events: tuple[Event, ...], *, last: bool = False
+    ) -> tuple[Rows, tuple[Event, ...]]:
         rows, events = self.clock_jumps.without_jumps(rows, events, last=last)
         self.rows_out += len(rows)
         return replace(rows, breaks=motion_breaks(events)), events

@@ -29,7 +29,8 @@ import numpy as np
 from trackfg.checks.columns import LARGEST
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
-from trackfg.streaming.events import LossReport, StreamEvent
+from trackfg.results.events import Event
+from trackfg.streaming.events import LossReport
 from trackfg.streaming.intake.imu_clock import ClockLimits, ImuClock
 from trackfg.streaming.rows import RowTables
 
@@ -119,7 +120,7 @@ class ReorderBuffer:
         self.shift_s[name], self.newest_s[name] = other, -np.inf
         t = float(rows[first, 0]) + other
         detail = f"as the IMU's; from here times are the sensor's plus {other:.6f} s"
-        report.note(StreamEvent("clock-restart", name, t, t, 0, detail))
+        report.note(Event("clock-restart", name, t, t, 0, detail))
         return np.concatenate([rest, self._fits(name, rows[first:], other, report)])
 
     def _is_turned(self, name: str, t: Array, own: float, other: float) -> np.ndarray:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
-from trackfg.streaming.events import LossReport, StreamEvent
+from trackfg.results.events import Event
+from trackfg.streaming.events import LossReport
 
 RESET_ROWS = 10
 """A counter is taken to have restarted after this many rows in succession that agree."""
@@ -82,7 +83,7 @@ class RowChecks:
             return False
         self.offset_m = self.last[1] - self.refused[0][1]
         detail = f"the count goes on from where it stood; up to {self.refused[0][0]:.3f} s nothing was counted"
-        report.note(StreamEvent("tach-reset", "tach", self.last[0], t, 0, detail))
+        report.note(Event("tach-reset", "tach", self.last[0], t, 0, detail))
         self.refused = []
         return True
 

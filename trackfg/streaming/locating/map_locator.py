@@ -28,9 +28,9 @@ from trackfg.mapping.recognition.recognition import Recognition, recognise
 from trackfg.mapping.recognition.tracker import PlaceTracker, reference_of
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
+from trackfg.results.events import Event
 from trackfg.smoothing.localisation import SURE, MapChainage, landmark_loss, landmark_sd
 from trackfg.solver.covariance import posterior_covariance
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.locating.delayed_positions import DelayedPositions, PassedPlaces, delayed_position_factor
 from trackfg.streaming.locating.recent_track import RecentTrack
 from trackfg.streaming.rows import Rows
@@ -61,7 +61,7 @@ class LocatedPiece(NamedTuple):
     """A factor on the first keyframe that stays in the window, if there is one, and the events."""
 
     family: Family | None
-    events: tuple[StreamEvent, ...]
+    events: tuple[Event, ...]
 
 
 class _Match(NamedTuple):
@@ -131,7 +131,7 @@ class MapLocator:
         if late is None and self.located and not self.lost and self.unrecognised_m > _LOST_M:
             self.lost = True
             detail = f"the track has not been recognised on the map for {self.unrecognised_m:.0f} m"
-            events = [StreamEvent("lost", t_s=float(self.track.passed_s[-1]), detail=detail)]
+            events = [Event("lost", t_s=float(self.track.passed_s[-1]), detail=detail)]
         return LocatedPiece(None if late is None else late.family, tuple(events))
 
     def _append(self, piece: TrackPiece) -> None:
@@ -215,17 +215,17 @@ class MapLocator:
             self.used += middle[chosen][np.isin(t, late.places.t)].tolist()
         return late
 
-    def _events(self, late: DelayedPositions, match: _Match) -> list[StreamEvent]:
+    def _events(self, late: DelayedPositions, match: _Match) -> list[Event]:
         """Return one event per section, as the batch has it, and before them that the vehicle is located."""
-        places, events = late.places, list[StreamEvent]()
+        places, events = late.places, list[Event]()
         chainage = self.description.track.direction * places.distance
         sd = np.hypot(late.sd, self.chainage.sd_m(chainage))
         for i, aside in enumerate(late.weight < _SET_ASIDE):
             t, place = float(places.t[i]), (float(chainage[i]), float(sd[i]))
             if not events and (self.lost or not self.located):
                 on = f"on the map {self.feature_map.name!r}, probability {match.probability:.6f}"
-                events.append(StreamEvent("located", "", t, t, 0, on, *place))
+                events.append(Event("located", "", t, t, 0, on, *place))
             kind = "landmark set aside" if aside else "landmark used"
-            events.append(StreamEvent(kind, "", t, t, 0, f"residual {late.residual[i]:.2f} m", *place))
+            events.append(Event(kind, "", t, t, 0, f"residual {late.residual[i]:.2f} m", *place))
         self.located, self.lost, self.unrecognised_m = True, False, 0.0
         return events

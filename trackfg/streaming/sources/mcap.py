@@ -15,7 +15,7 @@ from typing import IO, Any, cast
 
 from trackfg.errors import BadInputError, TrackfgError
 from trackfg.recording.description import RecordingDescription
-from trackfg.streaming.events import StreamEvent
+from trackfg.results.events import Event
 from trackfg.streaming.rows import described_tables
 from trackfg.streaming.sources.row_parser import RowError, RowParser, json_object, stream_description
 from trackfg.streaming.sources.source import STORED_BATCH_S, Batch
@@ -74,7 +74,7 @@ class McapSource:
                 if number == 0:
                     raise self._unreadable(error) from error
                 detail = f"{self._path.name}: cannot be read beyond message {number} ({_reason(error)})"
-                broken = [StreamEvent("broken-input", detail=detail)]
+                broken = [Event("broken-input", detail=detail)]
                 break
             number += 1
             if topic == DESCRIPTION_TOPIC:
@@ -92,7 +92,7 @@ class McapSource:
                 yield parser.batch(number)
         last = parser.batch(max(number, self._position))
         left_out = [
-            StreamEvent("other-topic", topic, None, None, count, "no table of the description: left out")
+            Event("other-topic", topic, None, None, count, "no table of the description: left out")
             for topic, count in sorted(others.items())
         ]
         yield Batch(last.tables, (*last.events, *left_out, *broken), last.position)

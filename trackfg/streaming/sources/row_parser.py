@@ -18,7 +18,7 @@ from trackfg.io.description_reader import FORMAT, validated
 from trackfg.numerics import units
 from trackfg.recording.description import RecordingDescription, Table
 from trackfg.recording.findings import errors
-from trackfg.streaming.events import StreamEvent
+from trackfg.results.events import Event
 from trackfg.streaming.rows import raw_columns
 from trackfg.streaming.sources.source import BATCH_S, Batch
 
@@ -90,11 +90,9 @@ class RowParser:
             wrong = next(column for column in columns if type(values[column]) not in _NUMBERS)
             raise RowError(f"{table}: {wrong!r} is {_shown(values[wrong])}; expected a number") from None
 
-    def _event(self, fault: str, numbers: list[int]) -> StreamEvent:
+    def _event(self, fault: str, numbers: list[int]) -> Event:
         more = f" ({len(numbers)} such, the last is {self._place} {numbers[-1]})" if len(numbers) > 1 else ""
-        return StreamEvent(
-            f"bad-{self._place}", "", None, None, len(numbers), f"{self._place} {numbers[0]}: {fault}{more}"
-        )
+        return Event(f"bad-{self._place}", "", None, None, len(numbers), f"{self._place} {numbers[0]}: {fault}{more}")
 
 
 _NUMBERS = (float, int, type(None))

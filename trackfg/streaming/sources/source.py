@@ -15,7 +15,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
-from trackfg.streaming.events import StreamEvent
+from trackfg.results.events import Event
 from trackfg.streaming.rows import recording_rows
 
 BATCH_S = 0.1
@@ -33,7 +33,7 @@ class Batch:
     """
 
     tables: Mapping[str, Array] = field(default_factory=dict)
-    events: tuple[StreamEvent, ...] = ()
+    events: tuple[Event, ...] = ()
     position: int = 0
 
 

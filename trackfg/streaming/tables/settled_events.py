@@ -20,11 +20,11 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import union
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.event_sources import EventSources
-from trackfg.output.events import Event, events
+from trackfg.output.events import events
 from trackfg.output.slip_events import wheel_excess
 from trackfg.output.trajectory import trajectory_table
+from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance
-from trackfg.streaming.events import StreamEvent
 
 LONGEST_S = 300.0
 """An event that lasts longer is emitted in parts, s: keyframes are kept no longer for it."""
@@ -37,17 +37,6 @@ _BEFORE_S = 0.5
 _MOVED_M = 1.0
 """A wheel that has not turned over a longer distance is silent, m."""
 
-EVENT_TABLES = {
-    "standstill": "imu",
-    "imu gap": "imu",
-    "tach gap": "tach",
-    "slip": "tach",
-    "slide": "tach",
-    "fix used": "fixes",
-    "fix set aside": "fixes",
-    "gnss set aside": "gnss",
-}
-"""The table that an event of each kind concerns; a map is none."""
 _EITHER = {"fix used": "fix", "fix set aside": "fix", "landmark used": "landmark", "landmark set aside": "landmark"}
 """Kinds that exclude each other, by what they are of."""
 
@@ -76,7 +65,7 @@ class SettledEvents:
     emitted_s: dict[str, float] = field(default_factory=dict)
     rests: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
-    def emit(self, inputs: EventInput, settled_s: float, *, at_end: bool) -> tuple[StreamEvent, ...]:
+    def emit(self, inputs: EventInput, settled_s: float, *, at_end: bool) -> tuple[Event, ...]:
         """Return the events that are over before ``settled_s``; at the end of the stream all that are left."""
         sources, run, motion, states, covariance = inputs
         sources = self._unemitted(sources)
@@ -88,20 +77,21 @@ class SettledEvents:
         latest = {"standstill": settled_s - _REST_GROWS_S, "slip": rolled_s, "slide": rolled_s}
         over, waiting, cut = [], [rolled_s - _BEFORE_S, _turned_s(sources, states)], []
         for event in events(sources, states, covariance, trajectory):
-            if not self.emitted_s.get(_thing(event), -np.inf) < event.start_s <= settled_s:
+            start_s, end_s = event.span_s
+            if not self.emitted_s.get(_thing(event), -np.inf) < start_s <= settled_s:
                 continue
-            is_over = event.end_s <= latest.get(event.kind, settled_s)
+            is_over = end_s <= latest.get(event.kind, settled_s)
             at_rest = event.kind == "standstill"  # a vehicle at rest is where it was
-            lasts = not at_rest and event.start_s < settled_s - LONGEST_S
+            lasts = not at_rest and start_s < settled_s - LONGEST_S
             if is_over or lasts or at_end:
                 over.append(event)
             elif not at_rest:
-                waiting.append(event.start_s - _BEFORE_S)
+                waiting.append(start_s - _BEFORE_S)
             if lasts and not is_over:
-                cut.append(min(event.end_s, settled_s) + _STEP_S)
-        self.emitted_s |= {_thing(event): event.end_s for event in over}
+                cut.append(min(end_s, settled_s) + _STEP_S)
+        self.emitted_s |= {_thing(event): event.span_s[1] for event in over}
         self.needed_since_s = max(self.needed_since_s, min(waiting), settled_s - LONGEST_S, *cut)
-        return tuple(_stream_event(event) for event in over)
+        return tuple(over)
 
     def _unemitted(self, sources: EventSources) -> EventSources:
         """Return sources with the earlier rests, and without GNSS positions whose run has been emitted."""
@@ -128,9 +118,3 @@ def _turned_s(sources: EventSources, states: States) -> float:
     last = float(sources.wheel.t[turned[-1] + 1 if turned.size else 0])
     distance = states.odo.distance
     return last if abs(distance[-1] - np.interp(last, sources.t, distance)) > _MOVED_M else np.inf
-
-
-def _stream_event(event: Event) -> StreamEvent:
-    kind, start, end, *numbers, detail = event
-    known = (None if np.isnan(value) else float(value) for value in numbers)
-    return StreamEvent(kind, EVENT_TABLES.get(kind, ""), start, end, 0, detail, *known)

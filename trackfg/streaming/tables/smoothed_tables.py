@@ -26,10 +26,10 @@ from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import trajectory_table
+from trackfg.results.events import Event
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.square_root import SquareRoot
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.tables.settled_events import EventInput, SettledEvents
 from trackfg.streaming.window.marginalised import MarginalisedHistory
 from trackfg.streaming.window.sample_buffer import SampleBuffer
@@ -78,7 +78,7 @@ class Tables(NamedTuple):
 
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
-    events: tuple[StreamEvent, ...]
+    events: tuple[Event, ...]
     track: TrackPiece
 
 

@@ -29,8 +29,8 @@ from trackfg.factors.marginal_prior import with_distance_shifted
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.window import Interval, Window
 
 GATE = 5.0
@@ -67,7 +67,7 @@ class FixVotes:
     rivals: tuple[Rival, ...] = ()
     distance_scale_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
     newest_m: float | None = None
-    events: tuple[StreamEvent, ...] = ()
+    events: tuple[Event, ...] = ()
 
     @property
     def doubt_m(self) -> float:
@@ -76,7 +76,7 @@ class FixVotes:
         variances = (_PROBABILITIES[k] * further**2 for further, k in deficits if k < len(_PROBABILITIES))
         return float(np.sqrt(sum(variances)))
 
-    def pop_events(self) -> tuple[StreamEvent, ...]:
+    def pop_events(self) -> tuple[Event, ...]:
         """Return the events since the last call."""
         events, self.events = self.events, ()
         return events
@@ -150,7 +150,7 @@ class FixVotes:
         if votes > MOST_VOTES:
             self.votes, self.rivals = MOST_VOTES, _with_vote_less(self.rivals)
         detail = f"{'1 fix agrees' if votes == 1 else f'{votes} fixes agree'} on a place {innovation:+.1f} m on"
-        self.events += (StreamEvent("place-changed", "fixes", t, t, 0, detail),)
+        self.events += (Event("place-changed", "fixes", t, t, 0, detail),)
         return innovation
 
     def _nearest_rival(self, further_m: float, sd_m: float) -> Rival | None:

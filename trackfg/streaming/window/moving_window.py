@@ -16,8 +16,8 @@ import numpy as np
 
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
+from trackfg.results.events import Event
 from trackfg.solver.covariance import posterior_covariance
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.fix_voting import FixVotes
 from trackfg.streaming.window.running_window import FAILURES, FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
@@ -106,7 +106,7 @@ class MovingWindow:
         lost, self.lost = self.lost, None
         return lost
 
-    def waiting_event(self) -> StreamEvent | None:
+    def waiting_event(self) -> Event | None:
         """Return the event that the stream has not begun because nothing measures the speed, if that is so."""
         if self.running is not None or self.next_keyframe() is not None:
             return None

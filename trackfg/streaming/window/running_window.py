@@ -29,11 +29,11 @@ from trackfg.graph.keyframes import TOO_CLOSE
 from trackfg.graph.motion import resting
 from trackfg.numerics.arrays import Array
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
+from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import DERIVED
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_states, shift_window
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
@@ -93,7 +93,7 @@ class Relinearisation(NamedTuple):
     whole_window: Window
     root: SquareRoot
     marginalised: MarginalisedKeyframes | None
-    event: StreamEvent | None = None
+    event: Event | None = None
 
 
 @dataclass
@@ -317,18 +317,18 @@ class RunningWindow:
 
     def _settle_window(
         self, window: Window, marginalise: Collection[int], failure: str | None
-    ) -> tuple[WindowStep, StreamEvent | None]:
+    ) -> tuple[WindowStep, Event | None]:
         """Return the whole window after its step, or after what had to take over, and the event of that."""
         now = float(window.t[-1])
         if failure is not None and not self.heading_known:  # undamped steps would not settle here either
-            event = None if self.damped else StreamEvent("by-batch", t_s=now, detail=failure)
+            event = None if self.damped else Event("by-batch", t_s=now, detail=failure)
             self.damped = True
             return self._batch_solution(window).gauss_newton_step(marginalise), event
-        event = None if failure is None else StreamEvent("by-window", t_s=now, detail=failure)
+        event = None if failure is None else Event("by-window", t_s=now, detail=failure)
         try:
             step = _settle(window, marginalise, _SETTLED)
         except FAILURES as error:
-            event = StreamEvent("by-batch", t_s=now, detail=str(error))
+            event = Event("by-batch", t_s=now, detail=str(error))
             return self._batch_solution(window).gauss_newton_step(marginalise), event
         if step.window.suspects_slip:
             step = self._cheaper_by_batch(window, step, marginalise)

@@ -15,8 +15,8 @@ from trackfg.config import SmoothConfig
 from trackfg.factors.factor_type import FactorType
 from trackfg.graph.build import Problem, build_problem, with_free_start, with_start_at
 from trackfg.graph.inputs import world_of
+from trackfg.results.events import Event
 from trackfg.sensors.tach import read_wheel
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
@@ -72,12 +72,12 @@ class StartingWindow:
             self.begin_s = end
         return None
 
-    def without_speed(self, until_s: float) -> StreamEvent | None:
+    def without_speed(self, until_s: float) -> Event | None:
         """Return the event that nothing measured the speed up to a time; None where it did."""
         if self.requested_s is None or until_s <= self.requested_s + _LATE_S:
             return None
         detail = "nothing measured the speed: expected rows of the tach or of GNSS; estimates begin with these"
-        return StreamEvent("no-speed", t_s=self.requested_s, until_s=until_s, detail=detail)
+        return Event("no-speed", t_s=self.requested_s, until_s=until_s, detail=detail)
 
     def problem(self, buffer: SampleBuffer, config: SmoothConfig, end: float, *, on_map: bool) -> FirstProblem:
         """Return the batch problem of the window that ends at ``end``, s.
@@ -113,7 +113,7 @@ class FirstProblem:
     problem: Problem
     context: StreamContext
     tach: TachBuffer | None
-    waited: StreamEvent | None
+    waited: Event | None
 
 
 def late_tach(buffer: SampleBuffer, config: SmoothConfig, t: float, count: float) -> TachBuffer | None:

@@ -10,8 +10,8 @@ import pytest
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
+from trackfg.results.events import Event
 from trackfg.streaming.checkpoint.snapshot import Snapshot
-from trackfg.streaming.events import StreamEvent
 from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import Rows
@@ -71,7 +71,7 @@ def arriving(true: Tables, given: Tables | None = None, seconds: float = 0.1) ->
     return [Batch({name: rows for name, rows in chunk.items() if len(rows)}) for chunk in chunks]
 
 
-def taken_in(batches: list[Batch], described: RecordingDescription | None = None) -> tuple[Tables, list[StreamEvent]]:
+def taken_in(batches: list[Batch], described: RecordingDescription | None = None) -> tuple[Tables, list[Event]]:
     intake = Intake.begin(described or description(), canonical=True)
     told = [intake.push(batch) for batch in batches]
     told.append(intake.finish())
@@ -191,7 +191,7 @@ def test_it_goes_on_from_its_state(cut: int) -> None:
 def test_events_have_the_times_of_the_stream() -> None:
     steps = ClockJumps.of(description())
     tables = set_ahead(run(steady), 30.0)
-    late = StreamEvent("late", "tach", 45.0, 45.5, 3, "too late")
+    late = Event("late", "tach", 45.0, 45.5, 3, "too late")
     _, told = steps.without_jumps(Rows.of(tables, END_S + 30.0), [])
     assert [event.kind for event in told] == ["clock-set"]
     assert steps.shift_s == pytest.approx(30.0)

@@ -19,7 +19,8 @@ from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import Imu, RecordingDescription, Tach
-from trackfg.streaming.events import LossReport, StreamEvent
+from trackfg.results.events import Event
+from trackfg.streaming.events import LossReport
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import Batch, RecordingSource
@@ -61,7 +62,7 @@ def measurements(channels: ImuFaultDetector, rows: Array, report: LossReport) ->
 
 def passed(
     rows: Array, *, imu: Imu = IMU, is_canonical: bool = True, cuts: list[int] | None = None
-) -> tuple[Array, list[StreamEvent]]:
+) -> tuple[Array, list[Event]]:
     """What is left of rows that come in groups, and the events."""
     channels, report = detector(imu, is_canonical=is_canonical), LossReport()
     groups = np.split(rows, np.arange(20, len(rows), 20) if cuts is None else cuts)

@@ -15,8 +15,9 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.io.reader import read_recording
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
+from trackfg.results.events import Event
 from trackfg.streaming.checkpoint.snapshot import Snapshot
-from trackfg.streaming.events import LossReport, StreamEvent
+from trackfg.streaming.events import LossReport
 from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.intake.row_checks import RowChecks
@@ -53,7 +54,7 @@ def raw_batches(draft: Draft, description: RecordingDescription, batch_s: float 
         yield Batch({name: rows for name, rows in chunk.items() if rows.shape[0]}, position=i + 1)
 
 
-def taken_in(intake: Intake, batches: Iterator[Batch]) -> tuple[Rows, list[StreamEvent]]:
+def taken_in(intake: Intake, batches: Iterator[Batch]) -> tuple[Rows, list[Event]]:
     parts, events = [], []
     for batch in batches:
         rows, said = intake.push(batch)
@@ -153,7 +154,7 @@ def test_an_intake_goes_on_from_its_state(canonical: bool, cut: int, draft: Draf
     assert whole.finish()[1] == again.finish()[1]
 
 
-def checked(rows: list[list[float]], *, signed: bool = False, name: str = "tach") -> tuple[Array, list[StreamEvent]]:
+def checked(rows: list[list[float]], *, signed: bool = False, name: str = "tach") -> tuple[Array, list[Event]]:
     toml = {
         "id": "x",
         "imu": {"file": "-", "gyro": ["a", "b", "c"], "accel": ["d", "e", "f"]},

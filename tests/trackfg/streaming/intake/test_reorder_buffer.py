@@ -12,7 +12,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from trackfg.numerics.arrays import Array
-from trackfg.streaming.events import LossReport, StreamEvent
+from trackfg.results.events import Event
+from trackfg.streaming.events import LossReport
 from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 
@@ -58,7 +59,7 @@ def set_back(pushed: list[Tables], by_s: float, only: str = "") -> list[Tables]:
     return pushed
 
 
-def through(arrival: ReorderBuffer, pushed: list[Tables]) -> tuple[Tables, list[StreamEvent]]:
+def through(arrival: ReorderBuffer, pushed: list[Tables]) -> tuple[Tables, list[Event]]:
     """Everything that comes out, by table."""
     report, events = LossReport(), []
     out: dict[str, list[Array]] = {name: [] for name in RATES}
@@ -72,11 +73,11 @@ def through(arrival: ReorderBuffer, pushed: list[Tables]) -> tuple[Tables, list[
     return {name: np.concatenate(rows) if rows else np.empty((0, 2)) for name, rows in out.items()}, events
 
 
-def stream(tables: Tables, size: int = 13, **limits: float) -> tuple[Tables, list[StreamEvent]]:
+def stream(tables: Tables, size: int = 13, **limits: float) -> tuple[Tables, list[Event]]:
     return through(ReorderBuffer.of(RATES, ClockLimits(**limits)), batches(in_order(tables), size))
 
 
-def lost(events: list[StreamEvent]) -> Counter[tuple[str, str]]:
+def lost(events: list[Event]) -> Counter[tuple[str, str]]:
     count: Counter[tuple[str, str]] = Counter()
     for event in events:
         count[event.kind, event.table] += event.rows
@@ -361,7 +362,7 @@ def test_what_cannot_be_used_is_counted_by_kind() -> None:
     tables["tach"][8, 1] = -1e13
     _, events = stream({name: rows for name, rows in tables.items() if name != "tach"})
     (event,) = events
-    assert event == StreamEvent("not-finite", "imu", 1.0, 1.09, 10, event.detail)
+    assert event == Event("not-finite", "imu", 1.0, 1.09, 10, event.detail)
     _, events = through(ReorderBuffer.of(RATES), [tables])
     assert lost(events) == {("not-finite", "imu"): 10, ("not-finite", "tach"): 2}
 

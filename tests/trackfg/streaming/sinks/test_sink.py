@@ -17,7 +17,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError, OutputError
-from trackfg.streaming.events import StreamEvent, event_table
+from trackfg.results.events import Event
+from trackfg.streaming.events import event_table
 from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts, read_parts
 from trackfg.streaming.sinks.sink import Callback, JsonLines, Sink, json_lines
 
@@ -27,7 +28,7 @@ def frame(first: int, last: int) -> pd.DataFrame:
     return pd.DataFrame({"t_s": 0.1 * i, "chainage_m": 1.5 * i, "chainage_m_sd": np.where(i % 3, 0.1, np.nan)})
 
 
-EVENTS = event_table([StreamEvent("late", "tach", 1.0, 2.0, 3, "x"), StreamEvent("bad-line", rows=1)])
+EVENTS = event_table([Event("late", "tach", 1.0, 2.0, 3, "x"), Event("bad-line", rows=1)])
 
 
 def test_parts_hold_what_was_written(tmp_path: Path) -> None:

@@ -16,12 +16,12 @@ from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.evaluation.slip_scores import score_slips
 from trackfg.results.columns import EVENT_COLUMNS
-from trackfg.streaming.events import StreamEvent
+from trackfg.results.events import Event
 
 SLIPS = ("slip", "slide")
 
 
-def table_of(events: Sequence[StreamEvent]) -> pd.DataFrame:
+def table_of(events: Sequence[Event]) -> pd.DataFrame:
     """As a result's events."""
     rows = [
         (
