@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import numpy as np
+
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.irregularities import IrregularityModel
 from trackfg.datasets.line.line_design import LineDesign
@@ -18,7 +20,9 @@ from trackfg.datasets.sensors.odometer import TachModel
 from trackfg.datasets.sensors.positioning import BaliseModel, GnssModel
 from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Driver
+from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
+from trackfg.recording.model import Recording
 
 TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "further"]
 
@@ -32,6 +36,26 @@ class Recorder:
 
 
 @dataclass(frozen=True)
+class Effect:
+    """A disturbance of the world that the recording's description does not mention (:mod:`trackfg.datasets.effects`).
+
+    ``magnitude`` says how large it is, in the effect's own unit. One that is ``told`` happens too, but is declared, or
+    taken out where nothing could declare it: an estimator that gets such a recording is an oracle.
+    """
+
+    magnitude: float
+    told: bool = False
+
+    def planned(self, plan: Scenario) -> Scenario:
+        """Return the scenario in which it happens."""
+        return plan
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """Return the recording as it comes out. What ``rng`` draws is the same whether or not the effect is told."""
+        return recording
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A line, its condition, a vehicle with its driver, and sensors.
 
@@ -41,6 +65,7 @@ class Scenario:
     ``flange_knocks`` the wheels strike the outer rail of curves below R 400 (:mod:`trackfg.datasets.vehicle.flange`).
     Chainage is the origin's plus ``direction`` times the arc length; with ``both_ways`` the odd runs go back.
     ``runs_per_vehicle`` runs one after the other are of one vehicle, which keeps its wheel and its IMU in its mounting.
+    ``effects`` happen one after the other; the truth is that of the ride, which none of them changes after it is made.
     """
 
     name: str
@@ -66,11 +91,19 @@ class Scenario:
     length_m: float | None = None
     both_ways: bool = False
     runs_per_vehicle: int = 1
+    effects: tuple[Effect, ...] = ()
 
     @property
     def georeferenced(self) -> bool:
         """Return whether the heading in ENU has a meaning."""
         return self.gnss is not None or self.latitude_deg is not None
+
+    def planned(self) -> Scenario:
+        """Return the scenario as its effects have changed it before the run."""
+        plan = self
+        for effect in self.effects:
+            plan = effect.planned(plan)
+        return plan
 
     def on(self, given: GivenLine) -> Scenario:
         """The same on a given line, whose gauge, base of the cross-level, chainage and heading come with it.

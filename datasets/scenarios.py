@@ -92,12 +92,13 @@ def simulate(
     ``seed`` settles the track and, with ``run``, the driving and the sensors on it: runs of one seed are over one
     track, and the runs of one vehicle share its wheel and its IMU as it is mounted. One seed and run repeat to the bit,
     and track and driving are the same whether or not there is ``noise``.
-    Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses.
+    Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses,
+    and no effect on the recording.
     A run starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
     Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run, a duration below
     :data:`SHORTEST_S`, and a line too short for the driver.
     """
-    plan = scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name
+    plan = (scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name).planned()
     duration = plan.duration_s if duration_s is None else duration_s
     if not (np.isfinite(duration) and duration >= SHORTEST_S):
         raise BadInputError(f"duration_s {duration}: expected {SHORTEST_S} s or more")
@@ -135,10 +136,15 @@ def simulate(
         streams=streams if noise else None,
     )
 
+    recording = measured.recording
+    if noise:
+        for effect, rng in zip(plan.effects, _streams(seed, (3, run), len(plan.effects)), strict=True):
+            recording = effect.recorded(recording, ride, rng)
+
     t = tables.clock(duration, truth_rate_hz)
     s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration], duration))
     return Simulation(
-        recording=measured.recording,
+        recording=recording,
         truth=_truth(ride, t, odometer.worn_scale(ride, plan.tach, measured.wheel_scale, t), edges, measured.errors),
         truth_geometry=truth_geometry(
             track,

@@ -1,0 +1,43 @@
+"""Stamps of the IMU that are not when its samples were taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.datasets.scenario import Effect
+from trackfg.datasets.vehicle.ride import Ride
+from trackfg.recording.model import Recording
+
+
+@dataclass(frozen=True)
+class DelayedStamps(Effect):
+    """Samples stamped on arrival, ``magnitude`` milliseconds late on the average: delays are exponential, in order.
+
+    Told: stamped in time.
+    """
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        imu = recording.imu
+        t = imu["t_s"].to_numpy()
+        arrival = t + 1e-3 * self.magnitude * rng.standard_exponential(len(t))
+        # A sample waits for the one before it and comes 0.1 ms after it: what a serial line takes for a message.
+        order = 1e-4 * np.arange(len(t))
+        arrival = np.maximum.accumulate(arrival - order) + order
+        return recording if self.told else replace(recording, imu=imu.assign(t_s=arrival))
+
+
+@dataclass(frozen=True)
+class ClockJump(Effect):
+    """The IMU's clock jumps ahead by ``magnitude`` seconds, half-way through the run. Told: it does not."""
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        if self.told:
+            return recording
+        imu = recording.imu
+        t = imu["t_s"].to_numpy()
+        late = np.arange(len(t)) >= len(t) // 2
+        return replace(recording, imu=imu.assign(t_s=t + self.magnitude * late))

@@ -1,0 +1,105 @@
+"""Positions that are wrong, worse than declared, or late."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from trackfg.datasets.scenario import Effect
+from trackfg.datasets.vehicle.random_spans import random_spans
+from trackfg.datasets.vehicle.ride import Ride
+from trackfg.numerics.arrays import Array
+from trackfg.recording.model import Recording
+
+_ENU = ("east", "north", "up")
+
+
+@dataclass(frozen=True)
+class WrongFixes(Effect):
+    """Fixes of which a share of ``magnitude`` has the chainage of another balise of the run. Told: they are left out.
+
+    At least one is wrong where the recording has two or more.
+    """
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        fixes = recording.fixes
+        if fixes is None or len(fixes) < 2:
+            return recording
+        chainage = fixes["chainage_m"].to_numpy()
+        wrong = rng.permutation(len(fixes))[: max(1, round(self.magnitude * len(fixes)))]
+        other = (wrong + rng.integers(1, len(fixes), len(wrong))) % len(fixes)
+        if self.told:
+            return replace(recording, fixes=fixes.drop(index=fixes.index[wrong]).reset_index(drop=True))
+        read = chainage.copy()
+        read[wrong] = chainage[other]
+        return replace(recording, fixes=fixes.assign(chainage_m=read))
+
+
+@dataclass(frozen=True)
+class ScatteredFixes(Effect):
+    """Fixes that scatter by ``magnitude`` metres (1 sigma) more than declared."""
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        fixes = recording.fixes
+        if fixes is None:
+            return recording
+        scattered = fixes.assign(chainage_m=fixes["chainage_m"] + self.magnitude * rng.standard_normal(len(fixes)))
+        if self.told:
+            scattered["chainage_sd_m"] = np.hypot(fixes["chainage_sd_m"], self.magnitude)
+        return replace(recording, fixes=scattered)
+
+
+CANYON_S = (20.0, 60.0)
+"""How long a vehicle is between tall houses, s; in between for :data:`OPEN_S` on the average. Assumed."""
+OPEN_S = 40.0
+CORRELATION_S = 20.0
+"""Correlation time of the multipath of a moving receiver among houses, s: tens of seconds. Assumed."""
+
+
+@dataclass(frozen=True)
+class Canyon(Effect):
+    """Satellite positions that err by ``magnitude`` metres (horizontal rms) for tens of seconds, between houses.
+
+    Up errs by twice that of a horizontal axis. Told: the sigmas are those of the errors, as if they were white.
+    """
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        gnss = recording.gnss
+        if gnss is None:
+            return recording
+        span_rng, error_rng = rng.spawn(2)
+        t = gnss["t_s"].to_numpy()
+        shadowed = np.zeros(len(t), dtype=bool)
+        for start, end in t[0] + random_spans(1.0 / OPEN_S, CANYON_S, float(t[-1] - t[0]), span_rng):
+            shadowed |= (t >= start) & (t < end)
+        error = shadowed[:, None] * self.magnitude * np.array([0.5, 0.5, 1.0]) ** 0.5 * np.array([1.0, 1.0, 2.0**0.5])
+        wandering = _markov(len(t), float(np.median(np.diff(t))), error_rng)
+        columns = {f"{axis}_m": gnss[f"{axis}_m"] + error[:, i] * wandering[:, i] for i, axis in enumerate(_ENU)}
+        if self.told:
+            columns |= {f"{axis}_sd_m": np.hypot(gnss[f"{axis}_sd_m"], error[:, i]) for i, axis in enumerate(_ENU)}
+        return replace(recording, gnss=gnss.assign(**columns))
+
+
+@dataclass(frozen=True)
+class LateGnss(Effect):
+    """Satellite positions stamped ``magnitude`` seconds late. Told: in time."""
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        gnss = recording.gnss
+        if gnss is None or self.told:
+            return recording
+        return replace(recording, gnss=gnss.assign(t_s=gnss["t_s"] + self.magnitude))
+
+
+def _markov(n: int, interval_s: float, rng: np.random.Generator) -> Array:
+    """Return three stationary first-order Gauss-Markov processes of variance 1. Shape (n, 3)."""
+    kept = np.exp(-interval_s / CORRELATION_S)
+    driven = rng.standard_normal((n, 3))
+    driven[1:] *= np.sqrt(1.0 - kept * kept)
+    return np.asarray(lfilter([1.0], [1.0, -kept], driven, axis=0))
