@@ -80,6 +80,8 @@ class Problem:
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, dim)."""
+    withheld: tuple[Family, ...] = ()
+    """Measurements that are taken for wrong: no part of the graph, but their residuals are reported."""
 
     @property
     def t(self) -> Array:

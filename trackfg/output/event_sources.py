@@ -37,7 +37,7 @@ class EventSources:
             gaps=problem.gaps,
             wheel=problem.wheel,
             clock_origin=problem.clock_origin,
-            families=problem.families,
+            families=(*problem.families, *problem.withheld),
         )
 
     def family(self, kind: FactorType) -> Family | None:

@@ -57,14 +57,9 @@ Reassessor = Callable[[SolvedRun], Reassessment]
 """Solution and covariance of the run are those of its last solve; its problem may have been changed since by the
 reassessors before."""
 
-REASSESSORS: tuple[Reassessor, ...] = ()
-"""All of them, in the order in which they see a solution."""
-
 
 def reassessed(
-    run: SolvedRun,
-    solved_again: Callable[[SolvedRun, bool], SolvedRun],
-    reassessors: Sequence[Reassessor] = REASSESSORS,
+    run: SolvedRun, solved_again: Callable[[SolvedRun, bool], SolvedRun], reassessors: Sequence[Reassessor]
 ) -> SolvedRun:
     """Return the run after as many rounds of reassessing and solving as change anything, with findings and doubts.
 

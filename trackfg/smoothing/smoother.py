@@ -38,6 +38,8 @@ from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
+from trackfg.smoothing.reassessors import REASSESSORS
+from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
@@ -138,7 +140,7 @@ def smooth_states(
 
 def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages) -> SolvedRun:
     with stages.stage("graph"):
-        problem = build_problem(recording, config)
+        problem = with_consensus(build_problem(recording, config))
         if views:
             problem = with_rail_factors(problem, problem.initial, views, config.laser)
     with stages.stage("solve") as report:
@@ -155,7 +157,7 @@ def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], s
         covariance, ratios = _covariance(run.problem, solution, stages)
         return replace(run, solution=solution, covariance=covariance, noise_ratios=ratios)
 
-    return reassessed(run, solved_again)
+    return reassessed(run, solved_again, REASSESSORS)
 
 
 def _covariance(problem: Problem, solution: Solution, stages: _Stages) -> tuple[Covariance, dict[str, float]]:

@@ -1,0 +1,53 @@
+"""Wrong fixes do not move a run: the solution is that of the right ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.recording.model import Recording
+from trackfg.smoothing.smoother import smooth
+
+
+@pytest.fixture(scope="module")
+def run() -> Simulation:
+    return simulate(replace(scenario("mainline"), balises=BaliseModel(400.0, 0.3)), seed=1, duration_s=200.0)
+
+
+def with_fixes(run: Simulation, moved_m: dict[int, float], kept: Sequence[int] | None = None) -> Recording:
+    fixes = run.recording.fixes
+    assert fixes is not None
+    chainage = fixes["chainage_m"].to_numpy().copy()
+    for i, by in moved_m.items():
+        chainage[i] += by
+    table = fixes.assign(chainage_m=chainage)
+    return replace(run.recording, fixes=table if kept is None else table.iloc[list(kept)].reset_index(drop=True))
+
+
+@pytest.mark.parametrize("moved_m", [{0: 900.0}, {3: -800.0, 5: 40.0}])
+def test_the_solution_is_that_of_the_right_fixes(run: Simulation, moved_m: dict[int, float]) -> None:
+    assert run.recording.fixes is not None
+    n = len(run.recording.fixes)
+    assert n >= 5 * len(moved_m)
+    wrong = smooth(with_fixes(run, moved_m))
+    oracle = smooth(with_fixes(run, {}, [i for i in range(n) if i not in moved_m]))
+    assert wrong.summary.solver.converged
+    off = wrong.trajectory["chainage_m"] - oracle.trajectory["chainage_m"]
+    assert (off.abs() < 0.2 * oracle.trajectory["chainage_m_sd"]).all()
+    withheld = next(finding for finding in wrong.summary.findings if finding.code == "fixes-withheld")
+    assert f"{len(moved_m)} of {n} fixes" in withheld.message
+    for by in moved_m.values():
+        assert any(f"({by + r / 10:+.1f} m)" in withheld.message for r in range(-20, 21))
+    aside = wrong.events[wrong.events["kind"] == "fix set aside"]
+    np.testing.assert_allclose(aside["start_s"], run.recording.fixes["t_s"].iloc[list(moved_m)], atol=0.02)
+
+
+def test_right_fixes_stay(run: Simulation) -> None:
+    result = smooth(run.recording)
+    assert not any(finding.code == "fixes-withheld" for finding in result.summary.findings)
+    assert set(result.events["kind"]).isdisjoint({"fix set aside"})

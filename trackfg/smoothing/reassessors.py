@@ -1,0 +1,8 @@
+"""All reassessors, in the order in which they see a solution."""
+
+from __future__ import annotations
+
+from trackfg.smoothing.reassessment import Reassessor
+from trackfg.smoothing.wrong_fixes import wrong_fixes
+
+REASSESSORS: tuple[Reassessor, ...] = (wrong_fixes,)

@@ -1,0 +1,157 @@
+"""Wrong fixes are withheld: hypotheses before the first solve, and leave-one-out residuals after each.
+
+Before, :mod:`trackfg.graph.fix_consensus` finds the fixes that agree with each other and with the wheel, and the run
+starts where those say. After, each fix is held against what all other measurements predict for it. One that is wrong
+on its own is withheld; a withheld one that fits is used again. Where neighbouring fixes are off as well, one way before
+and the other way after, the wheel erred between them, and they stay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, family_of
+from trackfg.factors.odometry import followed_fix, withheld_fix
+from trackfg.graph.build import Problem
+from trackfg.graph.fix_consensus import Consensus, Passages, consensus
+from trackfg.numerics.arrays import Array
+from trackfg.recording.findings import Finding
+from trackfg.results.verdict import Doubt
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.solver.leave_one_out import left_out
+
+_GATE_SIGMAS = 5.0
+"""A fix further off than this, in sigmas of its prediction by all others, is wrong: 6e-7 of right ones are."""
+
+_AGAIN_SIGMAS = 3.0
+"""A withheld fix nearer than this is used again. Less than the gate, so that none goes to and fro."""
+
+_ALONE = 2.0
+"""A fix is wrong on its own if it is further off, in sigmas, by this factor than its neighbours: where the wheel errs
+between two groups of fixes, those on both sides are off alike."""
+
+_UNKNOWN_SD_M = 100.0
+"""Sigma of the distance of one interval, m, above which the wheel says nothing of it."""
+
+_NAMED = 5
+"""So many fixes are named in a finding; the events have all."""
+
+
+def with_consensus(problem: Problem) -> Problem:
+    """Return the problem without fixes that contradict the most, which begins where those place it."""
+    fixes = _fixes(problem)
+    if fixes is None or fixes.loss is None:
+        return problem
+    agreed = _consensus(problem, fixes)
+    right = fixes.take(agreed.right)
+    if not agreed.right.all():
+        others = tuple(family for family in problem.families if family is not fixes)
+        problem = replace(problem, families=(*others, right), withheld=(withheld_fix(fixes.take(~agreed.right)),))
+    return _started_at(problem, right)
+
+
+def wrong_fixes(run: SolvedRun) -> Reassessment:
+    """Reassess which fixes are wrong, by what all other measurements say."""
+    problem, states = run.problem, run.solution.states
+    fixes, withheld = _fixes(problem), family_of(problem.withheld, FactorType.WITHHELD_FIX)
+    if fixes is None or fixes.loss is None:
+        return Reassessment(problem)
+    z = left_out(fixes, states, run.covariance).in_sigmas(fixes.sigma)[:, 0]
+    wrong = _wrong_alone(fixes.slots[0].index, z)
+    used, aside = fixes.take(~wrong), [withheld_fix(fixes.take(wrong))]
+    changed = bool(wrong.any())
+    if withheld is not None:
+        again = np.abs(left_out(withheld, states, run.covariance, used=False).in_sigmas(withheld.sigma)[:, 0])
+        fits = again < _AGAIN_SIGMAS
+        used, changed = used.joined(followed_fix(withheld.take(fits))), changed or bool(fits.any())
+        aside.append(withheld.take(~fits))
+    if changed:
+        used, out = _in_order(used), _in_order(aside[0].joined(*aside[1:]))
+        others = tuple(family for family in problem.families if family is not fixes)
+        problem = replace(problem, families=(*others, used), withheld=(out,) if len(out) else ())
+    return Reassessment(problem, _findings(run, problem), _doubts(run.declared), changed)
+
+
+def _fixes(problem: Problem) -> Family | None:
+    return family_of(problem.families, FactorType.ABSOLUTE_FIX)
+
+
+def _consensus(problem: Problem, fixes: Family) -> Consensus:
+    """Return which fixes are right by the wheel; all, where there is nothing that measures the way between them."""
+    start = family_of(problem.families, FactorType.PRIOR_ODO)
+    if start is None or not np.ptp(problem.initial.odo.distance):
+        return Consensus(np.ones(len(fixes), dtype=bool), np.zeros(len(fixes), dtype=bool), (len(fixes), 0))
+    return consensus(_passages(problem, fixes), float(start.sigma[0, 1]))
+
+
+def _passages(problem: Problem, fixes: Family) -> Passages:
+    distance, index = problem.initial.odo.distance, fixes.slots[0].index
+    way = np.abs(np.diff(distance))
+    wheel, tach = problem.wheel, family_of(problem.families, FactorType.TACH_DISTANCE)
+    variance, unknown = np.zeros(len(way)), np.zeros(len(way), dtype=bool)
+    if wheel is not None and tach is not None:
+        k, sigma = tach.slots[0].index, tach.sigma[:, 0]
+        unknown[k] = sigma > _UNKNOWN_SD_M
+        if tach.doubtful is not None:
+            unknown[k] |= tach.doubtful
+        variance[k] = np.where(unknown[k], 0.0, sigma**2)
+    since_start = (np.concatenate([[0.0], np.cumsum(step)])[index] for step in (variance, way, way * unknown))
+    return Passages(fixes.data["distance"][:, 0], fixes.sigma[:, 0], distance[index], *since_start)
+
+
+def _started_at(problem: Problem, right: Family) -> Problem:
+    """Return the problem moved along the track, so that its first right fix agrees."""
+    odo = problem.initial.odo
+    shift = float(right.data["distance"][0, 0] - odo.distance[right.slots[0].index[0]])
+    if not shift:
+        return problem
+    mean = family_of(problem.families, FactorType.PRIOR_ODO)
+    assert mean is not None
+    moved = mean.with_data(mean=type(odo)(mean.data["mean"]).moved_along(shift).array)
+    families = tuple(moved if family is mean else family for family in problem.families)
+    return replace(problem, initial=replace(problem.initial, odo=odo.moved_along(shift)), families=families)
+
+
+def _wrong_alone(index: np.ndarray, z: Array) -> np.ndarray:
+    """Return which errors (n,), in sigmas, of fixes at keyframes ``index`` are beyond the gate and stand out."""
+    order = np.argsort(index, kind="stable")
+    size = np.abs(z[order])
+    around = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    wrong = np.zeros(len(z), dtype=bool)
+    wrong[order] = (size > _GATE_SIGMAS) & (size > _ALONE * around)
+    return wrong
+
+
+def _in_order(fixes: Family) -> Family:
+    return fixes.take(np.argsort(fixes.slots[0].index, kind="stable"))
+
+
+def _findings(run: SolvedRun, problem: Problem) -> tuple[Finding, ...]:
+    withheld, fixes = family_of(problem.withheld, FactorType.WITHHELD_FIX), _fixes(problem)
+    if withheld is None or fixes is None:
+        return ()
+    off = -problem.run.direction * withheld.residual(run.solution.states)[:, 0]
+    named = [f"{problem.t[k]:.1f} s ({r:+.1f} m)" for k, r in zip(withheld.slots[0].index, off, strict=True)]
+    more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+    message = (
+        f"{len(named)} of {len(named) + len(fixes)} fixes contradict the others and were withheld: at "
+        f"{', '.join(named[:_NAMED])}{more}"
+    )
+    hint = "compare their chainages with the line's register; the events list each fix"
+    return (Finding("warning", "fixes-withheld", message, hint=hint),)
+
+
+def _doubts(declared: Problem) -> tuple[Doubt, ...]:
+    """Return the doubt where another set of fixes is about as large as the one that was followed."""
+    fixes, withheld = _fixes(declared), family_of(declared.withheld, FactorType.WITHHELD_FIX)
+    if fixes is None or withheld is None:
+        return ()
+    agreed = _consensus(declared, _in_order(fixes.joined(followed_fix(withheld))))
+    if not agreed.is_undecided:
+        return ()
+    right, rival = agreed.votes
+    reason = f"{right} fixes agree on one place and {rival} on another: either may be right"
+    return (Doubt(("chainage",), np.inf, reason, "remove the fixes that are wrong from the recording"),)

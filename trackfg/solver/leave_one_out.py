@@ -1,0 +1,59 @@
+"""Leave-one-out residuals hold each measurement against what all the others predict for it.
+
+A solution follows a measurement the more, the less the others tell, so its residual r understates its error. With the
+posterior covariance ``S = J P J'`` of the predicted measurement and the information ``W`` that the measurement entered
+with (of its sigmas and its robust weight), the others alone would have predicted it with
+
+    e = (I - S W)^-1 r,   C = (I - S W)^-1 S,
+
+error and covariance, without another solve (the scalar case ``r / (1 - h)`` is in Cook & Weisberg, "Residuals and
+influence in regression", 1982, ch. 2). If the sigmas are right, e has the covariance ``C + sigma^2``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.factors.family import Family
+from trackfg.factors.states import States, offset_in_keyframe
+from trackfg.numerics.arrays import Array
+from trackfg.solver.covariance import Covariance
+
+_LEAST_LEFT = 1e-9
+"""Least share of a measurement's weight that the others keep: below it rounding decides."""
+
+
+class LeftOut(NamedTuple):
+    """Each of m measurements of d values left out: ``error`` (m, d) of its prediction by the others, in its unit, and
+    the ``covariance`` (m, d, d) of that prediction.
+    """
+
+    error: Array
+    covariance: Array
+
+    def in_sigmas(self, sigma: Array) -> Array:
+        """Return the errors over their sigmas, with those of the measurements, (m, d), as in the family."""
+        own = np.diagonal(self.covariance, axis1=1, axis2=2)
+        return np.asarray(self.error / np.sqrt(own + sigma**2))
+
+
+def left_out(family: Family, states: States, covariance: Covariance, *, used: bool = True) -> LeftOut:
+    """Return the leave-one-out errors of a family, each of whose factors touches one keyframe and shared variables.
+
+    ``states`` and ``covariance`` are those of the solution; with ``used`` false the family was no part of it.
+    """
+    residual, jacobians = family.evaluated(family.values(states))
+    keyed = [slot.index for slot in family.slots if not slot.kind.shared]
+    columns = np.concatenate(
+        [offset_in_keyframe(slot.kind) + np.arange(slot.kind.dim) for slot in family.slots],
+    )
+    J = np.concatenate(jacobians, axis=2)
+    P = covariance.marginal[keyed[0][:, None, None], columns[:, None], columns]
+    S = J @ P @ np.swapaxes(J, 1, 2)
+    if not used:
+        return LeftOut(residual, S)
+    information = family.weights(states)[:, None] / family.sigma**2
+    left = np.eye(S.shape[1]) * (1.0 + _LEAST_LEFT) - S * information[:, None, :]
+    return LeftOut(np.linalg.solve(left, residual[:, :, None])[:, :, 0], np.linalg.solve(left, S))
