@@ -1,0 +1,1 @@
+"""The acceptance of rough recordings: ``python tools/robustness.py``."""
