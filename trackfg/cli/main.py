@@ -1,7 +1,7 @@
 """The command line: arguments in, calls to the library, tables for people out. Nothing is computed here.
 
-Exit status: 0 done, 2 bad input or usage, 1 anything else, 130 interrupted. What a command needs is imported when it
-runs, so that ``--help`` and ``--version`` answer at once.
+Exit status: 0 done, 2 bad input or usage, 3 written but not to be trusted, 1 anything else, 130 interrupted. What a
+command needs is imported when it runs, so that ``--help`` and ``--version`` answer at once.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ app.add_typer(maps, name="map")
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
+_NOT_TO_BE_TRUSTED = 3
+"""Exit status of a command that wrote what is not to be trusted."""
 _LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
 Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=_LIMITS_HELP, show_default=False)]
 Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)]
@@ -170,7 +172,9 @@ def smooth(
 ) -> None:
     """Smooth a recording: trajectory, track geometry and events, each with its uncertainty, and a summary.
 
-    An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as it is.
+    The summary says of each quantity whether its sigmas can be trusted. Exit status 3 if none can, since the solution
+    did not converge. An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as
+    it is.
     """
     from trackfg.cli import tables
     from trackfg.config import SmoothConfig
@@ -194,7 +198,12 @@ def smooth(
         print(result.summary.model_dump_json(indent=2))
     else:
         show(tables.summary(result))
+        show(tables.verdicts(result))
+        if result.summary.findings:
+            show(tables.findings(result.summary.findings))
         print(f"result: {out}")
+    if not result.summary.solver.converged:
+        raise typer.Exit(_NOT_TO_BE_TRUSTED)
 
 
 @app.command(epilog="Example: trackfg baseline complementary run1 -o out1-complementary")

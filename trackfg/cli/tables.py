@@ -17,6 +17,7 @@ from trackfg.recording.findings import Finding
 from trackfg.report.flatten import leaves
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, VectorEstimate
+from trackfg.results.verdict import opinions
 
 if TYPE_CHECKING:
     from trackfg.comparison.estimators import Estimator
@@ -176,7 +177,7 @@ def summary(result: Result) -> RenderableType:
     page = result.summary
     rows = {
         "recording": page.recording_id,
-        "length": f"{page.duration_s:.1f} s, {page.distance_m:.1f} m",
+        "length": f"{page.duration_s:.1f} s, {_distance(page.distance_m)}",
         "solver": f"{page.solver.reason} ({page.solver.iterations} iterations, {page.keyframes} keyframes)",
         "cost": f"{page.solver.cost:.1f} at {page.solver.degrees_of_freedom} degrees of freedom",
         "wheel scale": _estimate(page.wheel_scale),
@@ -188,6 +189,22 @@ def summary(result: Result) -> RenderableType:
         "time": ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in page.timings_s.items()),
     }
     return named_values("Summary", rows)
+
+
+def verdicts(result: Result) -> RenderableType:
+    """Return what can be believed: quantities, verdict, why and what to do, the worst first."""
+    table = titled("Verdict", show_lines=True)
+    for heading in ("quantities", "verdict", "why", "what to do"):
+        table.add_column(heading, overflow="fold")
+    for opinion in opinions(result.summary.verdicts):
+        style = "" if opinion.verdict == "trusted" else _COLOUR["warning"]
+        table.add_row(
+            Text(", ".join(opinion.quantities)),
+            Text(opinion.verdict, style=style),
+            Text("\n".join(opinion.reasons)),
+            Text("\n".join(opinion.hints)),
+        )
+    return table
 
 
 def named_values(title: str, rows: Mapping[str, str]) -> Table:
@@ -207,12 +224,20 @@ def titled(title: str, **options: Any) -> Table:
 
 
 def _estimate(estimate: Estimate | None, unit: str = "") -> str:
-    return f"{estimate.value:.6f} ± {estimate.sd:.6f} {unit}".rstrip() if estimate else ""
+    if estimate is None:
+        return ""
+    sd = "" if estimate.sd is None else f" ± {estimate.sd:.6f}"
+    return f"{estimate.value:.6f}{sd} {unit}".rstrip()
 
 
 def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:
-    pairs = zip(estimate.value, estimate.sd, strict=True)
-    return ", ".join(f"{scale * value:.2f} ± {scale * sd:.2f}" for value, sd in pairs) + f" {unit}"
+    sds = [""] * 3 if estimate.sd is None else [f" ± {scale * sd:.2f}" for sd in estimate.sd]
+    pairs = zip(estimate.value, sds, strict=True)
+    return ", ".join(f"{scale * value:.2f}{sd}" for value, sd in pairs) + f" {unit}"
+
+
+def _distance(distance_m: float | None) -> str:
+    return "distance not determined" if distance_m is None else f"{distance_m:.1f} m"
 
 
 def _counts(values: Iterable[str]) -> str:

@@ -28,9 +28,9 @@ def with_unit(value: float | None, unit: str, significant: int = 3) -> str:
     return text if text == NONE or not unit else f"{text} {unit}"
 
 
-def with_sd(value: float, sd: float, unit: str) -> str:
-    """Format value and 1-sigma to two digits of the sigma."""
-    if not (math.isfinite(sd) and sd > 0.0):
+def with_sd(value: float, sd: float | None, unit: str) -> str:
+    """Format value and 1-sigma to two digits of the sigma; the value alone where no sigma is right."""
+    if not (sd is not None and math.isfinite(sd) and sd > 0.0):
         return with_unit(value, unit, 6)
     places = max(1 - math.floor(math.log10(sd)), 0)
     return f"{value:.{places}f} ± {sd:.{places}f} {unit}".rstrip()
@@ -55,6 +55,8 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes:02d} min {rest:02d} s" if hours else f"{minutes} min {rest:02d} s"
 
 
-def length(metres: float) -> str:
+def length(metres: float | None) -> str:
     """Format a length, in m below a kilometre."""
+    if metres is None:
+        return "not determined"
     return f"{metres:.1f} m" if abs(metres) < 1000.0 else f"{metres / 1000.0:.3f} km"

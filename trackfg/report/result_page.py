@@ -34,7 +34,8 @@ from trackfg.report.page import (
 )
 from trackfg.report.truth import Against
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, VectorEstimate
+from trackfg.results.summary import Estimate, Summary, VectorEstimate
+from trackfg.results.verdict import opinions
 
 _DEG_PER_HOUR = math.degrees(1.0) * 3600.0
 """From rad/s to deg/h."""
@@ -63,7 +64,7 @@ def _summary(result: Result) -> PageSection:
     tiles = [
         Tile("length", length(page.distance_m), _extent(result)),
         Tile("duration", duration(page.duration_s), f"{page.keyframes} keyframes"),
-        Tile("mean speed", f"{3.6 * page.distance_m / page.duration_s:.1f} km/h" if page.duration_s > 0 else NONE),
+        Tile("mean speed", _mean_speed(page)),
         Tile("squared residual per degree of freedom", digits(squares), "1 is right; less: cautious"),
         Tile("wheel scale", _estimate(page.wheel_scale), "true over nominal distance"),
         Tile("computed in", f"{sum(page.timings_s.values()):.1f} s", _per_km(result)),
@@ -81,10 +82,28 @@ def _summary(result: Result) -> PageSection:
         ("cost", f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom"),
         ("time by stage", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in page.timings_s.items())),
     )
-    blocks: list[Block] = [verdict, Tiles(tuple(tiles)), Facts(tuple((k, v) for k, v in facts if v != NONE))]
+    blocks: list[Block] = [
+        verdict,
+        *_verdicts(page),
+        Tiles(tuple(tiles)),
+        Facts(tuple((k, v) for k, v in facts if v != NONE)),
+    ]
     if not result.geometry.empty:
         blocks.append(_measured(result))
     return PageSection("summary", "Summary", tuple(blocks))
+
+
+def _verdicts(page: Summary) -> Iterator[PageTable]:
+    """Return what can be believed of each quantity, the worst first; nothing for results of older versions."""
+    rows = tuple(
+        TableRow(
+            (", ".join(opinion.quantities), opinion.verdict, "; ".join(opinion.reasons), "; ".join(opinion.hints)),
+            mark="" if opinion.verdict == "trusted" else "warning",
+        )
+        for opinion in opinions(page.verdicts)
+    )
+    if rows:
+        yield PageTable(("quantities", "verdict", "why", "what to do"), rows, caption="Can the sigmas be trusted?")
 
 
 def _extent(result: Result) -> str:
@@ -94,8 +113,14 @@ def _extent(result: Result) -> str:
     return f"chainage {first / 1000.0:.3f} – {last / 1000.0:.3f} km"
 
 
+def _mean_speed(page: Summary) -> str:
+    if page.distance_m is None or page.duration_s <= 0.0:
+        return NONE
+    return f"{3.6 * page.distance_m / page.duration_s:.1f} km/h"
+
+
 def _per_km(result: Result) -> str:
-    if result.summary.distance_m <= 0.0:
+    if not result.summary.distance_m:
         return ""
     return f"{1000.0 * sum(result.summary.timings_s.values()) / result.summary.distance_m:.2f} s per km"
 
@@ -297,5 +322,6 @@ def _estimate(estimate: Estimate | None, unit: str = "") -> str:
 
 
 def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:
-    pairs = zip(estimate.value, estimate.sd, strict=True)
-    return ", ".join(with_sd(scale * value, scale * sd, "") for value, sd in pairs) + f" {unit}"
+    sds: tuple[float | None, ...] = (None,) * 3 if estimate.sd is None else tuple(scale * sd for sd in estimate.sd)
+    pairs = zip(estimate.value, sds, strict=True)
+    return ", ".join(with_sd(scale * value, sd, "") for value, sd in pairs) + f" {unit}"

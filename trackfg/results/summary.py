@@ -17,17 +17,17 @@ class _ResultModel(BaseModel):
 
 
 class Estimate(_ResultModel):
-    """An estimated scalar and its 1-sigma, in the unit of the field that holds it."""
+    """An estimated scalar and its 1-sigma, in the unit of the field that holds it; null where no sigma is right."""
 
     value: float
-    sd: float
+    sd: float | None
 
 
 class VectorEstimate(_ResultModel):
-    """An estimated vector in the body axes x, y, z and the 1-sigma of each."""
+    """An estimated vector in the body axes x, y, z and the 1-sigma of each; null where no sigma is right."""
 
     value: tuple[float, float, float]
-    sd: tuple[float, float, float]
+    sd: tuple[float, float, float] | None
 
 
 class Solver(_ResultModel):
@@ -89,7 +89,7 @@ class MapUse(_ResultModel):
 
 
 class Summary(_ResultModel):
-    """The run in one page. Biases are those at the end of the run; what was not estimated is null.
+    """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
     ``configuration`` is what was used, adapted noise levels included; ``noise_ratios`` says, per group of factors, how
     large the residuals are against what its sigmas lead to expect (1 is right; see
@@ -106,7 +106,7 @@ class Summary(_ResultModel):
     solver: Solver
     timings_s: dict[str, float]
     duration_s: float
-    distance_m: float
+    distance_m: float | None
     keyframes: int
     noise_ratios: dict[str, float] = Field(default_factory=dict)
     wheel_scale: Estimate | None = None

@@ -59,7 +59,7 @@ class Verdict(BaseModel):
     """What can be believed of one quantity.
 
     ``factor`` is what the model's sigmas were multiplied by in the tables: 1 where trusted, null where not to be
-    trusted (sigmas are infinite there). ``reasons`` and ``hints`` say why and what to do, in the same order.
+    trusted (sigmas there say that nothing is known, :data:`trackfg.results.widening.UNKNOWN_SD`). ``reasons`` and ``hints`` say why and what to do, in the same order.
     ``checked_by`` lists what in the recording tests the quantity; where it is empty, a wrong model would not show.
     """
 
@@ -95,6 +95,39 @@ def verdicts(
 def widening(verdicts: Iterable[Verdict], quantity: Quantity) -> float:
     """Return the factor on the sigmas of a quantity; 1 where no verdict names it."""
     return next((verdict.widening for verdict in verdicts if verdict.quantity == quantity), 1.0)
+
+
+@dataclass(frozen=True)
+class Opinion:
+    """Quantities that the same can be said of; "all" where there are no others."""
+
+    quantities: tuple[str, ...]
+    verdict: str
+    reasons: tuple[str, ...]
+    hints: tuple[str, ...]
+
+
+def opinions(verdicts: Iterable[Verdict]) -> list[Opinion]:
+    """Return verdicts as people read them, the worst first: quantities of which the same is said, together."""
+    groups: dict[tuple[str, tuple[str, ...], tuple[str, ...]], list[str]] = {}
+    for verdict in sorted(verdicts, key=lambda one: -one.widening):
+        reasons, hints = (tuple(dict.fromkeys(texts)) for texts in (verdict.reasons, verdict.hints))
+        if verdict.status == "trusted":
+            reasons = _tested(verdict.checked_by)
+        groups.setdefault((_in_words(verdict), reasons, hints), []).append(verdict.quantity.replace("_", "-"))
+    return [Opinion(tuple(names) if len(groups) > 1 else ("all",), *said) for said, names in groups.items()]
+
+
+def _in_words(verdict: Verdict) -> str:
+    if verdict.status == "widened":
+        return f"sigmas widened by {verdict.widening:.2g}"
+    return "trusted" if verdict.status == "trusted" else "not to be trusted"
+
+
+def _tested(checked_by: tuple[str, ...]) -> tuple[str, ...]:
+    if not checked_by:
+        return ("nothing in the recording tests it: the sigma is the model's",)
+    return ("agrees with " + ", ".join(checked_by),)
 
 
 def _verdict(quantity: Quantity, doubts: tuple[Doubt, ...], checked_by: tuple[str, ...]) -> Verdict:

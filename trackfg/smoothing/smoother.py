@@ -34,7 +34,10 @@ from trackfg.recording.model import Recording
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, RunFacts, Solver, Summary, VectorEstimate
+from trackfg.results.verdict import Verdict, widening
+from trackfg.results.widening import widened, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
+from trackfg.smoothing.judgement import judged
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
@@ -79,7 +82,7 @@ class SmoothedStates(SolvedRun):
 
     ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
     wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``. ``motion`` and ``passes`` are what the tables were
-    made from.
+    made from. Sigmas are those of the model: ``verdicts`` say by what a result's are wider.
     """
 
     trajectory: pd.DataFrame
@@ -88,6 +91,7 @@ class SmoothedStates(SolvedRun):
     calibration: pd.DataFrame
     motion: DenseMotion
     passes: list[Profile]
+    verdicts: tuple[Verdict, ...]
     timings_s: dict[str, float]
     located: Located | None = None
 
@@ -110,11 +114,11 @@ def smooth(
     sources = EventSources.of(smoothed.problem)
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
     return Result(
-        smoothed.trajectory,
-        smoothed.geometry,
-        events,
+        widened(smoothed.trajectory, smoothed.verdicts),
+        widened(smoothed.geometry, smoothed.verdicts),
+        widened(events, smoothed.verdicts),
         _summary(replace(recording, findings=measured.findings), smoothed),
-        smoothed.places,
+        widened_places(smoothed.places, smoothed.verdicts),
     )
 
 
@@ -188,6 +192,7 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         calibration=calibration,
         motion=motion,
         passes=passes,
+        verdicts=judged(solved),
         timings_s=stages.timings_s,
     )
 
@@ -258,12 +263,17 @@ def _run_facts(recording: Recording) -> RunFacts:
 def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
+    path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
     clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
     has_tach = problem.wheel is not None
 
+    def scalar(value: float, sd: float) -> Estimate:
+        return Estimate(value=value, sd=sd if solution.converged else None)
+
     def vector(name: str) -> VectorEstimate:
         columns = [name.format(axis=axis) for axis in "xyz"]
-        return VectorEstimate(value=tuple(last[columns]), sd=tuple(last[[f"{c}_sd" for c in columns]]))
+        sd = tuple(last[[f"{c}_sd" for c in columns]]) if solution.converged else None
+        return VectorEstimate(value=tuple(last[columns]), sd=sd)
 
     return Summary(
         recording_id=recording.description.id,
@@ -279,11 +289,11 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         ),
         timings_s=smoothed.timings_s,
         duration_s=float(problem.t[-1] - problem.t[0]),
-        distance_m=float(np.abs(np.diff(solution.states.odo.distance)).sum()),
+        distance_m=path_m if np.isfinite(widening(smoothed.verdicts, "chainage")) else None,
         keyframes=len(problem.t),
         noise_ratios=smoothed.noise_ratios,
-        wheel_scale=Estimate(value=last["wheel_scale"], sd=last["wheel_scale_sd"]) if has_tach else None,
-        clock_offset_s=Estimate(value=float(solution.states.clock[0, 0]), sd=clock_sd) if has_tach else None,
+        wheel_scale=scalar(last["wheel_scale"], last["wheel_scale_sd"]) if has_tach else None,
+        clock_offset_s=scalar(float(solution.states.clock[0, 0]), clock_sd) if has_tach else None,
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
         geometry=problem.run.conventions,
@@ -294,4 +304,5 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
             *smoothed.findings,
             *(() if smoothed.located is None else smoothed.located.findings),
         ),
+        verdicts=smoothed.verdicts,
     )

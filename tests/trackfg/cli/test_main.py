@@ -18,7 +18,9 @@ import trackfg
 from trackfg.cli import main
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
+from trackfg.io.writer import write_recording
 from trackfg.results.result import Result
+from trackfg.results.widening import QUANTITY_OF_COLUMN, UNKNOWN_SD
 
 COMMANDS = (
     "demo",
@@ -234,6 +236,7 @@ def test_smooth_passes_on_what_reading_noticed(run: Run, tmp_path: Path) -> None
     done = run("smooth", tmp_path / "gap", "-o", tmp_path / "out")
     assert done.status == 0, done.err
     assert "1 warning" in done.out
+    assert "no rows for" in done.out
     (found,) = Result.read(tmp_path / "out").summary.findings
     assert (found.level, found.code, found.file) == ("warning", "gap", "imu.parquet")
     assert found.time_s == pytest.approx(22.0, abs=0.02)
@@ -292,13 +295,44 @@ def test_a_folder_that_cannot_be_written(run: Run, recording: Path) -> None:
     assert done.err.startswith("trackfg: ")
 
 
-def test_a_result_that_did_not_converge_says_so(
-    run: Run, recording: Path, tmp_path: Path, make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    solver = {"converged": False, "reason": "30 iterations", "iterations": 30, "cost": 1.0, "degrees_of_freedom": 1}
-    monkeypatch.setattr("trackfg.smoothing.smoother.smooth", lambda *_, **__: make_result(solver=solver))
-    done = run("smooth", recording, "-o", tmp_path / "out")
-    assert (done.status, done.err) == (0, "trackfg: warning: not converged: 30 iterations\n")
+def test_a_run_that_did_not_converge_is_not_to_be_trusted(run: Run, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[solver]\nmax_iterations = 2\n")
+    settings, out = ("--config", tmp_path / "c.toml"), tmp_path / "out"
+    done = run("smooth", recording, "-o", out, *settings)
+    assert (done.status, done.err) == (3, "trackfg: warning: not converged: stopped after 2 iterations\n")
+    assert "distance not determined" in done.out
+    assert "not to be trusted" in done.out
+    assert "gross" in done.out
+    result = Result.read(out)
+    for table in (result.trajectory, result.geometry):
+        for column, quantity in QUANTITY_OF_COLUMN.items():
+            if f"{column}_sd" in table:
+                assert (table[f"{column}_sd"].dropna() >= UNKNOWN_SD[quantity]).all()
+    assert len(result.covariance.chainage_m) == 0
+    written = json.loads((out / "summary.json").read_text())
+    assert {verdict["status"] for verdict in written["verdicts"]} == {"not_trusted"}
+    assert written["wheel_scale"]["sd"] is written["gyro_bias_radps"]["sd"] is None
+    as_json = run("smooth", recording, "-o", out, *settings, "--json")
+    assert as_json.status == 3
+    assert json.loads(as_json.out)["verdicts"] == written["verdicts"]
+    for command in (("report", out), ("plot", out), ("limits", out, "--limits", "cfr-213-class-4")):
+        assert run(*command).status == 0
+    refused = run("map", "build", out, "-o", tmp_path / "map.gpkg")
+    assert refused.status == 2
+    assert "chainage is not to be trusted: the solution is not a minimum" in refused.err
+
+
+def test_a_distance_that_nothing_measures_is_not_printed(run: Run, tmp_path: Path) -> None:
+    alone = simulate("mainline", seed=1, duration_s=40.0).recording
+    description = alone.description.model_copy(update={"tach": None, "fixes": None, "gnss": None})
+    write_recording(replace(alone, description=description, tach=None, fixes=None, gnss=None), tmp_path / "alone")
+    done = run("smooth", tmp_path / "alone", "-o", tmp_path / "out")
+    assert done.status == 0, done.err
+    assert "distance not determined" in done.out
+    result = Result.read(tmp_path / "out")
+    assert result.summary.distance_m is None
+    assert (result.trajectory["chainage_m_sd"] >= 1e5).all()
+    assert (result.trajectory["pitch_rad_sd"] < 0.1).all()
 
 
 def test_estimators(run: Run) -> None:

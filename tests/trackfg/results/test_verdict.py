@@ -6,11 +6,15 @@ import json
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
+from trackfg.results.columns import TRAJECTORY_COLUMNS
+from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import Summary
-from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts, widening
+from trackfg.results.verdict import QUANTITIES, Doubt, Opinion, Quantity, Verdict, opinions, verdicts, widening
+from trackfg.results.widening import widened, widened_places
 
 
 def doubt(factor: float, *quantities: Quantity, reason: str = "seen", hint: str = "do") -> Doubt:
@@ -56,3 +60,36 @@ def test_summaries_of_before_there_were_verdicts_are_read(make_result: Callable[
     page = json.loads(make_result().summary.model_dump_json())
     del page["verdicts"]
     assert Summary.model_validate(page).verdicts == ()
+
+
+def test_people_read_quantities_of_which_the_same_is_said_together() -> None:
+    lost = doubt(math.inf, "chainage", "speed", reason="no wheel", hint="add one")
+    shaky = doubt(2.04, "cross_level", reason="shaky", hint="damp it")
+    read = opinions(verdicts([shaky, shaky, lost], {"roll": ("3 rests",)}))
+    assert read[0] == Opinion(("chainage", "speed"), "not to be trusted", ("no wheel",), ("add one",))
+    assert read[1] == Opinion(("cross-level",), "sigmas widened by 2.7", ("shaky",), ("damp it",))
+    assert (Opinion(("roll",), "trusted", ("agrees with 3 rests",), ())) in read
+    assert read[2].reasons == ("nothing in the recording tests it: the sigma is the model's",)
+    assert [opinion.quantities for opinion in opinions(verdicts([]))] == [("all",)]
+
+
+def test_sigmas_are_widened_by_the_factor_of_their_quantity(make_result: Callable[..., Result]) -> None:
+    result = make_result()
+    found = verdicts([doubt(2.0, "level", "chainage"), doubt(3.0, "cross_level"), doubt(math.inf, "yaw")])
+    geometry, trajectory = widened(result.geometry, found), widened(result.trajectory, found)
+    for column, factor in {"versine_level_mm": 2.0, "level_mm": 2.0, "cross_level_mm": 3.0, "twist_mm": 1.0}.items():
+        assert geometry[f"{column}_sd"].to_numpy() == pytest.approx(factor * result.geometry[f"{column}_sd"])
+        assert geometry[column].equals(result.geometry[column])
+    assert trajectory["chainage_m_sd"].to_numpy() == pytest.approx(2.0 * result.trajectory["chainage_m_sd"])
+    assert (trajectory["yaw_rad_sd"] == math.pi).all()
+    unknown = widened(result.geometry, verdicts([doubt(math.inf, "gradient")]))["gradient_permille_sd"]
+    assert (unknown == 1e3).all()
+    assert tuple(trajectory.columns) == TRAJECTORY_COLUMNS
+
+
+def test_the_joint_covariance_is_widened_on_both_sides() -> None:
+    places = PlaceCovariance(np.array([0.0, 250.0]), np.ones((4, 4)))
+    wide = widened_places(places, verdicts([doubt(2.0, "chainage"), doubt(3.0, "cross_level")]))
+    assert wide.matrix[:, 0].tolist() == [4.0, 4.0, 6.0, 6.0]
+    assert wide.matrix[3].tolist() == [6.0, 6.0, 9.0, 9.0]
+    assert widened_places(places, verdicts([doubt(math.inf, "cross_level")])).matrix.size == 0

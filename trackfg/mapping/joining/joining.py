@@ -48,12 +48,21 @@ _NO_SIGHTINGS = Sightings((), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 def run_facts(result: Result) -> RunFacts:
-    """Return the facts of a run that a map needs. Raises :class:`BadInputError` for a result without any."""
+    """Return the facts of a run that a map needs.
+
+    Raises :class:`BadInputError` for a result without any, and for one that is not to be trusted.
+    """
     facts, what = result.summary.run, f"run {result.summary.recording_id}"
     if facts is None:
         raise BadInputError(f"{what}: smoothed by an older version: smooth it again")
     if result.summary.map is not None and result.summary.map.sections:
         raise BadInputError(f"{what}: smoothed with a map, so its chainage is the map's: expected one smoothed without")
+    for verdict in result.summary.verdicts:
+        if verdict.quantity in ("chainage", "cross_level") and verdict.status == "not_trusted":
+            raise BadInputError(
+                f"{what}: its {verdict.quantity.replace('_', '-')} is not to be trusted: {verdict.reasons[0]}. "
+                f"Hint: {verdict.hints[0]}"
+            )
     if len(result.covariance.chainage_m) == 0:
         raise BadInputError(f"{what}: its result has no track geometry: a map needs it")
     return facts

@@ -37,7 +37,7 @@ def recognised_on_map(result: Result, grid: pd.DataFrame, map_sd_m: float | None
         result.geometry,
         grid,
         map_sd_m,
-        rate_sd=_SCALE_SD_WITHOUT_WHEEL if wheel is None else wheel.sd,
+        rate_sd=_SCALE_SD_WITHOUT_WHEEL if wheel is None or wheel.sd is None else wheel.sd,
         direction=1 if facts is None else facts.direction,
     )
 
