@@ -59,8 +59,9 @@ class Verdict(BaseModel):
     """What can be believed of one quantity.
 
     ``factor`` is what the model's sigmas were multiplied by in the tables: 1 where trusted, null where not to be
-    trusted (sigmas there say that nothing is known, :data:`trackfg.results.widening.UNKNOWN_SD`). ``reasons`` and ``hints`` say why and what to do, in the same order.
-    ``checked_by`` lists what in the recording tests the quantity; where it is empty, a wrong model would not show.
+    trusted (sigmas there are those of :data:`trackfg.results.widening.UNKNOWN_SD`). ``reasons`` and ``hints`` say why
+    and what to do, in the same order. ``checked_by`` lists what in the recording tests the quantity; where it is
+    empty, a wrong model would not show.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
