@@ -13,6 +13,8 @@ from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 
+FEWEST_FIXES = 5
+"""Of fewer fixes one that is wrong cannot be told with confidence: two may agree by chance."""
 _ENU = ("east", "north", "up")
 
 
@@ -20,13 +22,13 @@ _ENU = ("east", "north", "up")
 class WrongFixes(Effect):
     """Fixes of which a share of ``magnitude`` has the chainage of another balise of the run. Told: they are left out.
 
-    At least one is wrong where the recording has two or more.
+    At least one is wrong of :data:`FEWEST_FIXES` or more; of fewer none, since nothing could tell which.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         fixes = recording.fixes
-        if fixes is None or len(fixes) < 2:
+        if fixes is None or len(fixes) < FEWEST_FIXES:
             return recording
         chainage = fixes["chainage_m"].to_numpy()
         wrong = rng.permutation(len(fixes))[: max(1, round(self.magnitude * len(fixes)))]

@@ -194,8 +194,9 @@ class Saturation(Effect):
         np.add.at(impulses, start[within], peak[within])
         t = step * np.arange(round(_SHOCK_S / step))
         w = 2.0 * np.pi * _RINGING_HZ
-        # The derivative of a decaying sine: afterwards the frame has the speed and the place that it had before.
-        ringing = np.exp(-t / _RINGING_S) * (np.cos(w * t) - np.sin(w * t) / (w * _RINGING_S))
+        # The steps of a decaying sine: afterwards the frame has the speed that it had before.
+        swing = np.exp(-t / _RINGING_S) * np.sin(w * t)
+        ringing = np.diff(swing, append=0.0) / (w * step)
         shock = np.convolve(impulses, ringing)[: n * _PARTS]
         felt = np.repeat(samples.accel, _PARTS, axis=0) + shock[:, None] * _SHOCK_AXES
         if not self.told:

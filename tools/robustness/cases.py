@@ -29,7 +29,7 @@ BASES: dict[str, tuple[str, ...]] = {
     "coarse-pulses": ("odometry", "fixes"),
     "weak-creep": ("odometry", "fixes"),
     "scale-jump": ("fixes",),
-    "wrong-fixes": ("many fixes",),
+    "wrong-fixes": ("fixes", "many fixes"),
     "scattered-fixes": ("many fixes",),
     "canyon": ("gnss", "gnss alone"),
     "late-gnss": ("gnss",),
