@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.importing.mapping import mapping_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -67,6 +68,11 @@ def test_the_worked_example_of_adding_a_sensor_runs() -> None:
     for block in blocks(ROOT / "docs" / "adding-a-sensor.md", "python"):
         exec(compile(block, "adding-a-sensor.md", "exec"), names)
     assert "SleeperModel" in names
+
+
+def test_the_mapping_shown_is_accepted() -> None:
+    (block,) = blocks(ROOT / "docs" / "importing.md", "toml")
+    assert len(mapping_of(tomllib.loads(block), "importing.md").sensors) == 3
 
 
 def test_the_settings_shown_are_accepted() -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg import __version__
+from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import progress_bar, show
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(maps, name="map")
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
+app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
+app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3

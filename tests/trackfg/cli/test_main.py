@@ -35,6 +35,8 @@ COMMANDS = (
     "plot",
     "limits",
     "report",
+    "import",
+    "init",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
 

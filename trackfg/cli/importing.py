@@ -1,0 +1,136 @@
+"""``trackfg import`` and ``trackfg init``: recordings of other systems become recordings of trackfg."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from trackfg.importing.conversion import Imported
+    from trackfg.importing.proposal import Ask, Proposal, Question
+    from trackfg.importing.source_format import DialectFor
+    from trackfg.importing.source_table import SourceTable
+
+Source = Annotated[
+    Path, typer.Argument(metavar="SRC", help="File, folder or zip of the recording.", show_default=False)
+]
+Out = Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.", show_default=False)]
+Format = Annotated[
+    str | None,
+    typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.", show_default=False),
+]
+
+
+def import_recording(
+    source: Source,
+    out: Out,
+    from_format: Format = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(metavar="M.toml", help="Which columns are what; by default it is guessed.", show_default=False),
+    ] = None,
+) -> None:
+    """Turn a recording of another system into one of trackfg.
+
+    Without a mapping, columns are told by their names and values, and what nothing tells is assumed and listed.
+    """
+    from trackfg.importing.conversion import write_imported
+    from trackfg.importing.mapping import read_mapping
+
+    if mapping is None:
+        proposal, made = _proposed(source, out, from_format, _assume)
+        for key, reason in proposal.reasons.items():
+            print(f"trackfg: note: {key}: {reason}", file=sys.stderr)
+    else:
+        plan = read_mapping(mapping)
+        made = write_imported(_tables(source, from_format or plan.source, plan.dialect), plan, out, run_id=source.stem)
+    _report(made)
+
+
+def init(
+    source: Source,
+    out: Out,
+    from_format: Format = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(metavar="M.toml", help="Mapping to write; by default REC.mapping.toml.", show_default=False),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Take every default instead of asking.")] = False,
+) -> None:
+    """Look at a recording of another system, ask what its data cannot say, and import it.
+
+    The answers go into a mapping, with which `trackfg import` repeats it without questions.
+    """
+    from trackfg.errors import BadInputError
+    from trackfg.files.atomic_file import write_whole
+    from trackfg.importing.proposal import mapping_text
+
+    target = mapping or out.with_name(f"{out.name}.mapping.toml")
+    if target.exists():
+        raise BadInputError(f"{target}: exists; expected a new file. Hint: name another one with --mapping")
+    proposal, made = _proposed(source, out, from_format, _assume if yes else _ask)
+    write_whole(target, mapping_text(proposal).encode("utf-8"))
+    _report(made)
+    print(f"mapping: {target}")
+
+
+def _tables(source: Path, from_format: str | None, dialect_for: DialectFor) -> Sequence[SourceTable]:
+    from trackfg.importing.registry import source_format
+
+    return source_format(source, from_format).tables(source, dialect_for)
+
+
+def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tuple[Proposal, Imported]:
+    """Propose a mapping and write the recording that it makes."""
+    from trackfg.importing.conversion import write_imported
+    from trackfg.importing.mapping import mapping_of
+    from trackfg.importing.proposal import propose
+    from trackfg.importing.registry import source_format
+
+    form = source_format(source, from_format)
+    tables = form.tables(source, lambda _: None)
+    proposal = propose(tables, ask, form.mapping(tables))
+    proposal.sections["source"] = form.key
+    mapping = mapping_of(proposal.sections, "proposed mapping")
+    return proposal, write_imported(tables, mapping, out, run_id=source.stem)
+
+
+def _assume(question: Question) -> str:
+    """Answer with the default, and say so."""
+    print(f"trackfg: note: {question.text}: {question.default} is assumed ({question.key})", file=sys.stderr)
+    return question.default
+
+
+def _ask(question: Question) -> str:
+    """Ask in the terminal until the answer is one of the choices, or a number where the default is one."""
+    from rich.prompt import FloatPrompt, Prompt
+
+    from trackfg.errors import BadInputError
+
+    try:
+        if question.choices:
+            return Prompt.ask(question.text, choices=list(question.choices), default=question.default)
+        if question.default.replace(".", "", 1).isdigit():
+            return str(FloatPrompt.ask(question.text, default=float(question.default)))
+        return Prompt.ask(question.text, default=question.default)
+    except EOFError:
+        raise BadInputError(
+            f"{question.key}: nobody answers ({question.text}). Hint: take the defaults by --yes"
+        ) from None
+
+
+def _report(made: Imported) -> None:
+    """Print what was made and what is doubtful in it. Exit status 2 where something is wrong."""
+    from trackfg.cli import tables
+    from trackfg.cli.terminal import show
+
+    show(tables.findings(made.loaded.findings))
+    for name, rows in made.rows.items():
+        print(f"{name}: {rows} rows")
+    print(f"recording: {made.folder}")
+    if any(finding.level == "error" for finding in made.loaded.findings):
+        raise typer.Exit(2)

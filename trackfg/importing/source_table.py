@@ -1,0 +1,60 @@
+"""A table of a source, with its columns as they are there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError, did_you_mean, printable
+from trackfg.numerics.arrays import Array
+
+
+@dataclass(frozen=True)
+class SourceTable:
+    """A table has a ``name`` within its source and a frame: numbers as float64 or integers, all else as text.
+
+    ``units`` are those that the source states, by column; ``first_row`` is the number of the first data row in the
+    file, counted from 1, for messages.
+    """
+
+    name: str
+    frame: pd.DataFrame
+    units: Mapping[str, str] = field(default_factory=dict)
+    first_row: int = 1
+
+    @property
+    def columns(self) -> list[str]:
+        """The names of the columns."""
+        return [str(name) for name in self.frame.columns]
+
+    def column(self, name: str) -> pd.Series:
+        """Return a column. Raises :class:`BadInputError` with the nearest name where there is none of that name."""
+        if name not in self.frame.columns:
+            near = did_you_mean(name, self.columns)
+            known = ", ".join(self.columns[:30])
+            raise BadInputError(
+                f"{self.name}: no column {name!r}; expected one of {known}" + (f". Hint: {near}" if near else "")
+            )
+        return self.frame[name]
+
+    def numbers(self, name: str) -> Array:
+        """Return a column as float64 (n,), NaN where a cell is empty. Raises :class:`BadInputError` for text in it."""
+        column = self.column(name)
+        if pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
+            return column.to_numpy(dtype=np.float64, na_value=np.nan)
+        if not pd.api.types.is_string_dtype(column):
+            raise BadInputError(f"{self.name}: column {name!r} holds {column.dtype}; expected numbers")
+        text = column.str.strip()
+        values = pd.to_numeric(text, errors="coerce")
+        wrong = np.flatnonzero(values.isna() & text.notna() & (text != ""))
+        if wrong.size:
+            row, cell = self.first_row + int(wrong[0]), printable(str(column.iloc[int(wrong[0])]))[:40]
+            more = f" ({wrong.size} such cells)" if wrong.size > 1 else ""
+            raise BadInputError(
+                f"{self.name}: column {name!r}, row {row}: {cell!r} is not a number{more}; expected a number. "
+                "Hint: state the decimal sign and the delimiter under [[text]] in the mapping"
+            )
+        return values.to_numpy(dtype=np.float64, na_value=np.nan)

@@ -1,0 +1,1 @@
+"""Formats of recordings that trackfg reads, one module each."""

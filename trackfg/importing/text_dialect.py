@@ -1,0 +1,212 @@
+"""How a file of delimited text is written: its encoding, delimiter, decimal sign, header and units.
+
+All of it is guessed from the first part of the file, and any of it may be given instead.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from trackfg.errors import BadInputError
+
+_SAMPLE_BYTES = 200_000
+"""What is looked at: some thousand rows."""
+
+_DELIMITERS = (";", "\t", ",", "|")
+_BLANKS = "blanks"
+"""The delimiter of columns that are aligned by any number of blanks."""
+
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?$")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
+_DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
+_TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}.*)?$")
+_STATION = re.compile(r"(km\s*)?\d+\s?\+\s?\d+([.,]\d+)?$", re.IGNORECASE)
+_IN_BRACKETS = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*)\s*[\])]$")
+_UNIT = re.compile(
+    r"^[\[(]?\s*(-|1|s|ms|us|µs|ns|m|mm|km|g|mg|°|deg|rad|%|v|hz|(deg|rad|mrad|°|m|mm|km|grad)(/|\s?·?)(s|h|s\^?2|s²|sec)"
+    r"(\^-?[12]|-?[12])?|m\*s-2|counts?|pulses?|imp\.?|utc|iso ?8601|hh:mm:ss.*)\s*[\])]?$",
+    re.IGNORECASE,
+)
+
+
+class DialectOptions(BaseModel):
+    """What a mapping states of the text files that match ``files`` (a pattern); the rest is guessed.
+
+    ``header_row`` is the row with the names of the columns and ``first_row`` the first one with data, both counted from
+    1 with every line; ``header_row = 0``: there are no names, and columns are called ``c1``, ``c2``, ...
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    files: str = "*"
+    encoding: str | None = None
+    delimiter: Annotated[str, Field(min_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
+    header_row: Annotated[int, Field(ge=0)] | None = None
+    first_row: Annotated[int, Field(ge=1)] | None = None
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The dialect is complete: ``first_row`` counts lines from 1, ``names`` and ``units`` are those of the columns."""
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    first_row: int
+    names: tuple[str, ...]
+    units: dict[str, str]
+
+    @property
+    def by_blanks(self) -> bool:
+        """Return whether columns are parted by any number of blanks."""
+        return self.delimiter == _BLANKS
+
+
+def dialect_of(path: Path, options: DialectOptions | None = None) -> Dialect:
+    """Guess how a file is written, as far as ``options`` do not state it.
+
+    Raises :class:`BadInputError` where the file is empty or no text, or has no two rows alike.
+    """
+    options = options or DialectOptions()
+    with path.open("rb") as stream:
+        sample = stream.read(_SAMPLE_BYTES)
+    encoding = options.encoding or _encoding(sample, path)
+    lines = _text(sample, encoding, path).splitlines()
+    if len(sample) == _SAMPLE_BYTES and len(lines) > 1:
+        lines = lines[:-1]  # it may be cut off
+    if not any(line.strip() for line in lines):
+        raise BadInputError(f"{path.name}: the file is empty; expected a table")
+    delimiter = options.delimiter or _delimiter(lines)
+    rows = [cells(line, delimiter) for line in lines]
+    width = _usual_width(rows)
+    first = options.first_row - 1 if options.first_row is not None else _first_data_row(rows, width)
+    if first is None or first >= len(rows):
+        raise BadInputError(
+            f"{path.name}: no rows of numbers found (delimiter {delimiter!r}); expected a table. Hint: state "
+            "delimiter, header_row and first_row under [[text]] in the mapping"
+        )
+    names, units = _header(rows, first, width, options.header_row)
+    decimal = options.decimal or _decimal(rows[first:], delimiter)
+    return Dialect(encoding, delimiter, decimal, first + 1, names, units)
+
+
+def cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, without the blanks around them."""
+    if delimiter == _BLANKS:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _encoding(sample: bytes, path: Path) -> str:
+    for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
+        if sample.startswith(mark):
+            return name
+    if b"\0" in sample:
+        raise BadInputError(f"{path.name}: is not text (it has null bytes); expected delimited text")
+    try:
+        sample[: sample.rfind(b"\n") + 1 or len(sample)].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _text(sample: bytes, encoding: str, path: Path) -> str:
+    try:
+        return sample.decode(encoding, errors="replace")
+    except LookupError:
+        raise BadInputError(f"{path.name}: unknown encoding {encoding!r}; expected one such as utf-8, cp1252") from None
+
+
+def _delimiter(lines: list[str]) -> str:
+    """Return the delimiter that parts most rows into the same number of cells, at least two; ties go to more cells."""
+    lines = [line for line in lines if line.strip()]
+    tail = lines[len(lines) // 2 :][:200] if len(lines) > 50 else lines  # header and remarks are before
+    best = (0.0, 1, _BLANKS)
+    for delimiter in (*_DELIMITERS, _BLANKS):
+        counts = [len(cells(line, delimiter)) for line in tail]
+        usual = max({count for count in counts if count > 1}, key=counts.count, default=0)
+        if usual == 0:
+            continue
+        plain = _plain_share([cells(line, delimiter) for line in tail if line], usual)
+        score = counts.count(usual) / len(counts) * plain
+        if score > best[0] + 0.05:
+            best = (score, usual, delimiter)
+    return best[2]
+
+
+def _plain_share(rows: list[list[str]], width: int) -> float:
+    """Return the share of cells that are a number, a time or a place as a whole, a little for any other text."""
+    found = [1.0 if _is_value(cell) else 0.3 for row in rows if len(row) == width for cell in row]
+    return sum(found) / len(found) if found else 0.0
+
+
+def _is_value(cell: str) -> bool:
+    cell = cell.strip('"')
+    known = ("", "nan", "null", "none", "na", "n/a", "-")
+    patterns = (_NUMBER, _TEMPORAL, _STATION)
+    return cell.casefold() in known or any(pattern.match(cell) for pattern in patterns)
+
+
+def _usual_width(rows: list[list[str]]) -> int:
+    counts = [len(row) for row in rows[len(rows) // 2 if len(rows) > 50 else 0 :] if any(row)]
+    return max(set(counts), key=counts.count) if counts else 0
+
+
+def _first_data_row(rows: list[list[str]], width: int) -> int | None:
+    for i, row in enumerate(rows):
+        filled = [cell for cell in row if cell]
+        values = [cell for cell in filled if _is_value(cell)]
+        numbers = any(_NUMBER.match(cell) for cell in values)
+        if (
+            len(row) == width
+            and filled
+            and (len(values) == len(filled) or (numbers and 2 * len(values) >= len(filled)))
+        ):
+            return i
+    return None
+
+
+def _header(
+    rows: list[list[str]], first: int, width: int, header_row: int | None
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the names of the columns and their units: from brackets in the names, and from a row of units."""
+    above = [row for row in rows[:first] if len(row) == width and any(row)]
+    units_row = None
+    if header_row is not None:
+        names = rows[header_row - 1] if 0 < header_row <= len(rows) else []
+        units_row = next((row for row in reversed(above) if row != names and _are_units(row)), None)
+    else:
+        if above and _are_units(above[-1]):
+            units_row, above = above[-1], above[:-1]
+        names = above[-1] if above else []
+    names = [*names, *[""] * (width - len(names))][:width]
+    stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
+    named, taken = [], dict[str, int]()
+    for i, name in enumerate(names):
+        match = _IN_BRACKETS.match(name)
+        if match and i not in stated:
+            name, stated[i] = match.groups()
+        name = name.strip() or f"c{i + 1}"
+        taken[name] = taken.get(name, 0) + 1
+        named.append(name if taken[name] == 1 else f"{name}.{taken[name]}")
+    return tuple(named), {named[i]: unit for i, unit in stated.items() if i < width}
+
+
+def _are_units(row: list[str]) -> bool:
+    filled = [cell for cell in row if cell]
+    return bool(filled) and sum(bool(_UNIT.match(cell)) for cell in filled) > 0.5 * len(filled)
+
+
+def _decimal(rows: list[list[str]], delimiter: str) -> str:
+    commas = points = 0
+    for row in rows[:500]:
+        commas += sum(bool(_DECIMAL_COMMA.match(cell)) for cell in row)
+        points += sum(bool(_DECIMAL_POINT.match(cell)) for cell in row)
+    return "," if delimiter != "," and commas > points else "."
