@@ -37,18 +37,19 @@ def distance_chain(first: np.ndarray, sigma: Array) -> Family:
     return Family(FactorType.DISTANCE_CHAIN, _chain, (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1)), {}, sigma)
 
 
-def wheel_response(distance: Array, turned: Array, force: Array) -> Array:
-    """Return what each entry of ``WHEEL`` adds to the distance that a wheel rolls, shape (m, 4).
+def wheel_response(distance: Array, turned: Array, force: Array, moving_s: Array | float = 0.0) -> Array:
+    """Return what each entry of ``WHEEL`` adds to the distance that a wheel rolls, shape (m, 5).
 
     For an interval of the signed ``distance`` (m), in which the vehicle turns left by ``turned`` (rad) under the mean
     forward force ``force`` (g). Off to the left a wheel rolls less in a curve to the left; off to the outside it rolls
     more in every curve. A force the way the vehicle goes is traction, and the wheel creeps ahead; else it brakes.
+    ``moving_s`` is for how long (s) a speed signal was integrated that may be off by a constant in motion: values that
+    are cut off, and not rounded, are half a quantum too low on average. 0 where pulses are counted.
     """
     way = np.sign(distance)
     along = way * force
-    return np.stack(
-        [-turned, way * np.abs(turned), distance * np.maximum(along, 0.0), distance * np.minimum(along, 0.0)], axis=1
-    )
+    traction, braking = distance * np.maximum(along, 0.0), distance * np.minimum(along, 0.0)
+    return np.stack([-turned, way * np.abs(turned), traction, braking, way * moving_s], axis=1)
 
 
 def creep_sd(per_traction: float, distance: Array, force: Array) -> Array:
@@ -82,7 +83,7 @@ def tach_distance(first: np.ndarray, response: Array, sigma: Array, loss: Loss |
     """The wheel rolls: scale times wheel distance is distance along the track, and what curves and force add.
 
     Residual (m): ``S_k (W_k+1 - W_k) - a_k+1 - response w``, positive when the wheel turns more than the vehicle moves
-    (slip), negative when it turns less (slide). ``response`` (m, 4) is that of :func:`wheel_response` to the shared
+    (slip), negative when it turns less (slide). ``response`` (m, 5) is that of :func:`wheel_response` to the shared
     ``WHEEL`` variable w. sigma (m, 1) covers creep, not rounding.
     """
     slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1), Slot(Kind.WHEEL, np.zeros_like(first)))

@@ -12,9 +12,9 @@ kind       dim   content and tangent
 ``IMU``    21    shared: scale factors and misalignments of the inertial sensor, as :mod:`trackfg.factors.bias` says
 ``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
                  middle of the run and its drift (s/s), the GNSS receiver's offset (s)
-``WHEEL``  4     shared: where the wheel runs in curves, to the left and to the outside of the centre line (m), and its
-                 creep per force in traction and in braking (share of the distance per g), as
-                 :func:`trackfg.factors.odometry.tach_distance` says
+``WHEEL``  5     shared: where the wheel runs in curves, to the left and to the outside of the centre line (m), its
+                 creep per force in traction and in braking (share of the distance per g), and by how much a speed
+                 signal is too high in motion (m/s), as :func:`trackfg.factors.odometry.tach_distance` says
 ``SENSOR`` 2     shared, one per further sensor of distance or speed: what its scale is off by (share of the distance),
                  and its clock's offset (s) or the tangent of its mounting's yaw
 =========  ====  =================================================================================================
@@ -46,7 +46,7 @@ class Kind(Enum):
     MOUNT = ("m", 2, True)
     CLOCK = ("c", 3, True)
     IMU = ("i", 21, True)
-    WHEEL = ("w", 4, True)
+    WHEEL = ("w", 5, True)
     SENSOR = ("s", 2, True)
 
     def __init__(self, letter: str, dim: int, shared: bool) -> None:

@@ -37,7 +37,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
     base = so3_exp(normal(1, 3))
     nav = Nav(base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3))
     odo = Odo(normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0])
-    shared = (0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21), normal(1, 4), normal(2, 2))
+    shared = (0.3 * normal(1, 2), normal(1, 3), 0.1 * normal(1, 21), normal(1, 5), normal(2, 2))
     return States(nav, normal(KEYFRAMES, 6), odo, *shared)
 
 
@@ -78,7 +78,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         stays(first, 0.02, 0.3, loss),
         gravity_tilt(all_k, 9 * normal(n, 3), 9.8, sigma(n, 3)),
         distance_chain(first, sigma(f, 2)),
-        tach_distance(first, normal(f, 4), sigma(f, 1), loss),
+        tach_distance(first, normal(f, 5), sigma(f, 1), loss),
         tach_reading(all_k, normal(n), normal(n), normal(n), sigma(n, 1)),
         arc_length(first, lever, sigma(f, 1)),
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
@@ -90,12 +90,12 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         bias_walk(first, normal(f, 6, 21), sigma(f, 6)),
         prior(Kind.IMU, np.array([0]), normal(1, 21), sigma(1, 21)),
         prior(Kind.CLOCK, np.array([0]), normal(1, 3), sigma(1, 3)),
-        prior(Kind.WHEEL, np.array([0]), normal(1, 4), sigma(1, 4)),
+        prior(Kind.WHEEL, np.array([0]), normal(1, 5), sigma(1, 5)),
         rail_pairs(first, first)[0],
         rail_pairs(first[:-2], first[:-2] + 2)[1],
         prior(Kind.SENSOR, np.array([0, 1]), normal(2, 2), sigma(2, 2)),
         tach_increment(
-            first, 1, {"counted": normal(f), "faster": normal(f), "response": normal(f, 4)}, sigma(f, 1), loss, "tach/2"
+            first, 1, {"counted": normal(f), "faster": normal(f), "response": normal(f, 5)}, sigma(f, 1), loss, "tach/2"
         ),
         speed_distance(
             first, 0, {"distance": normal(f), "swing": normal(f), "across": normal(f)}, sigma(f, 1), loss, "speed/1"
@@ -171,7 +171,7 @@ def test_a_chained_loss_is_frozen_before_gtsam_sees_it() -> None:
     """Each factor then has the weight that the whole chain gives it."""
     states, chain = random_states(4, 0.3), SwitchChain(3.0, 0.5)
     first = np.arange(KEYFRAMES - 1)
-    family = tach_distance(first, np.zeros((len(first), 4)), np.full((len(first), 1), 2.0), chain)
+    family = tach_distance(first, np.zeros((len(first), 5)), np.full((len(first), 1), 2.0), chain)
     with pytest.raises(ValueError, match="chained loss"):
         custom_factors(family)
     frozen = with_frozen_chain(family, states)

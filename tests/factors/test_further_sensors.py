@@ -37,13 +37,13 @@ def test_a_radar_ahead_that_looks_inwards_sees_its_front_swing() -> None:
 
 def test_a_wheel_that_turns_more_is_positive_and_a_late_clock_counts_what_came_before() -> None:
     """In a second in which it gets 1 m/s faster, a clock 0.1 s behind shows the count of 0.1 s later: 0.1 m more."""
-    measured = {"counted": np.array([10.1]), "faster": np.array([1.0]), "response": np.zeros((1, 4))}
+    measured = {"counted": np.array([10.1]), "faster": np.array([1.0]), "response": np.zeros((1, 5))}
     family = tach_increment(FIRST, 0, measured, SIGMA, None, "tach/2")
     assert family.residual(moved(10.0, (0.0, 0.1)))[0, 0] == pytest.approx(0.0, abs=1e-12)
     assert family.residual(moved(10.0, (0.0, 0.0)))[0, 0] == pytest.approx(0.1)
 
 
 def test_creep_in_traction_is_no_slip() -> None:
-    measured = {"counted": np.array([10.1]), "faster": np.zeros(1), "response": np.array([[0.0, 0.0, 2.0, 0.0]])}
+    measured = {"counted": np.array([10.1]), "faster": np.zeros(1), "response": np.array([[0.0, 0.0, 2.0, 0.0, 0.0]])}
     family = tach_increment(FIRST, 0, measured, SIGMA, None, "tach/2")
     assert family.residual(moved(10.0, (0.0, 0.0), traction=0.05))[0, 0] == pytest.approx(0.0, abs=1e-12)

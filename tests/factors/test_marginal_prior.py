@@ -17,6 +17,8 @@ from trackfg.factors.marginal_prior import (
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, Odo, States, Step, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 
+DIM = KEYFRAME_DIM + SHARED_DIM
+
 
 def one_keyframe(rng: np.random.Generator) -> States:
     R = matrix_from_rpy(*(0.3 * rng.standard_normal((3, 1))))
@@ -26,13 +28,13 @@ def one_keyframe(rng: np.random.Generator) -> States:
 
 
 def a_step(rng: np.random.Generator, size: float) -> Step:
-    tangent = size * rng.standard_normal(KEYFRAME_DIM + SHARED_DIM)
+    tangent = size * rng.standard_normal(DIM)
     return Step(tangent[None, :KEYFRAME_DIM], tangent[KEYFRAME_DIM:])
 
 
 def test_it_measures_from_where_it_was_linearised() -> None:
     rng = np.random.default_rng(0)
-    origin, step, rows = one_keyframe(rng), a_step(rng, 0.3), rng.standard_normal((49, 50))
+    origin, step, rows = one_keyframe(rng), a_step(rng, 0.3), rng.standard_normal((DIM, DIM + 1))
     states = retract_in_chart(origin, step)
     x = np.concatenate([step.keyframes[0], step.shared])
     np.testing.assert_allclose(
@@ -74,13 +76,13 @@ def test_a_turn_about_the_vertical_leaves_the_speed_however_far_it_goes() -> Non
 def test_jacobians() -> None:
     rng = np.random.default_rng(3)
     origin = one_keyframe(rng)
-    family = marginal_prior(rng.standard_normal((49, 50)), origin)
+    family = marginal_prior(rng.standard_normal((DIM, DIM + 1)), origin)
     check_jacobians(family, retract_in_chart(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)
 
 
 def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     rng = np.random.default_rng(3)
-    origin, rows, by, sd = one_keyframe(rng), rng.standard_normal((49, 50)), 40.0, 25.0
+    origin, rows, by, sd = one_keyframe(rng), rng.standard_normal((DIM, DIM + 1)), 40.0, 25.0
     family = with_distance_shifted(marginal_prior(rows, origin), by, sd)
     A, b = family.data["A"][0], family.data["b"][0]
     at = offset_in_keyframe(Kind.ODO)
@@ -111,7 +113,7 @@ def test_yaw_is_measured_the_short_way_round() -> None:
 def test_bias_of_an_interval_is_the_sensors_own_and_what_the_calibration_adds() -> None:
     """With b = own + response c the factor says of (b, c) what it said of (own, c): the same residual, whatever c."""
     rng = np.random.default_rng(5)
-    origin, rows, response = one_keyframe(rng), rng.standard_normal((49, 50)), rng.standard_normal((6, 21))
+    origin, rows, response = one_keyframe(rng), rng.standard_normal((DIM, DIM + 1)), rng.standard_normal((6, 21))
     own = retract_in_chart(origin, a_step(rng, 0.2))
     interval = replace(own, bias=own.bias + own.imu @ response.T)
     family = marginal_prior(rows, origin)

@@ -47,7 +47,7 @@ def test_a_tach_clock_that_drifts_is_right_in_the_middle_of_the_run(at_origin: A
 def test_a_wheel_that_turns_more_than_the_vehicle_moves_slips(at_origin: AtOrigin) -> None:
     """Scale 1.01, 100 m rolled as counted, 90 m moved: 1.01 x 100 - 90 = +11 m."""
     odo = Odo(np.array([[0.0, 1.01, 0.0, 0.0], [90.0, 1.01, 100.0, 90.0]]))
-    family = tach_distance(np.array([0]), np.zeros((1, 4)), np.ones((1, 1)), None)
+    family = tach_distance(np.array([0]), np.zeros((1, 5)), np.ones((1, 1)), None)
     assert family.residual(replace(at_origin(2), odo=odo)).item() == pytest.approx(11.0)
 
 
@@ -59,7 +59,7 @@ def test_a_wheel_to_the_left_rolls_less_in_a_curve_to_the_left(at_origin: AtOrig
     S dW - a - h w = 89.97 - 90 - (-0.15 + 0.03 + 0.09) = 0.
     """
     response = wheel_response(np.array([90.0]), np.array([0.3]), np.array([0.02]))
-    wheel = np.array([[0.5, 0.1, 0.05, 7.0]])
+    wheel = np.array([[0.5, 0.1, 0.05, 7.0, 7.0]])
     odo = Odo(np.array([[0.0, 1.0, 0.0, 0.0], [90.0, 1.0, 89.97, 90.0]]))
     family = tach_distance(np.array([0]), response, np.ones((1, 1)), None)
     assert family.residual(replace(at_origin(2), odo=odo, wheel=wheel)).item() == pytest.approx(0.0, abs=1e-12)
@@ -71,8 +71,20 @@ def test_a_force_against_the_motion_is_braking() -> None:
     Backwards all signs of the distance turn: 50 m less of it is 50 m more rolled the other way.
     """
     forwards, backwards = wheel_response(np.array([50.0, -50.0]), np.zeros(2), np.array([-0.1, 0.1]))
-    np.testing.assert_allclose(forwards, [0.0, 0.0, 0.0, -5.0], atol=1e-12)
-    np.testing.assert_allclose(backwards, [0.0, 0.0, 0.0, 5.0], atol=1e-12)
+    np.testing.assert_allclose(forwards, [0.0, 0.0, 0.0, -5.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(backwards, [0.0, 0.0, 0.0, 5.0, 0.0], atol=1e-12)
+
+
+def test_a_speed_that_is_cut_off_is_short_by_as_much_in_every_second_of_motion(at_origin: AtOrigin) -> None:
+    """20 m in 2 s: whole km/h, cut off, are half a km/h low on average, -0.5 / 3.6 m/s, so 2 x 0.1389 = 0.2778 m are
+    missing of the integral. Backwards the missing part has the other sign. S dW - a - h w = 19.7222 - 20 + 0.2778 = 0.
+    """
+    forwards, backwards = wheel_response(np.array([20.0, -20.0]), np.zeros(2), np.zeros(2), np.array([2.0, 2.0]))
+    np.testing.assert_allclose([forwards[4], backwards[4]], [2.0, -2.0])
+    odo = Odo(np.array([[0.0, 1.0, 0.0, 0.0], [20.0, 1.0, 20.0 - 2.0 * 0.5 / 3.6, 20.0]]))
+    family = tach_distance(np.array([0]), forwards[None], np.ones((1, 1)), None)
+    wheel = np.array([[0.0, 0.0, 0.0, 0.0, -0.5 / 3.6]])
+    assert family.residual(replace(at_origin(2), odo=odo, wheel=wheel)).item() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_distance_adds_up(at_origin: AtOrigin) -> None:

@@ -51,12 +51,16 @@ from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
+from trackfg.sensors.tach_steps import at_steps
 
 _ANYWHERE_SD_M = 1e5
 """Sigma of a start that may be anywhere along the track, m: wider than any line between two fixes."""
 
 _SET_SD_M = 1e-4
 """Of a place that is 0 by convention."""
+
+_SET_OFFSET_SD_MPS = 1e-6
+"""Of a speed signal's offset where nothing makes one, m/s: 1 mm in a quarter of an hour."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,9 @@ class Problem:
         return factor_errors(self.measured, self.families, states, self.t)
 
 
-def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | None = None) -> Problem:
+def build_problem(
+    recording: Recording, config: SmoothConfig, data: Intervals | None = None, *, steps: bool = True
+) -> Problem:
     """Build the factor graph of a recording, with initial values.
 
     Parameters
@@ -131,6 +137,8 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
         The settings; ``SmoothConfig()`` has the defaults.
     data : Intervals, optional
         The inertial samples laid edge to edge, if that has been done already.
+    steps : bool, optional
+        Whether a coarse tach is read at its steps. A stream, which goes on with rows as they come, reads its rows.
 
     Returns
     -------
@@ -150,6 +158,8 @@ def build_problem(recording: Recording, config: SmoothConfig, data: Intervals | 
         )
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
+    if wheel is not None and steps:
+        wheel = at_steps(wheel)
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     rests, path, rolls = _first_pass(recording, config, world, data, wheel, speedless)
     gaps = data.gaps()
@@ -283,7 +293,8 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     )
     calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
     imu_sd = response_sigmas(*calibration)[None]
-    wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2])
+    offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
+    wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
     return [
         nav_prior(first, states.nav[:1], nav_sd),

@@ -66,20 +66,20 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
         return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), loss)]
     variance = creep_variance(inputs)
     if inputs.wheel.integrates_speed:
-        moving = ~within(0.5 * (inputs.t[1:] + inputs.t[:-1]), inputs.rests)
-        variance = variance + config.speed_noise_mps**2 * inputs.durations * moving
+        moving = _moving(inputs)
+        variance = variance + inputs.wheel.speed_variance(inputs.t, config.speed_noise_mps) * moving
     silent = ~(inputs.wheel.covers(inputs.t[:-1]) & inputs.wheel.covers(inputs.t[1:]))
     unknown = ~inputs.wheel.counts(inputs.t) | (silent & inputs.wheel.integrates_speed)
     variance = np.where(unknown, _MOVED_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * inputs.config.noise.tach
-    response = response_of_wheels(inputs)
+    response = response_of_wheels(inputs, offset=inputs.wheel.integrates_speed)
     assert inputs.rolling is not None
     wheel = tach_distance(k, response, sigma, loss)
     wheel = replace(wheel, doubtful=inputs.rolling.slips_within(inputs.t))
     read = _readable(inputs)
     count, rate = inputs.wheel.at(inputs.t[read]), inputs.wheel.rate(inputs.t[read])
     since = inputs.t[read] - inputs.clock_origin
-    return [wheel, tach_reading(read, count, rate, since, np.full((read.size, 1), inputs.wheel.rounding_sd))]
+    return [wheel, tach_reading(read, count, rate, since, inputs.wheel.reading_sd(inputs.t[read])[:, None])]
 
 
 def creep_variance(inputs: GraphInputs) -> Array:
@@ -92,10 +92,20 @@ def creep_variance(inputs: GraphInputs) -> Array:
     )
 
 
-def response_of_wheels(inputs: GraphInputs) -> Array:
-    """Return what ``WHEEL`` adds to the distance that a wheel rolls in each interval, shape (n - 1, 4)."""
+def response_of_wheels(inputs: GraphInputs, *, offset: bool = False) -> Array:
+    """Return what ``WHEEL`` adds to the distance that a wheel rolls in each interval, shape (n - 1, 5).
+
+    ``offset``: whether the distance is that of a speed signal, which may be off by a constant in motion.
+    """
     force = inputs.mean_accel[:, 0] / inputs.world.gravity
-    return wheel_response(inputs.distance, inputs.mean_rate[:, 2] * inputs.durations, force)
+    moving_s = inputs.durations * _moving(inputs) * offset
+    return wheel_response(inputs.distance, inputs.mean_rate[:, 2] * inputs.durations, force, moving_s)
+
+
+def _moving(inputs: GraphInputs) -> np.ndarray:
+    """Return whether the vehicle moves in each interval, shape (n - 1,)."""
+    moving: np.ndarray = ~within(0.5 * (inputs.t[1:] + inputs.t[:-1]), inputs.rests)
+    return moving
 
 
 def _readable(inputs: GraphInputs) -> np.ndarray:
@@ -108,7 +118,7 @@ def _readable(inputs: GraphInputs) -> np.ndarray:
     count = inputs.wheel.at(inputs.t[covered])
     if covered.size == 0:
         return covered
-    grid = np.floor(count / max(inputs.wheel.quantum, 1e-9))
+    grid = np.floor(count / max(inputs.wheel.quantum, 1e-9) + 0.5)
     fresh = np.concatenate([[True], grid[1:] != grid[:-1]])
     readable: np.ndarray = covered[fresh]
     return readable

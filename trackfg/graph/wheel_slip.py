@@ -127,7 +127,7 @@ def rolling(
         if np.abs(weight - before).max() < _SETTLED:
             break
     rolls = weight > 0.5
-    return Rolling(t, speed, rolls, wheel.with_speed(t, speed, rolls))
+    return Rolling(t, speed, rolls, wheel.with_speed(t, speed, rolls & ~wheel.coarse))
 
 
 def _evidence(
@@ -139,7 +139,11 @@ def _evidence(
     acceleration = force + gravity * np.sin(_pitch(middle, gyro, path))
     rolled = np.diff(wheel.at(t))
     creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled, force / gravity))
-    noise = config.tach.speed_noise_mps**2 * _STEP_S if wheel.integrates_speed else 2.0 * wheel.rounding_sd**2
+    if wheel.integrates_speed:
+        noise = wheel.speed_variance(t, config.tach.speed_noise_mps)
+    else:
+        rounding = wheel.reading_sd(t)
+        noise = rounding[1:] ** 2 + rounding[:-1] ** 2
     sigma = np.sqrt(creep**2 + noise) * config.noise.tach
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M
     walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * np.diff(acceleration, append=acceleration[-1]))

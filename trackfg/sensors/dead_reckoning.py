@@ -54,6 +54,11 @@ class InitialPath:
         """Position in n at ``t``, m, shape (m, 3)."""
         return interpolate_columns(t, self.t, self.p)
 
+    def rolled(self, t: Array) -> Array:
+        """Return the integral of the speed up to ``t``, m: the distance without the rounding of a count, shape (m,)."""
+        speed = np.interp(t, self.t, self.speed)
+        return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
+
     def velocity(self, t: Array) -> Array:
         """Velocity in n at ``t``, m/s, shape (m, 3)."""
         return interpolate_columns(t, self.t, self.v)

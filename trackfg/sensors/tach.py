@@ -44,6 +44,10 @@ _EDGE_STAMPED_FRACTION = 0.1
 class Wheel:
     """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s. What
     was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance.
+
+    A ``coarse`` tach was read at its steps (:mod:`trackfg.sensors.tach_steps`), and has the 1-sigma of a reading
+    between each two rows, ``reading_sds`` (n - 1,), m. A speed signal whose noise is known has ``grown`` (n,), m^2: the
+    variance of its integral up to each row, and ``offset_sd_mps``: by how much it may be off in motion, m/s.
     """
 
     t: Array
@@ -53,16 +57,36 @@ class Wheel:
     integrates_speed: bool
     gaps: Array
     uncounted: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    coarse: bool = False
+    reading_sds: Array | None = None
+    grown: Array | None = None
+    offset_sd_mps: float = 0.0
 
     def at(self, t: Array) -> Array:
         """Nominal distance at ``t``, m; constant outside the record."""
-        if self.integrates_speed:
+        if self.integrates_speed or self.coarse:
             return np.asarray(PchipInterpolator(self.t, self.distance)(np.clip(t, self.t[0], self.t[-1])))
         return np.asarray(np.interp(t, self.t, self.distance))
 
     def rate(self, t: Array, half_window_s: float = 0.25) -> Array:
         """Mean nominal speed over ``t`` plus and minus the half window, m/s."""
         return (self.at(t + half_window_s) - self.at(t - half_window_s)) / (2.0 * half_window_s)
+
+    def reading_sd(self, t: Array) -> Array:
+        """Return the 1-sigma of a reading at ``t``, m: its rounding. Shape (m,)."""
+        if self.reading_sds is None:
+            return np.full(len(t), self.rounding_sd)
+        interval = np.searchsorted(self.t, t, side="right") - 1
+        return np.asarray(self.reading_sds[np.clip(interval, 0, len(self.reading_sds) - 1)])
+
+    def speed_variance(self, t: Array, noise_mps: float) -> Array:
+        """Return the variance of the integrated speed between neighbouring times (m,), m^2, shape (m - 1,).
+
+        ``noise_mps``, m/s in 1 s, is that of a signal whose noise is not known from its rows.
+        """
+        if self.grown is None:
+            return np.asarray(noise_mps**2 * np.diff(t))
+        return np.diff(np.interp(t, self.t, self.grown))
 
     def with_speed(self, t: Array, speed: Array, rolls: np.ndarray) -> Wheel:
         """The same, but where it does not roll (``rolls`` (n - 1,) between the times ``t`` (n,)) by ``speed`` (n,)."""
@@ -71,7 +95,8 @@ class Wheel:
         rows = np.union1d(self.t, t[1:][~rolls])
         inside = (rows >= self.t[0]) & (rows <= self.t[-1])
         rows = rows[inside]
-        return replace(self, t=rows, distance=self.at(rows) + np.interp(rows, t, added))
+        distance = self.at(rows) + np.interp(rows, t, added)
+        return replace(self, t=rows, distance=distance, reading_sds=None, grown=None)
 
     def covers(self, t: Array) -> np.ndarray:
         """Return whether there is a reading at ``t``: inside the record and outside its gaps."""

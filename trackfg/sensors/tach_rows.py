@@ -11,11 +11,17 @@ from trackfg.numerics.arrays import Array
 def tach_quantum_m(tach: pd.DataFrame) -> float:
     """The distance of one count in a ``tach`` table, m: the largest step of which all steps are multiples.
 
-    0 where the distance is not quantised (or finer than 1 um), as with an integrated speed. Steps are rounded to
-    0.01 um, far above the rounding of the doubles.
+    0 where the distance is not quantised (or finer than 1 um), as with an integrated speed.
     """
-    steps = np.abs(np.diff(tach["distance_m"].to_numpy()))
-    distinct = np.unique(np.round(steps, 8))
+    return common_step(np.diff(tach["distance_m"].to_numpy()))
+
+
+def common_step(values: Array) -> float:
+    """Return the largest number of which all ``values`` (n,) are multiples; 0 where there is none above 1e-6.
+
+    Values are rounded to 1e-8, far above the rounding of the doubles.
+    """
+    distinct = np.unique(np.round(np.abs(values), 8))
     distinct = distinct[distinct > 0]
     if distinct.size == 0:
         return 0.0

@@ -169,10 +169,10 @@ def test_a_window_of_one_keyframe_may_be_the_last(monkeypatch: pytest.MonkeyPatc
 def test_a_first_window_that_cannot_be_made_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
     build = starting_window.build_problem
 
-    def fail(recording: Any, *args: Any) -> Any:
+    def fail(recording: Any, *args: Any, **kwargs: Any) -> Any:
         if recording.imu["t_s"].iloc[0] < 15.0:
             raise UnsolvableError("as asked")
-        return build(recording, *args)
+        return build(recording, *args, **kwargs)
 
     monkeypatch.setattr(starting_window, "build_problem", fail)
     filtered, smoothed, _, events = streamed()

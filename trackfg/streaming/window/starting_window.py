@@ -89,7 +89,7 @@ class StartingWindow:
         recording = buffer.recording(begin, end)
         if recording.tach is not None and not recording.tach["t_s"].iloc[:1].lt(begin + _LATE_S).any():
             recording = replace(recording, tach=None)
-        problem = build_problem(recording, config, buffer.intervals(begin, end))
+        problem = build_problem(recording, config, buffer.intervals(begin, end), steps=False)
         if (description.fixes is not None or on_map) and problem.family(FactorType.ABSOLUTE_FIX) is None:
             problem = replace(problem, families=with_free_start(problem.families))
         tach = None
