@@ -82,7 +82,7 @@ class MotionConfig(_Section):
     rigid_rest_speed_sd_mps: Positive = 1e-5
     rigid_rest_turn_sd_rad: Positive = 1e-5
     rigid_rest_shift_sd_m: Positive = 2e-5
-    min_rest_s: Positive = 3.0
+    min_rest_s: Positive = 1.0
 
 
 class LaserConfig(_Section):

@@ -1,18 +1,24 @@
 """When the vehicle is at rest.
 
-A candidate is a span in which the tach does not move (less than one pulse, or a speed of zero); where there is no tach,
-one in which the inertial sensor is about as quiet as it ever is, without a change of mean rate or force from one block
-of 0.5 s to the next: each rest has a tilt of its own. A candidate holds only as long as the inertial sensor is quiet
-too: the blocks' mean angular rate stays near the candidate's median and the scatter of rate and specific force near
-that of its quietest blocks.
+A candidate is a span in which the tach may be at rest (:mod:`trackfg.sensors.tach_rests`); where there is no tach, one
+in which the inertial sensor is about as quiet as it ever is, without a change of mean rate or force from one block of
+0.5 s to the next: each rest has a tilt of its own.
 
-On a smooth straight a moving vehicle is as quiet as one at rest. A candidate that the tach enters or leaves faster
-than anything brakes is therefore a tach that fell silent, and no standstill; before the first and after the last row of
-a tach nobody knows, unless its rows are its pulses; and where GNSS alone tells the speed, it must have seen the rest.
+A candidate holds only as long as the inertial sensor confirms it. An idling engine shakes a vehicle at rest as much as
+a smooth line does one that moves, so that the level of its samples says little; but the means of blocks stay where they
+are. How much they vary by vibration alone is told by the candidate itself: a block's mean is that of five pieces, and
+the pieces' variance, over 5, is its own, whatever the spectrum (batch means; Law, *Simulation Modeling and Analysis*
+(2015), 9.5.3). A block that is far from the candidate's median, or far noisier than its quietest blocks, moves.
+
+On a smooth straight a moving vehicle is as steady as one at rest. A candidate that the tach enters or leaves faster
+than anything brakes, or that it enters or leaves by a change of speed of which the accelerometer felt less than half,
+is therefore a tach that fell silent, and no standstill. Without a tach, rests have one rate, the gyro's bias, unlike
+curves; and where GNSS alone tells the speed, it must have seen the rest.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -20,92 +26,209 @@ import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import true_runs
+from trackfg.numerics.spans import Span, true_runs
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
-from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
+from trackfg.sensors.tach_rests import Candidates, tach_rests
+
+SHORTEST_S = 1.0
+"""Shortest rest that is returned, s: a stop of 1.5 s less a quarter of a second at either end."""
+
+_ALONE_S = 3.0
+"""Without a tach no rest is shorter than this, s: a moving vehicle is steady for a second or two as well."""
 
 _BLOCK_S = 0.5
-"""Scatter and means are those of blocks this long, s: several periods of an idling engine's or a body's vibration."""
+"""Scatter and means are those of blocks at least this long, s: several periods of an idling engine's vibration."""
 
-_MARGIN_S = 1.5  # a gentle start takes this long to show: trimmed from both ends of a candidate
-_LAST_SECOND_M = 4.0  # no vehicle rolls further in its last second before a stop: 8 m/s^2
-_QUIET_RATIO = 5.0  # scatter of a block against the quiet level of its candidate
-_RATE_TOLERANCE = 2e-3  # rad/s: a block's mean rate against the candidate's median
-_FORCE_TOLERANCE = 0.05  # m/s^2: a block's mean specific force against the candidate's median
-_SCATTER_LIMITS = (0.02, 0.3)  # rad/s, m/s^2: nothing on rails that shakes more than this is called at rest
+_PIECES = 5
+"""Pieces of a block, from which the error of its mean is told: 0.1 s, so that brakes do not pass for vibration."""
+
+_MARGIN_S = 1.5
+"""A gentle start takes this long to show where only the inertial sensor tells, s: trimmed from both ends."""
+
+_QUIET_RATIO = 5.0
+"""A block whose scatter is this many times that of the quietest fifth of its candidate is not at rest: a knock."""
+
+_SIGMAS = 4.0
+"""Of a block's mean, that it may differ by: 6e-5 of good ones differ by more."""
+
+_TOLERANCE = np.array([2e-3] * 3 + [0.05] * 3 + [0.02])
+"""A body at rest sways by this much besides, rad/s and m/s^2: wind, passengers; one that brakes or starts, by more.
+Chosen on simulated runs.
+"""
+
+_SCATTER_LIMITS = (0.02, 0.3)
+"""rad/s, m/s^2: without a tach nothing that shakes more than this is called at rest."""
+
+_SPEED_CHANGE_S = 2.0
+"""The accelerometer must have felt the change of the tach's speed within this time of a rest, s."""
+
+_LATENCY_S = 1.0
+"""It may have felt it this much earlier or later, s: a speed that a bus brings may be a second old."""
+
+_SETTLED_S = 0.5
+"""So much of the rest itself is looked at besides, s."""
+
+_FELT = 0.25
+"""Share of the change which must have been felt: a wheel slips, a driver eases off the brake before the end."""
+
+_FELT_MPS = 0.75
+"""What is enough in any case, m/s: a gradient that changes by 20 per mille feigns 0.7 m/s in those 3.5 s."""
+
+_TOLD_MPS = 1.5
+"""A smaller change of speed is not looked for, m/s: it is twice what a gradient feigns."""
 
 
-def find_standstills(recording: Recording, min_duration_s: float = 3.0, *, silent_at_rest: bool | None = None) -> Array:
+def find_standstills(
+    recording: Recording, min_duration_s: float = SHORTEST_S, *, silent_at_rest: bool | None = None
+) -> Array:
     """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2).
 
     ``silent_at_rest``: whether the tach has no rows at rest; told from its rows unless it is given.
     """
-    t = recording.imu["t_s"].to_numpy()
-    block = np.floor((t - t[0]) / _BLOCK_S).astype(np.int64)
-    first = np.flatnonzero(np.diff(block, prepend=-1))
-    counts = np.diff(np.append(first, t.size))
-    starts, ends = t[first], t[np.append(first[1:], t.size) - 1]
-    signals = np.hstack([recording.gyro, recording.accel])
-    mean = np.add.reduceat(signals, first, axis=0) / counts[:, None]
-    variance = np.maximum(np.add.reduceat(signals**2, first, axis=0) / counts[:, None] - mean**2, 0.0)
-    scatter = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=1))
-
-    if recording.tach is None or len(recording.tach) < 2:
-        steady = _steady(mean, scatter, max(1, round(min_duration_s / _BLOCK_S)))
-        candidates = np.stack([starts[steady[:, 0]], ends[steady[:, 1] - 1]], axis=1)
-        candidates[candidates[:, 0] > starts[0], 0] += _MARGIN_S
-        candidates[candidates[:, 1] < ends[-1], 1] -= _MARGIN_S
+    samples = _Samples.of(recording)
+    tach, gnss = recording.tach, recording.gnss
+    if tach is None or len(tach) < 2:
+        min_duration_s = max(min_duration_s, _ALONE_S)
+        candidates = _quiet_spans(samples, min_duration_s)
+        spans = [span for span in _of_one_rate(samples, _confirmed(samples, candidates)) if _gnss_stays(gnss, span)]
     else:
-        candidates = _tach_at_rest(recording.tach, float(t[0]), float(t[-1]), silent_at_rest)
+        description = recording.description.tach
+        integrates_speed = description is not None and description.integrates_speed
+        record = (float(samples.t[0]), float(samples.t[-1]))
+        found = tach_rests(tach, record, integrates_speed=integrates_speed, silent_at_rest=silent_at_rest)
+        spans = _confirmed(samples, found.spans[_felt(samples, found)])
+    lasting = [(begin, end) for begin, end in spans if end - begin >= min_duration_s]
+    return np.array(lasting, dtype=np.float64).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Inertial samples at ``t`` (n,), s: the integrals of rates and forces (n, 6) and of their squares, over samples,
+    both less the run's median, which keeps the digits of a variance.
+    """
+
+    t: Array
+    level: Array
+    total: Array
+    square: Array
+
+    @classmethod
+    def of(cls, recording: Recording) -> _Samples:
+        t = recording.imu["t_s"].to_numpy()
+        speed = np.zeros(len(t))
+        if recording.tach is not None and len(recording.tach) > 1 and len(t) > 1:
+            edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
+            speed = np.diff(np.interp(edges, *recording.tach[["t_s", "distance_m"]].to_numpy().T)) / np.diff(edges)
+        signals = np.column_stack([recording.gyro, recording.accel, speed])
+        level = np.median(signals, axis=0)
+        signals -= level
+        nothing = np.zeros((1, len(level)))
+        total, square = (np.vstack([nothing, np.cumsum(x, axis=0)]) for x in (signals, signals**2))
+        return cls(t, level, total, square)
+
+    def means(self, times: Array) -> tuple[Array, Array]:
+        """Return mean and variance (m - 1, 6) of the samples between neighbouring times (m,), s.
+
+        Where there are no samples between two, those of the next.
+        """
+        at = np.searchsorted(self.t, times)
+        at[1:] = np.maximum(at[1:], at[:-1] + 1)
+        at = np.minimum(at, len(self.t))
+        count = np.maximum(np.diff(at), 1)[:, None]
+        mean, square = (np.diff(x[at], axis=0) / count for x in (self.total, self.square))
+        return mean + self.level, np.maximum(square - mean**2, 0.0)
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks between ``edges`` (b + 1,), s: ``mean`` (b, 6) of rate and force, its sigma ``error`` (6,), and the
+    samples' ``scatter`` (b, 2), of rate and of force.
+    """
+
+    edges: Array
+    mean: Array
+    error: Array
+    scatter: Array
+
+    @classmethod
+    def between(cls, samples: _Samples, begin: float, end: float) -> _Blocks:
+        """Divide a span into equal blocks, at least ``_BLOCK_S`` long where it is that long itself."""
+        count = max(1, int((end - begin) / _BLOCK_S + 1e-9))
+        times = np.linspace(begin, end, count * _PIECES + 1)
+        pieces, variance = samples.means(times)
+        of_block = pieces.reshape(count, _PIECES, -1)
+        mean, within = of_block.mean(axis=1), of_block.var(axis=1)
+        total = (variance.reshape(count, _PIECES, -1).mean(axis=1) + within)[:, :6].reshape(count, 2, 3).sum(axis=2)
+        error = np.sqrt(np.median(within, axis=0) / (_PIECES - 1))
+        return cls(times[::_PIECES], mean, error, np.sqrt(total))
+
+
+def _confirmed(samples: _Samples, candidates: Array) -> list[Span]:
+    """Return the parts of candidate spans (m, 2), s, that the inertial sensor confirms."""
     spans = []
     for begin, end in candidates:
-        inside = np.flatnonzero((starts >= begin) & (ends <= end))
-        if inside.size == 0:
-            continue
-        for i, j in true_runs(_quiet(mean[inside], scatter[inside])):
-            span = (max(begin, starts[inside[i]]), min(end, ends[inside[j - 1]]))
-            if span[1] - span[0] >= min_duration_s and (
-                recording.tach is not None or _gnss_stays(recording.gnss, span)
-            ):
-                spans.append(span)
-    return np.array(spans, dtype=np.float64).reshape(-1, 2)
+        blocks = _Blocks.between(samples, begin, end)
+        calm = np.all(blocks.scatter <= _QUIET_RATIO * np.quantile(blocks.scatter, 0.2, axis=0) + 1e-6, axis=1)
+        steady = _near(blocks.mean, np.median(blocks.mean[calm], axis=0), blocks.error)
+        spans += [(float(blocks.edges[i]), float(blocks.edges[j])) for i, j in true_runs(calm & steady)]
+    return spans
 
 
-def _quiet(mean: Array, scatter: Array) -> np.ndarray:
-    """Which blocks of a candidate are at rest. Shapes (b, 6), (b, 2) to (b,) of bool."""
-    calm = _calm(scatter, np.quantile(scatter, 0.2, axis=0))
-    if not calm.any():
-        return calm
-    quiet: np.ndarray = calm & _near(mean, np.median(mean[calm], axis=0), scatter)
-    return quiet
-
-
-def _steady(mean: Array, scatter: Array, blocks: int) -> np.ndarray:
-    """Runs of blocks without a change, as quiet as any ``blocks`` in a row are at least once. Rows (first, end)."""
-    width = min(blocks, len(scatter))
-    calm = _calm(scatter, sliding_window_view(scatter, width, axis=0).max(axis=2).min(axis=0))
-    changes = np.append(False, ~_near(mean[1:], mean[:-1], scatter[1:]))
-    pieces = [
-        list(pairwise([i, *(i + 1 + np.flatnonzero(changes[i + 1 : j])).tolist(), j])) for i, j in true_runs(calm)
-    ]
-    return np.array([piece for run in pieces for piece in run], dtype=np.int64).reshape(-1, 2)
-
-
-def _calm(scatter: Array, level: Array) -> np.ndarray:
-    calm: np.ndarray = np.all(scatter <= np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS), axis=1)
-    return calm
-
-
-def _near(mean: Array, centre: Array, scatter: Array) -> np.ndarray:
-    """Return whether blocks' means are those at ``centre``, up to noise."""
-    noise = 4.0 * scatter / np.sqrt(5.0)
-    rate = np.abs(mean - centre)[:, :3].max(axis=1) <= _RATE_TOLERANCE + noise[:, 0]
-    force = np.abs(mean - centre)[:, 3:].max(axis=1) <= _FORCE_TOLERANCE + noise[:, 1]
-    near: np.ndarray = rate & force
+def _near(mean: Array, centre: Array, error: Array) -> np.ndarray:
+    """Return whether blocks' means (b, 6) are those at ``centre``, up to noise. Shape (b,)."""
+    near: np.ndarray = np.all(np.abs(mean - centre) <= _TOLERANCE + _SIGMAS * error, axis=1)
     return near
 
 
-def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
+def _felt(samples: _Samples, candidates: Candidates) -> np.ndarray:
+    """Return which candidates (m,) the vehicle came to by a change of speed that the accelerometer felt.
+
+    A tach that spins as the wheels slip is excused by what was felt at all; and where its record begins at rest, the
+    end must have been felt. The scale is that of gravity as the sensor shows it.
+    """
+    felt = np.ones(len(candidates.spans), dtype=bool)
+    for k, (span, speeds) in enumerate(zip(candidates.spans, candidates.speeds, strict=True)):
+        side = 0 if span[0] > samples.t[0] else 1
+        edge, way = span[side], (-1.0, 1.0)[side]
+        window = np.sort(edge + way * np.array([-_SETTLED_S, _SPEED_CHANGE_S + _LATENCY_S]))
+        ((rest,), _), ((moving,), _) = samples.means(span), samples.means(window)
+        gravity = max(float(np.linalg.norm(rest[3:6])), 1e-6)
+        change = float(np.linalg.norm(moving[3:6] - rest[3:6])) * (window[1] - window[0]) * STANDARD_GRAVITY / gravity
+        felt[k] = speeds[side] < _TOLD_MPS or change > min(_FELT * speeds[side], _FELT_MPS)
+    return felt
+
+
+def _quiet_spans(samples: _Samples, duration_s: float) -> Array:
+    """Return where the inertial sensor is steady, and as quiet as anywhere for ``duration_s``, s, shape (m, 2)."""
+    blocks = _Blocks.between(samples, float(samples.t[0]), float(samples.t[-1]))
+    width = min(max(1, round(duration_s / _BLOCK_S)), len(blocks.scatter))
+    level = sliding_window_view(blocks.scatter, width, axis=0).max(axis=2).min(axis=0)
+    calm = np.all(blocks.scatter <= np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS), axis=1)
+    error = np.column_stack([blocks.scatter[1:].repeat(3, axis=1) / np.sqrt(_PIECES), np.zeros(len(blocks.mean) - 1)])
+    changes = np.append(False, ~_near(blocks.mean[1:], blocks.mean[:-1], error))
+    runs = [[i, *(i + 1 + np.flatnonzero(changes[i + 1 : j])).tolist(), j] for i, j in true_runs(calm)]
+    steady = np.array([piece for run in runs for piece in pairwise(run)], dtype=np.int64).reshape(-1, 2)
+    spans = blocks.edges[steady]
+    spans[steady[:, 0] > 0, 0] += _MARGIN_S
+    spans[steady[:, 1] < len(blocks.scatter), 1] -= _MARGIN_S
+    return spans[spans[:, 1] - spans[:, 0] >= duration_s]
+
+
+def _of_one_rate(samples: _Samples, spans: list[Span]) -> list[Span]:
+    """Return the spans whose mean rate is that of half of them, by duration: a steady curve turns, a rest does not."""
+    if not spans:
+        return spans
+    rates = np.vstack([samples.means(np.array(span))[0][:, :3] for span in spans])
+    duration = np.diff(np.array(spans), axis=1)[:, 0]
+    order = np.argsort(rates, axis=0)
+    middle = (np.cumsum(duration[order], axis=0) < 0.5 * duration.sum()).sum(axis=0)
+    usual = np.take_along_axis(rates, order, axis=0)[middle, np.arange(3)]
+    near = np.all(np.abs(rates - usual) < _TOLERANCE[:3], axis=1)
+    return [span for span, kept in zip(spans, near, strict=True) if kept]
+
+
+def _gnss_stays(gnss: pd.DataFrame | None, span: Span) -> bool:
     """Return whether the positions of a span, half of them at least, lie within 3 sigma of their median; True without
     GNSS.
     """
@@ -116,21 +239,3 @@ def _gnss_stays(gnss: pd.DataFrame | None, span: tuple[float, float]) -> bool:
         return False
     place, sd = seen[["east_m", "north_m"]].to_numpy(), seen[["east_sd_m", "north_sd_m"]].to_numpy()
     return bool((np.median(np.abs(place - np.median(place, axis=0)) / sd, axis=0) < 3.0).all())
-
-
-def _tach_at_rest(tach: pd.DataFrame, t0: float, t1: float, silent_at_rest: bool | None) -> Array:
-    """Spans without tach motion, trimmed where motion ends or begins. Shape (m, 2)."""
-    t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
-    if silent_at_rest is None:
-        silent_at_rest = rows_are_pulses(t, distance, tach_quantum_m(tach))
-    if not silent_at_rest:
-        t0 = t0 if t[0] < t0 + _MARGIN_S else float(t[0])
-        t1 = t1 if t[-1] > t1 - _MARGIN_S else float(t[-1])
-    moved = np.flatnonzero(np.diff(distance) != 0.0)
-    # From the end of one row interval with motion to the start of the next.
-    begins = np.concatenate([[t0], t[moved + 1] + _MARGIN_S])
-    ends = np.concatenate([t[moved] - _MARGIN_S, [t1]])
-    last = np.abs(distance[moved + 1] - np.interp(t[moved + 1] - 1.0, t, distance))
-    first = np.abs(np.interp(t[moved] + 1.0, t, distance) - distance[moved])
-    stops = (np.append(0.0, last) < _LAST_SECOND_M) & (np.append(first, 0.0) < _LAST_SECOND_M)
-    return np.stack([begins, ends], axis=1)[stops & (ends > begins)]

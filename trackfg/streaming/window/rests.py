@@ -18,6 +18,8 @@ LOOK_S = 8.0
 """How far before the newest keyframes a rest is looked for, s."""
 _MARGIN_S = 1.5
 """Time that a gentle start takes to show, s; as :mod:`trackfg.sensors.standstills` has it."""
+_TURNING_MPS = 0.5
+"""A wheel that turns slower, m/s, is looked at: so much noise a speed signal without a sign may have at rest."""
 _MOVING_MPS = 2.0
 """A keyframe faster than this, m/s, lies in no rest: a stuck tach on a smooth straight looks like one."""
 
@@ -68,10 +70,12 @@ class Rests:
 
 
 def _wheel_turns(rows: Array, quantum: float, duration_s: float, span: Span) -> bool:
-    """Return whether a tach's rows (n, 2) cover the span and move in every stretch as long as the shortest rest."""
+    """Return whether a tach's rows (n, 2) cover the span and clearly move in every stretch as long as the shortest
+    rest.
+    """
     begin, until = span
     if not (len(rows) and rows[0, 0] <= begin and rows[-1, 0] >= until):
         return False
     t = np.arange(begin, until - duration_s, 0.5 * duration_s)
     rolled = np.interp(t + duration_s, *rows.T) - np.interp(t, *rows.T)
-    return bool((np.abs(rolled) > 1.5 * quantum).all())
+    return bool((np.abs(rolled) > np.maximum(1.5 * quantum, _TURNING_MPS * duration_s)).all())
