@@ -26,12 +26,17 @@ _INTEGRATION_DENSITY = 1e-5
 class PreintegrationNoise:
     """The white noise that GTSAM assumes has these densities.
 
-    Gyro rad/s/sqrt(Hz), accelerometer m/s^2/sqrt(Hz), the position itself m/sqrt(s).
+    Gyro (3,) rad/s/sqrt(Hz) and accelerometer (3,) m/s^2/sqrt(Hz) along the body's axes, the position itself m/sqrt(s).
     """
 
-    gyro: float
-    accel: float
+    gyro: Array
+    accel: Array
     position: float = _INTEGRATION_DENSITY
+
+    @classmethod
+    def alike(cls, gyro: float, accel: float, position: float = _INTEGRATION_DENSITY) -> PreintegrationNoise:
+        """Return the noise of sensors whose axes are all alike."""
+        return cls(np.full(3, gyro), np.full(3, accel), position)
 
     def parameters(self, gravity: float, frame_rate: Array) -> gtsam.PreintegrationParams:
         """Return GTSAM's parameters for a z-up frame n with this gravity (m/s^2).

@@ -13,7 +13,8 @@ from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 from trackfg.sensors.imu_intervals import Increments, Intervals, compress
 
 G = 9.80665
-NOISE = PreintegrationNoise(gyro=1e-4, accel=2e-3)
+GYRO, ACCEL = 1e-4, 2e-3
+NOISE = PreintegrationNoise.alike(GYRO, ACCEL)
 NAV, BIAS = Kind.NAV, Kind.BIAS
 STILL = np.zeros(3)
 
@@ -186,8 +187,8 @@ def test_noise_grows_with_the_square_root_of_time() -> None:
         covariances.append(factor(increments).preintegratedMeasurements().preintMeasCov())
     for duration, covariance in zip((1.0, 4.0), covariances, strict=True):
         sd = np.sqrt(np.diag(covariance))
-        np.testing.assert_allclose(sd[:3], NOISE.gyro * np.sqrt(duration), rtol=1e-2)
-        np.testing.assert_allclose(sd[8], NOISE.accel * np.sqrt(duration), rtol=1e-2)
+        np.testing.assert_allclose(sd[:3], GYRO * np.sqrt(duration), rtol=1e-2)
+        np.testing.assert_allclose(sd[8], ACCEL * np.sqrt(duration), rtol=1e-2)
 
 
 def test_parameters_hold_what_they_were_given() -> None:
@@ -195,8 +196,8 @@ def test_parameters_hold_what_they_were_given() -> None:
     parameters = NOISE.parameters(9.79, earth)
     np.testing.assert_array_equal(parameters.n_gravity, [0, 0, -9.79])
     np.testing.assert_array_equal(parameters.getOmegaCoriolis(), earth)
-    np.testing.assert_allclose(parameters.getGyroscopeCovariance(), NOISE.gyro**2 * np.eye(3))
-    np.testing.assert_allclose(parameters.getAccelerometerCovariance(), NOISE.accel**2 * np.eye(3))
+    np.testing.assert_allclose(parameters.getGyroscopeCovariance(), GYRO**2 * np.eye(3))
+    np.testing.assert_allclose(parameters.getAccelerometerCovariance(), ACCEL**2 * np.eye(3))
     np.testing.assert_array_equal(NOISE.parameters(9.79, STILL).getOmegaCoriolis(), STILL)
 
 

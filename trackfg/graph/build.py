@@ -49,6 +49,7 @@ from trackfg.numerics.spans import within
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
+from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 from trackfg.sensors.tach_steps import at_steps
@@ -161,12 +162,15 @@ def build_problem(
     if wheel is not None and steps:
         wheel = at_steps(wheel)
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
-    rests, path, rolls = _first_pass(recording, config, world, data, wheel, speedless)
+    floor = NoiseFloor.of(data)
+    rests, path, rolls = _first_pass(recording, config, world, data, floor, wheel, speedless)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
     t = data.edges[edges]
-    inputs = GraphInputs(recording, config, world, data, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1]))
+    inputs = GraphInputs(
+        recording, config, world, data, floor, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1])
+    )
     sensors = np.zeros((len(further_sensors(recording.description)), Kind.SENSOR.dim))
     states = replace(inputs.initial_states(), sensor=sensors)
     moving = [tilt(inputs)] if speedless else motion(inputs)
@@ -204,7 +208,13 @@ def build_problem(
 
 
 def _first_pass(
-    recording: Recording, config: SmoothConfig, world: World, data: Intervals, wheel: Wheel | None, speedless: bool
+    recording: Recording,
+    config: SmoothConfig,
+    world: World,
+    data: Intervals,
+    floor: NoiseFloor,
+    wheel: Wheel | None,
+    speedless: bool,
 ) -> tuple[Array, InitialPath, Rolling | None]:
     """Find rests and initial path, both without the slips, and where the wheel rolls.
 
@@ -221,7 +231,7 @@ def _first_pass(
         path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
         if wheel is None or attempt == 2:
             break
-        found = rolling(wheel, data, path, rests, world.gravity, config)
+        found = rolling(wheel, data, floor, path, rests, world.gravity, config)
         if found.rolls.all():
             break
         mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})

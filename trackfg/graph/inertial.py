@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -40,9 +39,9 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     The accelerometer has no weight where nothing measures speed.
     """
     config = inputs.config.imu
-    measured = replace(inputs.noise, accel=1e3) if speedless else inputs.noise
+    gyro, accel = inputs.noise.gyro, np.full_like(inputs.noise.accel, 1e3) if speedless else inputs.noise.accel
     gyro_bias = states.bias[:, 3:].mean(axis=0)
-    bridge = PreintegrationNoise(config.bridge_gyro_white, config.bridge_accel_white)
+    bridge = PreintegrationNoise.alike(config.bridge_gyro_white, config.bridge_accel_white)
     gravity, earth = inputs.world.gravity, inputs.world.earth_rate
     # The level frame turns with the Earth and, with the vehicle, over its curvature. GTSAM's Coriolis term counts
     # the second twice: v^2 / radius upwards, taken back through gravity.
@@ -55,7 +54,7 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     bridged = inputs.data.bridged[inputs.edges[:-1]]
     return tuple(
         Preintegration(
-            bridge if bridged[k] else measured,
+            bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),
             float(weight[k]),
             turning[k],
             states.bias[k],
@@ -85,6 +84,6 @@ def tilt(inputs: GraphInputs) -> Family:
     integral = np.vstack([np.zeros(3), np.cumsum(inputs.data.accel * dt, axis=0)])
     duration = np.diff(inputs.data.edges[middle])[:, None]
     force = np.diff(integral[middle], axis=0) / duration
-    noise = inputs.recording.description.imu.noise.accel_white
-    sigma = np.sqrt(noise**2 / duration + 2.0 * _UNKNOWN_ACCELERATION**2 * 10.0 / duration)
-    return gravity_tilt(np.arange(len(inputs.t)), force, inputs.world.gravity, np.repeat(sigma, 3, axis=1))
+    white = inputs.noise.accel[np.minimum(np.arange(len(inputs.t)), len(inputs.noise) - 1)]
+    sigma = np.sqrt(white**2 / duration + 2.0 * _UNKNOWN_ACCELERATION**2 * 10.0 / duration)
+    return gravity_tilt(np.arange(len(inputs.t)), force, inputs.world.gravity, sigma)

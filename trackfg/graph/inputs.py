@@ -10,7 +10,6 @@ import numpy as np
 
 from trackfg.config import SmoothConfig
 from trackfg.factors.bias import response_terms
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import SHARED, Nav, Odo, States
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
@@ -21,6 +20,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
 from trackfg.sensors.tach import Wheel
 
 
@@ -49,10 +49,10 @@ def world_of(recording: Recording) -> World:
     return World(gravity, rate, start_yaw)
 
 
-def assumed_noise(description: RecordingDescription, config: SmoothConfig) -> PreintegrationNoise:
-    """Return the white noise of the inertial samples: the declared one times its level."""
+def assumed_noise(description: RecordingDescription, config: SmoothConfig, floor: NoiseFloor, t: Array) -> WhiteNoise:
+    """Return the noise of the inertial samples between times ``t``: the declared one times its level, or as seen."""
     declared, level = description.imu.noise, config.noise
-    return PreintegrationNoise(declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+    return floor.between(t, declared.gyro_white * level.gyro, declared.accel_white * level.accel)
 
 
 def still_between(t: Array, rests: Array) -> np.ndarray:
@@ -72,6 +72,7 @@ class GraphInputs:
     config: SmoothConfig
     world: World
     data: Intervals
+    floor: NoiseFloor
     wheel: Wheel | None
     rests: Array
     path: InitialPath
@@ -128,10 +129,10 @@ class GraphInputs:
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
         return np.asarray(np.interp(t, self.path.t, length))
 
-    @property
-    def noise(self) -> PreintegrationNoise:
-        """White noise of the inertial samples as assumed."""
-        return assumed_noise(self.recording.description, self.config)
+    @cached_property
+    def noise(self) -> WhiteNoise:
+        """White noise of the inertial samples as assumed, from each keyframe to the next."""
+        return assumed_noise(self.recording.description, self.config, self.floor, self.t)
 
     @cached_property
     def response(self) -> Array:
@@ -150,7 +151,9 @@ class GraphInputs:
     def with_motion(self, path: InitialPath, rolling: Rolling) -> GraphInputs:
         """Return inputs with another first guess of the motion, and the means as they were computed."""
         inputs = replace(self, path=path, rolling=rolling)
-        vars(inputs).update(durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro)
+        vars(inputs).update(
+            durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro, noise=self.noise
+        )
         return inputs
 
     def initial_states(self) -> States:

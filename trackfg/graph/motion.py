@@ -63,9 +63,10 @@ def _path(inputs: GraphInputs, loss: Loss) -> Family:
     turned = turning(
         inputs.data, inputs.edges, inputs.path.bias(inputs.t).mean(axis=0), _rolled(inputs, inputs.data.edges)
     )
-    bridge = inputs.noise.gyro * distance * np.sqrt(inputs.durations / 12.0)
+    about = inputs.noise.gyro[:, [2, 1]]  # the axes about which the path turns sideways and upward
+    bridge = about * (distance * np.sqrt(inputs.durations / 12.0))[:, None]
     model = (config.path_sd_m + config.path_sd_relative * distance) * inputs.config.noise.path
-    sigma = np.hypot(model, bridge)[k, None].repeat(2, axis=1)
+    sigma = np.hypot(model[:, None], bridge)[k]
     return follows_path(k, turned.turn[k], turned.mean[k], turned.mean_by_time[k], inputs.lever_arm, sigma, loss)
 
 

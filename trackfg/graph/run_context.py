@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.config import GeometryConfig
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.graph.inputs import World
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Track
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import WhiteNoise
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class RunContext:
     world: World
     lever_arm: Array
     """The IMU's position in the vehicle, m, shape (3,)."""
-    noise: PreintegrationNoise
-    """White noise of the inertial samples as assumed in the graph."""
+    noise: WhiteNoise
+    """White noise of the inertial samples as assumed in the graph, from each keyframe to the next."""
     mount_roll_sd: float
     """Uncertainty of the mounting's roll, rad."""
     direction: int

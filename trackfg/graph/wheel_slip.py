@@ -31,13 +31,14 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals, means_around
+from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.tach import Wheel
 
 _STEP_S = 0.5
 """Step of the grid, s: slips last longer, and a minute of slip is 120 steps."""
 
 _ACCELERATION_SD = 0.02
-"""m/s in 1 s: noise, vibration, the body on its springs."""
+"""m/s in 1 s: noise, vibration, the body on its springs; at least."""
 _ERROR_WALK = 1e-3
 """m/s^2 in 1 s: pitch from the gyro."""
 _SCALE_SD = 0.01
@@ -89,14 +90,32 @@ class Rolling:
         return found
 
 
+class _Sensed(NamedTuple):
+    """The inertial sensor's means over each step, ``force`` (n, 3) m/s^2 and ``rate`` (n, 3) rad/s.
+
+    ``noise`` (n,), m/s in 1 s, is that of the force forwards.
+    """
+
+    force: Array
+    rate: Array
+    noise: Array
+
+    @classmethod
+    def between(cls, t: Array, data: Intervals, floor: NoiseFloor) -> _Sensed:
+        middle = 0.5 * (t[1:] + t[:-1])
+        force, rate = (means_around(middle, _STEP_S, data.edges, samples) for samples in (data.accel, data.gyro))
+        return cls(force, rate, floor.between(t, _ACCELERATION_SD, _ACCELERATION_SD).accel[:, 0])
+
+
 class _Evidence(NamedTuple):
     """The evidence of each step is a forward acceleration (m/s^2) and a rolled distance with its sigma (m).
 
-    ``walk`` is the sigma of the change of b (m/s^2); the last two tell whether the vehicle rests at the step's start
-    and end.
+    ``noise`` is the acceleration's (m/s in 1 s), ``walk`` the sigma of the change of b (m/s^2); the last two tell
+    whether the vehicle rests at the step's start and end.
     """
 
     acceleration: Array
+    noise: Array
     rolled: Array
     sigma: Array
     walk: Array
@@ -105,18 +124,28 @@ class _Evidence(NamedTuple):
 
     def reversed(self) -> _Evidence:
         """Return the evidence in reversed time, with the speeds as they are."""
-        a, rolled, sigma, walk, before, after = (part[::-1] for part in self)
-        return _Evidence(-a, rolled, sigma, walk, after, before)
+        a, noise, rolled, sigma, walk, before, after = (part[::-1] for part in self)
+        return _Evidence(-a, noise, rolled, sigma, walk, after, before)
 
 
 def rolling(
-    wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, gravity: float, config: SmoothConfig
+    wheel: Wheel,
+    data: Intervals,
+    floor: NoiseFloor,
+    path: InitialPath,
+    rests: Array,
+    gravity: float,
+    config: SmoothConfig,
 ) -> Rolling:
-    """Find where the wheel rolls. ``path`` gives roll and gyro bias; ``rests`` (r, 2) s; ``gravity`` m/s^2."""
+    """Find where the wheel rolls.
+
+    ``floor`` is the noise of the samples in ``data``; ``path`` gives roll and gyro bias; ``rests`` (r, 2) s;
+    ``gravity`` m/s^2.
+    """
     t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
     if len(t) < _FEWEST:
         return Rolling(t, np.zeros(len(t)), np.ones(len(t) - 1, dtype=bool), wheel)
-    evidence = _evidence(t, wheel, data, path, rests, gravity, config)
+    evidence = _evidence(t, wheel, _Sensed.between(t, data, floor), path, rests, gravity, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
     weight = np.where(credible, 1.0, _LEAST_WEIGHT)
     resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
@@ -131,12 +160,10 @@ def rolling(
 
 
 def _evidence(
-    t: Array, wheel: Wheel, data: Intervals, path: InitialPath, rests: Array, gravity: float, config: SmoothConfig
+    t: Array, wheel: Wheel, sensed: _Sensed, path: InitialPath, rests: Array, gravity: float, config: SmoothConfig
 ) -> _Evidence:
-    middle = 0.5 * (t[1:] + t[:-1])
-    accel, gyro = (means_around(middle, _STEP_S, data.edges, samples) for samples in (data.accel, data.gyro))
-    force = accel[:, 0]
-    acceleration = force + gravity * np.sin(_pitch(middle, gyro, path))
+    force = sensed.force[:, 0]
+    acceleration = force + gravity * np.sin(_pitch(0.5 * (t[1:] + t[:-1]), sensed.rate, path))
     rolled = np.diff(wheel.at(t))
     creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled, force / gravity))
     if wheel.integrates_speed:
@@ -148,7 +175,7 @@ def _evidence(
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M
     walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * np.diff(acceleration, append=acceleration[-1]))
     resting = within(t, rests)
-    return _Evidence(acceleration, rolled, sigma, walk, resting[:-1], resting[1:])
+    return _Evidence(acceleration, sensed.noise, rolled, sigma, walk, resting[:-1], resting[1:])
 
 
 def _pitch(t: Array, gyro: Array, path: InitialPath) -> Array:
@@ -171,9 +198,9 @@ def _passed(evidence: _Evidence) -> np.ndarray:
     v, b = float(evidence.rolled[0]) / dt, 0.0
     vv, vb, bb = 1.0, 0.0, 1.0
     credible = []
-    for a, rolled, sigma, walk, _, resting in zip(*(part.tolist() for part in evidence), strict=True):
+    for a, noise, rolled, sigma, walk, _, resting in zip(*(part.tolist() for part in evidence), strict=True):
         v += (a - b) * dt
-        vv += dt * (dt * bb - 2.0 * vb) + _ACCELERATION_SD**2 * dt
+        vv += dt * (dt * bb - 2.0 * vb) + noise * noise * dt
         vb -= dt * bb
         bb += walk * walk
         # At rest v itself is measured, else the mean speed v + (b - a) dt / 2.
@@ -211,7 +238,7 @@ def _speeds(evidence: _Evidence, weight: Array, resting: np.ndarray) -> Array:
                     band[3 - (q - p), first + q] += f * h * information
 
     nothing, ends = np.zeros(n), np.zeros(n + 1)
-    add((0, 1, 2), (-1.0, dt, 1.0), evidence.acceleration * dt, np.full(n, 1.0 / (_ACCELERATION_SD**2 * dt)))
+    add((0, 1, 2), (-1.0, dt, 1.0), evidence.acceleration * dt, 1.0 / (evidence.noise**2 * dt))
     add((1, 3), (-1.0, 1.0), nothing, evidence.walk**-2)
     add((0, 2), (0.5 * dt, 0.5 * dt), evidence.rolled, weight / evidence.sigma**2)
     add((0,), (1.0,), ends, np.where(resting, _REST_SD_MPS**-2, _LEAST_WEIGHT))

@@ -95,12 +95,14 @@ def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> Po
         """Return the error of the attitude about a direction (m, 3), carried from the keyframes."""
         return np.asarray(np.einsum("mi,mis->ms", direction, tilted))
 
-    def shaken(axis: int) -> Array:
-        modes = run.noise.accel * span**1.5 * _beam(f)
-        return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, axis]))
+    def shaken(axis: int, direction: int) -> Array:
+        modes = run.noise.accel[k, axis, None] * span**1.5 * _beam(f)
+        return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, direction]))
 
-    def turned() -> Array:
-        return np.asarray(run.noise.gyro * _bridges(run.t, k, f, count, errors.rng))
+    def turned(axis: int) -> Array:
+        return np.asarray(run.noise.gyro[k, axis, None] * _bridges(run.t, k, f, count, errors.rng))
+
+    levered = int(np.argmax(run.noise.gyro[k].sum(axis=0)))
 
     up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
     forward = np.cross(left, up)
@@ -110,17 +112,19 @@ def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> Po
         if not arm.any():
             return position(direction)
         lever = np.cross(arm, direction)
-        return np.asarray(position(direction) - attitude(lever) + np.linalg.norm(lever, axis=1)[:, None] * turned())
+        return np.asarray(
+            position(direction) - attitude(lever) + np.linalg.norm(lever, axis=1)[:, None] * turned(levered)
+        )
 
     height, across, ahead = (at_point(direction) for direction in (up, left, forward))
     # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the same.
     turn = np.diff(np.unwrap(np.arctan2(forward[:, 1], forward[:, 0])))[:, None]
     bent = np.vstack([np.zeros((1, count)), np.cumsum(0.5 * turn * (ahead[1:] + ahead[:-1]), axis=0)])
     return PointErrors(
-        height=(height + shaken(0)).T,
-        lateral=(across + bent + shaken(1)).T,
-        heading=(attitude(up) + turned()).T,
-        tilt=(attitude(np.cross(axle, up)) + turned()).T,  # d(axle) = phi x axle
+        height=(height + shaken(2, 0)).T,
+        lateral=(across + bent + shaken(1, 1)).T,
+        heading=(attitude(up) + turned(2)).T,
+        tilt=(attitude(np.cross(axle, up)) + turned(0)).T,  # d(axle) = phi x axle
     )
 
 

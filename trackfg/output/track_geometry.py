@@ -142,7 +142,7 @@ class _Columns:
         at = self.variance[k] * (1.0 - f[:, None]) + self.variance[k + 1] * f[:, None]
         sigmas = {"chainage_m": np.sqrt(at[:, 0])}
         if not self.profile.shapes.rails:
-            roll = at[:, 5] + self.run.noise.gyro**2 * np.diff(self.run.t)[k] * f * (1.0 - f)
+            roll = at[:, 5] + self.run.noise.gyro[k, 0] ** 2 * np.diff(self.run.t)[k] * f * (1.0 - f)
             sigmas["cross_level_mm"] = 1e3 * self.meaning.cross_level_base_m * np.sqrt(roll)
         return sigmas
 

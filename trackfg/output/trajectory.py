@@ -45,10 +45,11 @@ def trajectory_columns(
     between = variance[k] * (1.0 - f) + variance[k + 1] * f
     span, h = np.diff(run.t)[k], motion.fraction
     swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
-    between[:, :4] += (noise.accel**2 * bridge**3 / 3.0 + swing)[:, None]
+    accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
+    between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
     levered = skew(lever_arm) @ R_bt[:, 0]
-    between[:, 4] += noise.accel**2 * bridge + noise.gyro**2 / motion.gyro_span * (levered @ levered)
-    between[:, 5:8] += noise.gyro**2 * bridge[:, None]
+    between[:, 4] += accel * bridge + gyro @ levered**2 / motion.gyro_span
+    between[:, 5:8] += gyro * bridge[:, None]
     sigma = np.sqrt(between)
     table = {"t_s": motion.t}
     for name, values, sd in zip(QUANTITIES, columns, sigma.T, strict=True):

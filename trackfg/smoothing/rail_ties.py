@@ -107,7 +107,7 @@ def _rail_factors(
     w0, w1, u0, u1 = hermite_weights(h[:, None], T[:, None])
     cubic = w0 * start.p + w1 * end.p + u0 * start.v + u1 * end.v
     arm = problem.run.lever_arm
-    pinned = problem.run.noise.accel * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
+    pinned = problem.run.noise.accel[j, 1:].max(axis=1) * T**1.5 * np.sqrt((h * (1.0 - h)) ** 3 / 3.0)
     sigma = np.column_stack(
         [
             np.sqrt(leading**2 + trailing**2 + config.match_sd_m**2 + pinned**2)

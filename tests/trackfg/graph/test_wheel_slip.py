@@ -16,6 +16,7 @@ from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import intervals
+from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 
@@ -26,7 +27,7 @@ def found_in(recording: Recording) -> tuple[Rolling, Wheel]:
     data, wheel, rests = intervals(recording), read_wheel(recording, MAX_GAP_S), find_standstills(recording)
     assert wheel is not None
     path = initial_path(recording, data, wheel, rests, np.zeros(3), 0.0)
-    return rolling(wheel, data, path, rests, STANDARD_GRAVITY, SmoothConfig()), wheel
+    return rolling(wheel, data, NoiseFloor.of(data), path, rests, STANDARD_GRAVITY, SmoothConfig()), wheel
 
 
 @pytest.mark.parametrize("name", ["mainline", "trolley", "shunting-unsigned", "measuring-car", "no-stop"])

@@ -10,7 +10,6 @@ import pytest
 from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.inputs import World
 from trackfg.graph.run_context import RunContext, geometry_conventions
@@ -18,6 +17,7 @@ from trackfg.numerics.rotations import so3_log
 from trackfg.output.dense_motion import DenseMotion, dense_motion
 from trackfg.recording.description import Track
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 STEP_S = 0.02
@@ -74,7 +74,7 @@ def test_what_is_left_of_place_and_speed_is_closed_by_the_cubic() -> None:
     force = np.tile([0.0, 0.0, gravity], (n, 1))
     samples = Intervals(np.arange(n + 1) / n, np.zeros((n, 3)), force, np.zeros(n, dtype=bool))
     meaning = geometry_conventions(GeometryConfig(), Track())
-    world, noise = World(gravity, np.zeros(3), 0.0), PreintegrationNoise(1e-5, 1e-3)
+    world, noise = World(gravity, np.zeros(3), 0.0), WhiteNoise.alike(1e-5, 1e-3, 1)
     run = RunContext(np.array([0.0, 1.0]), np.array([0, n]), samples, world, np.zeros(3), noise, 0.0, 1, meaning)
     nav = Nav(np.tile(np.eye(3), (2, 1, 1)), *np.zeros((2, 2, 3)))
     nav.p[1, 0], nav.v[1, 0] = 0.2, 1.0

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from trackfg.config import GeometryConfig
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Nav, Odo, States
 from trackfg.graph.inputs import World
 from trackfg.graph.run_context import RunContext
@@ -20,6 +19,7 @@ from trackfg.recording.description import Laser
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import Channel, RailView, Side
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.square_root import SquareRoot
 
@@ -51,7 +51,7 @@ def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:
         inertial=samples,
         world=World(9.8, np.zeros(3), 0.0),
         lever_arm=np.zeros(3),
-        noise=PreintegrationNoise(gyro=gyro, accel=1e-12),
+        noise=WhiteNoise.alike(gyro, 1e-12, KEYFRAMES - 1),
         mount_roll_sd=0.0,
         direction=direction,
         conventions=MEANING,

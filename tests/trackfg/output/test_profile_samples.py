@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.output.profile_samples import PointErrors, Points, PosteriorErrors, point_errors
+from trackfg.sensors.imu_noise import WhiteNoise
 
 COUNT = 4000
 KEYFRAMES, INTERVAL_S = 4, 2.0
-NOISE = PreintegrationNoise(gyro=2e-4, accel=3e-3)
-RUN: Any = SimpleNamespace(t=INTERVAL_S * np.arange(KEYFRAMES), noise=NOISE)
-SILENT: Any = SimpleNamespace(t=RUN.t, noise=PreintegrationNoise(gyro=1e-12, accel=1e-12))
+GYRO, ACCEL = 2e-4, 3e-3
+RUN: Any = SimpleNamespace(t=INTERVAL_S * np.arange(KEYFRAMES), noise=WhiteNoise.alike(GYRO, ACCEL, KEYFRAMES - 1))
+SILENT: Any = SimpleNamespace(t=RUN.t, noise=WhiteNoise.alike(1e-12, 1e-12, KEYFRAMES - 1))
 TOLERANCE = 4.0 / np.sqrt(2 * COUNT)
 NAV = offset_in_keyframe(Kind.NAV)
 AHEAD = 0.4
@@ -59,7 +59,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
     Its first three modes hold 98 % of the variance in the middle, and less near the ends, where there is little.
     """
     found = spread(point_errors(RUN, points(FRACTION), drawn()), name)
-    exact = NOISE.accel * INTERVAL_S**1.5 * np.sqrt((FRACTION * (1.0 - FRACTION)) ** 3 / 3.0)
+    exact = ACCEL * INTERVAL_S**1.5 * np.sqrt((FRACTION * (1.0 - FRACTION)) ** 3 / 3.0)
     assert found[[0, -1]].max() < 1e-3 * exact.max()
     np.testing.assert_allclose(found[2:5], exact[2:5], rtol=0.03 + TOLERANCE)
     assert 0.6 * exact[1] < found[1] < exact[1]
@@ -69,7 +69,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 def test_attitude_between_exact_keyframes_is_a_bridge(name: str) -> None:
     """N^2 T f (1 - f)."""
     found = spread(point_errors(RUN, points(FRACTION), drawn()), name)
-    exact = NOISE.gyro * np.sqrt(INTERVAL_S * FRACTION * (1.0 - FRACTION))
+    exact = GYRO * np.sqrt(INTERVAL_S * FRACTION * (1.0 - FRACTION))
     np.testing.assert_allclose(found, exact, rtol=TOLERANCE, atol=1e-12)
 
 
@@ -80,7 +80,7 @@ def test_bridge_is_one_path() -> None:
         *(np.concatenate([getattr(one, n), getattr(other, n)]) for n in ("keyframe", "fraction", "left", "axle", "arm"))
     )
     tilt = point_errors(RUN, both, drawn()).tilt
-    covariance = np.cov(tilt.T) / (NOISE.gyro**2 * INTERVAL_S)
+    covariance = np.cov(tilt.T) / (GYRO**2 * INTERVAL_S)
     assert covariance[0, 1] == pytest.approx(0.25 * 0.25, abs=4 * 0.19 / np.sqrt(COUNT))
     assert abs(covariance[0, 2]) < 4 * 0.22 / np.sqrt(COUNT)
 

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from trackfg.factors.bias import response_terms
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import (
     ELIMINATION_ORDER,
@@ -28,14 +27,16 @@ from trackfg.factors.states import (
 from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import QUANTITIES, calibration_table, keyframe_variances, trajectory_table
+from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.solver.covariance import Covariance
 
 N = 7
+GYRO, ACCEL = 1e-3, 0.1
 LEVER = np.array([1.5, -0.4, 0.8])
 RUN: Any = SimpleNamespace(
     t=2.0 * np.arange(N),
     lever_arm=LEVER,
-    noise=PreintegrationNoise(gyro=1e-3, accel=0.1),
+    noise=WhiteNoise.alike(GYRO, ACCEL, N - 1),
     mount_roll_sd=0.0,
     direction=1,
 )
@@ -119,16 +120,16 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     # and what the speeds at both ends do to the cubic between them.
     bridge, swing = 2.0 * 0.25 * 0.75, (2.0 * 0.25 * 0.75) ** 2
     speeds = swing * (0.75**2 * variance[:-1, 4] + 0.25**2 * variance[1:, 4])
-    expected[:, :4] += (RUN.noise.accel**2 * bridge**3 / 3.0 + speeds)[:, None]
-    expected[:, 4] += RUN.noise.accel**2 * 2.0 * 0.25 * 0.75
-    expected[:, 5:] += RUN.noise.gyro**2 * 2.0 * 0.25 * 0.75
+    expected[:, :4] += (ACCEL**2 * bridge**3 / 3.0 + speeds)[:, None]
+    expected[:, 4] += ACCEL**2 * 2.0 * 0.25 * 0.75
+    expected[:, 5:] += GYRO**2 * 2.0 * 0.25 * 0.75
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
 
 
 def test_speed_at_the_reference_point_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
     rng, span = np.random.default_rng(11), 0.02
     certain = Covariance(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
-    drawn = gyro + RUN.noise.gyro / np.sqrt(span) * rng.normal(size=(2000, N, 3))
+    drawn = gyro + GYRO / np.sqrt(span) * rng.normal(size=(2000, N, 3))
     motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
     tables = [trajectory_table(RUN, motion, states, certain) for motion in motions]
     scatter = np.std([table["speed_mps"] for table in tables], axis=0)

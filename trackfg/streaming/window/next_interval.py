@@ -29,6 +29,7 @@ from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.rows import NO_SAMPLES
 from trackfg.streaming.window.stream_context import StreamContext
@@ -70,8 +71,20 @@ def predict_interval(
     t = data.edges[edges]
     standing = _path(data.edges[[0, -1]], newest, np.zeros(2))
     nothing = Recording(context.description, NO_SAMPLES)
+    floor = NoiseFloor.of(data)
     inputs = GraphInputs(
-        nothing, context.config, context.world, data, None, _NO_RESTS, standing, None, edges, t, context.clock_origin
+        nothing,
+        context.config,
+        context.world,
+        data,
+        floor,
+        None,
+        _NO_RESTS,
+        standing,
+        None,
+        edges,
+        t,
+        context.clock_origin,
     )
     response = inputs.response[0]
     newest = replace(newest, bias=newest.bias + response @ newest.imu[0])
@@ -99,7 +112,7 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
         counted, span = np.diff(wheel.at(inputs.t)), float(inputs.t[1] - inputs.t[0])
         more = float((counted - predicted.odo.step)[0])
         further = float(tach_excess(predicted.odo.scale, counted, predicted.odo.step)[0])
-        moved_sd = span * np.hypot(speed_sd, interval.measured.noise.accel * np.sqrt(span / 3.0))
+        moved_sd = span * np.hypot(speed_sd, np.max(interval.measured.noise.accel) * np.sqrt(span / 3.0))
         distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
         if abs(further) < _ROLLING_SIGMAS * distance_sd:
             nav, forward = predicted.nav, predicted.nav.R[:, :, 0]
@@ -125,7 +138,7 @@ def _across_break(
         np.hypot(np.linalg.norm(newest.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0))
     )
     longer = np.sqrt(OFF_S / lasting)
-    noise = PreintegrationNoise(
+    noise = PreintegrationNoise.alike(
         config.bridge_gyro_white * longer, config.bridge_accel_white * longer, moved_sd / float(np.sqrt(lasting))
     )
     loose = changed(

@@ -52,6 +52,9 @@ _BEFORE_PASS = 2
 """Older keyframes among the recent ones: a slip shows in intervals one after the other."""
 _RATES_S = 0.1
 """Inertial samples on either side of an interval, s, tell the rates at its ends."""
+_NOISE_S = 2.5
+"""Inertial samples before an interval, s, from which its white noise is seen: three blocks and more of
+:mod:`trackfg.sensors.imu_noise`."""
 _SETTLED = 15.0
 """Maximum length, in posterior sigmas, of a step that needs no second one: what is left after it is a tenth or less."""
 _SETTLED_RECENT = 1000.0
@@ -238,7 +241,7 @@ class RunningWindow:
         """Predict the interval to ``t`` by the inertial sensor, unless that has been done."""
         if self.predicted is None or self.predicted.prediction.interval.t != t:
             last = float(self.newest.t[0])
-            data = self.buffer.intervals(last - _RATES_S, t + _RATES_S)
+            data = self.buffer.intervals(last - _NOISE_S, t + _RATES_S)
             edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
             prediction = predict_interval(self.context, self.newest, data, edges, broken=broken)

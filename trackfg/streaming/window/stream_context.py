@@ -14,6 +14,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseFloor
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class StreamContext:
             inertial=data,
             world=self.world,
             lever_arm=self.lever_arm,
-            noise=assumed_noise(self.description, self.config),
+            noise=assumed_noise(self.description, self.config, NoiseFloor.of(data), t),
             mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
             direction=self.description.track.direction,
             conventions=self.conventions,

@@ -1,0 +1,85 @@
+"""White noise as samples show it: noise and aliased vibration count, motion and lines do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
+
+RATE_HZ = 100.0
+GYRO, ACCEL = 1e-4, 1e-3
+SECONDS = np.arange(0.0, 61.0)
+
+
+def noise_of(gyro: np.ndarray, accel: np.ndarray) -> WhiteNoise:
+    edges = np.arange(len(gyro) + 1) / RATE_HZ
+    data = Intervals(edges, gyro, accel, np.zeros(len(gyro), dtype=bool))
+    return NoiseFloor.of(data).between(SECONDS, GYRO, ACCEL)
+
+
+def white(density: float, seed: int = 0) -> np.ndarray:
+    """60 s of samples on three axes whose noise has this density."""
+    return density * np.sqrt(RATE_HZ) * np.random.default_rng(seed).standard_normal((6000, 3))
+
+
+def test_noise_as_declared_or_below_is_as_declared() -> None:
+    noise = noise_of(white(GYRO), white(0.1 * ACCEL, 1))
+    assert noise.gyro == pytest.approx(GYRO, rel=1e-9)
+    assert noise.accel == pytest.approx(ACCEL, rel=1e-9)
+
+
+def test_vibration_without_a_filter_counts_where_and_along_the_axis_that_it_is_on() -> None:
+    """2 m/s^2 rms at 100 Hz are a density of 2 sqrt(0.01) = 0.2."""
+    accel = white(ACCEL, 1)
+    accel[3000:, 1] += 2.0 * np.random.default_rng(2).standard_normal(3000)
+    noise = noise_of(white(GYRO), accel)
+    assert np.median(noise.accel[34:, 1]) == pytest.approx(0.2, rel=0.1)
+    assert noise.accel[34:, 1] == pytest.approx(0.2, rel=0.3)
+    assert noise.accel[:27, 1] == pytest.approx(ACCEL, rel=1e-9)
+    assert noise.accel[:, [0, 2]] == pytest.approx(ACCEL, rel=1e-9)
+
+
+def test_motion_lines_and_a_shock_do_not_count() -> None:
+    t = np.arange(6000)[:, None] / RATE_HZ
+    swaying = 3.0 * np.sin(2.0 * np.pi * 1.3 * t) + 0.5 * np.sin(2.0 * np.pi * 31.0 * t + np.arange(3))
+    accel = white(ACCEL, 1) + swaying
+    accel[2000] += 30.0
+    seen = noise_of(white(GYRO), accel).accel / ACCEL
+    assert np.median(seen) == pytest.approx(1.0)
+    assert seen.max() < 1.2
+
+
+def test_a_value_that_stays_hides_what_is_between_two_steps() -> None:
+    """Steps q = 0.1: samples that change each time have q^2/12 dt; a block of 128 that never changes q^2/12 1.28 s."""
+    accel = np.zeros((6000, 3))
+    accel[:, 0] = 0.1 * np.round(white(0.02, 1)[:, 0] / 0.1)
+    accel[0] = 0.1
+    noise = noise_of(white(GYRO), accel)
+    assert noise.accel[30, 0] == pytest.approx(np.hypot(0.02, 0.1 / np.sqrt(12.0 * RATE_HZ)), rel=0.15)
+    assert noise.accel[30, 1] == pytest.approx(0.1 * np.sqrt(1.28 / 12.0))
+
+
+def test_a_missing_sample_may_hide_as_much_as_the_largest_one_nearby() -> None:
+    accel = np.tile([0.0, 0.0, 9.8], (6000, 1)) + white(ACCEL, 1)
+    accel[3050, 0] = 5.0
+    edges = np.arange(6001) / RATE_HZ
+    edges[3046:] += 0.01  # one sample is missing there
+    data = Intervals(edges, white(GYRO), accel, np.zeros(6000, dtype=bool))
+    noise = NoiseFloor.of(data).between(SECONDS, GYRO, ACCEL)
+    assert noise.accel[30, 0] == pytest.approx(5.0 * 0.01, rel=0.02)
+    assert noise.accel[29, 0] == noise.accel[31, 0] == pytest.approx(ACCEL)
+
+
+def test_samples_at_the_end_of_the_range_hide_as_much_again() -> None:
+    accel = white(0.01, 1)
+    accel[3000:3100:25, 2] = 40.0
+    noise = noise_of(white(GYRO), accel)
+    assert noise.accel[30, 2] == pytest.approx(4 * 40.0 * 0.01, rel=0.02)
+
+
+def test_a_record_shorter_than_a_block_is_as_declared() -> None:
+    data = Intervals(np.arange(21) / RATE_HZ, np.ones((20, 3)), np.ones((20, 3)), np.zeros(20, dtype=bool))
+    noise = NoiseFloor.of(data).between(np.array([0.0, 0.2]), GYRO, ACCEL)
+    assert noise.gyro == pytest.approx(GYRO, rel=1e-9)

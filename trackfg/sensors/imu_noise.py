@@ -1,0 +1,228 @@
+"""The white noise of inertial samples is seen in the samples themselves, by axis and over time.
+
+What preintegration adds up between two keyframes is noise of low frequency, below the keyframe rate. There the
+vehicle's own motion hides it. But noise that is of the samples alone is white up to the Nyquist frequency: the sensor's
+own, and vibration that is sampled without a filter, whose spectrum is folded until it is flat. Motion, and vibration
+that is sampled as it should be, is not: its spectrum falls somewhere below the Nyquist frequency. So
+
+    density^2 = min over bands of S(band), where that is clearly more than what is declared,
+
+with S the two-sided power spectral density, (rad/s)^2/Hz or (m/s^2)^2/Hz, in the three octaves below the Nyquist
+frequency. S is a mean of log periodograms over a band (lines of an engine hardly count), and the median over
+neighbouring blocks of the record (a shock does not count): Welch, IEEE Trans. Audio Electroacoustics 15 (1967); Wahba,
+J. American Statistical Association 75 (1980), for the mean of the log of a periodogram, which is that of the density
+less Euler's constant.
+
+Two more things count as noise of an interval:
+
+- steps q of the numbers that the sensor puts out: q^2/12 for as long as a value stays, that is times dt of a signal
+  that changes at each sample, and of one that rests on a value, times the time that it rests there;
+- samples that are missing but not bridged, and samples at the end of the sensor's range: what was there may be as large
+  as the largest deviation nearby.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import median_filter
+
+from trackfg.numerics.arrays import Array
+from trackfg.sensors.imu_intervals import Intervals, interpolate_columns
+
+_BLOCK_S = 1.28
+"""Length of a block, s, about: 128 samples at 100 Hz, so that 8 periodogram values lie in the lowest band and 32 in the
+highest. Speed, and vibration with it, changes little meanwhile."""
+
+_SHORTEST_BLOCK = 32
+"""Samples: of a shorter record nothing is said."""
+
+_BANDS = 3
+"""Octaves below the Nyquist frequency: a sensor's filter is in the first, motion rarely in all."""
+
+_NEIGHBOURS = 5
+"""Blocks, overlapping by half, of which the median is taken: a shock is in two of them."""
+
+_EULER = 0.5772156649
+"""Mean of -log of an exponentially distributed value of mean 1, as a periodogram has them."""
+
+_SCATTER = 0.88
+"""Sigma of log S times the root of the number of periodogram values in a band, with overlap and median, as white noise
+shows it. A band is lower than another by more than its own scatter, else the least of three would be 10 % low."""
+
+_CLEARLY = 2.0
+"""Of the declared density squared: of true ones the floor is further up in less than 0.1 % of blocks of 64 samples."""
+
+_CHUNK = 256
+"""Blocks at a time, so that the spectra of a long record need little memory."""
+
+_SAME = 5e-11
+"""Samples nearer than this, rad/s or m/s^2, are equal: rounding of a change of units or axes."""
+
+_LONGER = 1.4
+"""Of an interval with a sample missing beside it, in usual ones: 1.5."""
+
+_EXTREMES = 3
+"""Samples at a channel's extreme value from which on it is an end of the range."""
+
+_FINE_STEPS = 50.0
+"""Steps between the median and the extreme at least: a coarse channel is at its extreme by chance."""
+
+_NEAR_EXTREME = 0.1
+"""Share of the way from median to extreme within which a channel that is not cut off has more samples than at it."""
+
+
+@dataclass(frozen=True)
+class WhiteNoise:
+    """White noise of m intervals has densities ``gyro`` (m, 3), rad/s/sqrt(Hz), and ``accel`` (m, 3), m/s^2/sqrt(Hz).
+
+    They are along the body's axes.
+    """
+
+    gyro: Array
+    accel: Array
+
+    @classmethod
+    def alike(cls, gyro: float, accel: float, count: int) -> WhiteNoise:
+        """Return the same noise on all axes of ``count`` intervals."""
+        return cls(np.full((count, 3), gyro), np.full((count, 3), accel))
+
+    def __len__(self) -> int:
+        return len(self.gyro)
+
+    @property
+    def variance(self) -> Array:
+        """Squares of the densities, gyro first, shape (m, 6)."""
+        return np.concatenate([self.gyro, self.accel], axis=1) ** 2
+
+    @classmethod
+    def of_variance(cls, variance: Array) -> WhiteNoise:
+        """Return the noise of these squares of densities (m, 6)."""
+        density = np.sqrt(variance)
+        return cls(density[:, :3], density[:, 3:])
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """The floor of spectra is a density squared, ``seen`` (b, 6), gyro first, between times ``knots`` (b + 1,), s.
+
+    At times ``lost_t`` (h,), s, samples hide a turn (rad) or a change of velocity (m/s) of about ``lost`` (h, 6).
+    """
+
+    knots: Array
+    seen: Array
+    lost_t: Array
+    lost: Array
+
+    @classmethod
+    def of(cls, data: Intervals) -> NoiseFloor:
+        """Look at all samples of a record; of one shorter than a block nothing is said."""
+        length = 2 ** round(np.log2(max(min(_BLOCK_S / float(np.median(data.durations)), len(data)), 1.0)))
+        length = length if length <= len(data) else length // 2
+        if length < _SHORTEST_BLOCK:
+            return cls(data.edges[[0, -1]], np.zeros((1, 6)), np.zeros(0), np.zeros((0, 6)))
+        blocks = _Blocks.of(data, length)
+        return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden())
+
+    def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
+        """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""
+        declared, span = np.repeat([gyro, accel], 3) ** 2, np.diff(t)[:, None]
+        white = np.where(self.seen > _CLEARLY * declared, self.seen, declared)
+        total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
+        lost, first = np.zeros((len(span), 6)), np.searchsorted(t, self.lost_t, side="right") - 1
+        inside = (first >= 0) & (first < len(lost))
+        np.add.at(lost, first[inside], self.lost[inside])
+        return WhiteNoise.of_variance(
+            np.diff(interpolate_columns(t, self.knots, total), axis=0) / span + lost**2 / span
+        )
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """A record is cut into blocks of ``length`` samples that overlap by half; the last one ends with the record.
+
+    ``samples`` (n, 6) gyro first; ``dt`` is the usual sampling interval, s.
+    """
+
+    data: Intervals
+    samples: Array
+    dt: float
+    length: int
+    starts: np.ndarray
+
+    @classmethod
+    def of(cls, data: Intervals, length: int) -> _Blocks:
+        last = len(data) - length
+        starts = np.append(np.arange(0, last, length // 2), last)
+        samples = np.concatenate([data.gyro, data.accel], axis=1)
+        return cls(data, samples, float(np.median(data.durations)), length, starts)
+
+    @cached_property
+    def views(self) -> Array:
+        """The samples of each block, shape (blocks, 6, length)."""
+        return np.asarray(sliding_window_view(self.samples, self.length, axis=0)[self.starts])
+
+    @property
+    def knots(self) -> Array:
+        """Times between which a block stands for the record, s, shape (blocks + 1,)."""
+        t = self.data.edges
+        centre = 0.5 * (t[self.starts] + t[self.starts + self.length])
+        return np.concatenate([t[:1], 0.5 * (centre[1:] + centre[:-1]), t[-1:]])
+
+    def floor(self) -> Array:
+        """Return the density squared of the white floor, 0 in blocks with bridged samples. Shape (blocks, 6)."""
+        window = np.hanning(self.length + 1)[:-1]
+        ends = self.length // 2 >> np.arange(_BANDS, -1, -1)
+        logs = np.empty((len(self.starts), 6, _BANDS))
+        for begin in range(0, len(self.starts), _CHUNK):
+            part = self.views[begin : begin + _CHUNK]
+            centred = (part - part.mean(axis=2, keepdims=True)) * window
+            spectrum = np.fft.rfft(centred, axis=2)[:, :, ends[0] : ends[-1]]
+            power = np.log(np.maximum(spectrum.real**2 + spectrum.imag**2, np.finfo(float).tiny))
+            logs[begin : begin + _CHUNK] = np.add.reduceat(power, ends[:-1] - ends[0], axis=2) / np.diff(ends)
+        smooth = median_filter(logs, size=(_NEIGHBOURS, 1, 1), mode="nearest")
+        floor = np.min(smooth + _SCATTER / np.sqrt(np.diff(ends)), axis=2)
+        bounds = np.column_stack([self.starts, self.starts + self.length]).ravel()
+        bridged = np.add.reduceat(np.append(self.data.bridged, False), bounds)[::2] > 0
+        return np.asarray(np.where(bridged[:, None], 0.0, np.exp(floor + _EULER) * self.dt / np.sum(window**2)))
+
+    def rounding(self) -> Array:
+        """Return the density squared of the rounding to steps: it lasts as long as a value. Shape (blocks, 6)."""
+        changed = np.abs(np.diff(self.samples, axis=0)) > _SAME
+        changes = np.concatenate([np.zeros((1, 6)), np.cumsum(changed, axis=0)])
+        count = changes[self.starts + self.length - 1] - changes[self.starts]
+        return np.asarray(self._step**2 / 12.0 * self.length * self.dt / (count + 1.0))
+
+    def hidden(self) -> tuple[Array, Array]:
+        """Return when short holes and the ends of the range hide something (h,), s, and how much (h, 6)."""
+        durations = self.data.durations
+        longer = np.where((durations > _LONGER * self.dt) & ~self.data.bridged, durations - self.dt, 0.0)
+        lost = np.maximum(longer[:, None], self.dt * self._cut_off())
+        rows = np.flatnonzero(lost.any(axis=1))
+        block = np.clip((rows - self.length // 4) // (self.length // 2), 0, len(self.starts) - 1)
+        near = self.views[block]
+        furthest = np.abs(near - np.median(near, axis=2, keepdims=True)).max(axis=2)
+        return self.data.edges[rows], lost[rows] * furthest
+
+    def _cut_off(self) -> np.ndarray:
+        """Return which samples are at an end of their range: more of them than near it. Shape (n, 6)."""
+        cut_off = np.zeros(self.samples.shape, dtype=bool)
+        middle = np.median(self.samples, axis=0)
+        for sign, extreme in ((1.0, self.samples.max(axis=0)), (-1.0, self.samples.min(axis=0))):
+            most = sign * (extreme - middle)
+            near = sign * (self.samples - middle) > (1.0 - _NEAR_EXTREME) * most
+            at_end = near & (np.abs(self.samples - extreme) < _SAME)
+            count = np.count_nonzero(at_end, axis=0)
+            likely = (2 * count > np.count_nonzero(near, axis=0)) & (count >= _EXTREMES)
+            cut_off |= at_end & likely & (most > _FINE_STEPS * self._step)
+        return cut_off
+
+    @cached_property
+    def _step(self) -> Array:
+        """The smallest difference of two samples in a row, 0 where all are equal. Shape (6,)."""
+        steps = np.abs(np.diff(self.samples, axis=0))
+        finest = np.min(steps, axis=0, where=steps > _SAME, initial=np.inf)
+        return np.asarray(np.where(np.isfinite(finest), finest, 0.0))
