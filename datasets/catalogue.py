@@ -7,6 +7,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from trackfg.datasets.effects.clocks import DelayedStamps
+from trackfg.datasets.effects.inertial import Noise, Warming
+from trackfg.datasets.effects.mounting import LeverArm, SpringRoll, Tilt
+from trackfg.datasets.effects.positions import Canyon, LateGnss, WrongFixes
+from trackfg.datasets.effects.vibration import Idling, Rectification, Saturation, Vibration
+from trackfg.datasets.effects.wheel import CurveRolling, LateTach, MiscountedPulses, WeakCreep
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.irregularities import IrregularityModel
 from trackfg.datasets.line.line_design import LineDesign
@@ -173,6 +179,7 @@ def _all() -> list[Scenario]:
         *_measuring_cars(),
         *_slippery_lines(),
         _shuttle(),
+        _rough_ride(mainline),
         replace(mainline, name="parked", summary="at rest all the time", duration_s=600.0, driver=Parked(place_m=50.0)),
         replace(
             mainline,
@@ -349,4 +356,41 @@ def _shuttle() -> Scenario:
         length_m=length_m,
         both_ways=True,
         runs_per_vehicle=2,
+    )
+
+
+def _rough_ride(mainline: Scenario) -> Scenario:
+    """Realistic amounts of everything that a description does not mention. The sources are those of the effects
+    (:mod:`trackfg.datasets.effects.catalogue`).
+    """
+    return replace(
+        mainline,
+        name="rough-ride",
+        summary="a diesel car as it is: it shakes, leans, slips and creeps; fixes, GNSS and clocks are wrong at times",
+        duration_s=1200.0,
+        line=replace(MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 600.0), station_spacing_m=2000.0),
+        imu=ADIS16480.imu(200.0),
+        adhesion=AdhesionModel(stretches_per_km=0.15, stretch_m=(100.0, 500.0), mu_factor=(0.05, 0.4)),
+        balises=BaliseModel(spacing_m=1000.0, sd_m=0.1),
+        gnss=GnssModel(sd_m=(2.0, 2.0, 4.0), antenna_m=(2.0, 0.0, 3.0), outages_per_hour=12.0),
+        latitude_deg=35.2,
+        effects=(
+            LeverArm(1.0),
+            SpringRoll(0.2),
+            CurveRolling(0.3),
+            LateTach(0.3),
+            Noise(3.0),
+            Vibration(0.5, place="body", sampling="instant"),
+            Rectification(2e-3, vibration=Vibration(0.5, place="body", sampling="filtered")),
+            Idling(0.3),
+            Saturation(30.0),
+            Warming(10.0),
+            Tilt(0.5),
+            DelayedStamps(2.0),
+            MiscountedPulses(0.002),
+            WeakCreep(0.01),
+            WrongFixes(0.1),
+            Canyon(5.0),
+            LateGnss(0.3),
+        ),
     )

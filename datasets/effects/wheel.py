@@ -111,7 +111,7 @@ class WeakCreep(Effect):
         t = table["t_s"].to_numpy()
         speed = np.abs(ride.motion.speed(t))
         way = tables.integrated_speed(t, speed)
-        starts = np.arange(t[0], t[-1] - CREEP_S, 1.0)
+        starts = np.arange(t[0], max(t[-1] - CREEP_S, t[0] + 1.0), 1.0)
         mean = (np.interp(starts + CREEP_S, t, way) - np.interp(starts, t, way)) / CREEP_S
         start = rng.choice(starts[mean >= min(_AT_SPEED * speed.max(), mean.max())])
         if self.told:

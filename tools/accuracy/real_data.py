@@ -50,14 +50,14 @@ def score_kingston(folder: Path) -> None:
     for centred in (True, False):
         run = kingston.load(folder, centre_speed=centred)
         speed = "speed centred on its 1 km/h step" if centred else "speed as recorded (cut off to whole km/h)"
-        ends = _ends(run.recording)
-        _report_kingston(f"positions in the first 660 s and the last 60 s; {speed} [6.9, max 14.7]", run, ends, ADAPT)
+        kept = ends(run.recording)
+        _report_kingston(f"positions in the first 660 s and the last 60 s; {speed} [6.9, max 14.7]", run, kept, ADAPT)
     run = kingston.load(folder, centre_speed=True)
     no_latitude = run.recording.description.track.model_copy(update={"latitude_deg": None})
     still = replace(run.recording, gnss_origin=None)
     still = replace(still, description=still.description.model_copy(update={"track": no_latitude}))
-    _report_kingston("the same without Earth rotation", replace(run, recording=still), _ends(still), ADAPT)
-    _report_kingston("one position every 300 s besides [2.3]", run, _every(run.recording, 300.0), ADAPT)
+    _report_kingston("the same without Earth rotation", replace(run, recording=still), ends(still), ADAPT)
+    _report_kingston("one position every 300 s besides [2.3]", run, every(run.recording, 300.0), ADAPT)
 
     gps = kingston.load(folder, gnss="BESTGPSPOS", centre_speed=True)
     everything = np.ones(len(gps.recording.gnss), dtype=bool)
@@ -121,16 +121,18 @@ def score_comma2k19(folder: Path) -> None:
         )
 
 
-def _ends(recording: Recording) -> np.ndarray:
+def ends(recording: Recording) -> np.ndarray:
+    """Which positions of the Kingston drive lie in its first 660 s or its last 60 s."""
     assert recording.gnss is not None
     t = recording.gnss["t_s"].to_numpy()
     return (t < 660.0) | (t > t[-1] - 60.0)
 
 
-def _every(recording: Recording, interval_s: float) -> np.ndarray:
+def every(recording: Recording, interval_s: float) -> np.ndarray:
+    """The same and one every ``interval_s`` in between."""
     assert recording.gnss is not None
     t = recording.gnss["t_s"].to_numpy()
-    kept = _ends(recording)
+    kept = ends(recording)
     for time in np.arange(660.0 + interval_s, t[-1] - 60.0, interval_s):
         kept[np.argmin(np.abs(t - time))] = True
     return kept

@@ -2,6 +2,9 @@
 
 batch      every effect of :mod:`trackfg.datasets.effects` at each of its magnitudes: error, sigma, and the verdict of
            each quantity; beside it an oracle, the same smoother told the truth of the effect, and dead reckoning
+stream     six of the effects as a stream with 20 s of lag
+floor      100 random runs with sensors of a few euros against dead reckoning
+real       KITTI, Kingston and comma2k19 with the default settings
 
 Printed are a table, a row per case and quantity, and the list of what misses the acceptance:
 
@@ -10,8 +13,9 @@ Printed are a table, a row per case and quantity, and the list of what misses th
 3 oracle   an error more than twice the oracle's
 4 floor    an error more than 5 % above that of dead reckoning
 
-    python tools/robustness.py [--parts batch] [--effects clean aliased-vibration imu-noise=3 ...]
-                               [--seeds 5] [--first-seed 0] [--duration 600] [--jobs 2] [--out FILE]
+    python tools/robustness.py [--parts batch stream floor real] [--effects clean aliased-vibration imu-noise=3 ...]
+                               [--seeds 5] [--first-seed 0] [--duration 600] [--jobs 2] [--floor-runs 100]
+                               [--out FILE] [--data ../shared/data]
 """
 
 from __future__ import annotations
@@ -24,9 +28,13 @@ from pathlib import Path
 import pandas as pd
 from benchmark import Call, add_seed_arguments, seeds_of, side_by_side
 
-from robustness.cases import Case, cases
-from robustness.scores import measured
-from robustness.table import failures, markdown
+from robustness.cases import STREAMED, Case, cases
+from robustness.low_cost import LowCostRun
+from robustness.real import as_table, real_scores
+from robustness.scores import measured, measured_stream
+from robustness.table import failures, floor_markdown, markdown
+
+PARTS = ("batch", "stream", "floor", "real")
 
 
 def measured_case(case: Case, seed: int, duration_s: float) -> pd.DataFrame:
@@ -36,27 +44,57 @@ def measured_case(case: Case, seed: int, duration_s: float) -> pd.DataFrame:
     return measured(run, told).assign(case=case.name, seed=seed)
 
 
-def main() -> int:
+def measured_stream_case(case: Case, seed: int, duration_s: float) -> pd.DataFrame:
+    """Return the scores of a case on one seed as a stream."""
+    return measured_stream(case.simulated(seed, duration_s)).assign(case=case.name, seed=seed)
+
+
+def measured_low_cost(one: LowCostRun) -> pd.DataFrame:
+    """Return the scores of a random run."""
+    return measured(one.simulated(), None).assign(case=one.name, seed=one.number)
+
+
+def calls_of(arguments: argparse.Namespace, seeds: range) -> dict[tuple[str, str, int], Call]:
+    """Return what is to be measured, by part, case and seed."""
+    chosen = cases([name for given in arguments.effects for name in given.split(",")])
+    calls: dict[tuple[str, str, int], Call] = {}
+    for part, measure in (("batch", measured_case), ("stream", measured_stream_case)):
+        if part in arguments.parts:
+            run = [case for case in chosen if part == "batch" or case.effect in STREAMED]
+            calls |= {
+                (part, case.name, seed): (measure, (case, seed, arguments.duration)) for case in run for seed in seeds
+            }
+    if "floor" in arguments.parts:
+        runs = [LowCostRun(number) for number in range(arguments.floor_runs)]
+        calls |= {("floor", one.name, one.number): (measured_low_cost, (one,)) for one in runs}
+    return calls
+
+
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_seed_arguments(parser)
-    parser.set_defaults(seeds=5)
-    parser.add_argument("--parts", nargs="+", choices=("batch",), default=["batch"])
+    parser.set_defaults(seeds=5, first_seed=1)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=["batch"], help="default: batch")
     parser.add_argument("--effects", nargs="+", default=[], metavar="NAME[=MAGNITUDE]", help="default: all")
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="of each run (default: %(default)s)")
+    parser.add_argument("--floor-runs", type=int, default=100, metavar="N", help="default: %(default)s")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the scores of every run to a CSV file")
+    default = Path(__file__).resolve().parents[3] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=default, help="folder with kingston/ and comma2k19/")
     arguments = parser.parse_args()
-    seeds = seeds_of(parser, arguments)
     start = time.perf_counter()
-    names = [name for given in arguments.effects for name in given.split(",")]
-    calls: dict[tuple[str, int], Call] = {
-        (case.name, seed): (measured_case, (case, seed, arguments.duration)) for case in cases(names) for seed in seeds
-    }
-    rows = pd.concat(side_by_side(calls, arguments.jobs, "runs").values(), ignore_index=True)
-    print(markdown(rows))
-    missed = list(failures(rows))
-    print(f"\n{len(missed)} misses of the acceptance\n")
-    print("\n".join(missed))
+    calls = calls_of(arguments, seeds_of(parser, arguments))
+    if calls:
+        rows = pd.concat(side_by_side(calls, arguments.jobs, "runs").values(), ignore_index=True)
+        missed = list(failures(rows))
+        random = rows["case"].isin([case for part, case, _ in calls if part == "floor"])
+        if not random.all():
+            print(markdown(rows[~random]))
+        if random.any():
+            print(floor_markdown(rows[random]))
+        print(f"\n{len(missed)} misses of the acceptance\n", *missed, sep="\n")
+        if arguments.out is not None:
+            rows.to_csv(arguments.out, index=False)
+    if "real" in arguments.parts:
+        print(as_table(list(real_scores(arguments.data))))
     print(f"\n{time.perf_counter() - start:.0f} s in all", file=sys.stderr)
-    if arguments.out is not None:
-        rows.to_csv(arguments.out, index=False)
-    return 0

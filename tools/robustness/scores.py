@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+from streaming.run_tables import tables_of
 
+from trackfg import FixedLagSmoother
 from trackfg.comparison.estimators import estimators
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import TrackfgError
@@ -17,6 +19,7 @@ from trackfg.evaluation.scores import score_run
 from trackfg.evaluation.trajectory_errors import from_the_true_start, trajectory_errors
 from trackfg.numerics.arrays import Array
 from trackfg.smoothing.smoother import smooth
+from trackfg.streaming.sources.source import RecordingSource
 
 SMOOTHER, ORACLE, FLOOR, STREAM = "smoother", "oracle", "dead-reckoning", "stream"
 
@@ -34,6 +37,10 @@ QUANTITIES = {
 """The names of the errors, and of the verdicts on them. ``plan_m`` is the horizontal error after a rigid fit."""
 FAR_SIGMAS = 4.0
 """An error beyond so many sigmas is not chance: 6e-5 of a normal distribution."""
+LAG_S = 20.0
+"""Lag of the streams, s."""
+PLACED_M = 100.0
+"""A stream knows its place once its sigma is below this, m."""
 NONE = "none"
 """The verdict where none was given."""
 
@@ -60,6 +67,14 @@ def smoothed(run: Simulation) -> Estimate:
         summary.solver.converged,
         tuple(sorted({finding.code for finding in summary.findings if finding.level != "info"})),
     )
+
+
+def streamed(run: Simulation) -> Estimate:
+    """Return what a stream says once the lag is over."""
+    smoother = FixedLagSmoother(run.recording.description, lag_s=LAG_S)
+    tables, _ = tables_of(RecordingSource(run.recording), smoother)
+    rows = tables["smoothed"]
+    return Estimate(rows[rows["chainage_m_sd"] < PLACED_M], tables.get("geometry", pd.DataFrame()))
 
 
 def floor(run: Simulation) -> Estimate | None:
@@ -102,21 +117,30 @@ def measured(run: Simulation, told: Simulation | None) -> pd.DataFrame:
 
     A smoother that refuses a recording has one row, its quantity empty and the message under ``findings``.
     """
-    rows: list[dict[str, object]] = []
-    start = time.perf_counter()
-    try:
-        estimate = smoothed(run)
-    except TrackfgError as error:
-        rows.append({"estimator": SMOOTHER, "quantity": "", "findings": str(error)})
-    else:
-        seconds = time.perf_counter() - start
-        rows += [{**row, "seconds": seconds} for row in scored(SMOOTHER, estimate, run)]
+    rows = list(_tried(SMOOTHER, smoothed, run))
     if told is not None:
         rows += scored(ORACLE, smoothed(told), told)
     reckoned = floor(run)
     if reckoned is not None:
         rows += scored(FLOOR, reckoned, run)
     return pd.DataFrame(rows)
+
+
+def measured_stream(run: Simulation) -> pd.DataFrame:
+    """Return the scores of a stream; where it refuses the rows, as of a smoother."""
+    return pd.DataFrame(list(_tried(STREAM, streamed, run)))
+
+
+def _tried(name: str, estimator: Callable[[Simulation], Estimate], run: Simulation) -> Iterator[dict[str, object]]:
+    start = time.perf_counter()
+    try:
+        estimate = estimator(run)
+    except TrackfgError as error:
+        yield {"estimator": name, "quantity": "", "findings": str(error)}
+        return
+    seconds = time.perf_counter() - start
+    for row in scored(name, estimate, run):
+        yield {**row, "seconds": seconds}
 
 
 def _errors(estimate: Estimate, run: Simulation) -> Iterator[pd.DataFrame]:

@@ -2,102 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from robustness.scores import FLOOR, ORACLE, SMOOTHER, STREAM
+from robustness.scores import FLOOR, ORACLE, QUANTITIES, SMOOTHER, STREAM
 
 MOST_FAR = 0.05
 """The share of samples beyond four sigmas that needs a verdict."""
 MOST_RATIO, LEAST_COVERAGE = 1.5, 0.85
 """Of rms over sigma, and coverage, where a verdict says trusted or widened."""
-CLEAN_COVERAGE = (0.90, 0.98)
 OVER_ORACLE = 2.0
 """The error of the smoother over that of an oracle."""
 OVER_FLOOR = 1.05
 """The error of the smoother over that of dead reckoning."""
 NAMED = ("widened", "not_trusted")
-
-KEYS = ["case", "estimator", "quantity"]
+JUDGED = (SMOOTHER, STREAM)
+_MARKS = {"widened": "w", "not_trusted": "x"}
 
 
 def summed_up(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per case, estimator and quantity: pooled rms and ratio, means of sigma, coverage and share far off,
-    and how many runs had each verdict.
+    """Return a row per case, estimator and quantity: pooled rms and ratio, mean coverage, the most seen of the
+    verdicts, and whether a run was to be believed.
     """
     scored = rows[rows["quantity"] != ""]
-    groups = scored.groupby(KEYS, sort=False)
+    groups = scored.groupby(["case", "estimator", "quantity"], sort=False)
+    believed = scored["verdict"] != "not_trusted"
     return pd.DataFrame({
-        "seeds": groups.size(),
         "rms": groups["rms"].agg(_pooled),
-        "mean_sd": groups["mean_sd"].mean(),
         "ratio": groups["ratio"].agg(_pooled),
         "coverage": groups["coverage"].mean(),
-        "far": groups["far"].mean(),
-        "verdict": groups["verdict"].agg(_counted),
-        "believed": groups["verdict"].agg(lambda verdicts: bool((verdicts != "not_trusted").any())),
+        "verdict": groups["verdict"].agg(lambda verdicts: verdicts.mode().iloc[0]),
+        "believed": believed.groupby([scored[key] for key in ("case", "estimator", "quantity")], sort=False).any(),
     }).reset_index()  # fmt: skip
 
 
 def failures(rows: pd.DataFrame) -> Iterator[str]:
-    """Yield a line per miss of the acceptance, of the smoother and of streams."""
+    """Yield a line per case and kind of miss, in the order of the acceptance."""
     for row in rows[rows["quantity"] == ""].itertuples():
-        yield f"{row.case}, seed {row.seed}: refused: {row.findings}"
+        yield f"refused: {row.case}, seed {row.seed}, {row.estimator}: {row.findings}"
     scored = rows[rows["quantity"] != ""]
-    for (case, seed, estimator), runs in scored[~scored["converged"].astype(bool)].groupby(
-        ["case", "seed", "estimator"]
-    ):
-        if (runs["verdict"] != "not_trusted").any():
-            yield f"1 silent: {case}, seed {seed}, {estimator}: not converged, and not said of every quantity"
-    silent = scored[
-        (scored["far"] > MOST_FAR) & ~scored["verdict"].isin(NAMED) & scored["estimator"].isin([SMOOTHER, STREAM])
-    ]
-    for row in silent.itertuples():
-        yield (
-            f"1 silent: {row.case}, seed {row.seed}, {row.estimator}: {row.quantity} {100 * row.far:.0f} % beyond "
-            f"4 sigma (rms {row.rms:.3g}, sigma {row.mean_sd:.3g}), verdict {row.verdict}"
-        )
+    judged = scored[scored["estimator"].isin(JUDGED)]
+    silent = judged[(judged["far"] > MOST_FAR) & ~judged["verdict"].isin(NAMED)]
+    yield from _lines("1 silent", silent, lambda row: f"{row.quantity} {100 * row.far:.0f} % beyond 4 sigma")
+    stopped = judged[~judged["converged"].astype(bool) & (judged["verdict"] != "not_trusted")]
+    yield from _lines("1 not converged", stopped, lambda row: f"{row.quantity} {row.verdict}")
     table = summed_up(scored)
-    believed = table[table["estimator"].isin([SMOOTHER, STREAM]) & table["believed"] & table["ratio"].notna()]
-    for row in believed.itertuples():
-        if row.ratio > MOST_RATIO or row.coverage < LEAST_COVERAGE:
-            yield (
-                f"2 sigmas: {row.case}, {row.estimator}: {row.quantity} rms/sigma {row.ratio:.2f}, coverage "
-                f"{100 * row.coverage:.0f} %, verdict {row.verdict}"
-            )
-    for other, most, what in ((ORACLE, OVER_ORACLE, "3 oracle"), (FLOOR, OVER_FLOOR, "4 floor")):
-        for case, quantity, mine, theirs in _against(table, other):
-            if mine > most * theirs:
-                yield f"{what}: {case}: {quantity} {mine:.3g} against {theirs:.3g}, {mine / theirs:.2f} times"
+    believed = table[table["estimator"].isin(JUDGED) & table["believed"] & table["ratio"].notna()]
+    narrow = believed[(believed["ratio"] > MOST_RATIO) | (believed["coverage"] < LEAST_COVERAGE)]
+    yield from _lines(
+        "2 sigmas", narrow, lambda row: f"{row.quantity} {row.ratio:.2f}, {100 * row.coverage:.0f} %, {row.verdict}"
+    )
+    for label, other, most in (("3 oracle", ORACLE, OVER_ORACLE), ("4 floor", FLOOR, OVER_FLOOR)):
+        behind = _beside(table, other)
+        behind = behind[behind["rms"] > most * behind["other"]]
+        yield from _lines(label, behind, lambda row: f"{row.quantity} {row.rms:.3g} against {row.other:.3g}")
 
 
 def markdown(rows: pd.DataFrame) -> str:
-    """Return the table: a row per case and quantity, the smoother beside oracle and dead reckoning."""
+    """Return the table: a row per case and estimator; a cell holds rms, rms over sigma, coverage in per cent, and w
+    where the sigma was widened, x where the quantity is not to be trusted.
+    """
     table = summed_up(rows)
-    others = {
-        other: table[table["estimator"] == other].set_index(["case", "quantity"])["rms"] for other in (ORACLE, FLOOR)
-    }
-    head = ("case", "estimator", "quantity", "rms", "sigma", "rms/sigma", "coverage %", "beyond 4 sigma %", "verdict")
-    head = (*head, ORACLE, FLOOR)
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    for row in table[table["estimator"].isin([SMOOTHER, STREAM])].itertuples():
-        beside = [_text(others[other].get((row.case, row.quantity), np.nan)) for other in (ORACLE, FLOOR)]
-        own = [_text(row.rms), _text(row.mean_sd), _text(row.ratio), _text(100 * row.coverage), _text(100 * row.far)]
-        cells = [row.case, row.estimator, row.quantity, *own, row.verdict, *beside]
-        lines.append("| " + " | ".join(cells) + " |")
+    lines = [f"| case | estimator | {' | '.join(QUANTITIES)} |", "|---" * (len(QUANTITIES) + 2) + "|"]
+    for (case, estimator), scores in table.groupby(["case", "estimator"], sort=False):
+        by_quantity = scores.set_index("quantity")
+        cells = [_cell(by_quantity.loc[name]) if name in by_quantity.index else "-" for name in QUANTITIES]
+        lines.append(f"| {case} | {estimator} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _against(table: pd.DataFrame, other: str) -> Iterator[tuple[str, str, float, float]]:
-    """Yield case, quantity and the errors of the smoother and of another estimator, where both have one."""
-    mine, theirs = (
-        table[table["estimator"] == name].set_index(["case", "quantity"])["rms"] for name in (SMOOTHER, other)
-    )
-    for case, quantity in theirs.index:
-        if (case, quantity) in mine.index and np.isfinite(theirs[case, quantity]):
-            yield case, quantity, float(mine[case, quantity]), float(theirs[case, quantity])
+def floor_markdown(rows: pd.DataFrame) -> str:
+    """Return the table of random runs: per quantity how the smoother's error compares with that of dead reckoning."""
+    beside = _beside(summed_up(rows), FLOOR)
+    head = ("quantity", "runs", "smoother, rms", f"{FLOOR}, rms", "median of ratio", "ahead or within 5 %, runs")
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for quantity, runs in beside.groupby("quantity", sort=False):
+        ratio = runs["rms"] / runs["other"]
+        cells = (len(runs), _text(_pooled(runs["rms"])), _text(_pooled(runs["other"])), _text(ratio.median()))
+        lines.append(f"| {quantity} | {' | '.join(map(str, cells))} | {(ratio <= OVER_FLOOR).sum()} |")
+    return "\n".join(lines)
+
+
+def _beside(table: pd.DataFrame, other: str) -> pd.DataFrame:
+    """Return the rows of the smoother with the rms of another estimator as ``other``, where both have one."""
+    keys = ["case", "quantity"]
+    theirs = table[table["estimator"] == other].set_index(keys)["rms"].rename("other")
+    return table[table["estimator"] == SMOOTHER].join(theirs, on=keys).dropna(subset=["rms", "other"])
+
+
+def _lines(label: str, rows: pd.DataFrame, text: Callable[[Any], str]) -> Iterator[str]:
+    """Yield a line per case, seed and estimator of ``rows``, which names its quantities."""
+    keys = [key for key in ("case", "seed", "estimator") if key in rows]
+    for group, misses in rows.groupby(keys, sort=False):
+        named = dict(zip(keys, group, strict=True))
+        seed = f", seed {named['seed']}" if "seed" in named else ""
+        yield f"{label}: {named['case']}{seed}, {named['estimator']}: {'; '.join(map(text, misses.itertuples()))}"
+
+
+def _cell(row: pd.Series) -> str:
+    if np.isnan(row["ratio"]):
+        return _text(row["rms"])
+    mark = _MARKS.get(row["verdict"], "")
+    return f"{_text(row['rms'])} ({row['ratio']:.2f}, {100 * row['coverage']:.0f}{f', {mark}' if mark else ''})"
 
 
 def _pooled(values: pd.Series) -> float:
@@ -105,10 +114,5 @@ def _pooled(values: pd.Series) -> float:
     return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
 
 
-def _counted(verdicts: pd.Series) -> str:
-    counts = verdicts.value_counts()
-    return counts.index[0] if len(counts) == 1 else ", ".join(f"{name} {count}" for name, count in counts.items())
-
-
 def _text(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+    return "-" if np.isnan(value) else f"{value:.2g}" if abs(value) < 100.0 else f"{value:.0f}"

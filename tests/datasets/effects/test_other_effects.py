@@ -1,6 +1,7 @@
 """Positions, mounting, clocks, sensors and driving are as rough as their effects say; and every effect has a name."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -24,12 +25,12 @@ def fix_errors(simulation):
     return fixes["chainage_m"].to_numpy() - np.interp(fixes["t_s"], truth["t_s"], truth["chainage_m"])
 
 
-def test_every_effect_has_a_name_and_its_magnitudes_grow():
-    assert len(EFFECTS) >= 30
+def test_every_effect_is_documented_with_its_magnitudes_and_their_source():
+    page = (Path(__file__).parents[3] / "docs" / "datasets.md").read_text()
     for name, kind in EFFECTS.items():
         assert effect(name) == kind.make(kind.magnitudes[-1])
-        assert len(kind.magnitudes) >= 2
-        assert kind.source
+        magnitudes = f"{', '.join(f'{magnitude:g}' for magnitude in kind.magnitudes)} {kind.unit}".strip()
+        assert f"| `{name}` | {kind.summary} | {magnitudes} | {kind.source} |" in page
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones():
