@@ -128,7 +128,7 @@ def _in_words(verdict: Verdict) -> str:
 def _tested(checked_by: tuple[str, ...]) -> tuple[str, ...]:
     if not checked_by:
         return ("nothing in the recording tests it: the sigma is the model's",)
-    return ("agrees with " + ", ".join(checked_by),)
+    return ("what is measured more than once agrees within its sigmas",)
 
 
 def _verdict(quantity: Quantity, doubts: tuple[Doubt, ...], checked_by: tuple[str, ...]) -> Verdict:

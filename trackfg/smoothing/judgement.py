@@ -7,6 +7,7 @@ import math
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
 from trackfg.smoothing.reassessment import SolvedRun
+from trackfg.smoothing.residual_doubts import self_test
 
 BY_ATTITUDE: tuple[Quantity, ...] = ("roll", "pitch", "yaw")
 """What an inertial sensor alone determines: attitude, yaw from the start of the run."""
@@ -14,12 +15,13 @@ BY_ATTITUDE: tuple[Quantity, ...] = ("roll", "pitch", "yaw")
 
 def judged(run: SolvedRun) -> tuple[Verdict, ...]:
     """Return a verdict for every quantity of a solved run."""
-    return verdicts([*_of_solver(run), *_of_what_is_measured(run), *run.doubts])
+    if not run.solution.converged:
+        return verdicts([*_of_solver(run), *run.doubts])
+    tested = self_test(run)
+    return verdicts([*_of_what_is_measured(run), *tested.doubts, *run.doubts], tested.checked_by)
 
 
 def _of_solver(run: SolvedRun) -> list[Doubt]:
-    if run.solution.converged:
-        return []
     reason = f"the solution is not a minimum: {run.solution.reason}"
     return [
         Doubt(QUANTITIES, math.inf, reason, "look at the findings and events; check units, clocks and gross errors")

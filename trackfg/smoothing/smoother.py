@@ -184,6 +184,8 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
             passes = seen_profiles(recording.description, views, run, motion, states)
         geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
         places = place_covariance(run, passes, states, solved.solution.root)
+    with stages.stage("covariance"):
+        verdicts = judged(solved)
     return SmoothedStates(
         **{part.name: getattr(solved, part.name) for part in fields(SolvedRun)},
         trajectory=trajectory,
@@ -192,7 +194,7 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         calibration=calibration,
         motion=motion,
         passes=passes,
-        verdicts=judged(solved),
+        verdicts=verdicts,
         timings_s=stages.timings_s,
     )
 

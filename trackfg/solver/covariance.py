@@ -210,3 +210,26 @@ def _gain(marginal: Array, cross: Array) -> Array:
     correlation = marginal[1:] / (sd[:, :, None] * sd[:, None, :])
     scaled = np.linalg.solve(correlation, np.swapaxes(cross[:-1] / sd[:, None, :], 1, 2))
     return np.asarray(np.swapaxes(scaled, 1, 2) / sd[:, None, :])
+
+
+def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple[Array, Array]:
+    """Return ``P c`` of m columns c: ``keyframes`` (n, KEYFRAME_DIM, m) and ``shared`` (s, m), likewise the result.
+
+    P is the covariance of all variables: ``R'`` is solved forwards, R backwards, along the chain.
+    """
+    n, size = len(root.inverse), root.size
+    whitened = np.empty_like(keyframes)
+    carried = np.zeros((size, keyframes.shape[2]))
+    for k in range(n):
+        whitened[k] = root.inverse[k].T @ (keyframes[k] + carried[:KEYFRAME_DIM])
+        ahead = np.zeros((root.parents(k), keyframes.shape[2]))
+        ahead[root.kept(k)] = carried[KEYFRAME_DIM:]
+        carried = ahead - root.S[k, :, : len(ahead)].T @ whitened[k]
+    of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + carried[KEYFRAME_DIM:size]))
+    window = np.zeros((root.parents(n - 1), keyframes.shape[2]))
+    window[KEYFRAME_DIM:size] = of_shared
+    out = whitened
+    for k in range(n - 1, -1, -1):
+        out[k] = root.regression[k, :, : len(window)] @ window + root.inverse[k] @ whitened[k]
+        window = np.concatenate([out[k], window[root.kept(k)]])
+    return out, of_shared

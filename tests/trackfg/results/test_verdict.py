@@ -68,7 +68,7 @@ def test_people_read_quantities_of_which_the_same_is_said_together() -> None:
     read = opinions(verdicts([shaky, shaky, lost], {"roll": ("3 rests",)}))
     assert read[0] == Opinion(("chainage", "speed"), "not to be trusted", ("no wheel",), ("add one",))
     assert read[1] == Opinion(("cross-level",), "sigmas widened by 2.7", ("shaky",), ("damp it",))
-    assert (Opinion(("roll",), "trusted", ("agrees with 3 rests",), ())) in read
+    assert (Opinion(("roll",), "trusted", ("what is measured more than once agrees within its sigmas",), ())) in read
     assert read[2].reasons == ("nothing in the recording tests it: the sigma is the model's",)
     assert [opinion.quantities for opinion in opinions(verdicts([]))] == [("all",)]
 

@@ -28,6 +28,7 @@ from trackfg.solver.covariance import (
     joint_covariance,
     posterior_covariance,
     posterior_samples,
+    times_covariance,
 )
 from trackfg.solver.elimination import compressed, eliminate, eliminate_pair, eliminate_with_marginals, stacked_pair
 from trackfg.solver.square_root import SquareRoot
@@ -169,6 +170,15 @@ def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
     assert (np.diagonal(solved.root.R, axis1=1, axis2=2) > 0).all()
     assert (np.diagonal(solved.root.R_shared) > 0).all()
+
+
+def test_covariance_times_columns_is_that_of_the_dense_system(solved: Solved) -> None:
+    rng, n, dim = np.random.default_rng(0), solved.keyframes, KEYFRAME_DIM
+    scale = np.sqrt(np.diag(solved.dense))
+    columns = rng.standard_normal((len(scale), 3)) / scale[:, None]
+    keyframes, shared = times_covariance(solved.root, columns[: n * dim].reshape(n, dim, 3), columns[n * dim :])
+    ours = np.concatenate([keyframes.reshape(-1, 3), shared])
+    np.testing.assert_allclose(ours / scale[:, None], (solved.dense @ columns) / scale[:, None], atol=1e-3)
 
 
 def test_only_navigation_states_reach_past_the_next_keyframe() -> None:

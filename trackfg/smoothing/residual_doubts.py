@@ -1,0 +1,197 @@
+"""Residuals of one solution say by how much the sigmas of each quantity are too small.
+
+The variance of a quantity is the sum of what each group of measurements contributes. Where the residuals of a group
+account for more than the model expects (:mod:`trackfg.solver.influence`), its share is multiplied by as much:
+
+    k^2 = 1 + sum over groups of share (ratio - 1)
+
+Levels that are wrong show from keyframe to keyframe, errors that last over longer blocks. Positions that the other
+measurements do not predict within their sigmas (:mod:`trackfg.solver.leave_one_out`) tell of chainage and position
+directly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.states import KEYFRAME_DIM
+from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
+from trackfg.results.verdict import Doubt, Quantity
+from trackfg.smoothing.reassessment import SolvedRun
+from trackfg.solver.influence import Columns, Misfit, all_rows, misfits
+from trackfg.solver.leave_one_out import left_out
+from trackfg.solver.prediction_level import Level, level
+
+_PLACES = 8
+"""Keyframes, evenly spread over the run, at which each quantity is judged."""
+
+_BLOCKS_S = (0.0, 10.0, 60.0)
+"""Blocks over which residuals are summed, s: single keyframes, what lasts some seconds, and what lasts a minute."""
+
+_CHANCE = 1e-4
+"""Probability of a misfit by chance below which it is a doubt: there are some hundred tests of one run."""
+
+_LEAST_WIDENING = 1.1
+"""Factors below this are none: sigmas of the geometry, which are drawn, are not known better."""
+
+_MODEL_FAILS = 10.0
+"""From this factor on no sigma is right: the recording is not what the model describes."""
+
+_LEAST_SHARE = 0.03
+"""A group that contributes less to the variance of a quantity does not test it."""
+
+
+class _Function(NamedTuple):
+    """A column of the trajectory that stands for quantities; ``change``: its change from keyframe to keyframe, which is
+    what quantities on a few metres of track depend on.
+    """
+
+    column: str
+    change: bool
+    quantities: tuple[Quantity, ...]
+
+
+_FUNCTIONS = (
+    _Function("chainage_m", False, ("chainage",)),
+    _Function("east_m", False, ("position",)),
+    _Function("north_m", False, ("position",)),
+    _Function("up_m", False, ("position",)),
+    _Function("speed_mps", False, ("speed",)),
+    _Function("roll_rad", False, ("roll", "cross_level")),
+    _Function("pitch_rad", False, ("pitch", "gradient")),
+    _Function("yaw_rad", False, ("yaw",)),
+    _Function("roll_rad", True, ("twist",)),
+    _Function("pitch_rad", True, ("level",)),
+    _Function("yaw_rad", True, ("alignment", "curvature")),
+)
+
+_NAMES = {
+    "gyro": "the gyro",
+    "accel": "the accelerometer",
+    "motion": "motion along the track",
+    "path": "the path between keyframes",
+    "tach": "the tachometer",
+    "speed": "the speed sensor",
+    "fixes": "the fixes",
+    "map": "the map",
+    "gnss": "the GNSS positions",
+    "biases": "the walk of the biases",
+    "rests": "the rests",
+}
+
+_HINTS = {
+    "gyro": "declare the noise that is there ([imu.noise]), or mount the sensor where it shakes less",
+    "accel": "declare the noise that is there ([imu.noise]), or mount the sensor where it shakes less",
+    "motion": "survey lever arm and mounting angles; declare rigid = false for a body on springs",
+    "path": "declare rigid = false for a sensor on springs",
+    "tach": "look at slips and gaps of the wheel; add fixes or GNSS",
+    "speed": "check scale and mounting of the speed sensor",
+    "fixes": "check the chainages of the fixes, or declare the sigma that they have",
+    "map": "check that the map is of this track",
+    "gnss": "declare the sigma that the positions have, and position.gnss_correlation_s",
+    "biases": "declare the instability of the biases ([imu.noise]); let the sensor warm up",
+    "rests": "look at the standstills among the events",
+}
+
+_PREDICTED: dict[FactorType, tuple[str, tuple[Quantity, ...]]] = {
+    FactorType.ABSOLUTE_FIX: ("fixes", ("chainage",)),
+    FactorType.GNSS_POSITION: ("gnss", ("position", "chainage")),
+}
+"""Positions that are predicted from all else: their group, and what they tell of."""
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """What a run's residuals say: doubts, and what tests each quantity."""
+
+    doubts: tuple[Doubt, ...]
+    checked_by: Mapping[Quantity, tuple[str, ...]]
+
+
+class _Cause(NamedTuple):
+    """A group whose residuals are too large: by what factor its variance should be multiplied."""
+
+    group: str
+    share: float
+    ratio: float
+    block_s: float
+
+
+def self_test(run: SolvedRun) -> SelfTest:
+    """Return what the residuals of a solved run say of its sigmas."""
+    levels = dict(_levels(run))
+    rows = all_rows(run.problem, run.solution, np.random.default_rng(0))
+    t = run.problem.t
+    blocks = [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
+    worst: dict[Quantity, Doubt] = {}
+    checked: dict[Quantity, tuple[str, ...]] = {}
+    for function in _FUNCTIONS:
+        found = misfits(rows, run.solution.root, _columns(run, function), blocks)
+        causes = [cause for one in found if (cause := _cause(one, levels.get(one.group)))]
+        factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
+        tested = tuple(_NAMES[one.group] for one in found if one.share / _PLACES > _LEAST_SHARE)
+        for quantity in function.quantities:
+            if factor > max(_LEAST_WIDENING, worst[quantity].factor if quantity in worst else 1.0):
+                worst[quantity] = _doubt(quantity, factor, max(causes, key=lambda one: one.share * one.ratio))
+            checked[quantity] = tuple(dict.fromkeys((*checked.get(quantity, ()), *tested)))
+    for group, quantities in _PREDICTED.values():
+        for quantity in quantities if group in levels else ():
+            seen = levels[group]
+            checked[quantity] = (*checked.get(quantity, ()), f"{seen.number} predictions of {_NAMES[group]}")
+            if seen.far and seen.ratio > max(_LEAST_WIDENING, worst[quantity].factor if quantity in worst else 1.0):
+                worst[quantity] = Doubt((quantity,), _or_lost(seen.ratio), _missed(group, seen), _HINTS[group])
+    return SelfTest(tuple(worst.values()), checked)
+
+
+def _levels(run: SolvedRun) -> Iterator[tuple[str, Level]]:
+    for kind, (group, _) in _PREDICTED.items():
+        family = run.problem.family(kind)
+        if family is not None:
+            left = left_out(family, run.solution.states, run.covariance)
+            yield group, level(left.in_sigmas(family.sigma))
+
+
+def _columns(run: SolvedRun, function: _Function) -> Columns:
+    """Return the function at some keyframes as columns, one per place."""
+    states, size = run.solution.states, run.solution.root.size
+    n, i = len(states), QUANTITIES.index(function.column)
+    J = keyframe_jacobian(states, run.problem.run.lever_arm)[:, i]
+    at = np.unique(np.linspace(0, n - 1, _PLACES + 2).astype(np.int64)[1:-1])
+    m = np.arange(len(at))
+    columns = Columns(np.zeros((n, KEYFRAME_DIM, m.size)), np.zeros((size - KEYFRAME_DIM, m.size)))
+    for k, sign in ((at, 1.0), (at + 1, -1.0)) if function.change else ((at, 1.0),):
+        k = np.minimum(k, n - 1)
+        columns.keyframes[k, :, m] += sign * J[k, :KEYFRAME_DIM]
+        columns.shared[: J.shape[1] - KEYFRAME_DIM] += sign * J[k, KEYFRAME_DIM:].T
+    return columns
+
+
+def _cause(misfit: Misfit, predicted: Level | None) -> _Cause | None:
+    """Return by how much a group's errors are larger than the model has them; None where that may be chance."""
+    far = misfit.ratio > chi2.isf(_CHANCE, misfit.degrees) / misfit.degrees
+    ratios = np.where(far, misfit.ratio, 1.0)
+    ratio, block_s = float(ratios.max()), _BLOCKS_S[int(ratios.argmax())]
+    if predicted is not None and predicted.far and predicted.ratio**2 > ratio:
+        ratio, block_s = predicted.ratio**2, 0.0
+    return _Cause(misfit.group, misfit.share / _PLACES, ratio, block_s) if ratio > 1.0 else None
+
+
+def _doubt(quantity: Quantity, factor: float, cause: _Cause) -> Doubt:
+    over = f", summed over {cause.block_s:g} s," if cause.block_s else ""
+    reason = f"residuals of {_NAMES[cause.group]}{over} are {cause.ratio**0.5:.2g} times what is expected of them"
+    return Doubt((quantity,), _or_lost(factor), reason, _HINTS[cause.group])
+
+
+def _missed(group: str, seen: Level) -> str:
+    return f"{_NAMES[group]} differ from what all else predicts by {seen.ratio:.2g} times the sigmas"
+
+
+def _or_lost(factor: float) -> float:
+    return factor if factor < _MODEL_FAILS else math.inf

@@ -1,0 +1,169 @@
+"""How much of a quantity's error each group of residuals accounts for, against what the model expects of it.
+
+With whitened rows A, residuals r and the covariance P = (A'A)^-1, the estimate of a linear function c of the states
+errs by ``w'e``, ``w = A P c``, where e is the measurements' error: white, of variance 1, if the model is right. Then
+the variance is ``w'w``, and a group of rows has the share ``sum w_i^2`` of it. Residuals ``r = (I - A P A') e`` are
+what can be seen of e. So for each group the sum over blocks of time
+
+    sum_b (sum_{i in b} w_i r_i)^2
+
+is held against its mean over residuals of drawn white errors. It is the variance that a jackknife over blocks gives
+(Efron, "The jackknife, the bootstrap and other resampling plans", 1982, ch. 3), each group on its own: larger where
+levels are wrong, and over long blocks where errors last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.linear import LinearFactors, first_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
+from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
+from trackfg.solver.covariance import times_covariance
+from trackfg.solver.gauss_newton import Solution
+from trackfg.solver.square_root import SquareRoot
+
+_DRAWS = 24
+"""Drawn errors: the mean of one square over so many errs by sqrt(2 / 24), 29 %; most are over many blocks, too."""
+
+_GROUPS = {
+    FactorType.NON_HOLONOMIC: "motion",
+    FactorType.PATH: "path",
+    FactorType.TACH_DISTANCE: "tach",
+    FactorType.TACH_READING: "tach",
+    FactorType.TACH_INCREMENT: "tach",
+    FactorType.SPEED_DISTANCE: "speed",
+    FactorType.ABSOLUTE_FIX: "fixes",
+    FactorType.LANDMARK: "map",
+    FactorType.GNSS_POSITION: "gnss",
+    FactorType.BIAS_WALK: "biases",
+    FactorType.AT_REST: "rests",
+    FactorType.STANDSTILL: "rests",
+}
+"""Families whose residuals are judged, and what reports call them; inertial factors are "gyro" and "accel"."""
+
+
+class Columns(NamedTuple):
+    """Vectors over all states: ``keyframes`` (n, KEYFRAME_DIM, m) and ``shared`` (s, m)."""
+
+    keyframes: Array
+    shared: Array
+
+
+@dataclass(frozen=True)
+class GroupRows:
+    """Linear factors of a group, with residuals of errors drawn from the model (f, r, draws)."""
+
+    group: str
+    linear: LinearFactors
+    drawn: Array
+
+
+class Misfit(NamedTuple):
+    """What a group's residuals account for in some functions, as shares of their variances, summed over the functions.
+
+    ``share`` is the group's by the model; ``seen`` (b,) what residuals over blocks sum up to for each division into
+    blocks, and ``drawn`` (b, draws) the same of drawn errors.
+    """
+
+    group: str
+    share: float
+    seen: Array
+    drawn: Array
+
+    @property
+    def ratio(self) -> Array:
+        """Seen over expected variance for each division into blocks, shape (b,)."""
+        return np.asarray(self.seen / self.drawn.mean(axis=1))
+
+    @property
+    def degrees(self) -> Array:
+        """The degrees of freedom of what is seen (Satterthwaite, 1946), from the spread of the draws, shape (b,)."""
+        return np.asarray(2.0 * self.drawn.mean(axis=1) ** 2 / self.drawn.var(axis=1))
+
+
+def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> list[GroupRows]:
+    """Return the rows of all factors at the solution, with residuals of drawn errors."""
+    inertial = linearize_imu_factors(problem.native, solution.values)
+    parts = [
+        ("gyro", LinearFactors(inertial.slots, inertial.rows[:, :3])),
+        ("accel", LinearFactors(inertial.slots, inertial.rows[:, 3:])),
+    ]
+    parts += [(_GROUPS.get(one.type, ""), one.linearize(solution.states)) for one in problem.families]
+    drawn = [rng.standard_normal((*linear.b.shape, _DRAWS)) for _, linear in parts]
+    n, shared = len(solution.states), solution.root.size - KEYFRAME_DIM
+    score = Columns(np.zeros((n, KEYFRAME_DIM, _DRAWS)), np.zeros((shared, _DRAWS)))
+    for (_, linear), errors in zip(parts, drawn, strict=True):
+        _add_transposed(score, linear, errors)
+    moved = Columns(*times_covariance(solution.root, *score))
+    return [
+        GroupRows(group, linear, errors - _applied(linear, moved))
+        for (group, linear), errors in zip(parts, drawn, strict=True)
+        if group
+    ]
+
+
+def misfits(
+    rows: Sequence[GroupRows], root: SquareRoot, functions: Columns, blocks: Sequence[np.ndarray]
+) -> list[Misfit]:
+    """Return the misfit of each group in m functions of the states.
+
+    ``blocks``: divisions into blocks of time, each the block of every keyframe (n,), ascending.
+    """
+    gain = Columns(*times_covariance(root, *functions))
+    variance = np.einsum("nkm,nkm->m", functions.keyframes, gain.keyframes) + np.sum(functions.shared * gain.shared, 0)
+    gain = Columns(gain.keyframes / np.sqrt(variance), gain.shared / np.sqrt(variance))
+    parts = [_misfit(one, gain, blocks) for one in rows]
+    merged = {}
+    for group in dict.fromkeys(one.group for one in parts):
+        same = [one for one in parts if one.group == group]
+        merged[group] = Misfit(group, *(sum(column) for column in list(zip(*same, strict=True))[1:]))
+    return list(merged.values())
+
+
+def _misfit(rows: GroupRows, gain: Columns, blocks: Sequence[np.ndarray]) -> Misfit:
+    w = _applied(rows.linear, gain)
+    seen = np.einsum("frm,fr->fm", w, rows.linear.b)
+    drawn = np.einsum("frm,frs->fms", w, rows.drawn, optimize=True)
+    keyframe = np.maximum(first_keyframe(rows.linear.slots, len(w)), 0)
+    edges = [np.flatnonzero(np.diff(block[keyframe], prepend=-1)) for block in blocks]
+    return Misfit(
+        rows.group,
+        float(np.sum(w**2)),
+        np.array([np.sum(np.add.reduceat(seen, edge) ** 2) for edge in edges]),
+        np.array([np.sum(np.add.reduceat(drawn, edge) ** 2, axis=(0, 1)) for edge in edges]),
+    )
+
+
+def _applied(linear: LinearFactors, columns: Columns) -> Array:
+    """Return A x of the factors, shape (f, r, m)."""
+    total = np.zeros((*linear.b.shape, columns.shared.shape[1]))
+    for slot, jacobian in zip(linear.slots, linear.jacobians, strict=True):
+        total += jacobian @ _of_slot(columns, slot.kind, slot.index)
+    return total
+
+
+def _of_slot(columns: Columns, kind: Kind, index: np.ndarray) -> Array:
+    start = offset_in_keyframe(kind)
+    if not kind.shared:
+        return columns.keyframes[index, start : start + kind.dim]
+    at = start - KEYFRAME_DIM + kind.dim * index[:, None] + np.arange(kind.dim)
+    return np.asarray(columns.shared[at])
+
+
+def _add_transposed(columns: Columns, linear: LinearFactors, errors: Array) -> None:
+    """Add A' e of the factors, e of shape (f, r, m)."""
+    for slot, jacobian in zip(linear.slots, linear.jacobians, strict=True):
+        start, part = offset_in_keyframe(slot.kind), np.swapaxes(jacobian, 1, 2) @ errors
+        if slot.kind.shared:
+            at = start - KEYFRAME_DIM + slot.kind.dim * slot.index[:, None] + np.arange(slot.kind.dim)
+            np.add.at(columns.shared, at, part)
+        else:
+            np.add.at(columns.keyframes[:, start : start + slot.kind.dim], slot.index, part)
