@@ -17,14 +17,19 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrices, skew, so3_log, so3_right_jacobian_inverse
 
 
+def tracking_point(mount: Array) -> Array:
+    """Return where the point that follows the track is, from the vehicle reference point, m. (m, 5) to (m, 3)."""
+    return mount[:, 2:]
+
+
 def mount_matrix(mount: Array) -> Array:
-    """Return ``R_bt = Rz(yaw) Ry(pitch)``, travel axes to body axes. (m, 2) to (m, 3, 3)."""
+    """Return ``R_bt = Rz(yaw) Ry(pitch)``, travel axes to body axes. (m, 5) to (m, 3, 3)."""
     cp, sp, cy, sy, zero = _turns(mount)
     return matrices([cy * cp, -sy, cy * sp, sy * cp, cy, sy * sp, -sp, zero, cp])
 
 
 def mount_derivative(mount: Array) -> Array:
-    """Return the derivative of :func:`mount_matrix` by the mounting. (m, 2) to (m, 2, 3, 3)."""
+    """Return the derivative of :func:`mount_matrix` by the mounting. (m, 5) to (m, 2, 3, 3)."""
     cp, sp, cy, sy, zero = _turns(mount)
     derivative = np.empty((len(mount), 2, 3, 3))
     derivative[:, 0] = matrices([-cy * sp, zero, cy * cp, -sy * sp, zero, sy * cp, -cp, zero, -sp])
@@ -32,33 +37,41 @@ def mount_derivative(mount: Array) -> Array:
     return derivative
 
 
+def mount_axes(mount: Array) -> Array:
+    """Return the axes, in body axes, about which the travel axes turn with pitch and yaw. (m, 5) to (m, 3, 2)."""
+    _, _, cy, sy, zero = _turns(mount)
+    return np.stack([np.stack([-sy, cy, zero], axis=1), np.stack([zero, zero, zero + 1.0], axis=1)], axis=2)
+
+
 def _turns(mount: Array) -> tuple[Array, ...]:
     pitch, yaw = mount[:, 0], mount[:, 1]
     return np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
 
 
-def _sideways(nav: Nav, mount: Array, swing: Array) -> tuple[Array, tuple[Array, ...]]:
+def _sideways(nav: Nav, mount: Array, angular_rate: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
     body = nav.own_velocity
-    at_reference = body - swing
+    on_track = body - np.cross(angular_rate, lever_arm - tracking_point(mount))
     R_bt, d_R_bt = mount_matrix(mount), mount_derivative(mount)
-    residual = np.einsum("mji,mj->mi", R_bt, at_reference)[:, 1:]
+    residual = np.einsum("mji,mj->mi", R_bt, on_track)[:, 1:]
     side = np.swapaxes(R_bt, 1, 2)[:, 1:]
     zero = np.zeros((len(body), 3, 3))
     d_nav = side @ np.concatenate([skew(body), zero, zero + np.eye(3)], axis=2)
-    d_mount = np.einsum("mcji,mj->mic", d_R_bt, at_reference)[:, 1:]
+    d_angles = np.einsum("mcji,mj->mic", d_R_bt, on_track)[:, 1:]
+    d_mount = np.concatenate([d_angles, side @ skew(angular_rate)], axis=2)
     return residual, (d_nav, d_mount)
 
 
 def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigma: Array, loss: Loss | None) -> Family:
-    """The vehicle reference point has no lateral and no vertical velocity.
+    """The point that follows the track has no lateral and no vertical velocity.
 
-    Residual (m/s): rows 2 and 3 of ``R_bt' (R' v - w x l)``, positive to the left and upwards; ``l`` (3,) is the IMU's
-    position in the vehicle, m, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the
-    gyro's remaining error times the lever arm is far below any sigma used here. sigma (m, 2), m/s.
+    Residual (m/s): rows 2 and 3 of ``R_bt' (R' v - w x (l - c))``, positive to the left and upwards; ``l`` (3,) is the
+    IMU's position in the vehicle, m, ``c`` the place of that point from the same reference, which ``MOUNT`` holds, and
+    ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the gyro's remaining error times the
+    lever arm is far below any sigma used here. sigma (m, 2), m/s.
     """
-    swing = angular_rate @ skew(lever_arm)
+    data = {"angular_rate": angular_rate, "lever_arm": np.tile(lever_arm, (len(index), 1))}
     slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))
-    return Family(FactorType.NON_HOLONOMIC, _sideways, slots, {"swing": swing}, sigma, loss)
+    return Family(FactorType.NON_HOLONOMIC, _sideways, slots, data, sigma, loss)
 
 
 def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:

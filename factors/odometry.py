@@ -16,9 +16,9 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
+from trackfg.factors.motion import mount_derivative, mount_matrix, tracking_point
 from trackfg.factors.states import Kind, Nav, Odo
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.rotations import skew
 
 
 def _chain(first: Odo, second: Odo) -> tuple[Array, tuple[Array, ...]]:
@@ -110,34 +110,35 @@ def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sig
     return Family(FactorType.TACH_READING, _reading, slots, data, sigma)
 
 
-def _arc(first: Nav, second: Nav, odo: Odo, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
-    chord = (second.p - np.einsum("mij,mj->mi", second.R, lever_arm)) - (
-        first.p - np.einsum("mij,mj->mi", first.R, lever_arm)
+def _arc(first: Nav, second: Nav, odo: Odo, mount: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
+    from_track = lever_arm - tracking_point(mount)
+    chord = (second.p - np.einsum("mij,mj->mi", second.R, from_track)) - (
+        first.p - np.einsum("mij,mj->mi", first.R, from_track)
     )
-    t0, t1 = first.R[:, :, 0], second.R[:, :, 0]
+    f, d_f = mount_matrix(mount)[:, :, 0], mount_derivative(mount)[:, :, :, 0]
+    t0, t1 = (np.einsum("mij,mj->mi", nav.R, f) for nav in (first, second))
     mean = 0.5 * (t0 + t1)
     along = np.sum(chord * mean, axis=1)
     cosine = np.sum(t0 * t1, axis=1)
     ratio, d_ratio = _angle_over_sine(cosine)
 
-    def jacobian(R: Array, tangent_derivative: Array, chord_sign: float) -> Array:
-        """Return the row over one keyframe's tangent: via its own direction, its own end of the chord."""
-        out = np.zeros((len(R), 1, 9))
-        toward = np.einsum("mji,mj->mi", R, mean) * chord_sign
+    def jacobians(R: Array, tangent_derivative: Array, chord_sign: float) -> tuple[Array, Array]:
+        """Return the rows over one keyframe's tangent and the mounting: via its direction, its end of the chord."""
+        toward = (chord_sign * ratio)[:, None] * np.einsum("mji,mj->mi", R, mean)
         direction = np.einsum("mji,mj->mi", R, tangent_derivative)
-        out[:, 0, :3] = ratio[:, None] * np.einsum("mi,mij->mj", toward, skew(lever_arm))
-        # d(R e1) = R (d x e1): the component along a body vector u is (e1 x u) . d
-        out[:, 0, 1] -= direction[:, 2]
-        out[:, 0, 2] += direction[:, 1]
-        out[:, 0, 3:6] = ratio[:, None] * toward
-        return out
+        # d(R f) = R (d x f): the component along a body vector u is (f x u) . d
+        turned = np.cross(toward, from_track) + np.cross(f, direction)
+        by_angles = np.einsum("mcj,mj->mc", d_f, direction)
+        d_nav = np.concatenate([turned, toward, np.zeros_like(toward)], axis=1)
+        return d_nav[:, None], np.concatenate([by_angles, toward], axis=1)[:, None]
 
     by_t0 = 0.5 * ratio[:, None] * chord + (along * d_ratio)[:, None] * t1
     by_t1 = 0.5 * ratio[:, None] * chord + (along * d_ratio)[:, None] * t0
+    (d_first, at_first), (d_second, at_second) = jacobians(first.R, by_t0, -1.0), jacobians(second.R, by_t1, 1.0)
     d_odo = np.zeros((len(odo), 1, Kind.ODO.dim))
     d_odo[:, 0, Odo.STEP] = -1.0
     residual = ratio * along - odo.step
-    return residual[:, None], (jacobian(first.R, by_t0, -1.0), jacobian(second.R, by_t1, 1.0), d_odo)
+    return residual[:, None], (d_first, d_second, d_odo, at_first + at_second)
 
 
 def _angle_over_sine(cosine: Array) -> tuple[Array, Array]:
@@ -155,12 +156,17 @@ def _angle_over_sine(cosine: Array) -> tuple[Array, Array]:
 def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
     """The distance between two keyframes is the length of the arc between their poses.
 
-    Residual (m): ``(c . (t0 + t1)/2) phi/sin(phi) - a_k+1`` with c the chord between the reference points, t0 and t1
-    the forward axes and phi the angle between them. It is exact on a circle, where c is along t0 + t1 and the arc is
-    radius times phi, and signed: backwards counts negative. ``lever_arm`` (3,) is the IMU's position in the vehicle, m.
-    sigma (m, 1).
+    Residual (m): ``(c . (t0 + t1)/2) phi/sin(phi) - a_k+1`` with c the chord of the point that follows the track, t0
+    and t1 the directions of travel and phi the angle between them. It is exact on a circle, where c is along t0 + t1
+    and the arc is radius times phi, and signed: backwards counts negative. ``lever_arm`` (3,) is the IMU's position in
+    the vehicle, m; point and direction are those of ``MOUNT``. sigma (m, 1).
     """
-    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.ODO, first + 1))
+    slots = (
+        Slot(Kind.NAV, first),
+        Slot(Kind.NAV, first + 1),
+        Slot(Kind.ODO, first + 1),
+        Slot(Kind.MOUNT, np.zeros_like(first)),
+    )
     return Family(FactorType.ARC_LENGTH, _arc, slots, {"lever_arm": np.tile(lever_arm, (len(first), 1))}, sigma)
 
 

@@ -20,7 +20,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
-from trackfg.factors.motion import mount_derivative, mount_matrix
+from trackfg.factors.motion import mount_derivative, mount_matrix, tracking_point
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import skew, so3_log, so3_right_jacobian_inverse
@@ -30,8 +30,9 @@ def _path(
     first: Nav, second: Nav, mount: Array, turn: Array, mean: Array, mean_by_time: Array, lever_arm: Array
 ) -> tuple[Array, tuple[Array, ...]]:
     relative = np.swapaxes(first.R, 1, 2) @ second.R
-    chord = (second.p - np.einsum("mij,mj->mi", second.R, lever_arm)) - (
-        first.p - np.einsum("mij,mj->mi", first.R, lever_arm)
+    from_track = lever_arm - tracking_point(mount)
+    chord = (second.p - np.einsum("mij,mj->mi", second.R, from_track)) - (
+        first.p - np.einsum("mij,mj->mi", first.R, from_track)
     )
     u = np.einsum("mji,mj->mi", first.R, chord)
     e = so3_log(np.swapaxes(turn, 1, 2) @ relative)
@@ -49,23 +50,25 @@ def _path(
     inverse = so3_right_jacobian_inverse(e)
     share = (u[:, 0] / c[:, 0])[:, None, None]
     by_e = -share * across(d_c_by_e @ inverse)
-    arm = skew(lever_arm)
+    arm = skew(from_track)
     m = len(u)
     d_first, d_second = np.zeros((m, 2, 9)), np.zeros((m, 2, 9))
     d_first[:, :, :3] = across(skew(u) - arm) - by_e @ np.swapaxes(relative, 1, 2)
     d_first[:, :, 3:6] = across(np.broadcast_to(-np.eye(3), (m, 3, 3)))
     d_second[:, :, :3] = across(relative @ arm) + by_e
     d_second[:, :, 3:6] = across(relative)
-    d_mount = -share * across((mean + mean_by_time @ skew(e)) @ d_f)
+    d_angles = -share * across((mean + mean_by_time @ skew(e)) @ d_f)
+    d_mount = np.concatenate([d_angles, across(relative - np.eye(3))], axis=2)
     return residual, (d_first, d_second, d_mount)
 
 
 def follows_path(
     first: np.ndarray, turn: Array, mean: Array, mean_by_time: Array, lever_arm: Array, sigma: Array, loss: Loss | None
 ) -> Family:
-    """The reference point moves where the vehicle points, from keyframe k to k + 1.
+    """The point that follows the track moves where the vehicle points, from keyframe k to k + 1.
 
-    Residual (m): rows 2 and 3 of ``R_k' (q_k+1 - q_k)`` less ``c`` scaled to the same first row; ``q = p - R l``.
+    Residual (m): rows 2 and 3 of ``R_k' (q_k+1 - q_k)`` less ``c`` scaled to the same first row; ``q = p - R (l - x)``,
+    x the place of that point from the vehicle reference point, which ``MOUNT`` holds.
     ``turn`` (m, 3, 3) is the gyro's rotation over the interval, ``mean`` and ``mean_by_time`` (m, 3, 3) are C and K,
     ``lever_arm`` (3,) m. sigma (m, 2), m.
     """

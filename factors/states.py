@@ -8,7 +8,8 @@ kind       dim   content and tangent
 ``BIAS``   6     accelerometer bias (m/s^2), then gyro bias (rad/s), as in ``gtsam.imuBias.ConstantBias``
 ``ODO``    4     along-track distance (m), wheel scale, wheel distance as the tach counts it (m), distance since the
                  previous keyframe (m)
-``MOUNT``  2     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad)
+``MOUNT``  5     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad); where the
+                 point that follows the track is, from the vehicle reference point, in IMU axes (m)
 ``IMU``    21    shared: scale factors and misalignments of the inertial sensor, as :mod:`trackfg.factors.bias` says
 ``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
                  middle of the run and its drift (s/s), the GNSS receiver's offset (s)
@@ -43,7 +44,7 @@ class Kind(Enum):
     NAV = ("n", 9, False)
     BIAS = ("b", 6, False)
     ODO = ("o", 4, False)
-    MOUNT = ("m", 2, True)
+    MOUNT = ("m", 5, True)
     CLOCK = ("c", 3, True)
     IMU = ("i", 21, True)
     WHEEL = ("w", 5, True)

@@ -73,7 +73,7 @@ class MotionConfig(_Section):
     vertical_sd_mps: Positive = 0.01
     sd_per_speed: Positive = 1e-3
     robust_width: Positive = 3.0
-    mount_sd_deg: Positive = 0.3
+    mount_sd_deg: Positive = 3.0
     path_sd_m: Positive = 2e-5
     path_sd_relative: Positive = 1e-5
     rest_speed_sd_mps: Positive = 1e-3

@@ -20,7 +20,7 @@ def calibration(A: np.ndarray, W: np.ndarray, G: np.ndarray) -> np.ndarray:
 
 def states(bias: np.ndarray, imu: np.ndarray) -> States:
     nav = Nav(np.tile(np.eye(3), (N, 1, 1)), np.zeros((N, 3)), np.zeros((N, 3)))
-    return States(nav, bias, Odo(np.zeros((N, 4))), np.zeros((1, 2)), np.zeros((1, 3)), imu)
+    return States(nav, bias, Odo(np.zeros((N, 4))), np.zeros((1, 5)), np.zeros((1, 3)), imu)
 
 
 def walk() -> Family:

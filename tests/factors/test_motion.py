@@ -41,6 +41,17 @@ def test_a_sensor_sees_the_direction_of_travel_as_it_is_mounted(
     +0.1 rad: it travels 0.1 rad below it.
     """
     family = non_holonomic(np.array([0]), np.zeros((1, 3)), np.zeros(3), np.ones((1, 2)), None)
-    states = replace(at_origin(1), mount=np.array([mount]))
+    states = replace(at_origin(1), mount=np.array([[*mount, 0.0, 0.0, 0.0]]))
     along = [10.0 * part for part in direction]
     np.testing.assert_allclose(family.residual(going(states, along)), [[0.0, 0.0]], atol=1e-12)
+
+
+def test_a_point_that_follows_the_track_is_where_nothing_swings(at_origin: AtOrigin) -> None:
+    """The sensor is 10 m ahead of it and swings by w x c = (0, 0, 0.04) x (10, 0, 0), 0.4 m/s to the left in a curve
+    to the left. The point is 10 m behind the reference point, which is the sensor's own.
+    """
+    rate = np.array([[0.0, 0.0, 0.04]])
+    family = non_holonomic(np.array([0]), rate, np.zeros(3), np.ones((1, 2)), None)
+    behind = replace(at_origin(1), mount=np.array([[0.0, 0.0, -10.0, 0.0, 0.0]]))
+    np.testing.assert_allclose(family.residual(going(behind, [20.0, 0.4, 0.0])), [[0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(family.residual(going(at_origin(1), [20.0, 0.4, 0.0])), [[0.4, 0.0]], atol=1e-12)

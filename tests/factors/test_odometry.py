@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from trackfg.factors.landmark import landmark
-from trackfg.factors.odometry import distance_chain, tach_distance, tach_reading, wheel_response
-from trackfg.factors.states import Odo, States
+from trackfg.factors.odometry import arc_length, distance_chain, tach_distance, tach_reading, wheel_response
+from trackfg.factors.states import Nav, Odo, States
 
 AtOrigin = Callable[[int], States]
 
@@ -85,6 +85,24 @@ def test_a_speed_that_is_cut_off_is_short_by_as_much_in_every_second_of_motion(a
     family = tach_distance(np.array([0]), forwards[None], np.ones((1, 1)), None)
     wheel = np.array([[0.0, 0.0, 0.0, 0.0, -0.5 / 3.6]])
     assert family.residual(replace(at_origin(2), odo=odo, wheel=wheel)).item() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_askew_sensor_measures_the_whole_way(at_origin: AtOrigin) -> None:
+    """A vehicle travels 10 m along its own axis, which is 0.2 rad to the left of the sensor's: the arc is 10 m long,
+    and not 10 cos 0.2. In a quarter turn to the left about a point 100 m away the sensor, 10 m to the left of the point
+    that follows the track, moves along an arc of 90 pi/2, and that point along one of 100 pi/2.
+    """
+    family = arc_length(np.array([0]), np.zeros(3), np.ones((1, 1)))
+    straight, turning = at_origin(2), at_origin(2)
+    along = Nav(straight.nav.R, np.array([[0.0, 0.0, 0.0], [10 * np.cos(0.2), 10 * np.sin(0.2), 0.0]]), straight.nav.v)
+    odo = Odo(np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 1.0, 0.0, 10.0]]))
+    askew = replace(straight, nav=along, odo=odo, mount=np.array([[0.0, 0.2, 0.0, 0.0, 0.0]]))
+    assert family.residual(askew).item() == pytest.approx(0.0, abs=1e-12)
+    R = np.stack([np.eye(3), [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+    curve = Nav(R, np.array([[0.0, 0.0, 0.0], [90.0, 90.0, 0.0]]), turning.nav.v)
+    odo = Odo(np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 1.0, 0.0, 100 * np.pi / 2]]))
+    aside = replace(turning, nav=curve, odo=odo, mount=np.array([[0.0, 0.0, 0.0, -10.0, 0.0]]))
+    assert family.residual(aside).item() == pytest.approx(0.0, abs=1e-9)
 
 
 def test_distance_adds_up(at_origin: AtOrigin) -> None:

@@ -14,7 +14,7 @@ from trackfg.sensors.imu_intervals import Intervals, turning
 
 RATE_HZ, FINE = 200.0, 20
 LEVER = np.array([1.2, -0.3, 0.9])
-MOUNT = np.array([[0.004, -0.006]])
+MOUNT = np.array([[0.004, -0.006, 0.0, 0.0, 0.0]])
 
 
 def wobbly(duration_s: float, speed_mps: float) -> tuple[Intervals, np.ndarray, Nav]:
@@ -83,7 +83,7 @@ def test_residual_is_how_far_the_sensor_left_the_path() -> None:
 
 def test_wrong_mounting_shows_as_an_angle_along_the_whole_length() -> None:
     samples, distance, nav = wobbly(1.0, 20.0)
-    askew = MOUNT + np.array([[0.0, 1e-3]])
+    askew = MOUNT + np.array([[0.0, 1e-3, 0.0, 0.0, 0.0]])
     residual = factor(samples, distance, ends(samples)).residual(states(nav, askew))[0]
     assert residual[0] == pytest.approx(-1e-3 * distance[-1], rel=0.02)
 
@@ -114,7 +114,7 @@ def test_noise_of_the_gyro_leaves_a_bridge_that_is_independent_of_the_turn() -> 
     p[:, 0] = length * np.arange(runs + 1)
     nav = Nav(np.tile(np.eye(3), (runs + 1, 1, 1)), p, np.zeros((runs + 1, 3)))
     family = factor(samples, distance, np.arange(0, n + 1, per), np.zeros(3))
-    residual = family.residual(states(nav, np.zeros((1, 2))))
+    residual = family.residual(states(nav, np.zeros((1, 5))))
     expected = noise * length * np.sqrt(duration / 12.0)
     np.testing.assert_allclose(residual.std(axis=0), expected, rtol=4.0 / np.sqrt(2 * runs))
     turned = gyro.reshape(runs, per, 3).sum(axis=1)

@@ -108,7 +108,7 @@ def pairs(trail_m: float) -> Pairs:
     step = 1e-6
     v = (position(t + step) - position(t - step)) / (2 * step)
     nav, n = Nav(rotation(t), position(t), v), len(t)
-    states = States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
+    states = States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
     return Pairs(np.array(first), start, at - start, np.array(lead), np.array(trail), states)
 
 

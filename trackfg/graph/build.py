@@ -63,6 +63,10 @@ _SET_SD_M = 1e-4
 _SET_OFFSET_SD_MPS = 1e-6
 """Of a speed signal's offset where nothing makes one, m/s: 1 mm in a quarter of an hour."""
 
+_SET_SD_RAD = 1e-4
+"""Of a heading that is 0 by convention: more than half the product of roll's and pitch's initial errors, by which the
+third component of the prior's turn differs from the heading."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -289,8 +293,8 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     noise, config = inputs.recording.description.imu.noise, inputs.config
     first = np.array([0])
     georeferenced = inputs.recording.gnss is not None
-    # Without GNSS the start defines the frame: its position and yaw are known by convention.
-    yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (1e-6, 1e-4)
+    # Without GNSS the start defines the frame: its position and heading are known by convention.
+    yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (_SET_SD_RAD, _SET_SD_M)
     nav_sd = np.array([[0.2, 0.2, yaw_sd, *[position_sd] * 3, 10.0, 10.0, 10.0]])
     bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
     tach = inputs.recording.description.tach
@@ -305,12 +309,12 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     imu_sd = response_sigmas(*calibration)[None]
     offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
-    mount_sd = np.full((1, 2), np.radians(config.motion.mount_sd_deg))
+    mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
     return [
         nav_prior(first, states.nav[:1], nav_sd),
         prior(Kind.BIAS, first, np.zeros((1, 6)), bias_sd),
         prior(Kind.ODO, first, states.odo.array[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
-        prior(Kind.MOUNT, first, np.zeros((1, 2)), mount_sd),
+        prior(Kind.MOUNT, first, np.zeros((1, Kind.MOUNT.dim)), mount_sd),
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
         prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
         prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),

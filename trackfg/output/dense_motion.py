@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import Nav, States
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -44,7 +45,8 @@ class DenseMotion:
     """Rows of motion: ``t`` (m,) s, ``nav`` of the IMU, distance along the track ``distance`` (m,) m, body rate
     ``gyro`` (m, 3) rad/s, a mean of the samples over ``gyro_span`` (m,) s.
 
-    ``keyframe`` (m,) and ``fraction`` (m,) say where between which keyframes each row lies.
+    ``keyframe`` (m,) and ``fraction`` (m,) say where between which keyframes each row lies; ``forward`` (3,) is the
+    direction of travel in the IMU's axes.
     """
 
     t: Array
@@ -54,6 +56,7 @@ class DenseMotion:
     gyro_span: Array
     keyframe: np.ndarray
     fraction: Array
+    forward: Array
 
     def at(self, t: Array) -> DenseMotion:
         """Return the motion at times ``t`` (k,) within the run: constant acceleration and rate between rows."""
@@ -68,14 +71,14 @@ class DenseMotion:
             here.p + f * (there.p - here.p) - 0.5 * tau * (width - tau) / width * (there.v - here.v),
             here.v + f * (there.v - here.v),
         )
-        slow, fast = (np.sum(side.v * side.R[:, :, 0], axis=1) for side in (here, there))
+        slow, fast = (np.sum(side.v * (side.R @ self.forward), axis=1) for side in (here, there))
         bend = 0.5 * tau[:, 0] * (1.0 - f[:, 0]) * (fast - slow)
         distance = self.distance[i] + f[:, 0] * (self.distance[i + 1] - self.distance[i]) - bend
         keyframe = self.keyframe[i]
         # The row after an interval's last one belongs to the next keyframe, at fraction 0.
         end = np.where(self.keyframe[i + 1] > keyframe, 1.0, self.fraction[i + 1])
         fraction = self.fraction[i] + f[:, 0] * (end - self.fraction[i])
-        return DenseMotion(t, nav, distance, self.gyro[i], self.gyro_span[i], keyframe, fraction)
+        return DenseMotion(t, nav, distance, self.gyro[i], self.gyro_span[i], keyframe, fraction, self.forward)
 
 
 def dense_step(states: States, step_m: float) -> float:
@@ -92,7 +95,7 @@ def dense_motion(run: RunContext, states: States, step_s: float, times: Array | 
     parts = [_between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
     t, nav, distance = run.t[n:], states.nav[n:], states.odo.distance[n:]
     last = parts[-1].gyro[-1:], parts[-1].gyro_span[-1:]
-    parts.append(DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1)))
+    parts.append(DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1), parts[-1].forward))
     return _joined(parts)
 
 
@@ -108,6 +111,7 @@ def _joined(parts: list[DenseMotion]) -> DenseMotion:
         all_of(lambda part: part.gyro_span),
         all_of(lambda part: part.keyframe),
         all_of(lambda part: part.fraction),
+        parts[0].forward,
     )
 
 
@@ -150,8 +154,10 @@ def _between(
     gravity = np.array([0.0, 0.0, -run.world.gravity])
     fall = [gravity - cross(run.world.earth_rate + turning, side.v) for side in (start, end)]
     distance = states.odo.distance[intervals.start : intervals.stop + 1]
-    p, v, along = _path(rows, start, end, R, push, fall, distance)
-    return DenseMotion(t, Nav(R, p, v), along, rate, increments.duration, i + intervals.start, rows.f)
+    forward = mount_matrix(states.mount)[0, :, 0]
+    ahead = R @ forward, end.R @ forward
+    p, v, along = _path(rows, start, end, ahead, push, fall, distance)
+    return DenseMotion(t, Nav(R, p, v), along, rate, increments.duration, i + intervals.start, rows.f, forward)
 
 
 def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) -> Array:
@@ -170,12 +176,12 @@ def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) ->
 
 
 def _path(
-    rows: _Rows, start: Nav, end: Nav, R: Array, push: Array, fall: list[Array], distance: Array
+    rows: _Rows, start: Nav, end: Nav, ahead: tuple[Array, Array], push: Array, fall: list[Array], distance: Array
 ) -> tuple[Array, Array, Array]:
     """Integrate velocity increments ``push`` (m, 3) and ``fall`` (m/s^2 at both ends) to position, velocity, distance.
 
     All close at both keyframes, by the cubic with the required end values and slopes; ``distance`` (k + 1,) is that of
-    the keyframes.
+    the keyframes, ``ahead`` the directions of travel (m, 3) of the rows and (k, 3) of the intervals' ends.
     """
     i, f, span = rows.interval, rows.f, rows.span
     middle = f[:, None] + 0.5 * rows.dt / span[i, None]
@@ -184,10 +190,10 @@ def _path(
     v = start.v[i] + faster
     step = (v + 0.5 * gained) * rows.dt
     moved, p_end = _running_sum(step, rows.starts)
-    travelled, d_end = _running_sum(np.einsum("mi,mi->m", step, R[:, :, 0]), rows.starts)
+    travelled, d_end = _running_sum(np.einsum("mi,mi->m", step, ahead[0]), rows.starts)
 
     left_p, left_v = end.p - start.p - p_end, end.v - start.v - v_end
-    left_speed, left_d = np.sum(left_v * end.R[:, :, 0], axis=1), np.diff(distance) - d_end
+    left_speed, left_d = np.sum(left_v * ahead[1], axis=1), np.diff(distance) - d_end
     _, w, _, u = hermite_weights(f, span[i])
     _, w_rate, _, u_rate = hermite_rates(f, span[i])
     return (

@@ -117,7 +117,7 @@ def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple
     nav = ascent.motion.nav[ascent.rows]
     body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
     arm = -np.einsum("mij,mj->mi", nav.R, body)
-    speed = np.abs(np.sum(nav.v * nav.R[:, :, 0], axis=1))
+    speed = np.abs(np.sum(nav.v * (nav.R @ ascent.motion.forward), axis=1))
     points, speed = ascent.points(grid, leftward, nav.R[:, :, 1] * run.direction, arm, speed)
     across, up = view.sd(0.0)
     readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)

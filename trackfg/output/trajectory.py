@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.factors.motion import mount_matrix
+from trackfg.factors.motion import mount_axes, mount_matrix
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -111,8 +111,7 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     J[:, 4, faster] = forward
 
     euler = euler_rates(rpy)
-    mount_pitch = mount[0, 0]
-    by_mount = np.array([[0.0, -np.sin(mount_pitch)], [1.0, 0.0], [0.0, np.cos(mount_pitch)]])
+    by_mount = R_bt.T @ mount_axes(mount)[0]
     J[:, 5:8, turn] = euler @ R_bt.T
     J[:, 5:8, mounting] = euler @ by_mount
     return J

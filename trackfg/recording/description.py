@@ -65,12 +65,27 @@ class ImuNoise(Model):
     g_sensitivity_sd: Positive = 2e-5
 
 
+TAPE_SD_M = (0.05, 0.02, 0.05)
+"""1-sigma of a lever arm that was declared, m: it was measured with a tape, sideways from the middle of the vehicle."""
+
+ON_SPRINGS_SD_M = (1.0, 0.02, 1.0)
+"""1-sigma of a declared one in a body on springs, m: what follows the track is where the body's roll and pitch have
+their poles, at the height of the springs and not of the rails."""
+
+ANYWHERE_SD_M = (5.0, 0.5, 1.0)
+"""1-sigma of a lever arm of which nothing is declared, m: cars are 20 to 26 m long, 2.6 to 3 m wide and 3.5 to 4.5 m
+high, and a sensor is somewhere in them or below them."""
+
+
 class Imu(Table):
     """The inertial sensor: columns, units, axes, mounting and noise.
 
     ``id`` names the sensor in its mounting: recordings with one ``id`` share what is not known of the mounting.
     ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
     body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
+    ``lever_arm_sd_m``: how well ``lever_arm_m`` says where the sensor is from the point of the vehicle that follows the
+    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, where a lever arm is declared, else to
+    :data:`ANYWHERE_SD_M`.
     """
 
     id: Annotated[str, Field(min_length=1)] | None = None
@@ -84,7 +99,17 @@ class Imu(Table):
     mount_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
     mount_roll_sd_deg: Annotated[float, Field(ge=0)] = 0.0
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+    lever_arm_sd_m: tuple[Positive, Positive, Positive] | None = None
     noise: ImuNoise = ImuNoise()
+
+    @property
+    def lever_arm_sigma_m(self) -> Vector3:
+        """The 1-sigma of the lever arm as it is declared, or else by default, m."""
+        if self.lever_arm_sd_m is not None:
+            return self.lever_arm_sd_m
+        if not any(self.lever_arm_m):
+            return ANYWHERE_SD_M
+        return TAPE_SD_M if self.rigid else ON_SPRINGS_SD_M
 
     @field_validator("axes")
     @classmethod

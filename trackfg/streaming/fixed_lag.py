@@ -26,6 +26,7 @@ import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
+from trackfg.factors.motion import mount_matrix
 from trackfg.graph.motion import RATE_WINDOW_S
 from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion
@@ -186,7 +187,8 @@ class FixedLagSmoother:
         at = np.array([window.t[-1]])
         rate = buffer.mean_rate(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
-        motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end)
+        forward = mount_matrix(two.mount)[0, :, 0]
+        motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end, forward)
         return trajectory_columns(run, motion, two, covariance)
 
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:

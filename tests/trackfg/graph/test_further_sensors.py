@@ -71,7 +71,7 @@ def test_without_noise_the_factors_hold_at_the_truth() -> None:
 def test_a_radar_helps_where_wheels_slip_and_its_sigmas_are_true() -> None:
     """As measured over four seeds of 400 s: 0.066 m instead of 0.104 m rms."""
     squares, covered = [], []
-    for seed in (1, 2, 3):
+    for seed in (1, 2, 3, 4):
         run = simulate(RADAR, seed=seed, duration_s=300.0)
         smoothed = smooth_states(run.recording, SmoothConfig())
         error, sd = errors(run, smoothed)

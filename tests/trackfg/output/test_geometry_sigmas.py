@@ -38,7 +38,7 @@ def straight_run() -> States:
     along = np.stack([SPEED_MPS * t, 0.0 * t, 0.0 * t], axis=1)
     nav = Nav(np.tile(np.eye(3), (KEYFRAMES, 1, 1)), along, np.tile([SPEED_MPS, 0.0, 0.0], (KEYFRAMES, 1)))
     odo = Odo.of(along[:, 0], np.ones(KEYFRAMES), along[:, 0], np.gradient(along[:, 0]))
-    return States(nav, np.zeros((KEYFRAMES, 6)), odo, np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, np.zeros((KEYFRAMES, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
 
 
 def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:
@@ -155,7 +155,7 @@ def test_the_left_rail_up_is_positive_facing_increasing_chainage(direction: int,
     n, along = len(t), np.stack([SPEED_MPS * t, 0.0 * t, 0.0 * t], axis=1)
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), along, np.tile([SPEED_MPS, 0.0, 0.0], (n, 1)))
     k = np.minimum((t / INTERVAL_S).astype(np.int64), KEYFRAMES - 2)
-    motion = DenseMotion(t, nav, along[:, 0], np.zeros((n, 3)), np.full(n, 0.04), k, t / INTERVAL_S - k)
+    motion = DenseMotion(t, nav, along[:, 0], np.zeros((n, 3)), np.full(n, 0.04), k, t / INTERVAL_S - k, np.eye(3)[0])
     views = [seen("left", 0.6, -0.35), seen("right", -0.6, -0.85)]
     (profile,) = rail_profiles(run, motion, states, views)
     shapes = profile.shapes

@@ -27,7 +27,7 @@ AHEAD = 0.4
 def states() -> States:
     roll, yaw = np.full(KEYFRAMES, 0.1), np.full(KEYFRAMES, AHEAD)
     nav = Nav(matrix_from_rpy(roll, np.zeros(KEYFRAMES), yaw), np.zeros((KEYFRAMES, 3)), np.zeros((KEYFRAMES, 3)))
-    zeros = (np.zeros((KEYFRAMES, 6)), Odo(np.zeros((KEYFRAMES, 4))), np.zeros((1, 2)), np.zeros((1, 3)))
+    zeros = (np.zeros((KEYFRAMES, 6)), Odo(np.zeros((KEYFRAMES, 4))), np.zeros((1, 5)), np.zeros((1, 3)))
     return States(nav, *zeros, np.zeros((1, Kind.IMU.dim)))
 
 

@@ -52,7 +52,7 @@ def gyro() -> np.ndarray:
 def states(gyro: np.ndarray) -> States:
     """A vehicle on rails: what moves at the reference point moves along the direction of travel."""
     rng = np.random.default_rng(3)
-    mount = np.array([[0.03, -0.05]])
+    mount = np.array([[0.03, -0.05, 0.0, 0.0, 0.0]])
     R = matrix_from_rpy(0.1 * rng.normal(size=N), 0.05 * rng.normal(size=N), rng.uniform(-3, 3, N))
     forward = mount_matrix(mount)[0][:, 0]
     body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
@@ -72,8 +72,9 @@ def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
     """Rows whose body rates have no noise."""
     keyframe = np.append(np.arange(N - 1), N - 2)
     fraction = np.append(np.zeros(N - 1), 1.0)
+    forward = mount_matrix(states.mount)[0, :, 0]
     return DenseMotion(
-        np.arange(float(N)), states.nav, states.odo.distance, gyro, np.full(N, np.inf), keyframe, fraction
+        np.arange(float(N)), states.nav, states.odo.distance, gyro, np.full(N, np.inf), keyframe, fraction, forward
     )
 
 

@@ -13,9 +13,10 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
-from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.errors import UnsolvableError
 from trackfg.factors.states import Kind
+from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import ImuNoise
 from trackfg.recording.model import Recording
 from trackfg.results.columns import TRAJECTORY_COLUMNS
@@ -158,6 +159,43 @@ def test_scale_factors_and_misalignments_are_found(simulated: Callable[..., Simu
     for row, column in ((2, 2), (0, 2)):
         assert abs(found[row, column] - W[row, column]) < 3.5 * sd[row, column]
     assert_honest(run, result)
+
+
+def mounted(recording: Recording, rpy_deg: tuple[float, float, float]) -> Recording:
+    """Return what the sensor would record if it were turned in the vehicle, undeclared."""
+    R_vs = matrix_from_rpy(*(np.radians(angle) for angle in rpy_deg))
+    imu = recording.imu.copy()
+    for triad in (imu.columns[1:4], imu.columns[4:7]):
+        imu[triad] = imu[triad].to_numpy() @ R_vs
+    return replace(recording, imu=imu)
+
+
+@pytest.mark.parametrize(("pitch", "yaw"), [(-2.8, 0.0), (0.0, 6.8), (0.0, -10.0)])
+def test_direction_of_travel_is_found_wherever_the_sensor_points(
+    simulated: Callable[..., Simulation], pitch: float, yaw: float
+) -> None:
+    """Attitude, speed and distance are those of the vehicle. The sensor sees it turned back."""
+    run = simulated("mainline", seed=0, duration_s=TOTAL_S)
+    result = solved(mounted(run.recording, (0.0, pitch, yaw)))
+    assert_honest(run, result)
+    sd = np.degrees(np.sqrt(np.diagonal(result.covariance.of(Kind.MOUNT)[0])))[:2]
+    seen = np.degrees(result.solution.states.mount[0, :2])
+    assert (np.abs(seen + np.array([pitch, yaw])) < 4.0 * sd).all()
+    assert (sd < 0.1).all()
+
+
+@pytest.mark.parametrize("place", [(10.0, 0.0, 0.0), (-2.0, 0.5, 2.0)])
+def test_place_of_the_sensor_is_found_in_curves(place: tuple[float, float, float]) -> None:
+    """A car body on springs, whose recording says nothing of where the sensor is."""
+    plan = scenario("slippery-line")
+    run = simulate(replace(plan, imu=replace(plan.imu, lever_arm_m=place)), seed=0, duration_s=TOTAL_S)
+    imu = run.recording.description.imu.model_copy(update={"lever_arm_m": (0.0, 0.0, 0.0)})
+    recording = replace(run.recording, description=run.recording.description.model_copy(update={"imu": imu}))
+    result = solved(recording)
+    assert_honest(run, result, ("chainage_m", *ATTITUDE))
+    seen, sd = result.solution.states.mount[0, 2:], np.sqrt(np.diagonal(result.covariance.of(Kind.MOUNT)[0]))[2:]
+    assert (np.abs(seen + place)[:2] < 4.0 * sd[:2]).all()
+    assert sd[0] < 0.5
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -15,6 +15,7 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
+from trackfg.factors.motion import mount_matrix
 from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Nav, Odo, States
 from trackfg.graph.further_sensors import further_distances
@@ -115,7 +116,7 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
         moved_sd = span * np.hypot(speed_sd, np.max(interval.measured.noise.accel) * np.sqrt(span / 3.0))
         distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
         if abs(further) < _ROLLING_SIGMAS * distance_sd:
-            nav, forward = predicted.nav, predicted.nav.R[:, :, 0]
+            nav, forward = predicted.nav, predicted.nav.R @ mount_matrix(predicted.mount)[0, :, 0]
             nav = Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward)
             predicted = replace(predicted, nav=nav)
         else:

@@ -34,7 +34,7 @@ RIGHT, WRONG, OTHER = 0.0, 60.0, -200.0
 def at(distance: float) -> States:
     nav = Nav(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
     odo = Odo(np.array([[distance, 1.0, 0.0, 0.0]]))
-    return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
 
 
 def passing(distance: float, fix: float) -> Interval:
