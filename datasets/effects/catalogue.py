@@ -166,7 +166,7 @@ EFFECTS: dict[str, EffectKind] = {
         "the same, declared rigid", partial(SpringRoll, declared_rigid=True), "", (0.2, 0.4), "UIC 505-5: 0.2-0.4"
     ),
     "delayed-stamps": EffectKind(
-        "IMU samples stamped on arrival, exponential delays", DelayedStamps, "ms", (5.0, 20.0), "USB and serial drivers"
+        "IMU samples stamped on arrival, exponential delays", DelayedStamps, "ms", (1.0, 5.0), "USB and serial drivers"
     ),
     "clock-jump": EffectKind("the IMU's clock jumps ahead", ClockJump, "s", (1.0, 5.0), "a clock set while recording"),
     "creeping": EffectKind("creeping along at 0.2 to 1 times the speed", Creeping, "m/s", (0.5, 0.1), _ASSUMED),

@@ -19,7 +19,7 @@ CLEAN = "clean"
 _REST_S = 20.0
 _STATIONS_M = 2000.0
 """A rest first and a stop every 2 km: a run of ten minutes has three or four."""
-_FIXES_M = {"fixes": 2000.0, "many fixes": 300.0}
+_FIXES_M = {"fixes": 2000.0, "some fixes": 600.0, "many fixes": 300.0}
 _FIX_SD_M = 0.1
 _GNSS_SD_M = (2.0, 2.0, 4.0)
 
@@ -29,7 +29,7 @@ BASES: dict[str, tuple[str, ...]] = {
     "coarse-pulses": ("odometry", "fixes"),
     "weak-creep": ("odometry", "fixes"),
     "scale-jump": ("fixes",),
-    "wrong-fixes": ("fixes", "many fixes"),
+    "wrong-fixes": ("some fixes", "many fixes"),
     "scattered-fixes": ("many fixes",),
     "canyon": ("gnss", "gnss alone"),
     "late-gnss": ("gnss",),
