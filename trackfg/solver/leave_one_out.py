@@ -21,8 +21,8 @@ from trackfg.factors.states import States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import Covariance
 
-_LEAST_LEFT = 1e-9
-"""Least share of a measurement's weight that the others keep: below it rounding decides."""
+_MOST_FOLLOWED = 1.0 - 1e-9
+"""Share of a measurement that a solution follows, at most: beyond it rounding decides what the others say."""
 
 
 class LeftOut(NamedTuple):
@@ -44,16 +44,24 @@ def left_out(family: Family, states: States, covariance: Covariance, *, used: bo
 
     ``states`` and ``covariance`` are those of the solution; with ``used`` false the family was no part of it.
     """
-    residual, jacobians = family.evaluated(family.values(states))
-    keyed = [slot.index for slot in family.slots if not slot.kind.shared]
-    columns = np.concatenate(
-        [offset_in_keyframe(slot.kind) + np.arange(slot.kind.dim) for slot in family.slots],
-    )
-    J = np.concatenate(jacobians, axis=2)
-    P = covariance.marginal[keyed[0][:, None, None], columns[:, None], columns]
-    S = J @ P @ np.swapaxes(J, 1, 2)
+    residual, S = predicted(family, states, covariance)
     if not used:
         return LeftOut(residual, S)
-    information = family.weights(states)[:, None] / family.sigma**2
-    left = np.eye(S.shape[1]) * (1.0 + _LEAST_LEFT) - S * information[:, None, :]
-    return LeftOut(np.linalg.solve(left, residual[:, :, None])[:, :, 0], np.linalg.solve(left, S))
+    # In the measurement's own sigmas the share that the solution follows is symmetric.
+    root = np.sqrt(family.weights(states))[:, None] / family.sigma
+    followed, axes = np.linalg.eigh(root[:, :, None] * S * root[:, None, :])
+    followed = np.minimum(followed, _MOST_FOLLOWED)
+    left_inverse = (axes / (1.0 - followed)[:, None, :]) @ np.swapaxes(axes, 1, 2)
+    error = np.einsum("mij,mj->mi", left_inverse, residual * root) / root
+    spread = (axes * (followed / (1.0 - followed))[:, None, :]) @ np.swapaxes(axes, 1, 2)
+    return LeftOut(error, spread / (root[:, :, None] * root[:, None, :]))
+
+
+def predicted(family: Family, states: States, covariance: Covariance) -> tuple[Array, Array]:
+    """Return residuals (m, d) and the posterior covariance of the predicted measurements, (m, d, d)."""
+    residual, jacobians = family.evaluated(family.values(states))
+    keyframe = next(slot.index for slot in family.slots if not slot.kind.shared)
+    columns = np.concatenate([offset_in_keyframe(slot.kind) + np.arange(slot.kind.dim) for slot in family.slots])
+    J = np.concatenate(jacobians, axis=2)
+    P = covariance.marginal[keyframe[:, None, None], columns[:, None], columns]
+    return residual, J @ P @ np.swapaxes(J, 1, 2)

@@ -1,0 +1,87 @@
+"""Level and correlation time of GNSS errors from residuals, and runs through street canyons."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.numerics.arrays import Array
+from trackfg.results.result import Result
+from trackfg.smoothing.gnss_errors import errors_seen
+from trackfg.smoothing.smoother import smooth
+
+
+def lasting(n: int, time_s: float, sd: float, rng: np.random.Generator) -> Array:
+    """A first-order Gauss-Markov process, once a second, shape (n, 3)."""
+    phi = np.exp(-1.0 / time_s)
+    driven = rng.standard_normal((n, 3))
+    driven[1:] *= np.sqrt(1.0 - phi * phi)
+    return np.asarray(sd * lfilter([1.0], [1.0, -phi], driven, axis=0))
+
+
+def test_white_errors_as_declared_change_nothing() -> None:
+    t = np.arange(600.0)
+    seen = errors_seen(t, np.random.default_rng(1).standard_normal((600, 3)), np.full((600, 3), 0.01))
+    assert np.abs(np.log(seen.factor)).max() < 0.4
+    assert np.sqrt(np.mean(np.log(seen.factor) ** 2)) < 0.15
+
+
+def test_a_level_is_that_of_the_errors_although_outliers_come_on_top() -> None:
+    rng = np.random.default_rng(2)
+    error = 4.0 * rng.standard_normal((600, 3))
+    error[rng.choice(600, 12)] += 100.0
+    seen = errors_seen(np.arange(600.0), error, np.zeros((600, 3)))
+    assert np.median(seen.level) == pytest.approx(4.0, rel=0.1)
+
+
+def test_errors_that_last_count_once() -> None:
+    """C is 1 + 2 sum rho = 2 x 20 s at one a second; over 20 runs it is right on average, although a mean is lost."""
+    found = []
+    for seed in range(20):
+        error = lasting(1000, 20.0, 1.0, np.random.default_rng(seed))
+        error -= error.mean(axis=0)
+        seen = errors_seen(np.arange(1000.0), error, np.full((1000, 3), 40.0 / 1000.0))
+        found.append(float(np.median(seen.correlation)))
+    assert np.median(found) == pytest.approx(40.0, rel=0.35)
+
+
+def test_a_canyon_is_a_span_of_time() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(600.0)
+    canyon = (t > 200.0) & (t < 260.0)
+    error = rng.standard_normal((600, 3)) + canyon[:, None] * lasting(600, 20.0, 7.0, rng)
+    seen = errors_seen(t, error, np.zeros((600, 3)))
+    assert np.median(seen.level[canyon]) > 4.0
+    away = (t < 180.0) | (t > 280.0)
+    assert np.median(seen.factor[away]) == pytest.approx(1.0, abs=0.2)
+    assert np.median(seen.correlation[canyon]) > 5.0
+
+
+def off(result: Result, other: Result, name: str) -> float:
+    """Return the rms difference of two results, in the sigmas of the second."""
+    difference = result.trajectory[name] - other.trajectory[name]
+    return float(np.sqrt(np.mean((difference / other.trajectory[f"{name}_sd"]) ** 2)))
+
+
+def test_street_canyons_hardly_move_a_run() -> None:
+    plan = scenario("mainline-gnss")
+    assert plan.gnss is not None
+    gnss = replace(plan.gnss, multipath_sd_m=(0.0, 0.0, 0.0), outlier_probability=0.0, outages_s=())
+    recording = simulate(replace(plan, gnss=gnss), seed=3, duration_s=300.0).recording
+    assert recording.gnss is not None
+    t, rng = recording.gnss["t_s"].to_numpy(), np.random.default_rng(4)
+    canyon = ((t > 80.0) & (t < 130.0)) | ((t > 190.0) & (t < 230.0))
+    axes = ["east_m", "north_m", "up_m"]
+    wrong = recording.gnss.copy()
+    wrong[axes] += lasting(len(t), 20.0, 7.0, rng) * canyon[:, None]
+
+    oracle = smooth(replace(recording, gnss=recording.gnss[~canyon].reset_index(drop=True)))
+    result = smooth(replace(recording, gnss=wrong))
+    assert result.summary.solver.converged
+    for name in ("east_m", "north_m", "chainage_m", "speed_mps", "pitch_rad"):
+        assert off(result, oracle, name) < 1.5
+    assert any(finding.code == "gnss-level" for finding in result.summary.findings)

@@ -1,0 +1,203 @@
+"""Residuals of GNSS positions show the receiver's errors: how large they are, when, and how long they last.
+
+A receiver's sigmas are guesses. In the open they may be too wide, in a street canyon it is off by 5-10 m for tens of
+seconds where it declares 2 m, and errors that last count once, however many positions share them.
+
+A solution follows errors, the more the longer they last: the residual r of an error e has the covariance
+``Cov(e) - S``, S being that of the predicted position, which changes slowly. So of each product of residuals is
+expected what the errors' would be, less S.
+
+*Level.* The variance of the errors is the mean of ``r^2 + S`` within :data:`_AROUND_S` of each position, horizontally
+and vertically (variance components: Foerstner 1979, as in :mod:`trackfg.solver.variance_components`). It is shrunk
+towards the median of the run, and that one towards what is declared.
+
+*Correlation.* n positions whose errors have the autocorrelation rho tell as much as n / C independent ones,
+
+    C = 1 + 2 sum_k rho(k),
+
+the sum of all lags up to the first that is not significant (Geyer, "Practical Markov chain Monte Carlo", Statistical
+Science 7 (1992), the initial positive sequence), or that of the exponential which fits them, whichever is larger: a sum
+that is cut off is too small. Errors last where they are large, so C is that of the positions with large levels and that
+of the others, each by itself.
+
+Residuals of GNSS are large as well where it is the inertial sensors that are worse than assumed. So GNSS is not judged
+while another group of residuals is further beyond its sigmas.
+
+Sigmas become level x sqrt(C) of the declared ones; whether a position is an outlier is still judged by the level alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.loss import Huber
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval, true_runs
+from trackfg.recording.findings import Finding
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.solver.leave_one_out import predicted
+
+_AROUND_S = 10.0
+"""Half of a span with one level, s: street canyons and stations take tens of seconds to pass."""
+_AROUND_POSITIONS = 5.0
+"""The same in positions, where these are sparse."""
+
+_DECLARED_WEIGHT = 20.0
+"""Residuals that the declared sigmas are worth: 10 positions, horizontally, that say otherwise outweigh them."""
+_RUN_WEIGHT = 10.0
+"""Residuals that the median level of the run is worth against those around a position."""
+
+_BOUND_SIGMAS = 3.0
+"""A residual counts as no more than so many of its sigmas: outliers are the loss's part."""
+
+_MOST_FOLLOWED = 0.9
+"""Share of an error's variance that a solution follows, at most: where it is more, residuals say nothing of it."""
+
+_ROUNDS = 5
+"""Levels and the bounds of residuals that go with them are computed in turns, so often: the bounds matter little."""
+
+_LEVELS = (0.5, 100.0)
+"""Levels are kept within these: residuals say little about sigmas that are far too wide."""
+
+_FAR = 1.5
+"""Positions whose level is so much above the median one are a class of their own: in the open, levels within 10 s
+scatter by a quarter."""
+
+_LONGEST_S = 120.0
+"""No error is looked for that lasts longer, s: multipath of a receiver at rest repeats with the satellites, but that of
+one in motion changes with the place."""
+
+_SIGNIFICANT = 2.0
+"""Autocorrelations below so many of their sigmas end the sum."""
+
+_FITTED_LAGS = 3
+"""Significant autocorrelations to which an exponential is fitted, at least: it has two parameters."""
+
+_SETTLED = 0.15
+"""Relative change of the sigmas, rms, below which the run is not solved again."""
+
+_FINDING = 2.0
+"""A level, or its rms over the run, from which on it is a finding: sigmas were wrong by as much."""
+
+_BLAMED = 1.5
+"""Ratio of seen to assumed noise of another group up to which GNSS is judged all the same: large errors of GNSS raise
+those of the inertial sensors by as much."""
+
+_FEWEST = 10
+"""Positions below which there is nothing to be learnt of their errors."""
+
+_NAMED = 3
+"""So many spans are named in a finding; the report shows all."""
+
+_GROUPS = (slice(0, 2), slice(2, 3))
+"""The columns of horizontal and of vertical residuals."""
+
+
+class GnssErrors(NamedTuple):
+    """What is seen at each of m positions, over the declared sigmas: ``level`` (m, 3) and ``correlation`` C (m,)."""
+
+    level: Array
+    correlation: Array
+
+    @property
+    def factor(self) -> Array:
+        """The factor on the declared sigmas, (m, 3)."""
+        return np.asarray(self.level * np.sqrt(self.correlation)[:, None])
+
+
+def gnss_errors(run: SolvedRun) -> Reassessment:
+    """Reassess the sigmas of GNSS positions by their residuals."""
+    problem = run.problem
+    family, declared = problem.family(FactorType.GNSS_POSITION), run.declared.family(FactorType.GNSS_POSITION)
+    if family is None or declared is None or family.loss is None or len(family) < _FEWEST:
+        return Reassessment(problem)
+    if np.array_equal(family.sigma, declared.sigma) and _others_are_worse(run.noise_ratios):
+        return Reassessment(problem)
+    states = run.solution.states
+    t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
+    residual, followed = predicted(family, states, run.covariance)
+    seen = errors_seen(t, residual / declared.sigma, np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2)
+    least = 1.0 if run.config.position.gnss_correlation_s else 0.0
+    sigma = declared.sigma * np.maximum(seen.factor, least)
+    changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > _SETTLED)
+    if changed:
+        width = run.config.position.gnss_width / float(np.sqrt(np.median(seen.correlation)))
+        again = replace(family, sigma=sigma, loss=Huber(width))
+        problem = replace(problem, families=tuple(again if f is family else f for f in problem.families))
+    return Reassessment(problem, _findings(t, seen), changed=changed)
+
+
+def _others_are_worse(ratios: dict[str, float]) -> bool:
+    """Return whether another group's residuals exceed its sigmas by more than those of GNSS do."""
+    worst = max((ratio for name, ratio in ratios.items() if name != "gnss"), default=1.0)
+    return worst > max(_BLAMED, ratios.get("gnss", 1.0))
+
+
+def errors_seen(t: Array, residual: Array, followed: Array) -> GnssErrors:
+    """Return level and correlation at times t (m,), s, from residuals (m, 3) in declared sigmas and from the variance S
+    of the predicted positions (m, 3), likewise.
+    """
+    level, correlation = np.empty_like(residual), np.empty(len(t))
+    for columns in _GROUPS:
+        level[:, columns] = _levels(t, residual[:, columns], followed[:, columns])[:, None]
+    size = np.sqrt(np.mean(level**2, axis=1))
+    far = size > _FAR * np.median(size)
+    for part in (far, ~far):
+        correlation[part] = _correlation(t, residual / level, followed / level**2, part)
+    return GnssErrors(level, correlation)
+
+
+def _levels(t: Array, residual: Array, followed: Array) -> Array:
+    """Return the level around each position, (m,), of residuals (m, k)."""
+    around = max(_AROUND_S, _AROUND_POSITIONS * median_interval(t))
+    first, last = np.searchsorted(t, t - around), np.searchsorted(t, t + around, side="right")
+    count = (last - first) * residual.shape[1]
+    level = np.full(len(t), np.sqrt(np.median(residual**2 + followed)))
+    for _ in range(_ROUNDS):
+        bound = level[:, None] ** 2
+        squares = np.minimum(residual**2, _BOUND_SIGMAS**2 * bound) + np.minimum(followed, _MOST_FOLLOWED * bound)
+        total = np.concatenate([[0.0], np.cumsum(squares.sum(axis=1))])
+        around_it = total[last] - total[first]
+        usual = float(np.median(around_it / count))
+        usual = (usual * squares.size + _DECLARED_WEIGHT) / (squares.size + _DECLARED_WEIGHT)
+        level = np.sqrt((around_it + _RUN_WEIGHT * usual) / (count + _RUN_WEIGHT))
+    return np.asarray(np.clip(level, *_LEVELS))
+
+
+def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -> float:
+    """Return C of the positions ``part``, of residuals (m, 3) and variances S (m, 3) over the level."""
+    interval = median_interval(t)
+    if not part.any():
+        return 1.0
+    followed_there = float(np.mean(np.minimum(followed[part], _MOST_FOLLOWED)))
+    variance = float(np.mean(residual[part] ** 2)) + followed_there
+    rho: list[float] = []
+    for lag in range(1, min(len(t) // 4, int(_LONGEST_S / interval)) + 1):
+        pairs = part[:-lag] & part[lag:] & (np.abs(t[lag:] - t[:-lag] - lag * interval) < 0.5 * interval)
+        count = int(pairs.sum()) * residual.shape[1]
+        product = float(np.mean((residual[:-lag] * residual[lag:])[pairs])) if count else 0.0
+        if product <= _SIGNIFICANT * variance / np.sqrt(max(count, 1)):
+            break
+        rho.append((product + followed_there) / variance)
+    if len(rho) < _FITTED_LAGS:
+        return 1.0 + 2.0 * sum(rho)
+    slope, intercept = np.polyfit(np.arange(1, len(rho) + 1), np.log(rho), 1, w=rho)
+    phi, share = float(np.exp(min(slope, -interval / _LONGEST_S))), float(min(np.exp(intercept), 1.0))
+    return 1.0 + 2.0 * max(sum(rho), share * phi / (1.0 - phi))
+
+
+def _findings(t: Array, seen: GnssErrors) -> tuple[Finding, ...]:
+    """Return a warning where positions are far worse than they declare, with the worst spans."""
+    size = np.sqrt(np.mean(seen.level**2, axis=1))
+    if np.sqrt(np.mean(size**2)) < _FINDING:
+        return ()
+    spans = sorted(true_runs(size > _FAR * np.median(size)), key=lambda span: -float(size[slice(*span)].max()))
+    named = [f"{t[i]:.0f}-{t[j - 1]:.0f} s ({size[i:j].max():.1f} times)" for i, j in spans[:_NAMED]]
+    where = f", most at {', '.join(named)}" if named else ""
+    message = f"GNSS positions err by {np.median(size):.1f} times their declared sigmas as a rule{where}"
+    hint = "the sigmas were widened; declare what the receiver is worth, errors that last included"
+    return (Finding("warning", "gnss-level", message, hint=hint),)
