@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.exporting.channels import read_template
 from trackfg.importing.mapping import mapping_of
 
 ROOT = Path(__file__).parents[2]
@@ -73,6 +74,12 @@ def test_the_worked_example_of_adding_a_sensor_runs() -> None:
 def test_the_mapping_shown_is_accepted() -> None:
     (block,) = blocks(ROOT / "docs" / "importing.md", "toml")
     assert len(mapping_of(tomllib.loads(block), "importing.md").sensors) == 3
+
+
+def test_the_template_shown_is_accepted(tmp_path: Path) -> None:
+    (block,) = blocks(ROOT / "docs" / "exporting.md", "toml")
+    (tmp_path / "t.toml").write_text(block, encoding="utf-8")
+    assert len(read_template(tmp_path / "t.toml")) == 4
 
 
 def test_the_settings_shown_are_accepted() -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg import __version__
+from trackfg.cli.exporting import export
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.stream import stream
@@ -29,6 +30,7 @@ app.add_typer(maps, name="map")
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
 app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
 app.command(epilog="Example: trackfg init log.csv -o run1")(init)
+app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3

@@ -27,7 +27,9 @@ _B = _A * (1.0 - _F)
 _E2 = _F * (2.0 - _F)
 """Semi-minor axis, m, and squared eccentricity of the ellipsoid."""
 _CORRECTIONS = 6
-"""Rounds of :func:`enu_to_geodetic`: each leaves 6e-5 of the error, so six reach the last bit."""
+"""Rounds of :func:`enu_to_geodetic` at most: each leaves 6e-5 of the error, so six reach the last bit."""
+_SETTLED_M = 1e-9
+"""Rounds end when heights are right to this: the last bits of an Earth's radius."""
 
 
 def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
@@ -114,5 +116,8 @@ def enu_to_geodetic(enu: Array, origin: tuple[float, float, float]) -> Array:
     geodetic = plane
     for _ in range(_CORRECTIONS):
         geodetic = ecef_to_geodetic(centre + plane @ rotation.T)
-        plane[..., 2] += height - geodetic[..., 2]
+        error = height - geodetic[..., 2]
+        if np.all(np.abs(error) <= _SETTLED_M):
+            break
+        plane[..., 2] += error
     return geodetic

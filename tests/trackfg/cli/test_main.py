@@ -35,6 +35,7 @@ COMMANDS = (
     "plot",
     "limits",
     "report",
+    "export",
     "import",
     "init",
 )

@@ -1,0 +1,1 @@
+"""Formats of results that trackfg writes, one module each."""

@@ -1,0 +1,72 @@
+"""Each place of the geometry with its time and its position: what most other systems address by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.results.result import Result
+
+PLACE_COLUMNS = ("t_s", "east_m", "north_m", "up_m")
+"""What :func:`located_geometry` adds for every result."""
+
+GEODETIC_COLUMNS = ("latitude_deg", "longitude_deg", "height_m")
+"""What it adds where the result has a place on the Earth (WGS 84)."""
+
+
+def origin_of(result: Result) -> tuple[float, float, float] | None:
+    """Return where east, north and up are counted from: latitude, longitude (deg), height (m); None without GNSS."""
+    return None if result.summary.run is None else result.summary.run.origin
+
+
+def direction_of(result: Result) -> int:
+    """Return 1 where chainage grows along the run, -1 where it falls."""
+    return 1 if result.summary.run is None else result.summary.run.direction
+
+
+def start_of(result: Result) -> pd.Timestamp | None:
+    """Return the date of t = 0, in UTC; None where the recording has none."""
+    start = None if result.summary.run is None else result.summary.run.start
+    if start is None:
+        return None
+    stamp = pd.Timestamp(start)
+    return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
+
+
+def located_geometry(result: Result) -> pd.DataFrame:
+    """Return the geometry with :data:`PLACE_COLUMNS` and, with GNSS, :data:`GEODETIC_COLUMNS` after the chainage.
+
+    A place that was passed more than once has the time and the position of its first pass; one that the trajectory does
+    not reach has NaN.
+    """
+    trajectory, chainage = result.trajectory, result.geometry["chainage_m"].to_numpy()
+    along = trajectory["chainage_m"].to_numpy() * direction_of(result)
+    first = np.concatenate([[True], along[1:] > np.maximum.accumulate(along)[:-1]]) if len(along) else along > 0
+    passed = trajectory[first].sort_values("chainage_m")
+    places = {
+        name: np.interp(chainage, passed["chainage_m"], passed[name], left=np.nan, right=np.nan)
+        for name in PLACE_COLUMNS
+    }
+    origin = origin_of(result)
+    if origin is not None and len(chainage):
+        geodetic = enu_to_geodetic(np.stack([places[name] for name in PLACE_COLUMNS[1:]], axis=1), origin)
+        places |= dict(zip(GEODETIC_COLUMNS, geodetic.T, strict=True))
+    table = result.geometry
+    return pd.concat([table[["chainage_m"]], pd.DataFrame(places), table.drop(columns="chainage_m")], axis=1)
+
+
+def located_trajectory(result: Result) -> pd.DataFrame:
+    """Return the trajectory, with :data:`GEODETIC_COLUMNS` where the result has a place on the Earth."""
+    origin = origin_of(result)
+    if origin is None or result.trajectory.empty:
+        return result.trajectory
+    geodetic = enu_to_geodetic(result.trajectory[["east_m", "north_m", "up_m"]].to_numpy(), origin)
+    return result.trajectory.assign(**dict(zip(GEODETIC_COLUMNS, geodetic.T, strict=True)))
+
+
+def table_of(result: Result, name: str) -> pd.DataFrame:
+    """Return a table of the result by its name, ``geometry``, ``trajectory`` or ``events``, with places."""
+    if name == "geometry":
+        return located_geometry(result)
+    return located_trajectory(result) if name == "trajectory" else result.events
