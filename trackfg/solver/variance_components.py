@@ -9,6 +9,8 @@ models" (1999), ch. 3.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from trackfg.config import SmoothConfig
@@ -37,12 +39,36 @@ GROUPS = {
 """Families whose level is judged, and the name of their group; the inertial factors are "gyro" and "accel"."""
 
 
-def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
-    """Return actual over assumed noise of each group that can be judged."""
-    ratios = _inertial_ratios(problem, solution, covariance)
+@dataclass(frozen=True)
+class Residuals:
+    """Whitened residuals of a group's factors with robust weights, ``values`` (m, d), and their ``redundancy`` (m, d).
+
+    Each factor begins at ``keyframe`` (m,).
+    """
+
+    keyframe: np.ndarray
+    values: Array
+    redundancy: Array
+
+    @property
+    def ratio(self) -> float:
+        """Actual over assumed noise; NaN where the rest of the graph hardly checks it."""
+        squares, redundancy = float(np.sum(self.values**2)), float(np.sum(self.redundancy))
+        return float(np.sqrt(squares / redundancy)) if redundancy > _LEAST_REDUNDANCY else np.nan
+
+
+def group_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, Residuals]:
+    """Return the residuals of each group that the graph has."""
+    groups = _inertial_residuals(problem, solution, covariance)
     for family in problem.families:
         if family.type in GROUPS:
-            ratios[GROUPS[family.type]] = _ratio(*_family_sums(family, solution.states, covariance))
+            groups[GROUPS[family.type]] = _family_residuals(family, solution.states, covariance)
+    return groups
+
+
+def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
+    """Return actual over assumed noise of each group that can be judged."""
+    ratios = {name: group.ratio for name, group in group_residuals(problem, solution, covariance).items()}
     return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
 
 
@@ -66,12 +92,8 @@ def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
     )
 
 
-def _ratio(squares: float, redundancy: float) -> float:
-    return float(np.sqrt(squares / redundancy)) if redundancy > _LEAST_REDUNDANCY else np.nan
-
-
-def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
-    """Return the ratios of gyro (rows 0-2 of inertial factors) and accelerometer, without bridged intervals."""
+def _inertial_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, Residuals]:
+    """Return the residuals of gyro (rows 0-2 of inertial factors) and accelerometer, without bridged intervals."""
     used = np.flatnonzero(~problem.run.inertial.bridged[problem.run.edges[:-1]])
     if used.size == 0:
         return {}
@@ -87,16 +109,11 @@ def _inertial_ratios(problem: Problem, solution: Solution, covariance: Covarianc
     P[:, order, 9:18] = joint
     P[:, 9:18, order] = np.swapaxes(joint, 1, 2)
     free = 1.0 - np.sum((A @ P) * A, axis=2)
-    return {
-        "gyro": _ratio(float(np.sum(e[:, :3] ** 2)), float(free[:, :3].sum())),
-        "accel": _ratio(float(np.sum(e[:, 3:] ** 2)), float(free[:, 3:].sum())),
-    }
+    return {"gyro": Residuals(used, e[:, :3], free[:, :3]), "accel": Residuals(used, e[:, 3:], free[:, 3:])}
 
 
-def _family_sums(family: Family, states: States, covariance: Covariance) -> tuple[float, float]:
-    """Return weighted sum of squares and redundancy of a family whose slots lie in at most two neighbouring
-    keyframes.
-    """
+def _family_residuals(family: Family, states: States, covariance: Covariance) -> Residuals:
+    """Return the residuals of a family whose slots lie in at most two neighbouring keyframes."""
     linear = family.linearize(states)
     keyed = [slot.index for slot in family.slots if not slot.kind.shared]
     first, last = keyed[0], keyed[-1]
@@ -116,8 +133,7 @@ def _family_sums(family: Family, states: States, covariance: Covariance) -> tupl
     if len(sides) == 2:
         (here, by_first), (there, by_last) = sides[False], sides[True]
         spread += 2.0 * np.sum((here @ _cross(covariance, first, by_first, last, by_last)) * there, axis=2)
-    weight = family.weights(states)[:, None]
-    return float(np.sum(linear.b**2)), float(np.sum(weight) * linear.b.shape[1] - np.sum(spread))
+    return Residuals(first, linear.b, family.weights(states)[:, None] - spread)
 
 
 def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, last: np.ndarray, columns: np.ndarray) -> Array:
