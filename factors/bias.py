@@ -1,10 +1,11 @@
-"""The inertial sensor's biases walk, and it answers to turning and to acceleration.
+"""The inertial sensor's biases walk, and it answers to turning, to acceleration and to vibration.
 
 The bias that an inertial factor sees is that of its interval: the sensor's own, which walks, and what scale factors,
 axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
-force f. With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row,
+force f. An accelerometer whose response is not quite linear turns vibration along an axis, of power P, into a bias.
+With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, and the rectification k (3,),
 
-    accelerometer:  own + A (f_x, f_y)
+    accelerometer:  own + A (f_x, f_y) + k P, axis by axis
     gyro:           own + W w + G (f_x, f_y).
 
 What the sensor feels of gravity along z hardly changes: it is a bias.
@@ -21,20 +22,26 @@ from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 
 
-def response_terms(force: Array, rate: Array) -> Array:
-    """Return the derivative (m, 6, dim) of the added bias by the calibration, for mean forces and rates (m, 3)."""
+def response_terms(force: Array, rate: Array, power: Array) -> Array:
+    """Return the derivative (m, 6, dim) of the added bias by the calibration.
+
+    It is that for mean forces and rates (m, 3), and for the power of the vibration along each axis (m, 3), (m/s^2)^2.
+    """
     out = np.zeros((len(rate), 6, Kind.IMU.dim))
     for axis in range(3):
         out[:, axis, 2 * axis : 2 * axis + 2] = force[:, :2]
         out[:, 3 + axis, 6 + 3 * axis : 9 + 3 * axis] = rate
         out[:, 3 + axis, 15 + 2 * axis : 17 + 2 * axis] = force[:, :2]
+        out[:, axis, 21 + axis] = power[:, axis]
     return out
 
 
-def response_sigmas(accel_scale: float, gyro_scale: float, misalignment: float, g_sensitivity: float) -> Array:
-    """Return prior sigmas of the calibration: of A and W scales on the diagonal, else misalignment (rad); of G."""
+def response_sigmas(
+    accel_scale: float, gyro_scale: float, misalignment: float, g_sensitivity: float, rectification: float
+) -> Array:
+    """Return prior sigmas of the calibration: of A and W scales on the diagonal, else misalignment (rad); of G, k."""
     A, W = (np.where(np.eye(3) > 0, scale, misalignment) for scale in (accel_scale, gyro_scale))
-    return np.concatenate([A[:, :2].ravel(), W.ravel(), np.full(6, g_sensitivity)])
+    return np.concatenate([A[:, :2].ravel(), W.ravel(), np.full(6, g_sensitivity), np.full(3, rectification)])
 
 
 def _walk(first: Array, second: Array, calibration: Array, change: Array) -> tuple[Array, tuple[Array, ...]]:

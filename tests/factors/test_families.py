@@ -37,7 +37,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
     base = so3_exp(normal(1, 3))
     nav = Nav(base @ so3_exp(spread * normal(KEYFRAMES, 3)), 5 * normal(KEYFRAMES, 3), 5 * normal(KEYFRAMES, 3))
     odo = Odo(normal(KEYFRAMES, 4) * [10, 0.1, 10, 3] + [0, 1, 0, 0])
-    shared = (0.3 * normal(1, 5), normal(1, 3), 0.1 * normal(1, 21), normal(1, 5), normal(2, 2))
+    shared = (0.3 * normal(1, 5), normal(1, 3), 0.1 * normal(1, Kind.IMU.dim), normal(1, 5), normal(2, 2))
     return States(nav, normal(KEYFRAMES, 6), odo, *shared)
 
 
@@ -87,8 +87,8 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         follows_path(first, near_one(f), near_one(f) * 0.9, near_one(f) * 0.5, lever, sigma(f, 2), loss),
         prior(Kind.BIAS, all_k, normal(n, 6), sigma(n, 6)),
         prior(Kind.MOUNT, np.array([0]), normal(1, 5), sigma(1, 5)),
-        bias_walk(first, normal(f, 6, 21), sigma(f, 6)),
-        prior(Kind.IMU, np.array([0]), normal(1, 21), sigma(1, 21)),
+        bias_walk(first, normal(f, 6, Kind.IMU.dim), sigma(f, 6)),
+        prior(Kind.IMU, np.array([0]), normal(1, Kind.IMU.dim), sigma(1, Kind.IMU.dim)),
         prior(Kind.CLOCK, np.array([0]), normal(1, 3), sigma(1, 3)),
         prior(Kind.WHEEL, np.array([0]), normal(1, 5), sigma(1, 5)),
         rail_pairs(first, first)[0],
@@ -243,6 +243,8 @@ def test_arc_is_exact_on_a_circle_and_signed() -> None:
     yaw = so3_exp(np.outer(angles, [0, 0, 1.0]))
     p = radius * np.stack([np.sin(angles), 1 - np.cos(angles), np.zeros(4)], axis=1)
     nav = Nav(yaw, p, np.zeros((4, 3)))
-    states = States(nav, np.zeros((4, 6)), Odo(np.zeros((4, 4))), np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
+    states = States(
+        nav, np.zeros((4, 6)), Odo(np.zeros((4, 4))), np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim))
+    )
     arcs = arc_length(np.arange(3), np.zeros(3), np.ones((3, 1))).residual(states)[:, 0]
     np.testing.assert_allclose(arcs, radius * np.diff(angles), rtol=1e-12)

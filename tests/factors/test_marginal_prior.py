@@ -113,7 +113,11 @@ def test_yaw_is_measured_the_short_way_round() -> None:
 def test_bias_of_an_interval_is_the_sensors_own_and_what_the_calibration_adds() -> None:
     """With b = own + response c the factor says of (b, c) what it said of (own, c): the same residual, whatever c."""
     rng = np.random.default_rng(5)
-    origin, rows, response = one_keyframe(rng), rng.standard_normal((DIM, DIM + 1)), rng.standard_normal((6, 21))
+    origin, rows, response = (
+        one_keyframe(rng),
+        rng.standard_normal((DIM, DIM + 1)),
+        rng.standard_normal((6, Kind.IMU.dim)),
+    )
     own = retract_in_chart(origin, a_step(rng, 0.2))
     interval = replace(own, bias=own.bias + own.imu @ response.T)
     family = marginal_prior(rows, origin)

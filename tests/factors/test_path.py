@@ -8,7 +8,7 @@ import pytest
 from trackfg.factors.family import Family
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.path import follows_path
-from trackfg.factors.states import Nav, Odo, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.numerics.rotations import matrix_from_rpy, so3_exp
 from trackfg.sensors.imu_intervals import Intervals, turning
 
@@ -46,7 +46,7 @@ def wobbly(duration_s: float, speed_mps: float) -> tuple[Intervals, np.ndarray, 
 
 def states(nav: Nav, mount: np.ndarray = MOUNT) -> States:
     n = len(nav)
-    return States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), mount, np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), mount, np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
 
 
 def factor(samples: Intervals, distance: np.ndarray, keyframes: np.ndarray, lever: np.ndarray = LEVER) -> Family:

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from trackfg.factors.family import Family
 from trackfg.factors.rail import RailSightings, same_rail
-from trackfg.factors.states import Nav, Odo, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 
 LEAD_M = 2.5
@@ -108,7 +108,9 @@ def pairs(trail_m: float) -> Pairs:
     step = 1e-6
     v = (position(t + step) - position(t - step)) / (2 * step)
     nav, n = Nav(rotation(t), position(t), v), len(t)
-    states = States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
+    states = States(
+        nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim))
+    )
     return Pairs(np.array(first), start, at - start, np.array(lead), np.array(trail), states)
 
 

@@ -20,7 +20,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
+from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise, vibration_power
 from trackfg.sensors.tach import Wheel
 
 
@@ -117,6 +117,11 @@ class GraphInputs:
         """:attr:`mean_gyro` less the initial bias."""
         return self.mean_gyro - self.path.bias(self.t[:-1])
 
+    @cached_property
+    def vibration(self) -> Array:
+        """The power of the vibration along each axis between keyframes, (m/s^2)^2, shape (n - 1, 3)."""
+        return self._mean(vibration_power(self.data))
+
     def _mean(self, samples: Array) -> Array:
         total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
         return np.asarray(np.diff(total[self.edges], axis=0) / self.durations[:, None])
@@ -144,7 +149,7 @@ class GraphInputs:
         """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
         where none starts, nothing. Shape (n, 6, dim).
         """
-        terms = response_terms(self.mean_accel, self.mean_rate)
+        terms = response_terms(self.mean_accel, self.mean_rate, self.vibration)
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
     def with_rows(self, recording: Recording, wheel: Wheel | None) -> GraphInputs:
@@ -157,7 +162,11 @@ class GraphInputs:
         """Return inputs with another first guess of the motion, and the means as they were computed."""
         inputs = replace(self, path=path, rolling=rolling)
         vars(inputs).update(
-            durations=self.durations, mean_accel=self.mean_accel, mean_gyro=self.mean_gyro, noise=self.noise
+            durations=self.durations,
+            mean_accel=self.mean_accel,
+            mean_gyro=self.mean_gyro,
+            vibration=self.vibration,
+            noise=self.noise,
         )
         return inputs
 

@@ -50,7 +50,8 @@ class Track(Model):
 
 class ImuNoise(Model):
     """Continuous-time densities, sigmas of initial biases, and how well the sensor is calibrated: scale factors, axes
-    (what one feels of another's input), what the gyro feels of accelerations. SI (see the recording format).
+    (what one feels of another's input), what the gyro feels of accelerations, the accelerometer's bias per power of
+    vibration. SI (see the recording format).
     """
 
     gyro_white: Positive = 1e-4
@@ -63,6 +64,7 @@ class ImuNoise(Model):
     accel_scale_sd: Positive = 1e-3
     misalignment_sd_rad: Positive = 6e-4
     g_sensitivity_sd: Positive = 2e-5
+    rectification_sd: Positive = 5e-4
 
 
 TAPE_SD_M = (0.05, 0.02, 0.05)

@@ -28,7 +28,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from trackfg.numerics.arrays import Array
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns
@@ -58,6 +58,12 @@ _CLEARLY = 2.0
 
 _CHUNK = 256
 """Blocks at a time, so that the spectra of a long record need little memory."""
+
+_MOTION_S = 0.25
+"""Means over this, s, are motion: what is faster than 2-4 Hz is vibration, a body on its springs sways at 1-2 Hz."""
+
+_STEADY_S = 5.0
+"""Vibration changes with the speed, over as many seconds; its power over one second scatters by a fifth."""
 
 _SAME = 5e-11
 """Samples nearer than this, rad/s or m/s^2, are equal: rounding of a change of units or axes."""
@@ -138,6 +144,16 @@ class NoiseFloor:
         return WhiteNoise.of_variance(
             np.diff(interpolate_columns(t, self.knots, total), axis=0) / span + lost**2 / span
         )
+
+
+def vibration_power(data: Intervals) -> Array:
+    """Return the power of the vibration along each axis at each sample, (m/s^2)^2, shape (n, 3).
+
+    That is the mean square, over some seconds, of what is faster than the motion of a vehicle on its springs.
+    """
+    fast, lasting = (max(3, round(span / float(np.median(data.durations)))) for span in (_MOTION_S, _STEADY_S))
+    shaking = data.accel - uniform_filter1d(data.accel, fast, axis=0)
+    return np.asarray(uniform_filter1d(shaking**2, lasting, axis=0))
 
 
 @dataclass(frozen=True)

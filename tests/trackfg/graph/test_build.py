@@ -43,7 +43,7 @@ def truth_at(run: Simulation, problem: Problem) -> States:
     nav = Nav(R, run.ride.position(t), v)
     count = np.zeros(len(t)) if problem.wheel is None else problem.wheel.at(t)
     odo = Odo.of(distance, np.ones(len(t)), count, np.diff(distance, prepend=distance[0]))
-    return States(nav, np.zeros((len(t), 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, np.zeros((len(t), 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
 
 
 @pytest.mark.parametrize("name", ["mainline", "mainline-gnss", "shunting"])

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from trackfg.config import GeometryConfig
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Nav, Odo, States
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States
 from trackfg.graph.inputs import World
 from trackfg.graph.run_context import RunContext
 from trackfg.output.dense_motion import DenseMotion
@@ -38,7 +38,7 @@ def straight_run() -> States:
     along = np.stack([SPEED_MPS * t, 0.0 * t, 0.0 * t], axis=1)
     nav = Nav(np.tile(np.eye(3), (KEYFRAMES, 1, 1)), along, np.tile([SPEED_MPS, 0.0, 0.0], (KEYFRAMES, 1)))
     odo = Odo.of(along[:, 0], np.ones(KEYFRAMES), along[:, 0], np.gradient(along[:, 0]))
-    return States(nav, np.zeros((KEYFRAMES, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, np.zeros((KEYFRAMES, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
 
 
 def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:

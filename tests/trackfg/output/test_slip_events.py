@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from trackfg.factors.odometry import tach_distance
-from trackfg.factors.states import Nav, Odo, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.output.event_sources import EventSources
 from trackfg.output.slip_events import Excess, wheel_excess
 from trackfg.sensors.tach import Wheel
@@ -37,7 +37,7 @@ def excess_of(offset_s: float, drift: float) -> Excess:
     odo = Odo.of(distance(keyframes), np.full(n, SCALE), distance(keyframes) / SCALE, np.zeros(n))
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), *np.zeros((2, n, 3)))
     clock = np.array([[offset_s, drift, 0.0]])
-    states = States(nav, np.zeros((n, 6)), odo, np.zeros((1, 5)), clock, np.zeros((1, 21)))
+    states = States(nav, np.zeros((n, 6)), odo, np.zeros((1, 5)), clock, np.zeros((1, Kind.IMU.dim)))
     nothing = np.zeros((0, 2))
     sources = EventSources(keyframes, 1, nothing, nothing, wheel, MIDDLE_S, (rolled,))
     trajectory = pd.DataFrame(

@@ -58,7 +58,7 @@ def states(gyro: np.ndarray) -> States:
     body = rng.uniform(5, 20, (N, 1)) * forward + np.cross(gyro, LEVER)
     nav = Nav(R, 50 * rng.normal(size=(N, 3)), np.einsum("mij,mj->mi", R, body))
     odo = Odo.of(np.cumsum(rng.uniform(5, 10, N)), np.full(N, 1.01), np.zeros(N), np.zeros(N))
-    return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +187,7 @@ def test_calibration_interpolates_values_and_variances(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
     half = replace(at_keyframes(states, gyro), fraction=np.append(np.full(N - 1, 0.5), 1.0))
-    response = response_terms(*np.random.default_rng(8).normal(size=(2, N, 3)))
+    response = response_terms(*np.random.default_rng(8).normal(size=(3, N, 3)))
     response[-1] = 0.0
     found = replace(states, imu=1e-3 * np.random.default_rng(9).normal(size=(1, Kind.IMU.dim)))
     table = calibration_table(response, half, found, covariance)

@@ -18,7 +18,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix, withheld_fix
-from trackfg.factors.states import Nav, Odo, States
+from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -34,14 +34,14 @@ RIGHT, WRONG, OTHER = 0.0, 60.0, -200.0
 def at(distance: float) -> States:
     nav = Nav(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
     odo = Odo(np.array([[distance, 1.0, 0.0, 0.0]]))
-    return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, 21)))
+    return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
 
 
 def passing(distance: float, fix: float) -> Interval:
     """Of 10 m, with a fix at its end."""
     sigma = np.array([[SD_M]])
     family = absolute_fix(np.array([1]), np.array([fix]), sigma, Cauchy(4.0))
-    return Interval(0.0, np.zeros(6), at(distance), cast(Preintegration, None), np.zeros((6, 21)), (family,))
+    return Interval(0.0, np.zeros(6), at(distance), cast(Preintegration, None), np.zeros((6, Kind.IMU.dim)), (family,))
 
 
 def after(offsets: list[float], *, known_m: float = 0.3) -> tuple[FixVotes, float, list[str]]:
