@@ -241,7 +241,7 @@ def estimators() -> None:
 
 
 @app.command(epilog="Example: trackfg compare run1 -o comparison")
-def compare(
+def compare(  # noqa: PLR0913  (a parameter is an option of the command)
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")],
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="[REC...]", help="Folders of recordings.", show_default=False)
@@ -263,12 +263,16 @@ def compare(
     jobs: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.", show_default=False)
     ] = None,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="Run other packages too, where they are installed: some are slow.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
 
-    Against the truth where there is one; recordings without are held against the first of them. An earlier comparison
-    in OUT is replaced in one step.
+    Against the truth where there is one; recordings without are held against the first of them; of a single one a part
+    of the fixes, GNSS positions and tachometer rows is withheld in turn, and predicted. An earlier comparison in OUT is
+    replaced in one step.
     """
     import os
 
@@ -279,8 +283,12 @@ def compare(
 
     COMPARISON_FOLDER.refuse_foreign(out)
     cases = cases_of(recordings or (), scenarios or (), seeds=seeds, duration_s=duration)
+    withheld = sum(case.kind == "withheld" for case in cases)
+    if withheld:
+        note = f"no truth: every estimator runs {withheld + 1} times, with a part of the measurements withheld"
+        print(f"trackfg: note: {note}", file=sys.stderr)
     with progress_bar() as progress:
-        result = run_comparison(cases, jobs=jobs or os.cpu_count() or 1, progress=progress)
+        result = run_comparison(cases, peers=peers, jobs=jobs or os.cpu_count() or 1, progress=progress)
     result.write(out)
     if json:
         print(result.about.model_dump_json(indent=2))

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase, Row
+from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase, Difference, Row
 from trackfg.recording.findings import Finding
 from trackfg.report.flatten import leaves
 from trackfg.results.result import Result
@@ -61,6 +61,8 @@ def comparison(about: About) -> Iterator[RenderableType]:
             banded = [row for row in of_task if row.from_kmh is not None]
             for quantity in dict.fromkeys(row.quantity for row in banded):
                 yield _speed_table(case, quantity, [row for row in banded if row.quantity == quantity])
+    if about.differences:
+        yield _difference_table(about)
     if about.left_out:
         table = titled("Left out")
         for heading in ("case", "estimator", "why"):
@@ -74,9 +76,11 @@ def comparison(about: About) -> Iterator[RenderableType]:
 
 
 def _task_table(case: ComparedCase, task: str, rows: Sequence[Row]) -> RenderableType:
-    runs = f"{len(case.seeds)} runs" if len(case.seeds) > 1 else "1 run"
-    against = "" if case.basis == "truth" else ", difference from the first recording"
-    table = titled(f"{case.name}, {task}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
+    many = "parts" if case.basis == "withheld" else "runs"
+    runs = f"{len(case.seeds)} {many}" if len(case.seeds) > 1 else "1 run"
+    against = {"repeatability": ", difference from the first recording"}
+    what, kind = against.get(case.basis, ""), " withheld" if case.basis == "withheld" else f", {task}"
+    table = titled(f"{case.name}{kind}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{what}")
     table.add_column("")
     for heading in ("error", "±", "largest", "coverage, %", "error / smoother's", "s / km"):
         table.add_column(heading, justify="right")
@@ -125,6 +129,23 @@ def _band_cell(row: Row | None) -> Text:
     if row.beats_the_smoother:
         return Text(f"! {row.error:.3g}", style=_BEATING)
     return Text(f"{row.error:.3g}")
+
+
+def _difference_table(about: About) -> RenderableType:
+    """Return how far the estimators are from the smoother: over the run, and in the kilometre where it is most."""
+    table = titled("Differences from the smoother")
+    for heading in ("quantity", "estimator"):
+        table.add_column(heading)
+    for heading in ("rms", "largest", "at km"):
+        table.add_column(heading, justify="right")
+    groups: dict[tuple[str, str], list[Difference]] = {}
+    for one in about.differences:
+        groups.setdefault((one.quantity, one.estimator), []).append(one)
+    for (quantity, name), ones in sorted(groups.items(), key=lambda item: list(QUANTITIES).index(item[0][0])):
+        whole = math.sqrt(sum(one.rms**2 for one in ones) / len(ones))
+        worst = max(ones, key=lambda one: one.rms)
+        table.add_row(_labelled(quantity), name, f"{whole:.3g}", f"{worst.rms:.3g}", f"{worst.from_km:g}")
+    return table
 
 
 def _explained(table: Table, rows: Sequence[Row]) -> Table:

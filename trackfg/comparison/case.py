@@ -10,13 +10,16 @@ from typing import Literal, TypeVar
 
 import pandas as pd
 
-from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS
+from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, Basis, Difference
+from trackfg.comparison.withholding import Withheld
 from trackfg.errors import TrackfgError
 
 Progress = Callable[[str, float], None]
 
-CaseKind = Literal["scenario", "recording", "friction"]
-"""What is compared: estimators of a railway recording, simulated or read, or of a car's tyre friction."""
+CaseKind = Literal["scenario", "recording", "alone", "withheld", "friction"]
+"""What is compared: estimators of a railway recording, simulated or read, one ``alone`` that nothing is held against,
+and the same with a part of its measurements ``withheld``; or of a car's tyre friction.
+"""
 
 _Input = TypeVar("_Input")
 _Output = TypeVar("_Output")
@@ -26,7 +29,7 @@ _Output = TypeVar("_Output")
 class Case:
     """A run to be made: of a scenario or a friction drive by its seed, or of the recording in ``folder``.
 
-    ``name`` is that of the table.
+    ``name`` is that of the table. Where measurements are ``withheld``, ``seed`` is the part of them.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Case:
     seed: int = 0
     duration_s: float | None = None
     folder: Path = Path()
+    withheld: Withheld | None = None
 
 
 @dataclass(frozen=True)
@@ -48,12 +52,13 @@ class CaseRun:
     summary: str
     duration_s: float
     distance_km: float
-    against_truth: bool
+    basis: Basis
     seconds: Mapping[str, float]
     left_out: Mapping[str, str]
     scores: pd.DataFrame = field(default_factory=pd.DataFrame)
     geometry: pd.DataFrame = field(default_factory=pd.DataFrame)
     positions: pd.DataFrame = field(default_factory=pd.DataFrame)
+    differences: tuple[Difference, ...] = ()
 
 
 def run_all(

@@ -71,7 +71,7 @@ def run_friction_case(case: Case, *, show: Progress) -> CaseRun:
         summary,
         float(t[-1] - t[0]),
         distance,
-        True,
+        "truth",
         seconds,
         left_out,
         score_table(case, joined(scores), seconds, distance),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,8 @@ import pandas as pd
 
 from trackfg.baselines.result import BaselineResult
 from trackfg.comparison.case import Case, CaseRun, Progress, joined, run_all, score_table, with_first_column
-from trackfg.comparison.estimators import Estimator, estimators
+from trackfg.comparison.differences import differences
+from trackfg.comparison.estimators import SMOOTHER, Estimator, estimators
 from trackfg.comparison.table import BAND_KMH, BANDED, QUANTITIES, TRUTH
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
@@ -47,7 +49,9 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress) -> 
         km = max((_km(one.trajectory["chainage_m"]) for one in estimates.values()), default=np.nan)
         curves = joined(one.geometry.assign(estimator=name) for name, one in estimates.items())
         geometry = with_first_column("case", case.name, curves)
-        return CaseRun(case, summary, duration, km, False, seconds, left_out, geometry=geometry)
+        if case.kind == "alone" and SMOOTHER in estimates:
+            return _held_against_the_smoother(case, recording, summary, estimates, (seconds, left_out))
+        return CaseRun(case, summary, duration, km, "repeatability", seconds, left_out, geometry=geometry)
     scored = [_scored(name, known[name], one, recording, truth) for name, one in estimates.items()]
     scores = score_table(case, joined(one.scores for one in scored), seconds, truth.distance_km)
     geometry, positions = pd.DataFrame(), pd.DataFrame()
@@ -55,12 +59,53 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress) -> 
         true = [] if truth.geometry is None else [truth.geometry.assign(estimator=TRUTH)]
         geometry = with_first_column("case", case.name, joined([*true, *(one.geometry for one in scored)]))
         positions = with_first_column("case", case.name, joined(one.positions for one in scored))
-    return CaseRun(case, summary, duration, truth.distance_km, True, seconds, left_out, scores, geometry, positions)
+    return CaseRun(case, summary, duration, truth.distance_km, "truth", seconds, left_out, scores, geometry, positions)
+
+
+def _held_against_the_smoother(
+    case: Case,
+    recording: Recording,
+    summary: str,
+    estimates: Mapping[str, BaselineResult],
+    about: tuple[dict[str, float], dict[str, str]],
+) -> CaseRun:
+    """Return the curves of all estimators and their differences from the smoother, with no score."""
+    reference = estimates[SMOOTHER]
+    columns = ["chainage_m", *(name for name in QUANTITIES if name in reference.geometry)]
+    held = reference.geometry[columns].dropna()
+    truth = _Truth(reference.trajectory, held if len(held) else None)
+    known = estimators()
+    others = {name: _scored(name, known[name], one, recording, truth) for name, one in estimates.items()}
+    del others[SMOOTHER]
+    curves = [reference.geometry.assign(estimator=SMOOTHER), *(one.geometry for one in others.values())]
+    geometry = with_first_column("case", case.name, joined(curves))
+    positions = with_first_column("case", case.name, joined(one.positions for one in others.values()))
+    clock = recording.imu["t_s"].to_numpy()
+    return CaseRun(
+        case,
+        summary,
+        float(clock[-1] - clock[0]),
+        truth.distance_km,
+        "smoother",
+        *about,
+        geometry=geometry,
+        positions=positions,
+        differences=tuple(
+            difference
+            for name in others
+            for difference in differences(
+                known[name].tasks,
+                geometry[geometry["estimator"] == name],
+                positions[positions["estimator"] == name],
+                truth.trajectory,
+            )
+        ),
+    )
 
 
 def _measured(case: Case, show: Progress) -> tuple[Recording, str, _Truth | None]:
     """Return the recording, a line on it, and its truth where it has one."""
-    if case.kind == "recording":
+    if case.kind in ("recording", "alone"):
         recording, summary = read_recording(case.folder), f"recording in {case.folder.name}"
         if not has_truth(case.folder):
             return recording, summary, None

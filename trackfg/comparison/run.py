@@ -2,7 +2,8 @@
 
 A case is a scenario with a seed, which has a truth, a recording, or a drive of a car on a road (tyre friction).
 Recordings without a truth are held against each other: the first of them is the reference of the rest
-(:mod:`trackfg.evaluation.repeatability`). Runs go into processes of their own; a run of one seed is the same for every
+(:mod:`trackfg.evaluation.repeatability`). Of a single one a part of the measurements is withheld
+(:mod:`trackfg.comparison.withholding`). Runs go into processes of their own; a run of one seed is the same for every
 estimator, so that differences are paired.
 """
 
@@ -22,11 +23,14 @@ from trackfg.comparison.estimators import Estimator, estimators
 from trackfg.comparison.friction_case import FRICTION_DRIVES, FrictionEstimator, friction_estimators, run_friction_case
 from trackfg.comparison.railway_case import run_railway_case
 from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, About, ComparedCase, Comparison, LeftOut, rows_of
+from trackfg.comparison.withheld_case import run_withheld_case
+from trackfg.comparison.withholding import FOLDS, divisible
 from trackfg.datasets.scenarios import scenario
 from trackfg.errors import BadInputError
 from trackfg.evaluation.repeatability import section_repeatability
 from trackfg.evaluation.scores import STATISTICS
 from trackfg.io.reader import read_recording
+from trackfg.io.truth import has_truth
 
 STANDARD_S = {
     "trolley": 600.0,
@@ -55,10 +59,27 @@ def cases_of(
     ids = [read_recording(folder).description.id for folder in recordings]
     if twice := [name for name in ids if ids.count(name) > 1]:
         raise BadInputError(f"two recordings have the id {twice[0]!r}; expected a different one each")
-    cases = [Case(name, "recording", folder=folder) for name, folder in zip(ids, recordings, strict=True)]
+    alone = [folder for folder in recordings if not has_truth(folder)]
+    cases = []
+    for name, folder in zip(ids, recordings, strict=True):
+        cases += _alone(name, folder) if alone == [folder] else [Case(name, "recording", folder=folder)]
     for name, length in named.items():
         kind: CaseKind = "friction" if name in FRICTION_DRIVES else "scenario"
         cases += [Case(name, kind, seed, length) for seed in range(seeds)]
+    return cases
+
+
+def _alone(name: str, folder: Path) -> list[Case]:
+    """Return the cases of a recording that nothing is held against: as it is, and with a part of it withheld."""
+    recording = read_recording(folder)
+    cases = [Case(name, "alone", folder=folder)]
+    for what in divisible(recording):
+        cases += [Case(f"{name}, {what}", "withheld", part, folder=folder, withheld=what) for part in range(FOLDS)]
+    if len(cases) == 1:
+        raise BadInputError(
+            f"{folder}: nothing to compare with: expected [truth], another recording of the track, or measurements to "
+            f"withhold (six fixes, or two minutes of GNSS or of a tachometer)"
+        )
     return cases
 
 
@@ -71,6 +92,8 @@ def run_case(case: Case, *, peers: bool = True, keep: bool = True, progress: Pro
     show = progress or (lambda what, done: None)
     if case.kind == "friction":
         return run_friction_case(case, show=show)
+    if case.kind == "withheld":
+        return run_withheld_case(case, peers=peers, show=show)
     return run_railway_case(case, peers=peers, keep=keep, show=show)
 
 
@@ -85,19 +108,23 @@ def compare(
     """
     start = time.perf_counter()
     runs = list(_runs(cases, peers, jobs, progress))
-    scores = joined([*(run.scores for run in runs), *_repeatability([run for run in runs if not run.against_truth])])
+    scores = joined(
+        [*(run.scores for run in runs), *_repeatability([run for run in runs if run.basis == "repeatability"])]
+    )
     if scores.empty:
         reasons = "".join(f"; {name}: {reason}" for run in runs for name, reason in run.left_out.items())
-        raise BadInputError(f"nothing to compare with: expected recordings with [truth], or two of one track{reasons}")
+        raise BadInputError(f"nothing to compare with: no estimator could be scored{reasons}")
     scores = scores.reindex(columns=list(SCORE_COLUMNS))
     known: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators()}
-    present = scores["estimator"].unique()
+    compared = tuple(one for run in runs for one in run.differences)
+    present = {*scores["estimator"], *(one.estimator for one in compared)}
     about = About(
         seconds=time.perf_counter() - start,
         cases=_lines(runs),
         estimators={name: f"{one.title} ({one.source})" for name, one in known.items() if name in present},
         left_out=_left_out(runs),
         rows=rows_of(scores),
+        differences=compared,
     )
     return Comparison(
         about,
@@ -172,7 +199,7 @@ def _lines(runs: Sequence[CaseRun]) -> tuple[ComparedCase, ...]:
         ComparedCase(
             name=name,
             summary=same[0].summary,
-            basis="truth" if same[0].against_truth else "repeatability",
+            basis=same[0].basis,
             seeds=tuple(run.case.seed for run in same),
             duration_s=float(np.mean([run.duration_s for run in same])),
             distance_km=float(np.mean([run.distance_km for run in same])),

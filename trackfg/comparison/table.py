@@ -6,7 +6,8 @@ file                 content
 comparison.json      :class:`About`: what was compared, what was left out and why, and the rows of the table
 comparison.parquet   one row per run, estimator, quantity and speed band, columns :data:`SCORE_COLUMNS`
 geometry.parquet     the geometry tables of the first run of each case under each other, with ``case, estimator``
-                     before and, where there is a truth, ``QUANTITY_error`` behind; the truth is estimator ``truth``
+                     before and, where there is a truth, ``QUANTITY_error`` behind; the truth is estimator ``truth``.
+                     Of a recording that nothing is held against, ``QUANTITY_error`` is the smoother's taken off
 positions.parquet    the same runs over time: ``case, estimator, t_s, speed_mps``, errors and sigmas of
                      :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`
 ===================  =========================================================================================
@@ -55,7 +56,9 @@ _HEAD, _SCORES, _GEOMETRY, _POSITIONS = FILES = (
 )
 COMPARISON_FOLDER = FolderKind("comparison", _HEAD, "trackfg-comparison/", FILES)
 
-Task = Literal["attitude and cross-level", "twist", "versines", "distance and position", "friction"]
+Task = Literal[
+    "attitude and cross-level", "twist", "versines", "distance and position", "what was withheld", "friction"
+]
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,9 @@ QUANTITIES: dict[str, Quantity] = {
     "speed_kmh": Quantity("distance and position", "speed", "km/h"),
     "east_m": Quantity("distance and position", "east", "m"),
     "north_m": Quantity("distance and position", "north", "m"),
+    "withheld_fix_m": Quantity("what was withheld", "fixes, withheld", "m"),
+    "withheld_position_m": Quantity("what was withheld", "GNSS positions, withheld", "m"),
+    "withheld_way_m": Quantity("what was withheld", "way within 20 s of tachometer, withheld", "m"),
     "slip_angle_mrad": Quantity("friction", "slip angle", "mrad"),
     "friction": Quantity("friction", "friction", ""),
 }
@@ -94,12 +100,18 @@ class _ComparisonModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+Basis = Literal["truth", "repeatability", "withheld", "smoother"]
+"""What estimates are held against: the truth, the first run, measurements that were withheld from them, or, where no
+score is meant, the smoother's.
+"""
+
+
 class ComparedCase(_ComparisonModel):
-    """A scenario with its seeds, or a recording. ``basis``: held against the truth, or against the first run."""
+    """A scenario with its seeds, or a recording. Where measurements are withheld, the ``seeds`` are their parts."""
 
     name: str
     summary: str = ""
-    basis: Literal["truth", "repeatability"] = "truth"
+    basis: Basis = "truth"
     seeds: tuple[int, ...] = (0,)
     duration_s: float
     distance_km: float
@@ -143,8 +155,22 @@ class Row(_ComparisonModel):
         return self.to_smoother is not None and self.to_smoother < 1.0
 
 
+class Difference(_ComparisonModel):
+    """The rms difference of an estimator from the smoother over a kilometre of a case, in the quantity's unit, its mean
+    over the run removed where the quantity has one unknown offset.
+    """
+
+    case: str
+    estimator: str
+    quantity: str
+    from_km: float
+    rms: float
+
+
 class About(_ComparisonModel):
-    """``comparison.json``. ``estimators``: a line on each; ``seconds`` that everything took."""
+    """``comparison.json``. ``estimators``: a line on each; ``seconds`` that everything took; ``differences`` of a
+    recording without a truth.
+    """
 
     format: Literal["trackfg-comparison/1"] = "trackfg-comparison/1"
     versions: dict[str, str] = Field(default_factory=lambda: versions())
@@ -153,6 +179,7 @@ class About(_ComparisonModel):
     estimators: dict[str, str]
     left_out: tuple[LeftOut, ...]
     rows: tuple[Row, ...]
+    differences: tuple[Difference, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,8 @@ def case_curves(comparison: Comparison, case: str, colour: Mapping[str, str]) ->
     best = {REFERENCE, TRUTH}
     for ranked in scored.values():
         best |= set([name for name in ranked if name != REFERENCE][:1])
+    if not scored:
+        best |= {one.estimator for one in comparison.about.differences if one.case == case}
     geometry, over_time = (_of_case(table, case) for table in (comparison.geometry, comparison.positions))
     chart = _CaseChart(scored, best, colour)
     values, errors = chart.over_chainage(geometry) if geometry else (None, None)

@@ -10,6 +10,7 @@ from trackfg.report.comparison_charts import by_speed, case_curves, colours, run
 from trackfg.report.comparison_tables import (
     beaten_table,
     case_table,
+    difference_table,
     estimator_names,
     estimator_table,
     left_out_table,
@@ -38,12 +39,13 @@ def comparison_page(comparison: Comparison, command: str) -> Page:
             f"trackfg {about.versions.get('trackfg')}",
         )
     )
-    title = ", ".join(case.name for case in about.cases)
+    title = ", ".join(case.name for case in about.cases if case.basis != "withheld")
     sections = [
         _beaten(comparison),
         _what(comparison, runs),
         *_tasks(comparison, colour),
         *_curves(comparison, colour),
+        *_differences(comparison),
         *_times(comparison, colour),
         _left_out(comparison),
         _made(comparison, command),
@@ -120,16 +122,27 @@ def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSect
     blocks: list[Block] = []
     for case in comparison.about.cases:
         found = case_curves(comparison, case.name, colour)
+        errors, less = ("differences", "the smoother's") if case.basis == "smoother" else ("errors", "truth")
         for chart, what, note in (
             (found.geometry, "geometry", "Each over its own chainage."),
-            (found.errors, "errors of the geometry", "Estimate less truth at the true place."),
-            (found.over_time, "errors over time", "Estimate less truth."),
+            (found.errors, f"{errors} of the geometry", f"Estimate less {less} at the same place."),
+            (found.over_time, f"{errors} over time", f"Estimate less {less}."),
         ):
             if chart is not None:
                 title = f"{case.name}, first run: {what}"
                 blocks.append(Drawing(chart, title=title, note=f"{note} {choose}"))
     if blocks:
         yield PageSection("curves", "Curves of one run", tuple(blocks))
+
+
+def _differences(comparison: Comparison) -> Iterator[PageSection]:
+    if comparison.about.differences:
+        note = (
+            "RMS of estimate less smoother over each kilometre; where the quantity has one unknown offset, its mean "
+            "over the run is removed. No truth is known: where they differ, what was withheld says who is nearer."
+        )
+        blocks = (Text(note, "note"), difference_table(comparison.about))
+        yield PageSection("differences", "Where estimators differ from the smoother", blocks)
 
 
 def _times(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:

@@ -9,6 +9,12 @@ from trackfg.comparison.table import Row as Score
 from trackfg.report.numbers import NONE, digits, duration, interval, percent
 from trackfg.report.page import PageTable, TableRow
 
+_BASIS = {
+    "truth": "the truth",
+    "repeatability": "the first run",
+    "withheld": "measurements withheld",
+    "smoother": "the smoother",
+}
 _STATISTIC = {"rms": "RMS", "sd": "SD"}
 
 
@@ -25,7 +31,7 @@ def case_table(about: About) -> PageTable:
             (
                 case.name,
                 case.summary,
-                "the truth" if case.basis == "truth" else "the first run",
+                _BASIS[case.basis],
                 str(len(case.seeds)),
                 ", ".join(str(seed) for seed in case.seeds),
                 f"{case.distance_km:.2f}",
@@ -127,6 +133,19 @@ def score_table(about: About, task: Task) -> PageTable:
         "",
     )
     return PageTable(headings, tuple(rows), numbers=frozenset(range(1, 7)))
+
+
+def difference_table(about: About) -> PageTable:
+    """Return the rms difference of each estimator from the smoother by kilometre, a row per quantity and estimator."""
+    kms = sorted({one.from_km for one in about.differences})
+    cells = {(one.quantity, one.estimator, one.from_km): one.rms for one in about.differences}
+    pairs = dict.fromkeys((quantity, name) for quantity in QUANTITIES for q, name, _ in cells if q == quantity)
+    rows = tuple(
+        TableRow((quantity_text(quantity), name, *(digits(cells.get((quantity, name, km))) for km in kms)))
+        for quantity, name in pairs
+    )
+    headings = ("quantity", "estimator", *(f"km {km:g}" for km in kms))
+    return PageTable(headings, rows, numbers=frozenset(range(2, len(headings))))
 
 
 def left_out_table(about: About) -> PageTable:

@@ -14,6 +14,7 @@ from trackfg.comparison.run import Case, cases_of, compare
 from trackfg.comparison.table import SCORE_COLUMNS, TRUTH, Comparison
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
+from trackfg.report import write_report
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +69,7 @@ def test_recordings_without_truth_are_held_against_the_first(tmp_path: Path) -> 
         folder = tmp_path / f"run{run}"
         simulated = simulate("shuttle", seed=0, run=2 * run, duration_s=100.0)
         simulated.write(folder)
-        text = (folder / "recording.toml").read_text()
-        (folder / "recording.toml").write_text(text[: text.index("[truth]")])
-        folders.append(folder)
+        folders.append(without_truth(folder))
     result = compare(cases_of(folders), peers=False)
     assert result.about.cases[0].basis == "repeatability"
 
@@ -95,13 +94,42 @@ def test_a_recording_with_its_truth(tmp_path: Path) -> None:
     assert {row.case for row in result.about.rows} == {"trolley-seed3-run0"}
 
 
-def test_one_recording_without_truth_has_nothing_to_be_compared_with(tmp_path: Path) -> None:
-    simulate("trolley", seed=0, duration_s=60.0).write(tmp_path / "run")
-    toml = tmp_path / "run" / "recording.toml"
+def without_truth(folder: Path) -> Path:
+    """Take the truth out of a recording's description."""
+    toml = folder / "recording.toml"
     text = toml.read_text()
     toml.write_text(text[: text.index("[truth]")])
-    with pytest.raises(BadInputError, match=r"expected recordings with \[truth\], or two of one track"):
-        compare(cases_of([tmp_path / "run"]))
+    return folder
+
+
+def test_a_short_recording_without_truth_has_nothing_to_be_compared_with(tmp_path: Path) -> None:
+    simulate("trolley", seed=0, duration_s=60.0).write(tmp_path / "run")
+    with pytest.raises(BadInputError, match=r"expected \[truth\], another recording of the track, or measurements"):
+        cases_of([without_truth(tmp_path / "run")])
+
+
+def test_one_recording_without_truth_is_judged_by_what_was_withheld(tmp_path: Path) -> None:
+    simulate("mainline", seed=1, duration_s=120.0).write(tmp_path / "run")
+    cases = cases_of([without_truth(tmp_path / "run")])
+    name = "mainline-seed1-run0"
+    assert [(case.name, case.kind, case.seed) for case in cases] == [
+        (name, "alone", 0),
+        *((f"{name}, tach", "withheld", part) for part in range(3)),
+    ]
+    result = compare(cases, peers=False)
+    assert [case.basis for case in result.about.cases] == ["smoother", "withheld"]
+    rows = {row.estimator: row for row in result.about.rows}
+    assert {row.quantity for row in rows.values()} == {"withheld_way_m"}
+    assert rows[SMOOTHER].error < 0.1
+    assert rows["composite"].to_smoother is not None
+    assert rows["composite"].to_smoother > 1.0
+    differences = {(one.estimator, one.quantity): one for one in result.about.differences}
+    assert 0.0 < differences["complementary", "twist_mm"].rms < 1.0
+    assert ("complementary", "along_track_m") not in differences
+    assert SMOOTHER not in {one.estimator for one in result.about.differences}
+    assert Comparison.read(result.write(tmp_path / "cmp")).about == result.about
+    page = (tmp_path / "page.html").read_text() if write_report(tmp_path / "cmp", tmp_path / "page.html") else ""
+    assert "Where estimators differ from the smoother" in page
 
 
 def test_unknown_names_and_ids_given_twice(tmp_path: Path) -> None:

@@ -1,0 +1,36 @@
+"""One run of a recording without a part of its measurements, and the scores of what predicts that part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trackfg.comparison.case import Case, CaseRun, Progress, joined, run_all, score_table, with_first_column
+from trackfg.comparison.estimators import estimators
+from trackfg.comparison.withholding import FOLDS, division, predicted
+from trackfg.evaluation.scores import score_run
+from trackfg.io.reader import read_recording
+
+
+def run_withheld_case(case: Case, *, peers: bool, show: Progress) -> CaseRun:
+    """Run every estimator that tells distances, other packages with ``peers``, and score how it predicts what it had
+    not.
+    """
+    assert case.withheld is not None
+    recording = read_recording(case.folder)
+    divided = division(recording, case.withheld, case.seed)
+    known = {name: one for name, one in estimators(peers=peers).items() if "distance and position" in one.tasks}
+    estimates, seconds, left_out = run_all({name: one.run for name, one in known.items()}, divided.kept, show)
+    scores = joined(
+        with_first_column(
+            "estimator",
+            name,
+            score_run(predicted(divided, recording, estimate, anchored=known[name].anchored), band_kmh=None),
+        )
+        for name, estimate in estimates.items()
+    )
+    ways = [1e-3 * float(one.trajectory["chainage_m"].diff().abs().sum()) for one in estimates.values()]
+    km = max(ways, default=np.nan)
+    clock = recording.imu["t_s"].to_numpy()
+    summary = f"{case.withheld} of a recording in {case.folder.name}, in {FOLDS} parts in turn"
+    table = score_table(case, scores, seconds, km) if len(scores) else scores
+    return CaseRun(case, summary, float(clock[-1] - clock[0]), km, "withheld", seconds, left_out, table)

@@ -1,0 +1,155 @@
+"""Estimators are judged by how they predict a part of the measurements that is withheld, where no truth is known.
+
+Every kind of measurement is divided into :data:`FOLDS` parts, which are withheld in turn: every third fix, GNSS
+positions of every third span of 30 s, tachometer rows of every third span of 20 s. What is withheld is the same for all
+estimators and in all repetitions. The error of a prediction has the measurement's own in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+import pandas as pd
+
+from trackfg.baselines.result import BaselineResult
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import matrix_from_rpy
+from trackfg.recording.model import Recording
+
+Withheld = Literal["fixes", "positions", "tach"]
+"""The kinds of measurements that are withheld."""
+
+FOLDS = 3
+"""Into how many parts a kind is divided: each estimator runs once per part."""
+
+_SPAN_S: dict[Withheld, float] = {"positions": 30.0, "tach": 20.0}
+"""Length of the spans that are withheld, s: shorter ones would be bridged by interpolation."""
+
+_LEAST_FIXES = 2 * FOLDS
+"""Fewer fixes are not divided: what is left would not hold the run."""
+
+_LEAST_WAY_M = 10.0
+"""A tachometer that counts less than this over a span says nothing there, m."""
+
+_STEP_S = 1.0
+"""Step at which the way within a span is scored, s."""
+
+
+@dataclass(frozen=True)
+class Division:
+    """One part of a recording's measurements of a kind: the recording without it, and ``rows`` that are withheld."""
+
+    what: Withheld
+    kept: Recording
+    rows: np.ndarray
+    """Which rows of the measurements' table are withheld, (m,) of bool."""
+
+
+def divisible(recording: Recording) -> list[Withheld]:
+    """Return the kinds of measurements that a recording has enough of to withhold a part."""
+    return [what for what in get_args(Withheld) if _parts(recording, what) is not None]
+
+
+def division(recording: Recording, what: Withheld, part: int) -> Division:
+    """Return the recording without one part of its measurements of a kind."""
+    parts = _parts(recording, what)
+    assert parts is not None
+    table, rows = _table(recording, what), parts == part
+    assert table is not None
+    kept = table[~rows].reset_index(drop=True)
+    names: dict[Withheld, str] = {"fixes": "fixes", "positions": "gnss", "tach": "tach"}
+    return Division(what, replace(recording, **{names[what]: kept}), rows)
+
+
+def predicted(divided: Division, recording: Recording, estimate: BaselineResult, *, anchored: bool) -> pd.DataFrame:
+    """Return the errors of an estimate's predictions of what was withheld, with their sigmas, as scores need them.
+
+    ``anchored``: its chainage is the line's; else it is shifted to fit the fixes that it had.
+    """
+    scorers: dict[Withheld, Callable[..., pd.DataFrame]] = {
+        "fixes": _fix_errors,
+        "positions": _position_errors,
+        "tach": _way_errors,
+    }
+    return scorers[divided.what](divided, recording, estimate.trajectory, anchored=anchored)
+
+
+def _table(recording: Recording, what: Withheld) -> pd.DataFrame | None:
+    return {"fixes": recording.fixes, "positions": recording.gnss, "tach": recording.tach}[what]
+
+
+def _parts(recording: Recording, what: Withheld) -> np.ndarray | None:
+    """Return the part that each row belongs to, -1 for none, (n,); None where there is too little to divide."""
+    table = _table(recording, what)
+    if table is None or len(table) < _LEAST_FIXES:
+        return None
+    if what == "fixes":
+        return np.arange(len(table)) % FOLDS
+    t = table["t_s"].to_numpy()
+    span = ((t - t[0]) // _SPAN_S[what]).astype(np.int64)
+    # The first and the last span always stay: estimators begin and end there.
+    part = np.where((span > 0) & (span < span[-1]), (span - 1) % FOLDS, -1)
+    return part if span[-1] > FOLDS else None
+
+
+def _fix_errors(divided: Division, recording: Recording, trajectory: pd.DataFrame, *, anchored: bool) -> pd.DataFrame:
+    assert recording.fixes is not None
+    at = recording.fixes["t_s"].to_numpy()
+    error = _at(trajectory, "chainage_m", at) - recording.fixes["chainage_m"].to_numpy()
+    if not anchored:
+        error = error - np.nanmean(error[~divided.rows])
+    sd = np.hypot(_at(trajectory, "chainage_m_sd", at), recording.fixes["chainage_sd_m"].to_numpy())
+    return pd.DataFrame({"withheld_fix_m": error, "withheld_fix_m_sd": sd})[divided.rows]
+
+
+def _position_errors(
+    divided: Division, recording: Recording, trajectory: pd.DataFrame, *, anchored: bool
+) -> pd.DataFrame:
+    """Return errors to the east and to the north under each other; of estimators that know where east is."""
+    assert recording.gnss is not None
+    assert recording.description.gnss is not None
+    seen = recording.gnss[divided.rows] if anchored else recording.gnss[:0]
+    t = seen["t_s"].to_numpy()
+    R = matrix_from_rpy(*(_at(trajectory, f"{name}_rad", t) for name in ("roll", "pitch", "yaw")))
+    arm = np.nan_to_num(R) @ np.array(recording.description.gnss.lever_arm_m)
+    parts = [
+        pd.DataFrame(
+            {
+                "withheld_position_m": _at(trajectory, f"{axis}_m", t) + arm[:, i] - seen[f"{axis}_m"].to_numpy(),
+                "withheld_position_m_sd": np.hypot(_at(trajectory, f"{axis}_m_sd", t), seen[f"{axis}_sd_m"].to_numpy()),
+            }
+        )
+        for i, axis in enumerate(("east", "north"))
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _way_errors(divided: Division, recording: Recording, trajectory: pd.DataFrame, *, anchored: bool) -> pd.DataFrame:
+    """Return the errors of the way since the beginning of each span, its whole way being the tachometer's.
+
+    So scale and sense of the wheel, which each estimator sees its own way, do not count.
+    """
+    assert recording.tach is not None
+    t, counted = recording.tach["t_s"].to_numpy(), recording.tach["distance_m"].to_numpy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], divided.rows, [False]]).astype(np.int8)))
+    errors = [np.zeros(0)]
+    for first, last in edges.reshape(-1, 2):
+        at = np.arange(t[first - 1], t[last], _STEP_S)
+        way = np.interp([*at, t[last]], t, counted) - counted[first - 1]
+        if abs(way[-1]) >= _LEAST_WAY_M:
+            estimated = _at(trajectory, "chainage_m", np.append(at, t[last]))
+            estimated = estimated - estimated[0]
+            errors.append((estimated - way * (estimated[-1] / way[-1]))[1:-1])
+    error = np.concatenate(errors)
+    return pd.DataFrame({"withheld_way_m": error, "withheld_way_m_sd": np.full(error.size, np.nan)})
+
+
+def _at(trajectory: pd.DataFrame, column: str, t: Array) -> Array:
+    """Return a column of the trajectory at times (m,), s; NaN outside."""
+    values = trajectory[column].to_numpy(dtype=np.float64)
+    if column == "yaw_rad":
+        values = np.unwrap(values)
+    return np.asarray(np.interp(t, trajectory["t_s"], values, left=np.nan, right=np.nan))
