@@ -89,6 +89,8 @@ def test_random_runs_repeat_and_differ(tools: SimpleNamespace) -> None:
         ({"far": 0.3}, ["1 silent: shaken, seed 1, smoother: roll_mrad 30 % beyond 4 sigma"]),
         ({"ratio": 1.6}, ["2 sigmas: shaken, smoother: roll_mrad 1.60, 95 %, trusted"]),
         ({"coverage": 0.8, "verdict": "widened"}, ["2 sigmas: shaken, smoother: roll_mrad 1.00, 80 %, widened"]),
+        ({"case": "clean", "coverage": 0.89}, ["2 sigmas: clean, smoother: roll_mrad 1.00, 89 %, trusted"]),
+        ({"case": "clean", "coverage": 1.0}, ["2 sigmas: clean, smoother: roll_mrad 1.00, 100 %, trusted"]),
         ({"ratio": 9.0, "coverage": 0.1, "far": 0.9, "verdict": "not_trusted"}, []),
         ({"converged": False}, ["1 not converged: shaken, seed 1, smoother: roll_mrad trusted"]),
         ({"converged": False, "verdict": "not_trusted"}, []),
