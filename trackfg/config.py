@@ -36,7 +36,7 @@ class ImuConfig(_Section):
 
 class TachConfig(_Section):
     """The wheel: creep (m per sqrt(m) rolled) and the part of it that goes with driving and braking (share of the
-    distance per g of force), noise of a speed signal (m/s in 1 s), walk of the scale.
+    distance per g of force), noise of a speed signal (m/s in 1 s; 0: as its rows show it), walk of the scale.
 
     What does not change during a run is estimated, with these prior sigmas: the mean creep in traction and that in
     braking (``creep_per_traction_sd``); how far to the left, and to the outside of curves, the wheel runs
@@ -51,7 +51,7 @@ class TachConfig(_Section):
     creep_per_traction: Positive = 0.05
     creep_per_traction_sd: Positive = 0.05
     rail_offset_sd_m: Positive = 0.1
-    speed_noise_mps: Positive = 0.1
+    speed_noise_mps: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     scale_walk_per_sqrt_m: Positive = 1e-7
     clock_offset_sd_s: Positive = 0.1
     clock_drift_sd: Positive = 1e-4

@@ -50,6 +50,7 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.speed_noise import speed_noise
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 from trackfg.sensors.tach_steps import at_steps
@@ -164,7 +165,7 @@ def build_problem(
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
     if wheel is not None and steps:
-        wheel = at_steps(wheel)
+        wheel = _with_noise(at_steps(wheel), data, config)
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     floor = NoiseFloor.of(data)
     rests, path, rolls = _first_pass(recording, config, world, data, floor, wheel, speedless)
@@ -241,6 +242,14 @@ def _first_pass(
         mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
         recording = replace(recording, tach=mended)
     return rests, path, found
+
+
+def _with_noise(wheel: Wheel, data: Intervals, config: SmoothConfig) -> Wheel:
+    """Return the wheel with the noise of a speed signal as its rows show it, unless the settings give it."""
+    if not wheel.integrates_speed or config.tach.speed_noise_mps > 0.0:
+        return wheel
+    noise = speed_noise(wheel, data)
+    return wheel if noise is None else wheel.with_speed_noise(noise)
 
 
 def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:

@@ -34,7 +34,7 @@ from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
 from trackfg.recording.description import FurtherTach, RecordingDescription, Speed, Table, Tach
 from trackfg.recording.model import TACH_COLUMNS, Recording
-from trackfg.sensors.tach import Wheel, longest_silence_s, read_resolution
+from trackfg.sensors.tach import SPEED_NOISE_MPS, Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
 """Rows this much older than an interval (s) tell how far apart rows usually are."""
@@ -145,7 +145,7 @@ def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     }
     variance = creep_variance(inputs)[k] + (reading_sd[1:] ** 2 + reading_sd[:-1] ** 2)[k]
     if part.integrates_speed:
-        variance = variance + config.tach.speed_noise_mps**2 * inputs.durations[k]
+        variance = variance + (config.tach.speed_noise_mps or SPEED_NOISE_MPS) ** 2 * inputs.durations[k]
     sigma = np.sqrt(variance)[:, None] * config.noise.tach
     loss = SwitchChain(config.tach.robust_width, config.keyframes.interval_s)
     family = tach_increment(k, sensor.variable, measured, sigma, loss, sensor.name)

@@ -74,9 +74,12 @@ def _path(inputs: GraphInputs, loss: Loss) -> Family:
 
 
 def _rolled(inputs: GraphInputs, t: Array) -> Array:
-    """Return the distance at ``t`` (m,), m; the steps of a coarse tach are no steps of the vehicle, and smoothed."""
+    """Return the distance at ``t`` (m,), m.
+
+    Steps of a coarse tach and noise of a speed signal are none of the vehicle's, and smoothed.
+    """
     wheel = inputs.wheel
-    if wheel is not None and (wheel.coarse or wheel.rounding_sd > _COARSE_M):
+    if wheel is not None and (wheel.coarse or wheel.grown is not None or wheel.rounding_sd > _COARSE_M):
         return inputs.path.rolled(t)
     return inputs.distance_at(t)
 

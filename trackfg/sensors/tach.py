@@ -19,6 +19,11 @@ from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
+SPEED_NOISE_MPS = 0.1
+"""Noise of a speed signal where neither the settings nor its rows tell it, m/s in 1 s: a tenth of a second's speed in
+whole km/h.
+"""
+
 _GRID_S = 0.1
 """Step at which force and acceleration are compared, s."""
 
@@ -82,11 +87,16 @@ class Wheel:
     def speed_variance(self, t: Array, noise_mps: float) -> Array:
         """Return the variance of the integrated speed between neighbouring times (m,), m^2, shape (m - 1,).
 
-        ``noise_mps``, m/s in 1 s, is that of a signal whose noise is not known from its rows.
+        ``noise_mps``, m/s in 1 s, is as the settings give it; 0 where the rows tell it as far as they can.
         """
-        if self.grown is None:
-            return np.asarray(noise_mps**2 * np.diff(t))
-        return np.diff(np.interp(t, self.t, self.grown))
+        if noise_mps == 0.0 and self.grown is not None:
+            return np.diff(np.interp(t, self.t, self.grown))
+        return np.asarray((noise_mps or SPEED_NOISE_MPS) ** 2 * np.diff(t))
+
+    def with_speed_noise(self, noise_mps: float) -> Wheel:
+        """Return the same with white noise of the speed, m/s in 1 s, besides what is known of it."""
+        before = np.zeros(len(self.t)) if self.grown is None else self.grown
+        return replace(self, grown=before + noise_mps**2 * (self.t - self.t[0]))
 
     def with_speed(self, t: Array, speed: Array, rolls: np.ndarray) -> Wheel:
         """The same, but where it does not roll (``rolls`` (n - 1,) between the times ``t`` (n,)) by ``speed`` (n,)."""

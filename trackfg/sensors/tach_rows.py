@@ -17,7 +17,7 @@ def tach_quantum_m(tach: pd.DataFrame) -> float:
 
 
 def common_step(values: Array) -> float:
-    """Return the largest number of which all ``values`` (n,) are multiples; 0 where there is none above 1e-6.
+    """Return the largest number of which all ``values`` (n,) are multiples, to 1 %; 0 where there is none above 1e-6.
 
     Values are rounded to 1e-8, far above the rounding of the doubles.
     """

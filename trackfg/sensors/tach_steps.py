@@ -35,6 +35,9 @@ _ROWS_PER_STEP = 2.0
 _ACCELERATION = 1.0
 """m/s^2: what a train brakes or drives with, by which a place interpolated between two steps errs."""
 
+_SAME_MPS = 2e-3
+"""Speeds closer than this are one value, m/s: whole km/h written with two decimals. Finer steps are noise."""
+
 _APART_S = 1e-6
 """Rows are at least so far apart, s: a slope between two that only rounding divides means nothing."""
 
@@ -116,20 +119,24 @@ def _speed_at_steps(wheel: Wheel) -> Wheel:
 def speed_rows(t: Array, distance: Array) -> tuple[Array, float] | None:
     """Return the speeds (n,) of which the trapezoid rule made ``distance`` (n,) at ``t`` (n,), and their step, m/s.
 
-    None where they are no multiples of a step, or where the steps are not resolved. From the sums of neighbouring
-    speeds each one follows but for a number that is added to every other one and taken from the rest: the one that
-    makes the most of them equal to the next.
+    None where they are no multiples of a step. From the sums of neighbouring speeds each one follows but for a number
+    that is added to every other one and taken from the rest: the one that makes the most of them equal to the next.
     """
     sums = 2.0 * np.diff(distance) / np.diff(t)
-    quantum = common_step(sums)
+    quantum = common_step(_merged(np.sort(np.abs(sums))))
     if quantum == 0.0:
         return None
     sign = np.where(np.arange(len(t)) % 2, -1.0, 1.0)
     sums = quantum * np.rint(sums / quantum)
     speed = np.concatenate([[0.0], -sign[1:] * np.cumsum(sign[:-1] * sums)])
     speed = speed + sign * quantum * np.rint(0.5 * np.median(sign[:-1] * np.diff(speed)) / quantum)
-    step = np.flatnonzero(np.abs(np.diff(speed)) > 0.5 * quantum)
-    return (quantum * np.rint(speed / quantum), quantum) if _resolved(np.diff(step)) else None
+    return quantum * np.rint(speed / quantum), quantum
+
+
+def _merged(values: Array) -> Array:
+    """Return the means of ``values`` (n,), in order, that lie together: decimals cut off make many of one."""
+    first = np.flatnonzero(np.diff(values, prepend=-np.inf) > _SAME_MPS)
+    return np.asarray(np.add.reduceat(values, first) / np.diff(np.append(first, len(values))))
 
 
 def _resolved(rows_between: Array) -> bool:
