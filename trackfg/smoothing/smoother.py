@@ -17,6 +17,7 @@ import pandas as pd
 
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem, build_problem
@@ -109,7 +110,7 @@ def smooth(
     go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
     """
     config = config or SmoothConfig()
-    measured = without_imu_faults(recording, CheckLimits())
+    measured, correction = corrected_tach(without_imu_faults(recording, CheckLimits()))
     smoothed = smooth_states(measured, config, feature_map=feature_map, progress=progress)
     sources = EventSources.of(smoothed.problem)
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
@@ -117,7 +118,7 @@ def smooth(
         widened(smoothed.trajectory, smoothed.verdicts),
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
-        _summary(replace(recording, findings=measured.findings), smoothed),
+        _summary(replace(recording, findings=(*measured.findings, *correction.findings)), smoothed, correction),
         widened_places(smoothed.places, smoothed.verdicts),
     )
 
@@ -262,12 +263,12 @@ def _run_facts(recording: Recording) -> RunFacts:
     )
 
 
-def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
+def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCorrection) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
     path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
     clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
-    has_tach = problem.wheel is not None
+    has_tach, factor = problem.wheel is not None, correction.factor
 
     def scalar(value: float, sd: float) -> Estimate:
         return Estimate(value=value, sd=sd if solution.converged else None)
@@ -294,8 +295,8 @@ def _summary(recording: Recording, smoothed: SmoothedStates) -> Summary:
         distance_m=path_m if np.isfinite(widening(smoothed.verdicts, "chainage")) else None,
         keyframes=len(problem.t),
         noise_ratios=smoothed.noise_ratios,
-        wheel_scale=scalar(last["wheel_scale"], last["wheel_scale_sd"]) if has_tach else None,
-        clock_offset_s=scalar(float(solution.states.clock[0, 0]), clock_sd) if has_tach else None,
+        wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
+        clock_offset_s=scalar(correction.clock_s + float(solution.states.clock[0, 0]), clock_sd) if has_tach else None,
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
         geometry=problem.run.conventions,

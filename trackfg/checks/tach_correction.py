@@ -1,0 +1,135 @@
+"""A tach that is wrong throughout is put right before there is a graph: km/h for m/s, the other sense, seconds late.
+
+The graph's priors are those of a tach that is described rightly: a scale to 1 %, a clock to 0.1 s. From there a factor
+of 3.6 is one slip from the first interval to the last, and nothing contradicts it. But forward force says what the
+vehicle's acceleration is. In a band in which both show starts and stops, and neither gradients nor rounding, force is
+k times the tach's acceleration. The slope of force on acceleration is too small by the noise of the tach, the inverse
+of the slope of acceleration on force too large by all else that the accelerometer feels; k lies between them (Frisch,
+*Statistical confluence analysis*, 1934).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.checks.diagnosis_clock import estimate_clock_offset, tach_acceleration
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import Recording
+from trackfg.sensors.averages import averaged, band_passed
+
+_STEP_S = 0.1
+"""Force and acceleration are compared as means over this, s."""
+
+_SHORT_S, _LONG_S = 2.0, 10.0
+"""The band, s: longer than the rounding of one pulse per revolution lasts, shorter than gradients. On simulated runs
+the two slopes enclose the truth within 7 % there, with slips under leaves too.
+"""
+
+_LEAST_CORRELATION = 0.8
+"""Below it the two slopes are more than a factor 1.6 apart."""
+
+_LEAST_ACCELERATION = 0.02
+"""Of the accelerometer in the band, m/s^2 rms: as large as gradients make it where the vehicle just goes on."""
+
+_RIGHT = 0.15
+"""A factor that may be as near to 1 is the wheel's scale, or a sensor's, and left to the graph."""
+
+_NEAR = 0.1
+"""A factor as near to that of a usual mistake, in proportion, is taken for it."""
+
+_OTHER_SENSE = "it counts in the other sense"
+_ANOTHER_WHEEL = "the wheel, or the number of pulses of a turn, is another one than described"
+_MISTAKES = {
+    1.0: "",
+    1.0 / 3.6: "its values look like km/h, and are taken for m/s",
+    3.6: "its values look like m/s, and are taken for km/h",
+    0.44704: "its values look like mph, and are taken for m/s",
+    1e-3: "its values look like mm, and are taken for m",
+    1e3: "its values look like m, and are taken for mm",
+}
+"""Usual mistakes by the factor that mends them."""
+
+_LATEST_S = 5.0
+"""A tach that seems to be later is none of this run's, s."""
+
+_CLEARLY_LATE_S = 0.2
+"""A clock is moved beforehand where it is off by more, s: two sigmas of what the graph takes it for."""
+
+_CLEAR_SIGMAS = 4.0
+"""And where it is off by so many sigmas."""
+
+
+@dataclass(frozen=True)
+class TachCorrection:
+    """What was done to a tach beforehand: its distance was multiplied by ``factor``, ``clock_s`` added to its times."""
+
+    factor: float = 1.0
+    clock_s: float = 0.0
+    findings: tuple[Finding, ...] = ()
+
+
+def corrected_tach(recording: Recording) -> tuple[Recording, TachCorrection]:
+    """Return the recording with a tach that agrees with the accelerometer, and what was done to it for that."""
+    tach, described = recording.tach, recording.description.tach
+    if tach is None or described is None or len(tach) < 2:
+        return recording, TachCorrection()
+    findings, clock_s = [], 0.0
+    offset = estimate_clock_offset(recording, _LATEST_S)
+    if offset is not None and abs(offset.offset_s) > max(_CLEARLY_LATE_S, _CLEAR_SIGMAS * offset.sd_s):
+        clock_s = offset.offset_s
+        recording = replace(recording, tach=tach.assign(t_s=tach["t_s"] + clock_s))
+        findings.append(_late(clock_s, described.time_offset_s))
+    factor = force_per_acceleration(recording)
+    if factor is None or abs(factor - 1.0) < _RIGHT or (factor < 0.0 and not described.signed):
+        return recording, TachCorrection(1.0, clock_s, tuple(findings))
+    named, why = _mistake(factor)
+    findings.append(_wrong(named, why))
+    assert recording.tach is not None
+    table = recording.tach.assign(distance_m=named * recording.tach["distance_m"])
+    # What is left of the factor is the wheel's scale: known as well as the slope, or as described.
+    scale_sd = max(described.scale_sd, _NEAR / 2.0)
+    description = recording.description.model_copy(update={"tach": described.model_copy(update={"scale_sd": scale_sd})})
+    recording = replace(recording, tach=table, description=description)
+    return recording, TachCorrection(named, clock_s, tuple(findings))
+
+
+def _mistake(factor: float) -> tuple[float, str]:
+    """Return the factor of a usual mistake near to one that was found, or that one, and what is wrong."""
+    sense, size = float(np.sign(factor)), abs(factor)
+    named = min(_MISTAKES, key=lambda known: abs(size / known - 1.0))
+    size, why = (named, _MISTAKES[named]) if abs(size / named - 1.0) < _NEAR else (size, _ANOTHER_WHEEL)
+    reasons = (*((_OTHER_SENSE,) if sense < 0.0 else ()), *((why,) if why else ()))
+    return sense * size, "; ".join(reasons)
+
+
+def force_per_acceleration(recording: Recording) -> float | None:
+    """Return k, the geometric mean of the two slopes, 1 if they enclose it; None where the run does not tell."""
+    assert recording.tach is not None
+    motion = averaged(recording.imu, recording.tach, _STEP_S)
+    if motion is None or motion.t_s.size * motion.step_s < 4.0 * _LONG_S or not motion.valid.any():
+        return None
+    acceleration, force = (
+        band_passed(values, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+        for values in (tach_acceleration(motion), motion.accel[:, 0])
+    )
+    if np.sqrt(np.mean(force**2)) < _LEAST_ACCELERATION or not acceleration.any():
+        return None
+    product = float(acceleration @ force)
+    if abs(product) < _LEAST_CORRELATION * np.linalg.norm(acceleration) * np.linalg.norm(force):
+        return None
+    small, large = product / float(acceleration @ acceleration), float(force @ force) / product
+    return 1.0 if small <= 1.0 <= large else float(np.sign(product) * np.sqrt(small * large))
+
+
+def _late(clock_s: float, declared_s: float) -> Finding:
+    message = f"the tach is {abs(clock_s):.2f} s {'early' if clock_s > 0.0 else 'late'} against the accelerometer"
+    hint = f"it was moved; to have it so beforehand, set tach.time_offset_s = {declared_s + clock_s:.2f}"
+    return Finding("warning", "tach-clock", message, hint=hint)
+
+
+def _wrong(factor: float, why: str) -> Finding:
+    message = f"the accelerometer feels {factor:.3g} times the tach's acceleration: {why}"
+    hint = f"its distance was multiplied by {factor:.4g}; correct [tach] in recording.toml"
+    return Finding("warning", "tach-factor", message, hint=hint)
