@@ -46,6 +46,7 @@ from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
+from trackfg.recording.description import ImuNoise
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
@@ -57,6 +58,9 @@ from trackfg.sensors.tach_steps import at_steps
 
 _ANYWHERE_SD_M = 1e5
 """Sigma of a start that may be anywhere along the track, m: wider than any line between two fixes."""
+
+_BEYOND_SIGMAS = 3.0
+"""A bias is as declared up to so many of the declared sigmas: 3 in 1000 would be further off."""
 
 _SET_SD_M = 1e-4
 """Of a place that is 0 by convention."""
@@ -305,7 +309,7 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     # Without GNSS the start defines the frame: its position and heading are known by convention.
     yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (_SET_SD_RAD, _SET_SD_M)
     nav_sd = np.array([[0.2, 0.2, yaw_sd, *[position_sd] * 3, 10.0, 10.0, 10.0]])
-    bias_sd = np.array([[noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3])
+    bias, bias_sd = _bias_prior(inputs.path, noise)
     tach = inputs.recording.description.tach
     scale_sd = 1e-2 if tach is None else tach.scale_sd
     start_sd = _ANYWHERE_SD_M if inputs.recording.fixes is not None and len(inputs.recording.fixes) else _SET_SD_M
@@ -321,7 +325,7 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
     return [
         nav_prior(first, states.nav[:1], nav_sd),
-        prior(Kind.BIAS, first, np.zeros((1, 6)), bias_sd),
+        prior(Kind.BIAS, first, bias[None], bias_sd[None]),
         prior(Kind.ODO, first, states.odo.array[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
         prior(Kind.MOUNT, first, np.zeros((1, Kind.MOUNT.dim)), mount_sd),
         prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
@@ -329,3 +333,18 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
         prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
         *sensor_priors(inputs.recording.description, config),
     ]
+
+
+def _bias_prior(path: InitialPath, noise: ImuNoise) -> tuple[Array, Array]:
+    """Return mean and sigma of the biases at the start, (6,) each.
+
+    The declared sigmas are a data sheet's, or a guess: where biases show that they do not allow, those are their level.
+    What is known of the vertical gyro bias from how straight tracks are is in no factor, and is the prior.
+    """
+    mean, sd = np.zeros(6), np.array([noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3)
+    if path.start is not None:
+        level = np.array([path.start.accel_level] * 3 + [path.start.gyro_level] * 3)
+        sd = np.where(level > _BEYOND_SIGMAS * sd, level, sd)
+        if path.start.vertical_sd is not None:
+            mean[5], sd[5] = path.start.gyro[0, 2], path.start.vertical_sd
+    return mean, sd

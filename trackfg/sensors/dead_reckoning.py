@@ -10,7 +10,7 @@ Everything is array operations: no loop over time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -20,7 +20,9 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
+from trackfg.sensors.starting_bias import GridMotion, StartingBias, starting_bias
 from trackfg.sensors.tach import Wheel
+from trackfg.sensors.tilt import euler_rates
 
 _GRID_S = 0.1
 """Step of the first pass, s: it resolves a train's motion, and ten times fewer rows than the IMU has suffice."""
@@ -40,6 +42,8 @@ class InitialPath:
     v: Array
     speed: Array
     gyro_bias: Array
+    start: StartingBias | None = None
+    """What is known of the biases beforehand; None where an earlier estimate goes on."""
 
     def attitude(self, t: Array) -> Array:
         """``R_nb`` at ``t``. Shape (m,) to (m, 3, 3)."""
@@ -71,41 +75,20 @@ def initial_path(
     t = np.arange(data.edges[0], data.edges[-1], _GRID_S)
     t = np.append(t, data.edges[-1]) if data.edges[-1] - t[-1] > 1e-6 else t
     gyro, accel = (means_around(t, _GRID_S, data.edges, samples) for samples in (data.gyro, data.accel))
-    bias = rest_bias(t, gyro, rests, earth_rate)
-    speed, acceleration = _speed(recording, wheel, t)
-    w = gyro - bias
-    kinematic = np.stack([acceleration, speed * w[:, 2], -speed * w[:, 1]], axis=1)
-    f = accel - kinematic
-    tilt = np.stack([np.arctan2(f[:, 1], f[:, 2]), np.arctan2(-f[:, 0], np.hypot(f[:, 1], f[:, 2]))], axis=1)
-    slow = _low_pass(tilt)
+    motion = GridMotion(t, gyro, accel, *_speed(recording, wheel, t))
+    bias = starting_bias(motion, rests, earth_rate, recording.description.imu.noise, recording.gnss)
+    w = gyro - bias.gyro
+    slow = _low_pass(motion.tilt(bias.gyro))
     rp = slow
     dt = np.gradient(t)[:, None]
     for _ in range(2):  # the rates of roll and pitch depend on roll and pitch themselves
-        sin_r, cos_r, tan_p = np.sin(rp[:, 0]), np.cos(rp[:, 0]), np.tan(rp[:, 1])
-        across = w[:, 1] * sin_r + w[:, 2] * cos_r
-        rates = np.stack([w[:, 0] + across * tan_p, w[:, 1] * cos_r - w[:, 2] * sin_r], axis=1)
-        integral = np.cumsum(rates * dt, axis=0)
+        rates = euler_rates(w, rp)
+        integral = np.cumsum(rates[:, :2] * dt, axis=0)
         rp = slow + integral - _low_pass(integral)
-    heading = np.cumsum(across / np.cos(rp[:, 1]) * dt[:, 0])
+    heading = np.cumsum(rates[:, 2] * dt[:, 0])
     rpy = np.column_stack([rp, heading - heading[0] + yaw])
-    path = _dead_reckon(t, rpy, speed, bias)
+    path = _dead_reckon(t, rpy, motion.speed, bias)
     return path if recording.gnss is None else _onto_gnss(path, recording)
-
-
-def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array) -> Array:
-    """Gyro bias at ``t`` (n, 3): the mean rate of each rest less the Earth's vertical rate, interpolated; else 0.
-
-    The horizontal part of the Earth's rate, whose direction in the body is not known yet, stays in.
-    """
-    means, middles = [], []
-    for start, end in rests:
-        inside = (t >= start) & (t <= end)
-        if inside.any():
-            means.append(gyro[inside].mean(axis=0) - [0.0, 0.0, earth_rate[2]])
-            middles.append(0.5 * (start + end))
-    if not means:
-        return np.zeros((t.size, 3))
-    return interpolate_columns(t, np.array(middles), np.array(means))
 
 
 def _low_pass(x: Array) -> Array:
@@ -150,12 +133,12 @@ def _smooth(x: Array) -> Array:
     return np.asarray(gaussian_filter1d(np.pad(x, reach, "reflect", reflect_type="odd"), sigma)[reach:][: len(x)])
 
 
-def _dead_reckon(t: Array, rpy: Array, speed: Array, bias: Array) -> InitialPath:
+def _dead_reckon(t: Array, rpy: Array, speed: Array, bias: StartingBias) -> InitialPath:
     cp = np.cos(rpy[:, 1])
     forward = np.stack([np.cos(rpy[:, 2]) * cp, np.sin(rpy[:, 2]) * cp, -np.sin(rpy[:, 1])], axis=1)
     v = forward * speed[:, None]
     p = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
-    return InitialPath(t, rpy, p, v, speed, bias)
+    return InitialPath(t, rpy, p, v, speed, bias.gyro, bias)
 
 
 def _onto_gnss(path: InitialPath, recording: Recording) -> InitialPath:
@@ -174,4 +157,4 @@ def _onto_gnss(path: InitialPath, recording: Recording) -> InitialPath:
     turn = float(np.angle(np.sum(np.conj(a) * b)))
     R = matrix_from_rpy(np.zeros(1), np.zeros(1), np.array([turn]))[0]
     p = (path.p - mean_ours) @ R.T + mean_measured
-    return InitialPath(path.t, path.rpy + np.array([0.0, 0.0, turn]), p, path.v @ R.T, path.speed, path.gyro_bias)
+    return replace(path, rpy=path.rpy + np.array([0.0, 0.0, turn]), p=p, v=path.v @ R.T)

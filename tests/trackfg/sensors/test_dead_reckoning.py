@@ -11,9 +11,10 @@ import pytest
 from trackfg.datasets.scenarios import Simulation
 from trackfg.numerics.geodesy import earth_rate_enu
 from trackfg.numerics.rotations import matrix_from_rpy
-from trackfg.sensors.dead_reckoning import InitialPath, initial_path, rest_bias
+from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.starting_bias import rest_bias
 from trackfg.sensors.tach import Wheel, read_wheel
 
 

@@ -1,0 +1,218 @@
+"""Where the gyro's bias starts, before there is a graph.
+
+At rest the gyro shows its bias. Rests are of different worth: one of T s gives the bias to ``density / sqrt(T)``, and
+from one to the next it walks. So the means of rests are smoothed by
+
+    sum (b_i - mean_i)^2 T_i / density^2 + sum (b_i+1 - b_i)^2 / (walk^2 dt_i)
+
+**Without any rest** the bias across is what makes the integrated gyro run away from gravity: the slope, over the run,
+of the integrated rates of roll and pitch less the tilt of the specific force. Kinematic accelerations spoil single
+tilts by 0.01 rad; over a minute that leaves 2e-4 rad/s.
+
+The vertical part follows from GNSS positions in the same way, as the slope of the integrated yaw rate less the heading
+of the path from position to position. Without them nothing measures it directly, but track is straight for a good part,
+and curves go both ways: the middle of the yaw rates is that of the shortest interval that holds half of them, the
+shorth (Andrews et al., *Robust Estimates of Location* (1972)). A run that lies in one curve has its rate there, too.
+The three axes of a sensor are alike, so a bias beyond twice what the other two show is doubted by the excess, and all
+are held against their level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.linalg import solve_banded
+
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import within
+from trackfg.numerics.units import STANDARD_GRAVITY
+from trackfg.recording.description import ImuNoise
+from trackfg.sensors.imu_intervals import interpolate_columns
+from trackfg.sensors.tilt import euler_rates, force_tilt
+
+_ROUNDS = 3
+"""The tilt depends on the yaw rate, and so on the bias: each round leaves some per cent of the error."""
+
+_CURVE_LASTS_S = 10.0
+"""A curve or a straight lasts so long, s: yaw rates are as many independent ones as there are such times in a run."""
+
+_MEAN_S = 1.0
+"""Yaw rates are means over this, s: vibration, and the yaw of a body on its springs, are gone."""
+
+_SIGMA_PER_MEDIAN = 1.4826
+"""Sigma of a normal distribution over the median of the absolute deviation."""
+
+_OUTLIER_SIGMAS = 3.0
+"""What is further from a straight line is no part of it."""
+
+_STANDING_MPS = 0.5
+"""A vehicle that is slower, m/s, has no heading that positions show, and is on no part of the track in particular."""
+
+_CHORD_SIGMAS = 10.0
+"""Headings are those between positions that are so many of their sigmas apart: 0.14 rad."""
+
+_FEWEST_CHORDS = 3
+"""Fewer headings tell no rate."""
+
+_LONGEST_CHORD_S = 60.0
+"""A pair of positions further apart in time, s, tells no heading: a bias of 3 deg/s turns by half a circle."""
+
+
+@dataclass(frozen=True)
+class StartingBias:
+    """``gyro`` (n, 3) is its bias over time, rad/s. ``gyro_level``, rad/s, and ``accel_level``, m/s^2, are how large
+    biases of the sensor are at least, by what shows of them.
+
+    ``vertical_sd``, rad/s: sigma of the gyro's vertical part where it follows from what tracks are like; None where
+    rests or positions measure it.
+    """
+
+    gyro: Array
+    gyro_level: float
+    accel_level: float
+    vertical_sd: float | None = None
+
+
+@dataclass(frozen=True)
+class GridMotion:
+    """Means at times ``t`` (n,), s: rates and forces (n, 3), forward ``speed``, m/s, and ``acceleration`` (n,)."""
+
+    t: Array
+    gyro: Array
+    accel: Array
+    speed: Array
+    acceleration: Array
+
+    def kinematic(self, bias: Array) -> Array:
+        """Return the specific force (n, 3), m/s^2, of the motion, with the gyro's bias (3,) or (n, 3), rad/s."""
+        w = self.gyro - bias
+        return np.stack([self.acceleration, self.speed * w[:, 2], -self.speed * w[:, 1]], axis=1)
+
+    def tilt(self, bias: Array) -> Array:
+        """Return roll and pitch (n, 2), rad, by the specific force less its kinematic part."""
+        return force_tilt(self.accel - self.kinematic(bias))
+
+
+def starting_bias(
+    motion: GridMotion, rests: Array, earth_rate: Array, noise: ImuNoise, gnss: pd.DataFrame | None
+) -> StartingBias:
+    """Return the gyro's bias by rests (m, 2), s, or else by tilt and heading, and how large biases are.
+
+    ``earth_rate`` (3,), rad/s, in n; ``noise`` as declared.
+    """
+    if len(rests):
+        gyro, vertical_sd = rest_bias(motion.t, motion.gyro, rests, earth_rate, noise.gyro_bias_walk), None
+    else:
+        start, vertical_sd = _without_rests(motion, earth_rate, noise.gyro_bias_sd, gnss)
+        gyro = np.tile(start, (len(motion.t), 1))
+    force = motion.accel - motion.kinematic(gyro)
+    resting = within(motion.t, rests) if len(rests) else np.ones(len(motion.t), dtype=bool)
+    excess = float(np.linalg.norm(np.median(force[resting], axis=0))) - STANDARD_GRAVITY
+    return StartingBias(gyro, float(np.abs(gyro[0]).max()), abs(excess), vertical_sd)
+
+
+def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array, walk: float = np.inf) -> Array:
+    """Return the gyro's bias at ``t`` (n, 3): mean rates of rests less the Earth's vertical rate, smoothed (see above)
+    and interpolated; 0 where there are none. Without a ``walk`` each mean stands for itself.
+
+    The horizontal part of the Earth's rate, whose direction in the body is not known yet, stays in.
+    """
+    inside = [(t >= start) & (t <= end) for start, end in rests]
+    inside = [mask for mask in inside if mask.any()]
+    if not inside:
+        return np.zeros((t.size, 3))
+    step = float(np.median(np.diff(t)))
+    duration = step * np.array([mask.sum() for mask in inside])
+    middle = np.array([t[mask].mean() for mask in inside])
+    mean = np.stack([gyro[mask].mean(axis=0) for mask in inside]) - [0.0, 0.0, earth_rate[2]]
+    variance = np.average([gyro[mask].var(axis=0).mean() for mask in inside], weights=duration) * step
+    ratio = variance / (walk**2 * np.diff(middle))
+    band = np.zeros((3, len(middle)))
+    band[1] = duration + np.append(ratio, 0.0) + np.append(0.0, ratio)
+    band[0, 1:] = band[2, :-1] = -ratio
+    return interpolate_columns(t, middle, np.asarray(solve_banded((1, 1), band, mean * duration[:, None])))
+
+
+def _without_rests(
+    motion: GridMotion, earth_rate: Array, declared_sd: float, gnss: pd.DataFrame | None
+) -> tuple[Array, float | None]:
+    """Return the gyro's bias (3,), rad/s, and the sigma of its vertical part where that is assumed."""
+    step = np.gradient(motion.t)[:, None]
+    bias, vertical_sd = np.median(motion.gyro, axis=0) * [1.0, 1.0, 0.0], None
+    for _ in range(_ROUNDS):
+        tilt = motion.tilt(bias)
+        rates = euler_rates(motion.gyro - bias, tilt)
+        turned = np.cumsum(rates * step, axis=0)
+        bias[:2] += _slope(motion.t, turned[:, :2] - tilt)
+        headings = _headings(motion, turned[:, 2], gnss)
+        if headings is not None:
+            bias[2] += _slope(headings[:, 0], headings[:, 1:])[0] - earth_rate[2]
+            continue
+        level = max(declared_sd, float(np.abs(bias[:2]).max()))
+        middle, sd = _shorth(_yaw_rates(motion, rates[:, 2] + bias[2] - earth_rate[2]))
+        sd = max(sd, abs(middle) - 2.0 * level)
+        share = level**2 / (level**2 + sd**2)
+        bias[2], vertical_sd = share * middle, float(np.sqrt(share)) * sd
+    return bias, vertical_sd
+
+
+def _slope(t: Array, y: Array) -> Array:
+    """Return the slopes (c,) of straight lines through y (n, c), at times t (n,). What is further from the line than
+    three sigmas, by the median, is left out of a second fit.
+    """
+    weight = np.ones_like(y)
+    for _ in range(2):
+        total = weight.sum(axis=0)
+        middle, level = weight.T @ t / total, (weight * y).sum(axis=0) / total
+        since = t[:, None] - middle
+        slope: Array = (weight * since * (y - level)).sum(axis=0) / (weight * since**2).sum(axis=0)
+        rest = np.abs(y - level - since * slope)
+        limit = _OUTLIER_SIGMAS * _SIGMA_PER_MEDIAN * np.median(rest, axis=0)
+        weight = (rest <= limit + 1e-12).astype(np.float64)
+    return slope
+
+
+def _shorth(x: Array) -> tuple[float, float]:
+    """Return the mean of the shortest interval that holds half of x (n,), one each second, and its sigma."""
+    ordered = np.sort(x)
+    half = (len(ordered) + 1) // 2
+    width = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
+    first = int(np.argmin(width))
+    independent = max(1.0, len(x) * _MEAN_S / _CURVE_LASTS_S)
+    return float(ordered[first : first + half].mean()), 0.5 * float(width[first]) / float(np.sqrt(independent))
+
+
+def _yaw_rates(motion: GridMotion, rate: Array) -> Array:
+    """Return means of the yaw rate (n,) over a second each, where the vehicle moves or nothing tells its speed."""
+    size = max(1, round(_MEAN_S / float(np.median(np.diff(motion.t)))))
+    count = len(rate) // size
+    means, speed = (x[: count * size].reshape(count, size).mean(axis=1) for x in (rate, np.abs(motion.speed)))
+    moving = speed > _STANDING_MPS
+    return np.asarray(means[moving] if moving.any() else means)
+
+
+def _headings(motion: GridMotion, turned: Array, gnss: pd.DataFrame | None) -> Array | None:
+    """Return times, s, and the integrated yaw rate (n,) less the heading between positions, rad, shape (m, 2).
+
+    None where positions are too few, or too close together for their errors.
+    """
+    if gnss is None or len(gnss) <= _FEWEST_CHORDS:
+        return None
+    t, place = gnss["t_s"].to_numpy(), gnss[["east_m", "north_m"]].to_numpy()
+    sigma = float(np.median(gnss[["east_sd_m", "north_sd_m"]]))
+    way = np.cumsum(np.abs(motion.speed) * np.gradient(motion.t))
+    at = np.interp(t, motion.t, way)
+    knots = np.unique(np.searchsorted(at, np.arange(at[0], at[-1], _CHORD_SIGMAS * sigma)))
+    begin, end = t[knots[:-1]], t[knots[1:]]
+    chord = np.diff(place[knots], axis=0)
+    used = (np.hypot(*chord.T) > 0.5 * _CHORD_SIGMAS * sigma) & (end - begin < _LONGEST_CHORD_S)
+    if used.sum() < _FEWEST_CHORDS:
+        return None
+    begin, end, chord = begin[used], end[used], chord[used]
+    integral = np.cumsum(turned * np.gradient(motion.t))
+    mean = (np.interp(end, motion.t, integral) - np.interp(begin, motion.t, integral)) / (end - begin)
+    backwards = np.interp(end, motion.t, motion.speed) + np.interp(begin, motion.t, motion.speed) < 0.0
+    heading = np.arctan2(chord[:, 1], chord[:, 0]) + np.pi * backwards
+    return np.stack([0.5 * (begin + end), np.unwrap(mean - heading)], axis=1)
