@@ -146,6 +146,9 @@ def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
             else:
                 kmh = _unit_is(table, name, "km/h", "kmh", "km_h")
                 section |= {"kind": "speed", "unit": "km/h" if kmh else "m/s"}
+                if np.nanmin(table.numbers(name)) < 0.0:
+                    section["signed"] = True
+                    proposal.reasons["tach.signed"] = "some speeds are negative"
             proposal.sections["tach"] = section
             return
 
@@ -168,6 +171,10 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         if height is None:
             proposal.reasons["gnss.position"] = "the source has no heights: 0, with a sigma of 1 km"
             sd[2] = 1000.0
+        stated = [f"sd_{axis}_m" for axis in ("east", "north", "up")]
+        if set(stated) <= set(table.columns):
+            sd = list(stated)
+            proposal.reasons.pop("gnss.sd", None)
         position = [latitude, longitude, height or 0.0]
         proposal.sections["gnss"] = {"file": table.name, **_time(table), "position": position, "sd": sd}
         return

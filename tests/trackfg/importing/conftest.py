@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,30 +13,10 @@ from trackfg.importing.conversion import Imported, write_imported
 from trackfg.importing.mapping import mapping_of
 from trackfg.importing.proposal import Question, propose
 from trackfg.importing.registry import source_format
-from trackfg.numerics.arrays import Array
 
-START_NS = 1_777_605_120_000_000_000  # 2026-05-01T03:12:00Z
+sys.path.insert(0, str(Path(__file__).parents[3] / "tools"))
 
-
-class Drive(NamedTuple):
-    """``t`` (n,) s, ``gyro`` (n, 3) rad/s, ``accel`` (n, 3) m/s^2, ``speed`` (n,) m/s; positions at ``gnss_t`` (m,)."""
-
-    t: Array
-    gyro: Array
-    accel: Array
-    speed: Array
-    gnss_t: Array
-    latitude: Array
-    longitude: Array
-    height: Array
-
-    @property
-    def ns(self) -> np.ndarray:
-        return START_NS + np.round(self.t * 1e9).astype(np.int64)
-
-    @property
-    def gnss_ns(self) -> np.ndarray:
-        return START_NS + np.round(self.gnss_t * 1e9).astype(np.int64)
+from interchange.foreign_forms import Drive
 
 
 @pytest.fixture(scope="session")

@@ -112,7 +112,8 @@ class RosBag(SourceFormat):
             sd = list(_FIX_COLUMNS[3:]) if known else [3.0, 3.0, 6.0]
             sections["gnss"] = {"file": fix.name, **time, "position": list(_FIX_COLUMNS[:3]), "sd": sd}
         if speed is not None:
-            sections["tach"] = {"file": speed.name, **time, "column": "speed_mps", "kind": "speed", "unit": "m/s"}
+            sections["tach"] = {"file": speed.name, **time, "column": "speed_mps", "kind": "speed"}
+            sections["tach"] |= {"unit": "m/s", "signed": True}  # ROS has speeds negative backwards (REP 103)
         return sections
 
 

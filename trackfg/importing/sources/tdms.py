@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,9 @@ class Tdms(SourceFormat):
         """Read every group with numbers; ``time_s`` is the waveform's time where the group has one."""
         nptdms = library("nptdms", "tdms")
         tables = []
+        library("nptdms.log", "tdms").log_manager.set_level(
+            logging.ERROR
+        )  # what is wrong with a file is said in one message here
         try:
             with nptdms.TdmsFile.open(path) as file:
                 for group in file.groups():

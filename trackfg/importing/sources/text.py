@@ -1,4 +1,4 @@
-"""Delimited text: a file, or a folder or zip of them, with spreadsheets beside them."""
+"""Delimited text: a file, or a folder or zip of them, with spreadsheets and logs of GNSS receivers beside them."""
 
 from __future__ import annotations
 
@@ -11,10 +11,14 @@ from pathlib import Path, PurePosixPath
 from trackfg.errors import BadInputError
 from trackfg.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.importing.source_table import SourceTable
+from trackfg.importing.sources.gnss_log import read_gnss_log
 from trackfg.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
 from trackfg.importing.text_table import read_text
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+
+GNSS_LOGS = (".ubx", ".nmea")
+"""Logs of a receiver that lie beside the text."""
 
 _LARGEST_BYTES = 20_000_000_000
 """Of a zip, unpacked: more is a mistake or an attack."""
@@ -35,7 +39,7 @@ class TextFormat(SourceFormat):
         return path.suffix.casefold() in (*TEXT_SUFFIXES, *SPREADSHEETS)
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
-        """Read every file of that kind, in the order of their names; spreadsheets sheet by sheet."""
+        """Read every file of that kind, in the order of their names; spreadsheets sheet by sheet, GNSS logs beside."""
         if path.is_dir():
             files = sorted(file for file in path.iterdir() if file.is_file())
             return refuse_empty(_all(files, dialect_for), path, "delimited text")
@@ -50,6 +54,8 @@ def _all(files: Sequence[Path], dialect_for: DialectFor, *, single: bool = False
     for file in files:
         if file.suffix.casefold() in SPREADSHEETS:
             tables += read_spreadsheet(file)
+        elif file.suffix.casefold() in GNSS_LOGS:
+            tables.append(read_gnss_log(file))
         elif single or file.suffix.casefold() in TEXT_SUFFIXES:
             tables.append(read_text(file, dialect_for(file.name)))
     return tables

@@ -1,0 +1,224 @@
+"""Runs are written in the forms of other systems, each by the format's own library."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from trackfg.importing.proposal import GNSS_SD_M
+from trackfg.importing.sources.phones import SIGMA_OF_RADIUS
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.recording.model import Recording
+
+START_NS = 1_777_605_120_000_000_000  # 2026-05-01T03:12:00Z
+
+
+class Drive(NamedTuple):
+    """``t`` (n,) s, ``gyro`` (n, 3) rad/s, ``accel`` (n, 3) m/s^2, ``speed`` (n,) m/s; positions at ``gnss_t`` (m,)."""
+
+    t: Array
+    gyro: Array
+    accel: Array
+    speed: Array
+    gnss_t: Array
+    latitude: Array
+    longitude: Array
+    height: Array
+
+    @classmethod
+    def of(cls, recording: Recording) -> Drive:
+        """Take a recording with a tachometer and GNSS apart."""
+        imu, tach, gnss = recording.imu, recording.tach, recording.gnss
+        assert tach is not None
+        assert gnss is not None
+        assert recording.gnss_origin is not None
+        t = imu["t_s"].to_numpy()
+        rolled = np.interp(t, tach["t_s"], np.gradient(tach["distance_m"], tach["t_s"]))
+        speed = np.maximum(rolled, 0.0)
+        origin = tuple(float(value) for value in recording.gnss_origin)
+        places = enu_to_geodetic(gnss[["east_m", "north_m", "up_m"]].to_numpy(), (origin[0], origin[1], origin[2]))
+        return cls(t, recording.gyro, recording.accel, speed, gnss["t_s"].to_numpy(), *places.T)
+
+    @property
+    def ns(self) -> np.ndarray:
+        """Times of the IMU, ns since 1970."""
+        return START_NS + np.round(self.t * 1e9).astype(np.int64)
+
+    @property
+    def gnss_ns(self) -> np.ndarray:
+        """Times of the positions, ns since 1970."""
+        return START_NS + np.round(self.gnss_t * 1e9).astype(np.int64)
+
+
+def write_sensor_logger(drive: Drive, folder: Path) -> Path:
+    """Write a zip of Sensor Logger and return its path."""
+    path = folder / "walk.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, values in (("TotalAcceleration", drive.accel), ("Gyroscope", drive.gyro)):
+            frame = pd.DataFrame({"time": drive.ns, "seconds_elapsed": drive.t})
+            frame = frame.assign(z=values[:, 2], y=values[:, 1], x=values[:, 0])
+            archive.writestr(f"{name}.csv", frame.to_csv(index=False))
+        position = {"latitude": drive.latitude, "longitude": drive.longitude, "altitude": drive.height}
+        accuracy = {"horizontalAccuracy": GNSS_SD_M[0] / SIGMA_OF_RADIUS, "verticalAccuracy": GNSS_SD_M[2]}
+        frame = pd.DataFrame({"time": drive.gnss_ns, **position, **accuracy})
+        archive.writestr("Location.csv", frame.to_csv(index=False))
+        archive.writestr("Metadata.csv", "version,device name\n3,phone\n")
+    return path
+
+
+def write_phyphox(drive: Drive, folder: Path) -> Path:
+    """Write a zip of phyphox and return its path."""
+    path = folder / "phyphox.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, quantity, unit, values in (
+            ("Gyroscope", "Gyroscope", "rad/s", drive.gyro),
+            ("Accelerometer", "Acceleration", "m/s^2", drive.accel),
+        ):
+            columns = {f"{quantity} {axis} ({unit})": values[:, i] for i, axis in enumerate("xyz")}
+            archive.writestr(f"{name}.csv", pd.DataFrame({"Time (s)": drive.t, **columns}).to_csv(index=False))
+        archive.writestr("meta/time.csv", '"event","experiment time"\n"START",0.0\n')
+    return path
+
+
+def write_ros2(drive: Drive, folder: Path, *, plugin: str = "SQLITE3") -> Path:
+    """Write a ROS 2 bag and return its path."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    imu, fix, status = (types[f"sensor_msgs/msg/{name}"] for name in ("Imu", "NavSatFix", "NavSatStatus"))
+    twist, twist_stamped = types["geometry_msgs/msg/Twist"], types["geometry_msgs/msg/TwistStamped"]
+
+    def head(ns):
+        return header(stamp=time(sec=int(ns // 10**9), nanosec=int(ns % 10**9)), frame_id="imu")
+
+    path = folder / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin[plugin]) as writer:
+        topics = {
+            name: writer.add_connection(topic, kind.__msgtype__, typestore=store)
+            for name, topic, kind in (("imu", "/imu", imu), ("fix", "/fix", fix), ("speed", "/wheel", twist_stamped))
+        }
+        for i, ns in enumerate(drive.ns):
+            message = imu(
+                header=head(ns),
+                orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+                orientation_covariance=np.zeros(9),
+                angular_velocity=vector(*map(float, drive.gyro[i])),
+                angular_velocity_covariance=np.zeros(9),
+                linear_acceleration=vector(*map(float, drive.accel[i])),
+                linear_acceleration_covariance=np.zeros(9),
+            )
+            writer.write(topics["imu"], int(ns), store.serialize_cdr(message, imu.__msgtype__))
+            speed = twist(linear=vector(x=float(drive.speed[i]), y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
+            stamped = twist_stamped(header=head(ns), twist=speed)
+            writer.write(topics["speed"], int(ns), store.serialize_cdr(stamped, twist_stamped.__msgtype__))
+        for i, ns in enumerate(drive.gnss_ns):
+            message = fix(
+                header=head(ns),
+                status=status(status=0, service=1),
+                latitude=float(drive.latitude[i]),
+                longitude=float(drive.longitude[i]),
+                altitude=float(drive.height[i]),
+                position_covariance=np.diag(np.square(GNSS_SD_M)).ravel(),
+                position_covariance_type=2,
+            )
+            writer.write(topics["fix"], int(ns), store.serialize_cdr(message, fix.__msgtype__))
+    return path
+
+
+def write_mcap(drive: Drive, folder: Path) -> Path:
+    """Write an MCAP file with CDR messages and return its path."""
+    return next(write_ros2(drive, folder, plugin="MCAP").glob("*.mcap"))
+
+
+def write_rcm_dx(drive: Drive, folder: Path, *, prefix: str = "") -> Path:
+    """Write an RCM-DX file with plain names and return its path."""
+    import h5py
+
+    path = folder / "run.rcmdx"
+    with h5py.File(path, "w") as file:
+        root = file.create_group("RCMDX")
+        root.attrs["Element"] = "Root"
+        source = root.create_group(f"FILE/{prefix}PLATFORM/SESSION/{prefix}IMU/{prefix}INERTIAL")
+        source[f"{prefix}timestamp"] = drive.ns.astype(np.uint64)
+        for i, axis in enumerate("XYZ"):
+            for name, values, unit in (("GYRO", drive.gyro, "rad/s"), ("ACCELERATION", drive.accel, "m/s^2")):
+                channel = source.create_group(f"{prefix}{name}_{axis}")
+                channel[f"{prefix}data"] = values[:, i]
+                channel[f"{prefix}data"].attrs["Unit"] = unit
+    return path
+
+
+def write_prefixed_rcm_dx(drive: Drive, folder: Path) -> Path:
+    """Write an RCM-DX file with the names of a car and return its path."""
+    return write_rcm_dx(drive, folder, prefix="[CAR].")
+
+
+def write_onboard_eu(drive: Drive, folder: Path) -> Path:
+    """Write an HDF5 file like OnboardEU's and return its path."""
+    import h5py
+
+    path = folder / "journeys.h5"
+    columns = ["times", *(f"acc_{a}" for a in "xyz"), *(f"gyr_{a}" for a in "xyz")]
+    imu = np.rec.fromarrays([drive.t, *drive.accel.T, *drive.gyro.T], names=columns)
+    position = [drive.gnss_t, drive.latitude, drive.longitude, drive.height]
+    gnss = np.rec.fromarrays(position, names=["times", "lat", "lon", "alt"])
+    with h5py.File(path, "w") as file:
+        for journey in ("journey_00", "journey_01"):
+            file[f"{journey}/IMU"] = imu
+            file[f"{journey}/GNSS"] = gnss
+    return path
+
+
+def write_mdf(drive: Drive, folder: Path) -> Path:
+    """Write an MDF4 file and return its path."""
+    from asammdf import MDF, Signal
+
+    path = folder / "run.mf4"
+    names = [*(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
+    values, units = [*drive.gyro.T, *drive.accel.T], ["rad/s"] * 3 + ["m/s^2"] * 3
+    with MDF(version="4.10") as file:
+        file.append([Signal(v, drive.t, unit=u, name=n) for v, u, n in zip(values, units, names, strict=True)])
+        file.append([Signal(3.6 * drive.speed, drive.t, unit="km/h", name="wheel_speed")])
+        file.save(path)
+    return path
+
+
+def write_tdms(drive: Drive, folder: Path) -> Path:
+    """Write a TDMS file and return its path."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    path = folder / "run.tdms"
+    wave = {"wf_increment": 0.01, "wf_start_offset": 0.0}
+    names = [*(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
+    units = ["rad/s"] * 3 + ["m/s^2"] * 3
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("imu", name, np.ascontiguousarray(values), properties={**wave, "unit_string": unit})
+                for name, values, unit in zip(names, [*drive.gyro.T, *drive.accel.T], units, strict=True)
+            ]
+        )
+    return path
+
+
+WRITERS: dict[str, Callable[..., Path]] = {
+    "sensor-logger": write_sensor_logger,
+    "phyphox": write_phyphox,
+    "ros": write_ros2,
+    "mcap": write_mcap,
+    "rcm-dx": write_rcm_dx,
+    "rcm-dx with prefixes": write_prefixed_rcm_dx,
+    "hdf5": write_onboard_eu,
+    "mdf": write_mdf,
+    "tdms": write_tdms,
+}
