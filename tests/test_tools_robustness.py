@@ -119,6 +119,13 @@ def test_seeds_are_pooled_in_the_table(tools: SimpleNamespace) -> None:
     assert f"3.5 ({np.sqrt(2.5):.2f}, 90" in cells
 
 
+def test_runs_that_are_not_to_be_believed_do_not_count_among_those_that_are(tools: SimpleNamespace) -> None:
+    rows = pd.DataFrame([row(ratio=1.4), row(seed=2, ratio=9.0, coverage=0.0, verdict="not_trusted")])
+    assert list(tools.table.failures(rows)) == []
+    table = tools.table.summed_up(rows)
+    assert table["ratio"].iloc[0] == pytest.approx(np.sqrt(0.5 * (1.4**2 + 81.0)))
+
+
 def test_a_plan_is_fitted_by_turn_and_shift(tools: SimpleNamespace) -> None:
     rng = np.random.default_rng(0)
     true = rng.standard_normal(50) + 1j * rng.standard_normal(50)

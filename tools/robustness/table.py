@@ -27,18 +27,16 @@ _MARKS = {"widened": "w", "not_trusted": "x"}
 
 
 def summed_up(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per case, estimator and quantity: pooled rms and ratio, mean coverage, the most seen of the
-    verdicts, and whether a run was to be believed.
+    """Return a row per case, estimator and quantity: pooled rms and ratio, mean coverage, and the most seen of the
+    verdicts.
     """
     scored = rows[rows["quantity"] != ""]
     groups = scored.groupby(["case", "estimator", "quantity"], sort=False)
-    believed = scored["verdict"] != "not_trusted"
     return pd.DataFrame({
         "rms": groups["rms"].agg(_pooled),
         "ratio": groups["ratio"].agg(_pooled),
         "coverage": groups["coverage"].mean(),
         "verdict": groups["verdict"].agg(lambda verdicts: verdicts.mode().iloc[0]),
-        "believed": believed.groupby([scored[key] for key in ("case", "estimator", "quantity")], sort=False).any(),
     }).reset_index()  # fmt: skip
 
 
@@ -52,14 +50,15 @@ def failures(rows: pd.DataFrame) -> Iterator[str]:
     yield from _lines("1 silent", silent, lambda row: f"{row.quantity} {100 * row.far:.0f} % beyond 4 sigma")
     stopped = judged[~judged["converged"].astype(bool) & (judged["verdict"] != "not_trusted")]
     yield from _lines("1 not converged", stopped, lambda row: f"{row.quantity} {row.verdict}")
-    table = summed_up(scored)
-    believed = table[table["estimator"].isin(JUDGED) & table["believed"] & table["ratio"].notna()]
+    believed = summed_up(judged[judged["verdict"] != "not_trusted"])
+    believed = believed[believed["ratio"].notna()]
     clean = believed["case"].str.startswith(CLEAN)
     honest = believed["coverage"].between(*CLEAN_COVERAGE).where(clean, believed["coverage"] >= LEAST_COVERAGE)
     narrow = believed[(believed["ratio"] > MOST_RATIO) | ~honest]
     yield from _lines(
         "2 sigmas", narrow, lambda row: f"{row.quantity} {row.ratio:.2f}, {100 * row.coverage:.0f} %, {row.verdict}"
     )
+    table = summed_up(scored)
     for label, other, most in (("3 oracle", ORACLE, OVER_ORACLE), ("4 floor", FLOOR, OVER_FLOOR)):
         behind = _beside(table, other)
         behind = behind[behind["rms"] > most * behind["other"]]
