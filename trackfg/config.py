@@ -118,11 +118,12 @@ class NoiseConfig(_Section):
     """Factors on the assumed sigmas: of the gyro's and the accelerometer's declared white noise, of the vehicle's
     sideways motion at an instant and along the path, of the wheel's rolling, of GNSS positions.
 
-    ``adapt`` raises them to what the residuals show: the run is smoothed ``rounds`` times more.
+    ``adapt`` raises them to what the residuals show. Whatever a solution contradicts, the run is solved again at most
+    ``rounds`` times.
     """
 
-    adapt: bool = False
-    rounds: Annotated[int, Field(gt=0)] = 5
+    adapt: bool = True
+    rounds: Annotated[int, Field(gt=0)] = 3
     gyro: Positive = 1.0
     accel: Positive = 1.0
     motion: Positive = 1.0

@@ -19,9 +19,6 @@ from trackfg.results.verdict import Doubt
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
 
-_ROUNDS = 3
-"""Solves after the first one, at most: noise levels settle geometrically, and each round costs iterations."""
-
 
 @dataclass(frozen=True)
 class SolvedRun:
@@ -39,6 +36,8 @@ class SolvedRun:
     """What the reassessors say of the solution."""
     doubts: tuple[Doubt, ...] = ()
     """Which sigmas they would widen, and why."""
+    is_changing: bool = False
+    """Whether a reassessor has changed the problem since it was solved."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +65,12 @@ def reassessed(
     ``solved_again(run, far)`` solves the run's problem, whose initial values are those of the last solution, and
     has the covariance of the new one.
     """
-    for left in reversed(range(_ROUNDS + 1)):
+    for left in reversed(range(run.config.noise.rounds + 1)):
         problem = replace(run.problem, initial=run.solution.states)
         said: list[Reassessment] = []
         for reassessor in reassessors:
-            said.append(reassessor(replace(run, problem=problem)))
+            is_changing = any(one.changed for one in said)
+            said.append(reassessor(replace(run, problem=problem, is_changing=is_changing)))
             problem = said[-1].problem
         if not left or not any(one.changed for one in said):
             break

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from trackfg.smoothing.gnss_errors import gnss_errors
+from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
 from trackfg.smoothing.wrong_fixes import wrong_fixes
 
-REASSESSORS: tuple[Reassessor, ...] = (wrong_fixes, gnss_errors)
+REASSESSORS: tuple[Reassessor, ...] = (wrong_fixes, gnss_errors, noise_levels)

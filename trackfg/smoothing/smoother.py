@@ -40,19 +40,17 @@ from trackfg.results.widening import widened, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.judgement import judged
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
+from trackfg.smoothing.noise_levels import levels
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
-from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
+from trackfg.solver.variance_components import noise_findings, noise_ratios
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
-
-_NOISE_SETTLED = 0.05
-"""Relative change of the noise levels below which they are not adapted further."""
 
 Progress = Callable[[str, float], None]
 
@@ -133,12 +131,6 @@ def smooth_states(
     """Smooth as :func:`smooth` does, but return states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
     solved = _solved(recording, config, views, stages)
-    for _ in range(config.noise.rounds if config.noise.adapt else 0):
-        levels, config = config.noise.factors(), adapted(config, solved.noise_ratios)
-        changes = [after / level for level, after in zip(levels.values(), config.noise.factors().values(), strict=True)]
-        if max(abs(np.log(changes))) < _NOISE_SETTLED:
-            break
-        solved = _solved(recording, config, views, stages)
     smoothed = _with_tables(recording, views, stages, solved)
     return smoothed if feature_map is None else _on_map(recording, views, stages, smoothed, feature_map)
 
@@ -162,7 +154,14 @@ def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], s
         covariance, ratios = _covariance(run.problem, solution, stages)
         return replace(run, solution=solution, covariance=covariance, noise_ratios=ratios)
 
-    return reassessed(run, solved_again, REASSESSORS)
+    run = reassessed(run, solved_again, REASSESSORS)
+    return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
+
+
+def _with_noise_levels(config: SmoothConfig, levels: dict[str, float]) -> SmoothConfig:
+    """Return the settings that were used in the end: each factor times what was found."""
+    factors = {name: factor * levels.get(name, 1.0) for name, factor in config.noise.factors().items()}
+    return config.model_copy(update={"noise": config.noise.model_copy(update=factors)})
 
 
 def _covariance(problem: Problem, solution: Solution, stages: _Stages) -> tuple[Covariance, dict[str, float]]:

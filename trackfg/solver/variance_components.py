@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.config import SmoothConfig
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.imu import linearize_imu_factors
@@ -66,16 +65,16 @@ def group_residuals(problem: Problem, solution: Solution, covariance: Covariance
     return groups
 
 
+def walk_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> Residuals | None:
+    """Return the residuals of the walk of the biases, accelerometer first; None where the graph has none."""
+    walk = problem.family(FactorType.BIAS_WALK)
+    return None if walk is None else _family_residuals(walk, solution.states, covariance)
+
+
 def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
     """Return actual over assumed noise of each group that can be judged."""
     ratios = {name: group.ratio for name, group in group_residuals(problem, solution, covariance).items()}
     return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
-
-
-def adapted(config: SmoothConfig, ratios: dict[str, float]) -> SmoothConfig:
-    """Return settings with every noise level as the residuals show it, but none below what was declared."""
-    factors = {name: max(current * ratios.get(name, 1.0), 1.0) for name, current in config.noise.factors().items()}
-    return config.model_copy(update={"noise": config.noise.model_copy(update=factors)})
 
 
 def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
@@ -85,7 +84,7 @@ def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
             level="warning",
             code="noise-level",
             message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect",
-            hint="set [noise] adapt = true in the configuration, or declare the noise that is there",
+            hint="declare the noise that is there, or look for what causes it",
         )
         for name, ratio in ratios.items()
         if ratio > _FAR_OFF

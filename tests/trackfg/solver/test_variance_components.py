@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackfg.config import NoiseConfig, SmoothConfig
+from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.states import (
@@ -27,7 +27,7 @@ from trackfg.graph.build import build_problem
 from trackfg.smoothing.smoother import smooth, smooth_states
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
-from trackfg.solver.variance_components import adapted, noise_findings, noise_ratios
+from trackfg.solver.variance_components import noise_findings, noise_ratios
 
 DURATION_S = 300.0
 
@@ -59,12 +59,6 @@ def test_sigmas_declared_too_small_are_found(simulated: Callable[..., Simulation
     assert [finding.code for finding in warned.findings] == ["gnss-level"]
     assert warned.noise_ratios["gnss"] == pytest.approx(1.0, abs=0.15)
     assert warned.noise_ratios["gyro"] == pytest.approx(1.0, rel=0.15)
-
-
-def test_levels_never_go_below_what_is_declared() -> None:
-    config = SmoothConfig(noise=NoiseConfig(gyro=3.0))
-    factors = adapted(config, {"gyro": 0.5, "accel": 0.1, "gnss": 2.0}).noise.factors()
-    assert factors == {"gyro": 1.5, "accel": 1.0, "motion": 1.0, "path": 1.0, "tach": 1.0, "gnss": 2.0}
 
 
 def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:

@@ -1,0 +1,78 @@
+"""Noise levels from residuals: nothing where what is declared is true, and more where and of what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter1d
+
+from trackfg.config import NoiseConfig, SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import changed
+from trackfg.recording.model import IMU_COLUMNS
+from trackfg.smoothing.noise_levels import levels, noise_levels
+from trackfg.smoothing.reassessment import SolvedRun
+from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
+
+DURATION_S = 300.0
+ACCEL = list(IMU_COLUMNS[4:])
+FIXED = SmoothConfig(noise=NoiseConfig(adapt=False))
+
+
+def swayed(run: Simulation, begin_s: float, end_s: float) -> Any:
+    """The recording with accelerations of 1 m/s^2 below 2 Hz that are none: no spectrum tells them from motion."""
+    imu = run.recording.imu.copy()
+    t = imu["t_s"].to_numpy()
+    sway = uniform_filter1d(np.random.default_rng(0).standard_normal((len(t), 3)), 50, axis=0)
+    imu[ACCEL] += sway / sway.std() * ((t > begin_s) & (t < end_s))[:, None]
+    return replace(run.recording, imu=imu)
+
+
+def test_what_is_declared_stays_where_it_is_true(smoothed: Callable[..., SmoothedStates]) -> None:
+    run = smoothed("mainline", seed=3, duration_s=DURATION_S)
+    reassessment = noise_levels(run)
+    assert reassessment.problem is run.problem
+    assert not reassessment.changed
+    assert set(levels(run.declared, run.problem).values()) == {1.0}
+
+
+def test_a_stretch_of_bad_samples_has_a_level_of_its_own(simulated: Callable[..., Simulation]) -> None:
+    run = simulated("mainline", seed=3, duration_s=DURATION_S)
+    recording = swayed(run, 200.0, 240.0)
+    found = smooth_states(recording, SmoothConfig())
+    raised = found.problem.run.noise.accel[:, 2] / found.declared.run.noise.accel[:, 2]
+    t = found.problem.t[:-1]
+    assert np.median(raised[(t > 205.0) & (t < 235.0)]) > 10.0
+    assert np.median(raised[t < 180.0]) < 1.5
+    assert [f.code for f in found.findings if "accelerometer" in f.message] == ["noise-level-raised"]
+    error, before = (roll_over_sigma(run, recording, config) for config in (SmoothConfig(), FIXED))
+    assert error < 0.5 * before
+
+
+def roll_over_sigma(run: Simulation, recording: Any, config: SmoothConfig) -> float:
+    table = smooth_states(recording, config).trajectory
+    error = table["roll_rad"] - np.interp(table["t_s"], run.truth["t_s"], run.truth["roll_rad"])
+    return float(np.sqrt(np.mean((error / table["roll_rad_sd"]) ** 2)))
+
+
+def test_levels_are_not_judged_before_the_others_have_done(smoothed: Callable[..., SmoothedStates]) -> None:
+    """Else a wrong fix would pass for noise of the sensors that contradict it."""
+    run = smoothed("mainline", seed=3, duration_s=DURATION_S)
+    families = changed(run.problem.families, FactorType.BIAS_WALK, lambda walk: replace(walk, sigma=walk.sigma / 30.0))
+    optimist: SolvedRun = replace(run, problem=replace(run.problem, families=families))
+    assert noise_levels(optimist).changed
+    assert not noise_levels(replace(optimist, is_changing=True)).changed
+
+
+def test_the_summary_has_the_levels_that_were_used(simulated: Callable[..., Simulation]) -> None:
+    recording = swayed(simulated("mainline", seed=3, duration_s=DURATION_S), 200.0, 240.0)
+    summary = smooth(recording, SmoothConfig()).summary
+    noise: Any = summary.configuration["noise"]
+    assert noise["accel"] > 3.0
+    fixed: Any = smooth(recording, FIXED).summary.configuration["noise"]
+    assert fixed["accel"] == pytest.approx(1.0)

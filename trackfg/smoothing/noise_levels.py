@@ -1,0 +1,170 @@
+"""Noise levels are raised to what the residuals of a solution show, group by group, and where it matters over time.
+
+A group's level squared, in units of the sigmas that were assumed, is estimated by
+
+    f^2 = (n + sum e^2) / (n + sum r),
+
+with whitened residuals e, their redundancies r (:mod:`trackfg.solver.variance_components`), and n residuals that agree
+with what is assumed: the mean of an inverse gamma distribution, the conjugate prior of a variance (Gelman et al.,
+Bayesian Data Analysis, ch. 2). The less the rest of the graph checks a group, the less its level moves.
+
+The inertial sensors' level is first that of the intervals nearby (shocks, a bridge, a stretch of bad track), then, of
+the intervals that are left, that of the run; other groups, and the walks of the biases, have one for the run. Biases
+that walk faster than declared are what a sensor that warms up shows, or one that rectifies vibration in its own way.
+
+Levels only rise here. Sensors that are better than declared, or wheels, show too little of it in one run: the sum of
+their small errors, which is what matters, is hardly seen in residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
+from trackfg.factors.imu import PreintegrationNoise
+from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
+from trackfg.recording.findings import Finding
+from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, walk_residuals
+
+_AGREEING = 10.0
+"""Residuals that agree with what is assumed, as many as a group's prior is worth: n above."""
+
+_SIGNIFICANT = 3.0
+"""Sigmas of a variance with so many residuals, ``sqrt(2 / (n + sum r))``, by which a level has to exceed 1."""
+
+_NEARBY = 15
+"""Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
+
+_RAISED = 1.1
+"""A level that would rise by less stays: sigmas would hardly change."""
+
+_FAR_OFF = 2.0
+"""Level from which on it is said: sigmas were wrong by as much."""
+
+_FAMILIES = {
+    FactorType.NON_HOLONOMIC: "motion",
+    FactorType.PATH: "path",
+    FactorType.TACH_DISTANCE: "tach",
+}
+"""Families with one level for the run, and the name of their group."""
+
+_WALKS = {"accel_walk": slice(0, 3), "gyro_walk": slice(3, 6)}
+"""Columns of the bias walk that have a level each."""
+
+_NAMES = {
+    "gyro": "white noise of the gyro",
+    "accel": "white noise of the accelerometer",
+    "accel_walk": "walk of the accelerometer's bias",
+    "gyro_walk": "walk of the gyro's bias",
+    "motion": "sideways motion of the vehicle",
+    "path": "path between keyframes",
+    "tach": "rolling of the wheel",
+}
+"""What the groups are, in words."""
+
+
+def noise_levels(run: SolvedRun) -> Reassessment:
+    """Reassess the sigmas of inertial sensors, biases, motion and wheel by their residuals."""
+    problem = run.problem
+    if not run.config.noise.adapt or run.is_changing:
+        return Reassessment(problem, _findings(run))
+    residuals = group_residuals(problem, run.solution, run.covariance)
+    raised = _with_inertial_levels(problem, residuals)
+    for kind, name in _FAMILIES.items():
+        if name in residuals:
+            raised = _scaled(raised, kind, slice(None), _level(residuals[name]))
+    walk = walk_residuals(problem, run.solution, run.covariance)
+    if walk is not None:
+        for part in _WALKS.values():
+            level = _level(Residuals(walk.keyframe, walk.values[:, part], walk.redundancy[:, part]))
+            raised = _scaled(raised, FactorType.BIAS_WALK, part, level)
+    return Reassessment(raised, _findings(replace(run, problem=raised)), changed=raised is not problem)
+
+
+def levels(declared: Problem, problem: Problem) -> dict[str, float]:
+    """Return by what the sigmas of each group are larger than those that were declared, rms over the run."""
+    ratio = np.sqrt(problem.run.noise.variance / declared.run.noise.variance)
+    found = {"gyro": ratio[:, :3], "accel": ratio[:, 3:]}
+    for family in problem.families:
+        before = declared.family(family.type)
+        if before is None or before.sigma.shape != family.sigma.shape:
+            continue
+        if family.type in GROUPS:
+            found[GROUPS[family.type]] = family.sigma / before.sigma
+        elif family.type is FactorType.BIAS_WALK:
+            found |= {name: family.sigma[:, part] / before.sigma[:, part] for name, part in _WALKS.items()}
+    return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in found.items()}
+
+
+def _level(group: Residuals) -> float:
+    """Return by what a group's sigmas are too small; 1 where it is not significant."""
+    return float(_levels(float(np.sum(group.values**2)), float(np.sum(group.redundancy))))
+
+
+def _levels(squares: Array | float, redundancy: Array | float) -> Array:
+    worth = _AGREEING + np.maximum(redundancy, 0.0)
+    variance = (_AGREEING + squares) / worth
+    significant = variance > np.maximum(1.0 + _SIGNIFICANT * np.sqrt(2.0 / worth), _RAISED**2)
+    return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
+
+
+def _with_inertial_levels(problem: Problem, residuals: dict[str, Residuals]) -> Problem:
+    """Return the problem with the white noise of its intervals raised; itself where nothing is."""
+    factor = np.ones((len(problem.measured), 6))
+    for columns, name in ((slice(0, 3), "gyro"), (slice(3, 6), "accel")):
+        if name in residuals:
+            group = residuals[name]
+            factor[group.keyframe, columns] = _over_time(group)[:, None]
+    rows = np.flatnonzero((factor > 1.0).any(axis=1))
+    if not rows.size:
+        return problem
+    noise = WhiteNoise.of_variance(problem.run.noise.variance * factor**2)
+    measured = list(problem.measured)
+    for k in rows.tolist():
+        before, (gyro, accel) = measured[k].noise, np.split(factor[k], 2)
+        after = PreintegrationNoise(before.gyro * gyro, before.accel * accel, before.position)
+        measured[k] = replace(measured[k], noise=after)
+    return replace(problem, run=replace(problem.run, noise=noise), measured=tuple(measured))
+
+
+def _over_time(group: Residuals) -> Array:
+    """Return the level of each interval: that of the intervals nearby, else that of the others in the run."""
+    squares, redundancy = (np.sum(part, axis=1) for part in (group.values**2, group.redundancy))
+    nearby = (_NEARBY * uniform_filter1d(part, _NEARBY, mode="constant") for part in (squares, redundancy))
+    level = _levels(*nearby)
+    usual = level == 1.0
+    level[usual] = _levels(float(np.sum(squares[usual])), float(np.sum(redundancy[usual])))
+    return level
+
+
+def _scaled(problem: Problem, kind: FactorType, columns: slice, factor: float) -> Problem:
+    if factor == 1.0:
+        return problem
+
+    def scaled(family: Family) -> Family:
+        sigma = family.sigma.copy()
+        sigma[:, columns] *= factor
+        return replace(family, sigma=sigma)
+
+    return replace(problem, families=changed(problem.families, kind, scaled))
+
+
+def _findings(run: SolvedRun) -> tuple[Finding, ...]:
+    """Return what is far above its declared level."""
+    return tuple(
+        Finding(
+            level="info",
+            code="noise-level-raised",
+            message=f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that",
+            hint="declare the noise that is there, or look for what causes it",
+        )
+        for name, level in levels(run.declared, run.problem).items()
+        if name in _NAMES and level > _FAR_OFF
+    )
