@@ -164,7 +164,7 @@ class LineRun:
         at = tach_t - self.tach_late_s
         travelled = np.interp(at, t, d) + v[-1] * np.maximum(at - t[-1], 0.0)
         count = np.floor(travelled / self.wheel_scale / self.pulse_m).astype(int)
-        east, north = np.cumsum(v * np.sin(yaw)) / self.rate_hz, np.cumsum(v * np.cos(yaw)) / self.rate_hz
+        east, north = -np.cumsum(v * np.sin(yaw)) / self.rate_hz, np.cumsum(v * np.cos(yaw)) / self.rate_hz
         fix_at = np.flatnonzero(np.diff(np.floor(d / 150.0)) > 0)
         rows = np.arange(0, t.size, round(self.rate_hz))
         w2 = 1.0 - 6.69437999e-3 * np.sin(np.radians(LATITUDE)) ** 2

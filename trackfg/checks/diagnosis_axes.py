@@ -59,6 +59,11 @@ class AxesEstimate:
     lateral_correlation: float | None = None
     gyro_slope: float | None = None
 
+    @property
+    def turn(self) -> Array:
+        """The rotation (3, 3) from the declared to the proposed axes."""
+        return rotations.axes_matrix(self.proposed) @ rotations.axes_matrix(self.declared).T
+
 
 def estimate_axes(imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str) -> AxesEstimate:
     """Everything above, from the ``imu`` and ``tach`` tables that were read with ``imu.axes = declared``."""
@@ -92,11 +97,15 @@ def estimate_axes(imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str) -
 
 def mean_specific_force(imu: pd.DataFrame) -> Array:
     """The median over the recording of specific force averaged over about half a second, m/s^2. Shape (3,)."""
+    return np.asarray(np.median(specific_force_blocks(imu), axis=0), dtype=np.float64)
+
+
+def specific_force_blocks(imu: pd.DataFrame) -> Array:
+    """Specific force averaged over blocks of about half a second, m/s^2. Shape (blocks, 3)."""
     accel = imu[list(IMU_COLUMNS[4:7])].to_numpy()
     interval = float(np.median(np.diff(imu["t_s"])))
     size = max(1, min(round(0.5 / interval), accel.shape[0] // 4))
-    blocks = accel[: accel.shape[0] // size * size].reshape(-1, size, 3).mean(axis=1)
-    return np.asarray(np.median(blocks, axis=0), dtype=np.float64)
+    return np.asarray(accel[: accel.shape[0] // size * size].reshape(-1, size, 3).mean(axis=1), dtype=np.float64)
 
 
 def propose_axes(declared: str, up: Array, forward: Array | None) -> str:
@@ -138,12 +147,20 @@ def forward_correlations(motion: Motion) -> Array | None:
 def lateral_balance(motion: Motion) -> tuple[float, float] | None:
     """Slope and correlation of ``f_y`` against ``v w_z + g int w_x dt``, both band-passed.
 
-    The slope is the ratio of their standard deviations with the sign of the correlation: unlike a regression it is
-    biased alike by noise on either side. None where there are no curves to see.
+    What a constant bias of w_z adds is proportional to v, and projected out of both; that of w_x does not pass the
+    band. The slope is the ratio of their standard deviations with the sign of the correlation: unlike a regression it
+    is biased alike by noise on either side. None where there are no curves to see.
     """
-    kinematic = motion.speed * motion.gyro[:, 2] + STANDARD_GRAVITY * motion.step_s * np.cumsum(motion.gyro[:, 0])
-    expected = band_passed(kinematic, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
-    measured = band_passed(motion.accel[:, 1], motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+    if not motion.valid.any():
+        return None
+    rate = motion.gyro - np.median(motion.gyro[motion.valid], axis=0)
+    kinematic = motion.speed * rate[:, 2] + STANDARD_GRAVITY * motion.step_s * np.cumsum(rate[:, 0])
+    expected, measured, speed = (
+        band_passed(values, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+        for values in (kinematic, motion.accel[:, 1], motion.speed)
+    )
+    if (power := float(speed @ speed)) > 0.0:
+        expected, measured = (values - speed * (speed @ values) / power for values in (expected, measured))
     sd_expected, sd_measured = (float(np.sqrt(np.mean(x**2))) for x in (expected, measured))
     if sd_measured < _MIN_LATERAL or sd_expected == 0.0:
         return None

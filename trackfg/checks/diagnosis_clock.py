@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import correlate
 
@@ -29,6 +30,15 @@ _MIN_ACCELERATION = 0.01
 """m/s^2, rms in the band: below it the tach does not say when anything happened."""
 
 
+_MEMORIES = 3.5
+"""Residuals further apart than so many standard deviations of the band's longer average are taken for independent."""
+
+
+_SURE_SIGMAS, _SURE_SPREADS = 4.0, 3.0
+_FEWEST_BLOCKS = 3
+"""With fewer blocks of a signal nothing is said about the scatter of its lag."""
+_LEAST_OFFSET_S = 0.02
+"""Offsets below do not matter, s: the smoother estimates them."""
 _MAX_ACCELERATION = 8.0
 """m/s^2: a tach that changes faster slips, or jumps."""
 
@@ -37,12 +47,19 @@ _MAX_ACCELERATION = 8.0
 class ClockOffset:
     """``offset_s`` is to be added to the tach's time, besides ``tach.time_offset_s``, to bring it to the IMU's clock.
 
-    ``correlation`` at that offset is negative where the forward axis points backwards.
+    ``correlation`` at that offset is negative where the forward axis points backwards. ``spread_s``: as of a
+    :class:`Lag`.
     """
 
     offset_s: float
     sd_s: float
+    spread_s: float
     correlation: float
+
+    @property
+    def is_sure(self) -> bool:
+        """Return whether the clocks are surely apart."""
+        return Lag(self.offset_s, self.sd_s, self.spread_s, self.correlation).is_sure(_LEAST_OFFSET_S)
 
 
 def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> ClockOffset | None:
@@ -64,20 +81,84 @@ def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> C
     force = band_passed(motion.accel[:, 0], motion.valid, motion.step_s, short_s, _LONG_S)
     if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
         return None
-    lags, correlation = lagged_correlation(acceleration, force, max_offset_s / motion.step_s)
-    peak = int(np.argmax(np.abs(correlation)))
-    if abs(correlation[peak]) < _MIN_CORRELATION or peak in (0, lags.size - 1):
-        return None
-    lag = lags[peak] + _parabola_vertex(np.abs(correlation[peak - 1 : peak + 2]))
-    sd = _lag_sd(acceleration, force, lag)
-    if sd is None:
-        return None
-    return ClockOffset(float(lag * motion.step_s), float(sd * motion.step_s), float(correlation[peak]))
+    found = best_lag(acceleration, force, motion.step_s, _LONG_S, max_offset_s, _MIN_CORRELATION)
+    return None if found is None else ClockOffset(found.lag_s, found.sd_s, found.spread_s, found.correlation)
+
+
+def on_imu_clock(tach: pd.DataFrame, offset: ClockOffset | None) -> pd.DataFrame:
+    """Return a tach table on the IMU's clock, as far as the clocks are surely apart."""
+    return tach.assign(t_s=tach["t_s"] + offset.offset_s) if offset is not None and offset.is_sure else tach
 
 
 def tach_acceleration(motion: Motion) -> Array:
     """dv/dt of the tach at the centres of the intervals, m/s^2, by central differences. Shape (n,)."""
     return np.asarray(np.gradient(motion.speed, motion.step_s), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How much later (s) one signal shows what another does, and their correlation then.
+
+    ``sd_s`` is its sigma if the whole signal says it, ``spread_s`` that of its leave-one-block-out (jackknife) values,
+    which is wider, as blocks cut events in two, and far wider where a single event, a slip among them, makes the peak.
+    """
+
+    lag_s: float
+    sd_s: float
+    spread_s: float
+    correlation: float
+
+    def is_sure(self, least_s: float) -> bool:
+        """Return whether the lag is surely not 0, and more than ``least_s``."""
+        return abs(self.lag_s) > max(least_s, _SURE_SIGMAS * self.sd_s, _SURE_SPREADS * self.spread_s)
+
+
+def best_lag(a: Array, b: Array, step_s: float, long_s: float, max_lag_s: float, min_correlation: float) -> Lag | None:
+    """Return how much later ``b`` (n,) shows what ``a`` (n,) shows.
+
+    Both are band-passed; ``long_s`` is the standard deviation of the band's longer average. None where the correlation
+    stays below ``min_correlation`` or is highest at an end of +-``max_lag_s``, or where leaving out one block moves it
+    there.
+    """
+    lags, correlation = lagged_correlation(a, b, max_lag_s / step_s)
+    peak = _peak(correlation)
+    if peak is None or abs(correlation[round(peak)]) < min_correlation:
+        return None
+    memory = round(_MEMORIES * long_s / step_s)
+    lag = lags[0] + peak
+    sd, spread = _lag_sd(a, b, lag, memory), _jackknife_sd(a, b, lags, correlation, memory)
+    if sd is None or spread is None:
+        return None
+    return Lag(float(lag * step_s), float(sd * step_s), float(spread * step_s), float(correlation[round(peak)]))
+
+
+def _peak(correlation: Array) -> float | None:
+    """Return where its magnitude has its top, by a parabola, in samples from the first; None at an end."""
+    top = int(np.argmax(np.abs(correlation)))
+    if top in (0, correlation.size - 1):
+        return None
+    return top + _parabola_vertex(np.abs(correlation[top - 1 : top + 2]))
+
+
+def _jackknife_sd(a: Array, b: Array, lags: Array, correlation: Array, size: int) -> float | None:
+    """Return the sigma of the peak, in samples, from the peaks without each block of ``size`` rows of ``a``; None where
+    leaving one out moves it to an end.
+    """
+    reach = int(lags[-1])
+    padded = np.pad(b, reach)
+    blocks = [slice(i, min(i + size, a.size)) for i in range(0, a.size, size)]
+    parts = [
+        correlate(padded[block.start : block.stop + 2 * reach], a[block], mode="valid", method="fft")
+        for block in blocks
+        if np.any(a[block])
+    ]
+    total = np.sum(parts, axis=0)
+    scale = np.divide(correlation, total, out=np.zeros_like(total), where=np.abs(total) > 0.0)
+    peaks = [_peak(scale * (total - part)) for part in parts]
+    known = np.array([peak for peak in peaks if peak is not None])
+    if known.size < len(peaks) or known.size < _FEWEST_BLOCKS:
+        return None
+    return float(np.sqrt((known.size - 1) / known.size * np.sum((known - known.mean()) ** 2)))
 
 
 def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array]:
@@ -100,8 +181,8 @@ def _parabola_vertex(y: Array) -> float:
     return 0.0 if bend >= 0 else float(0.5 * (y[0] - y[2]) / bend)
 
 
-def _lag_sd(y: Array, x: Array, lag: float) -> float | None:
-    """The sigma of ``lag`` in samples, by the formula above."""
+def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
+    """The sigma of ``lag`` in samples, by the formula above; residuals ``memory`` samples apart are independent."""
     index = np.arange(y.size, dtype=np.float64)
     inside = (index + lag >= 0) & (index + lag <= y.size - 1)
     shifted = np.interp(index + lag, index, x)[inside]
@@ -109,7 +190,7 @@ def _lag_sd(y: Array, x: Array, lag: float) -> float | None:
     gain = float(shifted @ y[inside] / (shifted @ shifted))
     residual = y[inside] - gain * shifted
     n = residual.size
-    reach = min(n // 4, int(10.0 / _STEP_S))
+    reach = min(n // 4, memory)
     around = slice(n - 1 - reach, n + reach)
     taper = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
     noise = correlate(residual, residual, mode="full", method="fft")[around] / n

@@ -37,7 +37,15 @@ class CheckLimits:
     laser_range_m: float = 3.0
     overlap_warning: float = 0.5
     """The part of a table that lies within the time of the IMU."""
+    far_row_s: float = 3600.0
+    """A row further outside of the IMU's time than this, and than the IMU's record is long, is not of this run."""
     stuck_s: float = 5.0
     noise_ratio_warning: float = 3.0
     axis_correlation: float = 0.5
     """Below it, a correlation says nothing about axes and units."""
+    speed_scale: float = 1.15
+    """Force over the tach's acceleration, and its inverse: springs and slips make less of it (1.05 is the largest
+    that tools/real_data.py prints), a wrong wheel more.
+    """
+    delay_s: float = 0.1
+    """Positions and fixes that are less late are no finding, s."""

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks import diagnosis_axes
+from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
@@ -93,21 +94,21 @@ def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Fi
 
 def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
     """Magnitude, then direction, of the median specific force."""
-    force = diagnosis_axes.mean_specific_force(table)
+    force, is_steady = diagnosis_axes.mean_specific_force(table), _is_steady(table)
     magnitude = float(np.linalg.norm(force))
     g = STANDARD_GRAVITY
     columns = ", ".join(imu.accel)
     if abs(magnitude - g) > limits.gravity_error_mps2:
         message = f"the median specific force is {magnitude:.4g} m/s^2 as declared ({imu.accel_unit})"
         hint = "check imu.accel and imu.accel_unit"
-        if imu.accel_unit == "m/s^2" and abs(magnitude * g - g) < limits.gravity_error_mps2:
+        if not is_steady or magnitude < _LEFT_OF_GRAVITY * g:
+            hint = "gravity seems to have been removed: record specific force, as the sensor gives it"
+        elif imu.accel_unit == "m/s^2" and abs(magnitude * g - g) < limits.gravity_error_mps2:
             hint = 'the data look like g: set imu.accel_unit = "g"'
         elif imu.accel_unit == "g" and abs(magnitude / g - g) < limits.gravity_error_mps2:
             hint = 'the data look like m/s^2: set imu.accel_unit = "m/s^2"'
         elif 0.8 < magnitude / (1000.0 * to_si("acceleration", imu.accel_unit)) < 1.2:
             hint = 'the data look like milli-g: divide them by 1000 and set imu.accel_unit = "g"'
-        elif magnitude < 1.0:
-            hint = "gravity seems to have been removed: record specific force, as the sensor gives it"
         expected = f"{g:.2f} m/s^2 within {limits.gravity_error_mps2:g}"
         return [Finding("error", "accel-unit", message, file=imu.file, column=columns, expected=expected, hint=hint)]
     up = force / magnitude
@@ -129,6 +130,20 @@ def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> l
     )
     hint = f'set imu.axes = "{diagnosis_axes.propose_axes(imu.axes, up, None)}" if the other columns are right'
     return [Finding("error", "gravity-axis", message, file=imu.file, column=imu.accel[i], expected=expected, hint=hint)]
+
+
+_LEFT_OF_GRAVITY = 0.05
+"""Less than this part of gravity is none: the smallest unit that is taken for another is g, 0.1 of m/s^2."""
+_STEADY_RANGE = 0.5
+"""Gravity makes the magnitude of specific force vary by less than half of itself (quantiles 5 to 95 %), in any unit: no
+vehicle accelerates like that. What is left where it was removed varies by more than itself."""
+
+
+def _is_steady(table: pd.DataFrame) -> bool:
+    """Return whether the magnitude of specific force hardly varies."""
+    magnitude = np.linalg.norm(diagnosis_axes.specific_force_blocks(table), axis=1)
+    low, middle, high = np.quantile(magnitude, [0.05, 0.5, 0.95])
+    return bool(high - low < _STEADY_RANGE * middle)
 
 
 def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
@@ -258,6 +273,7 @@ def _overlaps(
         t = table["t_s"].to_numpy()
         share = float(np.mean((t >= begin) & (t <= end)))
         if share >= limits.overlap_warning:
+            found += _far_rows(part, t, begin, end, limits)
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
         is_error = share == 0.0 and (t[0] > end or t[-1] < begin)
@@ -274,3 +290,21 @@ def _overlaps(
             )
         )
     return found
+
+
+def _far_rows(part: Table, t: Array, begin: float, end: float, limits: CheckLimits) -> list[Finding]:
+    """Single rows whose time is far outside of the IMU's: garbled, or of another clock."""
+    apart_s = max(end - begin, limits.far_row_s)
+    far = np.flatnonzero((t < begin - apart_s) | (t > end + apart_s))
+    if far.size == 0:
+        return []
+    message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s" + (
+        f" ({far.size} such rows)" if far.size > 1 else ""
+    )
+    place = ColumnPlace(part.file, part.time, t)
+    hint = "remove the rows, or write their times on the recording's clock"
+    return [
+        place.at_row(
+            "warning", "clocks-apart", message, int(far[0]), expected="times within those of the IMU", hint=hint
+        )
+    ]

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trackfg.checks.contradictions import diagnose
 from trackfg.checks.diagnosis import (
     Estimates,
-    diagnose,
     estimate_axes,
     estimate_clock_offset,
     noise_density,

@@ -1,0 +1,205 @@
+"""Each single mistake in a sound recording is named with the edit that mends it; sound recordings are left alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.checks import plausibility
+from trackfg.checks.contradictions import diagnose
+from trackfg.checks.limits import CheckLimits
+from trackfg.datasets.catalogue import scenario, scenarios
+from trackfg.datasets.scenarios import simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.recording.model import IMU_COLUMNS, Recording
+
+GYRO, FORCE = list(IMU_COLUMNS[1:4]), list(IMU_COLUMNS[4:7])
+Spoil = Callable[[Recording], Recording]
+
+
+@pytest.fixture(scope="module")
+def sound() -> Recording:
+    """Five minutes of a line with curves, with a balise every 200 m and GNSS; the tach gives a speed."""
+    plan = replace(scenario("mainline-gnss"), balises=BaliseModel(spacing_m=200.0, sd_m=0.1))
+    recording = simulate(plan, seed=1, duration_s=300.0).recording
+    tach = recording.description.tach
+    assert tach is not None
+    speed = tach.model_copy(update={"kind": "speed", "unit": "m/s", "pulses_per_rev": None, "wheel_diameter_m": None})
+    return replace(recording, description=recording.description.model_copy(update={"tach": speed}))
+
+
+def mixed(columns: list[str], *rows: tuple[int, int, int]) -> Spoil:
+    """Write what the rows of a matrix make of a sensor's columns."""
+
+    def spoil(recording: Recording) -> Recording:
+        imu = recording.imu.copy()
+        imu[columns] = recording.imu[columns].to_numpy() @ np.array(rows).T
+        return replace(recording, imu=imu)
+
+    return spoil
+
+
+def changed(table: str, **columns: Callable[[pd.DataFrame], pd.Series]) -> Spoil:
+    """Write other columns into a table."""
+
+    def spoil(recording: Recording) -> Recording:
+        changed_table = recording.tables[table].assign(**columns)
+        return replace(recording, **{table: changed_table.sort_values("t_s", ignore_index=True)})
+
+    return spoil
+
+
+def exchanged(table: str, one: str, other: str) -> Spoil:
+    return lambda recording: replace(
+        recording, **{table: recording.tables[table].rename(columns={one: other, other: one})}
+    )
+
+
+def scaled(table: str, factor: float, *columns: str) -> Spoil:
+    return changed(table, **{column: lambda rows, c=column: rows[c] * factor for column in columns})
+
+
+def later(table: str, seconds: float) -> Spoil:
+    return changed(table, t_s=lambda rows: rows["t_s"] + seconds)
+
+
+def declared_in(unit: str, factor: float) -> Spoil:
+    """Take speeds that are in m/s for another unit."""
+
+    def spoil(recording: Recording) -> Recording:
+        spoiled = scaled("tach", factor, "distance_m")(recording)
+        assert recording.description.tach is not None
+        tach = recording.description.tach.model_copy(update={"unit": unit})
+        return replace(spoiled, description=recording.description.model_copy(update={"tach": tach}))
+
+    return spoil
+
+
+def turned_left(recording: Recording) -> Recording:
+    """Turn both sensors by a quarter about the vertical."""
+    rows = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
+    return mixed(FORCE, *rows)(mixed(GYRO, *rows)(recording))
+
+
+def kept(table: str, first_s: float) -> Spoil:
+    """Leave the rows before a time out."""
+
+    def spoil(recording: Recording) -> Recording:
+        rows = recording.tables[table]
+        return replace(recording, **{table: rows[rows["t_s"] >= first_s].reset_index(drop=True)})
+
+    return spoil
+
+
+def noisier(columns: list[str], sd: float) -> Spoil:
+    noise = np.random.default_rng(0)
+    return changed("imu", **{c: lambda rows, c=c: rows[c] + sd * noise.standard_normal(len(rows)) for c in columns})
+
+
+X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+BACK, RIGHT, DOWN = (-1, 0, 0), (0, -1, 0), (0, 0, -1)
+
+# What is done to the recording; the codes of the findings, of which the first names the cause; what its line must say.
+MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
+    "gyro x has the wrong sign": (mixed(GYRO, BACK, Y, Z), {"gyro-sign"}, "negate column 'wx_radps'"),
+    "gyro y has the wrong sign": (mixed(GYRO, X, RIGHT, Z), {"gyro-sign"}, "negate column 'wy_radps'"),
+    "gyro z has the wrong sign": (mixed(GYRO, X, Y, DOWN), {"gyro-sign"}, "negate column 'wz_radps'"),
+    "the whole gyro has the wrong sign": (
+        mixed(GYRO, BACK, RIGHT, DOWN), {"gyro-sign"},
+        "negate columns 'wx_radps' and 'wy_radps' and 'wz_radps'"),
+    "gyro x and y exchanged": (
+        mixed(GYRO, Y, X, Z), {"gyro-columns"}, 'set imu.gyro = ["wy_radps", "wx_radps", "wz_radps"]'),
+    "gyro y and z exchanged": (
+        mixed(GYRO, X, Z, Y), {"gyro-columns"}, 'set imu.gyro = ["wx_radps", "wz_radps", "wy_radps"]'),
+    "gyro x and z exchanged": (
+        mixed(GYRO, Z, Y, X), {"gyro-columns"}, 'set imu.gyro = ["wz_radps", "wy_radps", "wx_radps"]'),
+    "gyro columns in a circle": (
+        mixed(GYRO, Y, Z, X), {"gyro-columns"}, 'set imu.gyro = ["wz_radps", "wx_radps", "wy_radps"]'),
+    "forward force has the wrong sign": (mixed(FORCE, BACK, Y, Z), {"accel-sign"}, "negate column 'fx_mps2'"),
+    "lateral force has the wrong sign": (mixed(FORCE, X, RIGHT, Z), {"accel-sign"}, "negate column 'fy_mps2'"),
+    "forces x and y exchanged": (
+        mixed(FORCE, Y, X, Z), {"accel-columns"}, 'set imu.accel = ["fy_mps2", "fx_mps2", "fz_mps2"]'),
+    "the sensor turned by a quarter": (turned_left, {"forward-axis"}, 'set imu.axes = "RFU"'),
+    "km/h taken for m/s": (
+        scaled("tach", 3.6, "distance_m"), {"speed-scale", "wheel-scale"}, 'set tach.unit = "km/h"'),
+    "m/s taken for km/h": (
+        declared_in("km/h", 1 / 3.6), {"speed-scale", "wheel-scale"}, 'set tach.unit = "m/s"'),
+    "a wheel 30 % larger": (
+        scaled("tach", 1 / 1.3, "distance_m"), {"speed-scale", "wheel-scale"}, "must be multiplied by 1.3"),
+    "a wheel 30 % smaller": (
+        scaled("tach", 1 / 0.7, "distance_m"), {"speed-scale", "wheel-scale"}, "must be multiplied by 0.7"),
+    "the tach is dead": (scaled("tach", 0.0, "distance_m"), {"tach-silent"}, "stays at one value from t = 0"),
+    "the tach freezes": (
+        changed("tach", distance_m=lambda rows: rows["distance_m"].clip(upper=rows["distance_m"].median())),
+        {"tach-silent"}, "while the IMU moves"),
+    "the tach is there for the second half": (
+        kept("tach", 150.0), {"tach-silent"}, " to 150 s, while the IMU moves"),
+    "the tach is late": (later("tach", 1.0), {"clock-offset"}, "set tach.time_offset_s = -"),
+    "GNSS is 3 s late": (later("gnss", 3.0), {"gnss-delay"}, "set gnss.time_offset_s = -"),
+    "east and north exchanged": (
+        exchanged("gnss", "east_m", "north_m"),
+        {"gnss-mirrored"}, 'set gnss.position = ["north_m", "east_m", "up_m"]'),
+    "fixes in km": (
+        scaled("fixes", 1e-3, "chainage_m"), {"fix-unit"}, "look like km: multiply them by 1000"),
+    "fixes against the direction": (
+        scaled("fixes", -1.0, "chainage_m"), {"fix-order"}, "set track.direction = -1"),
+    "balises are 2 s late": (later("fixes", 2.0), {"fix-delay"}, "set fixes.time_offset_s = -"),
+    "much more noise than declared": (noisier(GYRO, 0.01), {"noise-low"}, "set gyro_white = "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named(mistake: str, sound: Recording) -> None:
+    spoil, expected, text = MISTAKES[mistake]
+    _, findings = diagnose(spoil(sound))
+    lines = {finding.code: str(finding) for finding in findings if finding.level != "info"}
+    assert set(lines) == expected
+    assert any(text in line for line in lines.values()), lines
+
+
+def test_a_sound_recording_is_left_alone(sound: Recording) -> None:
+    assert [finding for finding in diagnose(sound)[1] if finding.level != "info"] == []
+
+
+@pytest.mark.parametrize("name", sorted(set(scenarios()) - {"rough-ride"}))
+@pytest.mark.parametrize(("seed", "duration_s"), [(0, 60.0), (3, 150.0)])
+def test_scenarios_are_sound(name: str, seed: int, duration_s: float) -> None:
+    """Short runs are the hard ones. In the field scenario the tach's clock is indeed 0.08 s off."""
+    _, findings = diagnose(simulate(name, seed=seed, duration_s=duration_s).recording)
+    codes = {finding.code for finding in findings if finding.level != "info"}
+    assert codes <= ({"clock-offset"} if name == "mainline-field" else set())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_poor_sensor_that_shakes_is_sound(seed: int) -> None:
+    """1 deg/s of bias and 2 m/s^2 of vibration are no contradictions; what they are is said."""
+    recording = simulate("mainline-gnss", seed=seed, duration_s=90.0).recording
+    rng = np.random.default_rng(seed)
+    spoiled = noisier(FORCE, 2.0)(recording)
+    spoiled.imu[GYRO] += np.radians(1.0) * rng.choice([-1.0, 1.0], 3)
+    codes = {finding.code for finding in diagnose(spoiled)[1] if finding.level != "info"}
+    assert codes <= {"gyro-bias", "accel-bias", "noise-low"}
+
+
+@pytest.mark.parametrize("unit", ["m/s^2", "g"])
+def test_removed_gravity_is_not_taken_for_a_unit(unit: str, sound: Recording) -> None:
+    """A phone's linear acceleration, with a bias of 0.9 m/s^2 that happens to look like 1 g in g."""
+    imu = sound.imu.copy()
+    imu[FORCE] = imu[FORCE].to_numpy() - imu[FORCE].median().to_numpy() + [0.0, 0.9, 0.0]
+    part = sound.description.imu.model_copy(update={"accel_unit": unit})
+    found = plausibility.findings({"imu": part}, {"imu": imu}, "recording.toml", CheckLimits())
+    assert [finding.code for finding in found] == ["accel-unit"]
+    assert "gravity seems to have been removed" in str(found[0])
+
+
+def test_a_row_far_away_in_time_is_told(sound: Recording) -> None:
+    fixes = sound.tables["fixes"].copy()
+    fixes.loc[len(fixes) - 1, "t_s"] = 1e9
+    parts = {"imu": sound.description.imu, "fixes": sound.description.fixes}
+    found = plausibility.findings(parts, {"imu": sound.imu, "fixes": fixes}, "recording.toml", CheckLimits())
+    assert [finding.code for finding in found] == ["clocks-apart"]
+    assert f"data row {len(fixes)} (t = 1e+09 s): far from the IMU's time" in str(found[0])

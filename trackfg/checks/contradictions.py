@@ -1,0 +1,312 @@
+"""Where the estimates of a recording contradict its description, as findings that name the cause and the edit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trackfg.checks import imu_channels
+from trackfg.checks.columns import ColumnPlace
+from trackfg.checks.diagnosis import Estimates, estimates_of
+from trackfg.checks.diagnosis_axes import AxesEstimate
+from trackfg.checks.diagnosis_clock import ClockOffset
+from trackfg.checks.diagnosis_force import ForceFit, Signs
+from trackfg.checks.diagnosis_positions import PositionFit
+from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias
+from trackfg.checks.diagnosis_silence import SilentSpan
+from trackfg.checks.diagnosis_wheel import WheelScale
+from trackfg.checks.limits import CheckLimits
+from trackfg.numerics import rotations
+from trackfg.recording.description import Imu, Tach
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import Recording
+
+_TOML = "recording.toml"
+
+_UNIT_TOLERANCE = 0.1
+"""A ratio this near to that of two units is taken for it: wheel and sensor are never scaled as wrongly otherwise."""
+
+
+def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[Estimates, list[Finding]]:
+    """Estimate everything, and return it with whatever it shows to be wrong or doubtful."""
+    limits, estimates = limits or CheckLimits(), estimates_of(recording)
+    return estimates, [
+        *_fix_order(recording),
+        *imu_channels.findings(recording.description.imu, recording.imu, limits),
+        *contradictions(recording, estimates, limits),
+    ]
+
+
+def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
+    """Return where the estimates contradict the description."""
+    description, force = recording.description, estimates.force
+    return [
+        *_axes(estimates.axes, force),
+        *_columns(description.imu, force),
+        *_clock(description.tach, estimates.clock_offset),
+        *_bias(recording, estimates.static_bias),
+        *_noise(estimates.noise_density, limits),
+        *_speed(description.tach, force, limits),
+        *_silence(description.tach, estimates.silent_spans),
+        *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
+        *_wheel(description.tach, estimates.wheel_scale_gnss, force, limits),
+        *_gnss(recording, estimates.positions, force, limits),
+        *_fixes(recording, estimates.positions, limits),
+    ]
+
+
+def _warning(code: str, message: str, column: str, expected: str | None = None, hint: str | None = None) -> Finding:
+    """Return a warning about a key of the description."""
+    return Finding("warning", code, message, file=_TOML, column=column, expected=expected, hint=hint)
+
+
+def _axes(axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
+    if force is None or not force.axes_are_wrong or axes.forward_correlation is None:
+        return []
+    message = (
+        f"with {axes.declared!r} the axis that follows the tach's acceleration is {axes.best_forward} "
+        f"(correlation {axes.best_forward_correlation:.2f}; forward {axes.forward_correlation:.2f})"
+    )
+    hint = f'set imu.axes = "{axes.proposed}", or reverse the vehicle frame if the run was backwards'
+    return [_warning("forward-axis", message, "imu.axes", "+x", hint)]
+
+
+_COLUMN_CODES = {"accel": ("accel-sign", "accel-columns"), "gyro": ("gyro-sign", "gyro-columns")}
+
+
+def _columns(imu: Imu, force: ForceFit | None) -> list[Finding]:
+    """Columns that are exchanged or have the wrong sign, by sensor."""
+    if force is None or not force.columns_are_wrong:
+        return []
+    found = []
+    for sensor, names, signs in (("accel", imu.accel, force.accel), ("gyro", imu.gyro, force.gyro)):
+        P = _in_sensor_axes(imu, signs)
+        order, negated = np.abs(P).argmax(axis=1), P.sum(axis=1) < 0.0
+        moved = [names[i] for i in range(3) if order[i] != i]
+        turned = [names[j] for j, is_negated in zip(order, negated, strict=True) if is_negated]
+        if not moved and not turned:
+            continue
+        wrong = " and ".join(
+            text
+            for text, columns in (
+                (f"{_listed(moved)} are in the wrong order", moved),
+                (f"{_listed(turned)} {'has' if len(turned) == 1 else 'have'} the wrong sign", turned),
+            )
+            if columns
+        )
+        wanted = ", ".join(f'"{names[j]}"' for j in order)
+        hints = [f"set imu.{sensor} = [{wanted}]"] * bool(moved) + [f"negate {_listed(turned)}"] * bool(turned)
+        message = (
+            f"the specific force that tach and gyro imply is {force.contradiction:.3g} times further off than if "
+            f"{wrong} (power of the difference)"
+        )
+        code = _COLUMN_CODES[sensor][int(bool(moved))]
+        found.append(
+            Finding(
+                "warning",
+                code,
+                message,
+                file=imu.file,
+                column=", ".join(moved or turned),
+                expected="gyro and accelerometer in one right-handed triad, as imu.axes",
+                hint=" and ".join(hints),
+            )
+        )
+    return found
+
+
+def _in_sensor_axes(imu: Imu, signs: Signs) -> np.ndarray:
+    """Return the signed permutation of a sensor's columns for one of the vehicle's axes, both (3, 3)."""
+    axes = rotations.axes_matrix(imu.axes)
+    return np.asarray(axes.T @ np.array(signs) @ axes)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ("column " if len(names) == 1 else "columns ") + " and ".join(repr(name) for name in names)
+
+
+def _clock(tach: Tach | None, offset: ClockOffset | None) -> list[Finding]:
+    if offset is None or tach is None or not offset.is_sure:
+        return []
+    message = f"the tach's clock is off by {offset.offset_s:+.3f} s (sd {offset.sd_s:.3f} s)"
+    hint = f"set tach.time_offset_s = {tach.time_offset_s + offset.offset_s:.3f}, or have it estimated"
+    return [_warning("clock-offset", message, "tach.time_offset_s", "0", hint)]
+
+
+def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
+    if bias is None:
+        return []
+    noise = recording.description.imu.noise
+    found = []
+    gyro = float(np.max(np.abs(bias.gyro_radps)))
+    if gyro > 4.0 * noise.gyro_bias_sd + 1e-4:
+        message = f"the gyro shows {gyro:.3g} rad/s at rest, declared sigma {noise.gyro_bias_sd:.3g}"
+        hint = f"set gyro_bias_sd = {gyro:.2g}"
+        found.append(Finding("warning", "gyro-bias", message, file=_TOML, column="imu.noise.gyro_bias_sd", hint=hint))
+    accel = abs(bias.accel_excess_mps2)
+    if accel > 4.0 * float(np.hypot(noise.accel_bias_sd, bias.accel_excess_sd_mps2)):
+        message = (
+            f"specific force at rest is off gravity by {accel:.3g} m/s^2, declared sigma {noise.accel_bias_sd:.3g}"
+        )
+        hint = f"set accel_bias_sd = {accel:.2g}, or calibrate the accelerometer's scale"
+        found.append(Finding("warning", "accel-bias", message, file=_TOML, column="imu.noise.accel_bias_sd", hint=hint))
+    return found
+
+
+def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
+    """More noise than declared makes every sigma too small; less is information only: motion adds vibration."""
+    if noise is None:
+        return []
+    found = []
+    for name, value, ratio in (
+        ("gyro_white", noise.gyro_white, noise.gyro_ratio),
+        ("accel_white", noise.accel_white, noise.accel_ratio),
+    ):
+        key = f"imu.noise.{name}"
+        if ratio > limits.noise_ratio_warning:
+            message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared"
+            found.append(
+                Finding(
+                    "warning", "noise-low", message, file=_TOML, column=key, hint=f"set {name} = {value:.2g} or more"
+                )
+            )
+        elif ratio < 1.0 / limits.noise_ratio_warning:
+            message = f"the noise at rest is {value:.3g}, {ratio:.2g} of what is declared"
+            found.append(Finding("info", "noise-high", message, file=_TOML, column=key))
+    return found
+
+
+def _speed(tach: Tach | None, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
+    """Speeds scaled wrongly, by the force that acceleration and curves need."""
+    if tach is None or force is None:
+        return []
+    forward, lateral, found = force.forward, force.lateral, []
+    low, high = 1.0 / limits.speed_scale, limits.speed_scale
+    if forward is not None and forward.correlation >= limits.axis_correlation and forward.excludes(low, high):
+        message = (
+            f"forward force is {forward.value:.3g} times the tach's acceleration "
+            f"(surely {forward.low:.3g} to {forward.high:.3g})"
+        )
+        key, hint = _rescaled(tach, forward.value)
+        found.append(_warning("speed-scale", message, key, "1", hint))
+    if lateral is not None and abs(lateral.correlation) >= _SURE_CORRELATION and lateral.excludes(0.5, 2.0):
+        message = f"lateral specific force is {lateral.value:.3g} times what speed and gyro imply"
+        hint = "check the units and scales of gyro, accelerometer and tach"
+        found.append(_warning("gyro-scale", message, "imu.gyro_unit", "about 1", hint))
+    return found
+
+
+_FEWEST_STRETCHES = 3
+"""Stretches between fixes from which on a scale that no wheel has is believed."""
+
+_SURE_CORRELATION = 0.8
+"""Lateral force has causes of its own (springs, rails): its slope says something from this correlation on."""
+
+
+def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
+    """Return the key and the edit that multiply the tach's distance by ``scale``."""
+    for unit, other, ratio in (("m/s", "km/h", 1.0 / 3.6), ("km/h", "m/s", 3.6), ("m", "mm", 1e-3), ("mm", "m", 1e3)):
+        if tach.unit == unit and abs(np.log(abs(scale) / ratio)) < _UNIT_TOLERANCE:
+            return "tach.unit", f'the data look like {other}: set tach.unit = "{other}"'
+    if tach.kind == "pulses" and tach.wheel_diameter_m is not None:
+        diameter = tach.wheel_diameter_m * scale
+        return "tach.wheel_diameter_m", f"set tach.wheel_diameter_m = {diameter:.4g}, or check tach.pulses_per_rev"
+    return "tach.unit", f"check tach.unit; distances must be multiplied by {scale:.4g}"
+
+
+def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
+    """One finding for the longest span of each kind."""
+    found = []
+    for kind, what in (("constant", "stays at one value"), ("absent", "has no rows")):
+        of_kind = [span for span in spans if span.kind == kind]
+        if tach is None or not of_kind:
+            continue
+        longest = max(of_kind, key=lambda span: span.seconds)
+        message = f"{what} from t = {longest.start_s:.6g} to {longest.end_s:.6g} s, while the IMU moves"
+        if len(of_kind) > 1:
+            message += f" ({len(of_kind)} such spans)"
+        hint = "leave the part without a tach out, or leave [tach] out: a wheel that does not turn reads as a slide"
+        found.append(
+            Finding(
+                "warning",
+                "tach-silent",
+                message,
+                file=tach.file,
+                column=tach.column,
+                time_s=longest.start_s,
+                expected="motion",
+                hint=hint,
+            )
+        )
+    return found
+
+
+def _wheel(tach: Tach | None, wheel: WheelScale | None, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
+    if wheel is None or tach is None or abs(wheel.scale - 1.0) < 3.0 * float(np.hypot(tach.scale_sd, wheel.sd)):
+        return []
+    if not 0.5 < wheel.scale < 2.0 and wheel.samples < _FEWEST_STRETCHES:  # fixes of one place, passed again
+        return []
+    forward = None if force is None else force.forward
+    is_tach = forward is None or forward.excludes(1.0 / limits.speed_scale, limits.speed_scale)
+    if not is_tach and wheel.source == "fixes" and not 0.5 < wheel.scale < 2.0:
+        message = f"chainage grows by {wheel.scale:.4g} m for each m of the tach, whose speeds fit the accelerometer"
+        what = "km: multiply them by 1000" if abs(np.log(wheel.scale * 1e3)) < _UNIT_TOLERANCE else "another unit"
+        return [_warning("fix-unit", message, "fixes.chainage", "1", f"chainages are in m; these look like {what}")]
+    message = f"true distance is {wheel.scale:.5f} (sd {wheel.sd:.5f}) of the tach's, by {wheel.source}"
+    if abs(np.log(wheel.scale)) > np.log(limits.speed_scale) and tach.kind != "pulses":
+        key, hint = _rescaled(tach, wheel.scale)
+    else:
+        key, hint = "tach.scale_sd", f"check tach.unit, or set tach.scale_sd = {abs(wheel.scale - 1.0):.2g}"
+    if tach.kind == "pulses" and tach.wheel_diameter_m is not None:
+        key = "tach.wheel_diameter_m"
+        hint = f"set tach.wheel_diameter_m = {tach.wheel_diameter_m * wheel.scale:.4f}"
+    return [_warning("wheel-scale", message, key, f"1 within {3.0 * tach.scale_sd:.3g}", hint)]
+
+
+def _gnss(recording: Recording, positions: PositionFit, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
+    gnss, delay, course, found = recording.description.gnss, positions.gnss_delay, positions.course, []
+    if gnss is None:
+        return []
+    if delay is not None and delay.is_sure(limits.delay_s):
+        message = f"positions come {delay.lag_s:+.2f} s (sd {delay.sd_s:.2f} s) after the motion that they show"
+        hint = f"set gnss.time_offset_s = {gnss.time_offset_s - delay.lag_s:.2f}"
+        found.append(_warning("gnss-delay", message, "gnss.time_offset_s", "0", hint))
+    gyro_is_wrong = force is not None and force.columns_are_wrong
+    if course is not None and course.correlation < -_SURE_CORRELATION and course.high < 0.0 and not gyro_is_wrong:
+        message = f"the path of the positions turns left where the gyro turns right (slope {course.value:.2f})"
+        first, second, height = gnss.position
+        hint = f'set gnss.position = ["{second}", "{first}", "{height}"], or negate the gyro'
+        found.append(_warning("gnss-mirrored", message, "gnss.position", "1", hint))
+    return found
+
+
+def _fixes(recording: Recording, positions: PositionFit, limits: CheckLimits) -> list[Finding]:
+    fixes, delay = recording.description.fixes, positions.fix_delay
+    if fixes is None or delay is None or abs(delay.delay_s) <= max(limits.delay_s, 4.0 * delay.sd_s):
+        return []
+    message = f"fixes come {delay.delay_s:+.2f} s (sd {delay.sd_s:.2f} s) after the tach has passed their places"
+    hint = f"set fixes.time_offset_s = {fixes.time_offset_s - delay.delay_s:.2f}"
+    return [_warning("fix-delay", message, "fixes.time_offset_s", "0", hint)]
+
+
+def _fix_order(recording: Recording) -> list[Finding]:
+    """Fixes whose chainages run against the declared direction."""
+    fixes, part = recording.fixes, recording.description.fixes
+    if fixes is None or part is None or recording.tach is None or recording.description.tach is None:
+        return []
+    if recording.description.tach.signed:
+        return []
+    steps = recording.description.track.direction * fixes["chainage_m"].diff()
+    against = (steps < -3.0 * fixes["chainage_sd_m"]).to_numpy()
+    if not against.any():
+        return []
+    i = int(against.argmax())
+    message = f"chainage runs against track.direction = {recording.description.track.direction}"
+    if (count := int(against.sum())) > 1:
+        message += f" ({count} such rows)"
+    hint = "set track.direction = -1 if chainage falls along this run, or sort out the mixed-up fix"
+    if recording.description.track.direction == -1:
+        hint = hint.replace("-1", "1").replace("falls", "grows")
+    place = ColumnPlace(part.file, part.chainage, fixes["t_s"].to_numpy())
+    return [place.at_row("warning", "fix-order", message, i, expected="chainages in the order of the run", hint=hint)]

@@ -1,0 +1,78 @@
+"""The tach's scale and the gyro's, from the force that acceleration and curves need.
+
+In the force balance (:mod:`trackfg.checks.force_balance`) forward force, less what the pitch rate implies, is k times
+the tach's acceleration, and lateral force, less what the roll rate implies, k times speed times yaw rate; k is 1 where
+tach, gyro and accelerometer are scaled rightly, and 1/3.6 where km/h are taken for m/s.
+
+Both sides are noisy, so the slope of y on x is too small and that of x on y, inverted, too large: with errors of x and
+y that are independent, the true k lies between the two (Frisch 1934). Each has the sigma of its leave-one-block-out
+(jackknife) values; :attr:`Slope.low` and :attr:`Slope.high` add what Student's distribution for so many blocks makes of
+three sigmas.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from trackfg.checks.force_balance import ForceBalance
+from trackfg.numerics.arrays import Array
+
+_SIGMAS = 3.0
+_FEWEST_BLOCKS = 5
+"""With fewer blocks nothing is said about their scatter."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A slope ``value`` with the correlation it was found from; it is between ``low`` and ``high`` (see above)."""
+
+    value: float
+    low: float
+    high: float
+    correlation: float
+
+    def excludes(self, low: float, high: float) -> bool:
+        """Return whether the magnitude of the slope is surely outside of these limits."""
+        near, far = sorted((abs(self.low), abs(self.high))) if self.low * self.high > 0.0 else (0.0, np.inf)
+        return near > high or far < low
+
+
+def forward_slope(balance: ForceBalance, P: Array) -> Slope | None:
+    """Return the slope of forward force, less what rates mixed by ``P`` (3, 3) imply, on the tach's acceleration."""
+    return slope_of(balance.acceleration, balance.force[0] - balance.predicted(P)[0], balance.block)
+
+
+def lateral_slope(balance: ForceBalance, P: Array) -> Slope | None:
+    """Return the slope of lateral force, less what the other rates imply, on speed times yaw rate."""
+    expected = np.tensordot(P[2], balance.terms[1, 2], axes=1)
+    return slope_of(expected, balance.force[1] - (balance.predicted(P)[1] - expected), balance.block)
+
+
+def slope_of(x: Array, y: Array, block: NDArray[np.int64]) -> Slope | None:
+    """Return the slope of y on x (n,), whose rows belong to the blocks ``block`` (n,); None where either is constant or
+    too few blocks show x.
+    """
+    xx, xy, yy = (np.bincount(block, product).astype(np.float64) for product in (x * x, x * y, y * y))
+    xx, xy, yy = xx[xx > 0.0], xy[xx > 0.0], yy[xx > 0.0]
+    if xx.size < _FEWEST_BLOCKS or yy.sum() == 0.0 or xy.sum() == 0.0:
+        return None
+    correlation = float(xy.sum() / np.sqrt(xx.sum() * yy.sum()))
+    sigmas = float(student.isf(norm.sf(_SIGMAS), xx.size - 1))
+    small, small_sd = _ratio(xy, xx)
+    large, large_sd = _ratio(yy, xy)
+    sign = float(np.sign(correlation))
+    low, high = sign * small - sigmas * small_sd, sign * large + sigmas * large_sd
+    value = sign * float(np.sqrt(small * large))
+    return Slope(value, *((low, high) if sign > 0 else (-high, -low)), correlation)
+
+
+def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
+    """Return the ratio of two sums over blocks, with its jackknife sigma."""
+    n, ratio = numerator.size, float(numerator.sum() / denominator.sum())
+    others = (numerator.sum() - numerator) / (denominator.sum() - denominator)
+    return ratio, float(np.sqrt((n - 1) / n * np.sum((others - ratio) ** 2)))

@@ -1,0 +1,99 @@
+"""The force balance: the specific force that angular rates and speed imply, compared in a band of seconds.
+
+A body that moves with the velocity v along its x axis e_x has the specific force
+
+    f = dv/dt e_x + v w x e_x + g u,   du/dt = u x w,
+
+u being the upward direction in body axes, here the mean one on the right-hand side. If each rate is a mixture of what
+the gyro's columns y_j show, w_i = sum_j P_ij y_j, then f is linear in P:
+
+    f = dv/dt e_x + sum_ij P_ij T_ij,   T_ij = v y_j (e_i x e_x) + g (u x e_i) int y_j dt.
+
+All terms are band-passed alike: constant biases of force and integrated rate, slow gradients, vibration and pulses are
+left out. What a constant gyro bias leaves in the lateral and the vertical equation is proportional to v, and is
+projected out of all terms there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from trackfg.checks.diagnosis_clock import tach_acceleration
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import STANDARD_GRAVITY
+from trackfg.sensors.averages import averaged, band_passed
+
+_STEP_S = 0.25
+"""Intervals of the averages, s: a quarter of the shortest period that passes the band."""
+_SHORT_S, _LONG_S = 1.0, 6.0
+"""Standard deviations of the band's two Gaussian averages, s: slower than vibration and springs, faster than the drift
+of integrated rates; curves, transitions, stops and starts of rail and road vehicles lie between."""
+_BLOCK_S = 10.0
+"""Length of a block, s: longer than the band's memory, so that blocks are evidence nearly independent of each other."""
+FEWEST_BLOCKS = 5
+"""With fewer blocks nothing is said about their scatter."""
+
+
+@dataclass(frozen=True)
+class ForceBalance:
+    """The terms of the force balance by equation (x, y, z), in the band, at n times in blocks.
+
+    ``force`` (3, n), m/s^2; ``terms`` (3, 3, 3, n): equation, i, j of T_ij; ``acceleration`` (n,) is the tach's;
+    ``block`` (n,): the index of each time's block; blocks begin with the IMU's record.
+    """
+
+    force: Array
+    terms: Array
+    acceleration: Array
+    block: NDArray[np.int64]
+
+    def block_sums(self, values: Array) -> Array:
+        """Return sums over blocks of values (..., n). Shape (..., blocks)."""
+        first = np.flatnonzero(np.diff(self.block, prepend=-1))
+        return np.asarray(np.add.reduceat(values, first, axis=-1), dtype=np.float64)
+
+    @property
+    def whole_blocks(self) -> NDArray[np.int64]:
+        """The blocks without a part missing."""
+        counts = np.bincount(self.block)
+        return np.flatnonzero(counts == counts.max())
+
+    def predicted(self, P: Array) -> Array:
+        """Return what the gyro implies of the force if its columns are mixed by ``P`` (3, 3). Shape (3, n)."""
+        return np.asarray(np.tensordot(P, self.terms, axes=((0, 1), (1, 2))), dtype=np.float64)
+
+
+def force_balance(imu: pd.DataFrame, tach: pd.DataFrame, *, speed_scale: float = 1.0) -> ForceBalance | None:
+    """Return the balance of an ``imu`` table and a ``tach`` table on its clock; None for less than five blocks.
+
+    ``speed_scale``: what the tach's speed is multiplied by; negative where it counts backwards.
+    """
+    motion = averaged(imu, tach, _STEP_S)
+    if motion is None or motion.t_s.size * motion.step_s < FEWEST_BLOCKS * _BLOCK_S or not motion.valid.any():
+        return None
+    short_s = max(_SHORT_S, float(np.median(np.diff(tach["t_s"]))))
+    speed = speed_scale * motion.speed
+    up = np.median(motion.accel[motion.valid], axis=0)
+    up = up / max(float(np.linalg.norm(up)), 1e-9)
+
+    def banded(values: Array) -> Array:
+        return band_passed(values, motion.valid, motion.step_s, short_s, _LONG_S)
+
+    rate = motion.gyro - np.median(motion.gyro[motion.valid], axis=0)
+    angle = motion.step_s * (np.cumsum(rate, axis=0) - 0.5 * rate)
+    moving, turned = (np.array([banded(column) for column in values.T]) for values in (speed[:, None] * rate, angle))
+    axes = np.eye(3)
+    inward, tilt = np.cross(axes, axes[0]), STANDARD_GRAVITY * np.cross(up, axes)
+    terms = inward.T[:, :, None, None] * moving + tilt.T[:, :, None, None] * turned
+    force = np.array([banded(column) for column in motion.accel.T])
+    acceleration = banded(speed_scale * tach_acceleration(motion))
+    steady = banded(speed)
+    steady /= max(float(np.linalg.norm(steady)), 1e-9)
+    force[1:] -= (force[1:] @ steady)[..., None] * steady
+    terms[1:] -= (terms[1:] @ steady)[..., None] * steady
+    block = ((motion.t_s - float(imu["t_s"].iloc[0])) // _BLOCK_S).astype(np.int64)
+    return ForceBalance(force, terms, acceleration, block)
