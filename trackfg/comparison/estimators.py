@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import get_args
 
-from trackfg.baselines import adaptive_ekf, complementary, composite_positioning, mid_chord, odometry_imm
+from trackfg.baselines import (
+    adaptive_ekf,
+    complementary,
+    composite_positioning,
+    dead_reckoning,
+    mid_chord,
+    odometry_imm,
+)
 from trackfg.baselines.result import BaselineResult
 from trackfg.comparison.table import Task
 from trackfg.errors import BadInputError
@@ -46,6 +53,7 @@ _ATTITUDE: tuple[Task, ...] = ("attitude and cross-level", "twist")
 _VERSINES: tuple[Task, ...] = ("versines",)
 _PLACE: tuple[Task, ...] = ("distance and position",)
 
+_GROVES = "Groves (2013), the floor"
 _NAGANUMA = "Naganuma and Uematsu, complementary filter"
 _KATO = "Kato and others, patent JP7628028B2"
 _SUTO = "Suto, Tsubokawa and Yoshida (2020)"
@@ -58,6 +66,9 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
     attitude = partial(_printable, _ATTITUDE)
     known = {
         SMOOTHER: Estimator("factor-graph smoother", "trackfg", _smoothed, get_args(Task), anchored=True),
+        "dead-reckoning": Estimator(
+            "gyro bias from rests, wheel, tilt", _GROVES, dead_reckoning.run, (*_ATTITUDE[:1], *_PLACE), anchored=True
+        ),
         "complementary": attitude("complementary filter, T = 12.5 s", _NAGANUMA, complementary.run),
         "accelerometer": attitude(
             "accelerometer alone, low-passed at 0.5 Hz", _NAGANUMA, complementary.run, method="accelerometer"

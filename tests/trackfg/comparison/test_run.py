@@ -138,7 +138,9 @@ def test_unknown_names_and_ids_given_twice(tmp_path: Path) -> None:
     simulate("trolley", seed=0, duration_s=30.0).write(tmp_path / "run")
     with pytest.raises(BadInputError, match="two recordings have the id 'trolley-seed0-run0'"):
         cases_of([tmp_path / "run", tmp_path / "run"])
-    with pytest.raises(BadInputError, match="no estimator 'gyr'; expected one of smoother, complementary"):
+    with pytest.raises(
+        BadInputError, match="no estimator 'gyr'; expected one of smoother, dead-reckoning, complementary"
+    ):
         estimator("gyr")
     with pytest.raises(BadInputError, match="mid-chord: its paper prints nothing that differs"):
         estimator("mid-chord", as_printed=True)

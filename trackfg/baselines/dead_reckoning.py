@@ -1,0 +1,116 @@
+"""Dead reckoning: what a gyro, a wheel and gravity tell without any estimation.
+
+It is the floor for every estimator: P. D. Groves, *Principles of GNSS, Inertial, and Multisensor Integrated Navigation
+Systems*, 2nd ed. (2013), sections 5.6.2 (levelling by gravity), 6.3 (odometer and gyro) and 15.2 (biases at rest).
+
+- The gyro's bias is what the rests show, interpolated; without any the mean rates of roll and pitch, which come back,
+  and the median of the yaw rate, since track is straight most of the time.
+- The vertical is the mean specific force at rest, or of the whole run: the rate about it is that of the heading,
+  however the sensor is mounted.
+- The wheel's nominal speed goes along the heading. With GNSS the path is turned and shifted onto the positions, and it
+  starts so that the first fix comes out right.
+- Roll and pitch are the gyro's, drawn to the tilt of the specific force less the wheel's acceleration and ``v^2/R``
+  with the time constant of the complementary baseline.
+
+It says nothing of its errors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.baselines.complementary import complementary_roll, smoothing
+from trackfg.baselines.result import BaselineResult, filled, no_events
+from trackfg.errors import BadInputError
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import within
+from trackfg.recording.model import Recording
+from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.sensors.imu_intervals import intervals
+from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.starting_bias import rest_bias
+from trackfg.sensors.tach import read_wheel
+from trackfg.sensors.tilt import euler_rates, force_tilt
+
+_MAX_TACH_GAP_S = 2.0
+"""A longer silence of the tachometer while moving is a gap, s, as in :mod:`trackfg.baselines.attitude`."""
+_SPEED_OVER_S = 0.25
+"""The speed is the wheel's over this before and after, s: pulses are evened out. At the ends it is that further in."""
+_TIME_CONSTANT_S = 12.5
+"""Of roll and pitch, s: that of the complementary baseline's paper."""
+_TRAJECTORY_S = 0.1
+"""Step of the trajectory, s: the default of the smoother's results."""
+
+
+def run(recording: Recording) -> BaselineResult:
+    """Estimate chainage, speed, position and attitude, ten rows a second.
+
+    Raises ``BadInputError`` where there is no tachometer.
+    """
+    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
+    if wheel is None:
+        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
+    data = intervals(recording)
+    t, dt = 0.5 * (data.edges[1:] + data.edges[:-1]), data.durations
+    rests = find_standstills(recording)
+    rate = data.gyro - _bias(t, data.gyro, rests)
+    resting = within(t, rests) if len(rests) else np.ones(len(t), dtype=bool)
+    level = data.accel[resting].mean(axis=0)
+    distance = wheel.at(t) - wheel.at(t[:1])
+    speed = wheel.rate(np.clip(t, wheel.t[0] + _SPEED_OVER_S, wheel.t[-1] - _SPEED_OVER_S), _SPEED_OVER_S)
+    yaw = np.cumsum(rate @ (level / np.linalg.norm(level)) * dt)
+    if recording.description.track.heading_deg is not None:
+        yaw += np.pi / 2.0 - np.radians(recording.description.track.heading_deg)
+    place, turn = _onto_positions(t, np.cumsum(speed * np.exp(1j * yaw) * dt), recording)
+
+    kinematic = np.stack([np.gradient(speed, t), speed * rate[:, 2], -speed * rate[:, 1]], axis=1)
+    tilt, alpha = force_tilt(data.accel - kinematic), smoothing(_TIME_CONSTANT_S, float(np.median(dt)))
+    start = force_tilt(level[None])[0]
+    turned = euler_rates(rate, tilt) * dt[:, None]
+    roll, pitch = (complementary_roll(tilt[:, i], turned[:, i], alpha, float(start[i])) for i in (0, 1))
+    track = recording.description.track
+    known = {
+        "chainage_m": _first_chainage(t, track.direction * distance, recording) + track.direction * distance,
+        "speed_mps": speed,
+        "east_m": place.real,
+        "north_m": place.imag,
+        "roll_rad": roll,
+        "pitch_rad": pitch,
+        "yaw_rad": yaw + turn,
+    }
+    clock = np.arange(t[0], t[-1], _TRAJECTORY_S)
+    at = {column: np.interp(clock, t, values) for column, values in known.items()}
+    return BaselineResult(
+        name="dead reckoning",
+        trajectory=filled(TRAJECTORY_COLUMNS, {"t_s": clock, **at}),
+        geometry=filled(GEOMETRY_COLUMNS, {}),
+        events=no_events(),
+        parameters={"rests": float(len(rests)), "rest_s": float(np.diff(rests, axis=1).sum())},
+    )
+
+
+def _bias(t: Array, gyro: Array, rests: Array) -> Array:
+    """Return the gyro's bias (n, 3), rad/s."""
+    if len(rests):
+        return rest_bias(t, gyro, rests, np.zeros(3))
+    return np.tile(np.append(gyro[:, :2].mean(axis=0), np.median(gyro[:, 2])), (len(t), 1))
+
+
+def _onto_positions(t: Array, path: Array, recording: Recording) -> tuple[Array, float]:
+    """Return the path (n,), east + i north, m, turned and shifted onto the GNSS positions, and the turn, rad."""
+    gnss = pd.DataFrame() if recording.gnss is None else recording.gnss[recording.gnss["t_s"].between(t[0], t[-1])]
+    if len(gnss) == 0:
+        return path, 0.0
+    seen = gnss["east_m"].to_numpy() + 1j * gnss["north_m"].to_numpy()
+    at = np.interp(gnss["t_s"], t, path.real) + 1j * np.interp(gnss["t_s"], t, path.imag)
+    turn = float(np.angle(np.sum(np.conj(at - at.mean()) * (seen - seen.mean()))))
+    return (path - at.mean()) * np.exp(1j * turn) + seen.mean(), turn
+
+
+def _first_chainage(t: Array, rolled: Array, recording: Recording) -> float:
+    """Return the chainage at the start, m, by which the first fix comes out right; 0 without fixes."""
+    if recording.fixes is None or recording.fixes.empty:
+        return 0.0
+    first = recording.fixes.iloc[0]
+    return float(first["chainage_m"] - np.interp(first["t_s"], t, rolled))
