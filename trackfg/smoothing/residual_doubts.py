@@ -84,6 +84,11 @@ _NAMES = {
     "gnss": "the GNSS positions",
     "biases": "the walk of the biases",
     "rests": "the rests",
+    "bias prior": "the biases",
+    "calibration prior": "the calibration of the IMU",
+    "mounting prior": "the mounting",
+    "wheel prior": "the wheel's place and creep",
+    "sensor prior": "the further sensors",
 }
 
 _HINTS = {
@@ -98,6 +103,11 @@ _HINTS = {
     "gnss": "declare the sigma that the positions have, and position.gnss_correlation_s",
     "biases": "declare the instability of the biases ([imu.noise]); let the sensor warm up",
     "rests": "look at the standstills among the events",
+    "bias prior": "declare the grade of the sensor ([imu.noise]: gyro_bias_sd, accel_bias_sd)",
+    "calibration prior": "declare how well the IMU is calibrated ([imu.noise]), and check its axes (trackfg check)",
+    "mounting prior": "survey how the sensor is mounted, or raise motion.mount_sd_deg",
+    "wheel prior": "check where the wheel is, and what the tachometer counts",
+    "sensor prior": "check scale and mounting of the further sensors",
 }
 
 _PREDICTED: dict[FactorType, tuple[str, tuple[Quantity, ...]]] = {

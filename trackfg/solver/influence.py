@@ -49,6 +49,17 @@ _GROUPS = {
 }
 """Families whose residuals are judged, and what reports call them; inertial factors are "gyro" and "accel"."""
 
+_PRIORS = {
+    FactorType.PRIOR_BIAS: "bias prior",
+    FactorType.PRIOR_IMU: "calibration prior",
+    FactorType.PRIOR_MOUNT: "mounting prior",
+    FactorType.PRIOR_WHEEL: "wheel prior",
+    FactorType.PRIOR_SENSOR: "sensor prior",
+}
+"""Priors of sensors. Where some of its variables are far from a prior, the sensor is not of the grade that was declared,
+and those that nothing else determines may be as far: all rows of a prior have one level.
+"""
+
 
 class Columns(NamedTuple):
     """Vectors over all states: ``keyframes`` (n, KEYFRAME_DIM, m) and ``shared`` (s, m)."""
@@ -64,6 +75,7 @@ class GroupRows:
     group: str
     linear: LinearFactors
     drawn: Array
+    has_one_level: bool = False
 
 
 class Misfit(NamedTuple):
@@ -96,7 +108,8 @@ def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> 
         ("gyro", LinearFactors(inertial.slots, inertial.rows[:, :3])),
         ("accel", LinearFactors(inertial.slots, inertial.rows[:, 3:])),
     ]
-    parts += [(_GROUPS.get(one.type, ""), one.linearize(solution.states)) for one in problem.families]
+    named = _GROUPS | _PRIORS
+    parts += [(named.get(one.type, ""), one.linearize(solution.states)) for one in problem.families]
     drawn = [rng.standard_normal((*linear.b.shape, _DRAWS)) for _, linear in parts]
     n, shared = len(solution.states), solution.root.size - KEYFRAME_DIM
     score = Columns(np.zeros((n, KEYFRAME_DIM, _DRAWS)), np.zeros((shared, _DRAWS)))
@@ -104,7 +117,7 @@ def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> 
         _add_transposed(score, linear, errors)
     moved = Columns(*times_covariance(solution.root, *score))
     return [
-        GroupRows(group, linear, errors - _applied(linear, moved))
+        GroupRows(group, linear, errors - _applied(linear, moved), group in _PRIORS.values())
         for (group, linear), errors in zip(parts, drawn, strict=True)
         if group
     ]
@@ -130,6 +143,11 @@ def misfits(
 
 def _misfit(rows: GroupRows, gain: Columns, blocks: Sequence[np.ndarray]) -> Misfit:
     w = _applied(rows.linear, gain)
+    if rows.has_one_level:
+        squares, of_drawn = np.sum(rows.linear.b**2), np.sum(rows.drawn**2, axis=(0, 1))
+        return Misfit(
+            rows.group, float(np.sum(w**2)), np.full(len(blocks), squares), np.tile(of_drawn, (len(blocks), 1))
+        )
     seen = np.einsum("frm,fr->fm", w, rows.linear.b)
     drawn = np.einsum("frm,frs->fms", w, rows.drawn, optimize=True)
     keyframe = np.maximum(first_keyframe(rows.linear.slots, len(w)), 0)
