@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 
+import pandas as pd
+
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.residual_doubts import self_test
+from trackfg.smoothing.vibration_doubts import vibration_doubts
 
 BY_ATTITUDE: tuple[Quantity, ...] = ("roll", "pitch", "yaw")
 """What an inertial sensor alone determines: attitude, yaw from the start of the run."""
 
 
-def judged(run: SolvedRun) -> tuple[Verdict, ...]:
-    """Return a verdict for every quantity of a solved run."""
+def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
+    """Return a verdict for every quantity of a solved run; ``geometry`` is its table, with the model's sigmas."""
     if not run.solution.converged:
         return verdicts([*_of_solver(run), *run.doubts])
     tested = self_test(run)
-    return verdicts([*_of_what_is_measured(run), *tested.doubts, *run.doubts], tested.checked_by)
+    doubts = [*_of_what_is_measured(run), *tested.doubts, *vibration_doubts(run, geometry), *run.doubts]
+    return verdicts(doubts, tested.checked_by)
 
 
 def _of_solver(run: SolvedRun) -> list[Doubt]:

@@ -185,7 +185,7 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
         places = place_covariance(run, passes, states, solved.solution.root)
     with stages.stage("covariance"):
-        verdicts = judged(solved)
+        verdicts = judged(solved, geometry)
     return SmoothedStates(
         **{part.name: getattr(solved, part.name) for part in fields(SolvedRun)},
         trajectory=trajectory,

@@ -56,8 +56,8 @@ _PRIORS = {
     FactorType.PRIOR_WHEEL: "wheel prior",
     FactorType.PRIOR_SENSOR: "sensor prior",
 }
-"""Priors of sensors. Where some of its variables are far from a prior, the sensor is not of the grade that was declared,
-and those that nothing else determines may be as far: all rows of a prior have one level.
+"""Priors of sensors, whose rows have one level each: where some variables are far from a prior, the sensor is not of
+the grade that was declared, and those that nothing else determines may be as far.
 """
 
 

@@ -12,6 +12,7 @@ from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.effects.catalogue import effect
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.trajectory_errors import trajectory_errors
 from trackfg.recording.model import Recording
 from trackfg.results.result import Result
@@ -74,6 +75,19 @@ def test_an_inertial_sensor_noisier_than_declared() -> None:
     run = with_balises("imu-noise", 3.0)
     result = smooth(run.recording)
     assert failed_silently(result, run.truth) == []
+
+
+def test_an_engine_that_idles_under_a_rigid_sensor() -> None:
+    run = with_balises("idling", 0.5)
+    result = smooth(run.recording)
+    assert verdict_of(result, "twist").status != "trusted"
+    errors = geometry_errors(result.geometry, result.trajectory, run.truth, run.truth_geometry)
+    assert (errors["twist_mm"].abs() > FAR_SIGMAS * errors["twist_mm_sd"]).mean() < FAR_SHARE
+
+
+def test_a_sensor_that_is_not_of_the_declared_grade() -> None:
+    run = with_balises("low-cost-imu", 1.0)
+    assert failed_silently(smooth(run.recording), run.truth) == []
 
 
 @pytest.mark.slow

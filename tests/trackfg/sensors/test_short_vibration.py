@@ -1,0 +1,58 @@
+"""Vibration between the white noise of the sensor and the motion of the track: lines of known size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.datasets.scenarios import simulate
+from trackfg.sensors.imu_intervals import Intervals, intervals
+from trackfg.sensors.short_vibration import shaking
+
+HZ, AMPLITUDE = 20.0, 1e-4
+"""A roll of 0.1 mrad at 20 Hz."""
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Intervals:
+    """Samples of 40 s that show nothing but white noise and gravity."""
+    data = intervals(simulate("trolley", seed=0, duration_s=40.0).recording)
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((2, len(data), 3))
+    return replace(data, gyro=1e-4 * white[0], accel=1e-2 * white[1] + [0.0, 0.0, 9.8])
+
+
+def with_roll(data: Intervals) -> Intervals:
+    rate = 2.0 * np.pi * HZ * AMPLITUDE * np.cos(2.0 * np.pi * HZ * data.edges[:-1])
+    return replace(data, gyro=data.gyro + rate[:, None] * [1.0, 0.0, 0.0])
+
+
+def test_at_rest_a_line_is_seen_in_full(quiet: Intervals) -> None:
+    t = quiet.edges[[0, -1]]
+    resting, moving = shaking(with_roll(quiet), t, np.zeros(2))
+    assert resting.roll == pytest.approx(AMPLITUDE / np.sqrt(2.0), rel=0.05)
+    assert np.isnan(moving.roll)
+    assert shaking(quiet, t, np.zeros(2))[0].roll < 0.1 * AMPLITUDE
+
+
+@pytest.mark.parametrize(("speed", "is_seen"), [(8.0, True), (20.0, False)])
+def test_in_motion_a_line_is_seen_where_no_track_has_its_wave(quiet: Intervals, speed: float, is_seen: bool) -> None:
+    """20 Hz are 0.4 m at 8 m/s and 1 m at 20 m/s."""
+    moving = shaking(with_roll(quiet), quiet.edges[[0, -1]], np.full(2, speed))[1]
+    assert (moving.roll > 0.9 * AMPLITUDE / np.sqrt(2.0)) == is_seen
+
+
+def test_a_sway_across_is_integrated_twice(quiet: Intervals) -> None:
+    size = 1e-4
+    sway = -size * (2.0 * np.pi * HZ) ** 2 * np.cos(2.0 * np.pi * HZ * quiet.edges[:-1])
+    swaying = replace(quiet, accel=quiet.accel + sway[:, None] * [0.0, 1.0, 0.0])
+    resting = shaking(swaying, quiet.edges[[0, -1]], np.zeros(2))[0]
+    assert resting.across == pytest.approx(size / np.sqrt(2.0), rel=0.1)
+    assert resting.up < 0.3 * size
+
+
+def test_a_short_record_says_nothing(quiet: Intervals) -> None:
+    few = replace(quiet, edges=quiet.edges[:200], gyro=quiet.gyro[:199], accel=quiet.accel[:199])
+    assert np.isnan([shaking(few, few.edges[[0, -1]], np.zeros(2))[k].roll for k in (0, 1)]).all()

@@ -1,0 +1,56 @@
+"""A sensor that vibrates on its track shows vibration as track: no residual says so, but its spectrum does."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from trackfg.results.verdict import Doubt, Quantity
+from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, shaking
+from trackfg.smoothing.reassessment import SolvedRun
+
+_LEAST_WIDENING = 1.1
+"""Factors below this are none: sigmas of the geometry, which are drawn, are not known better."""
+
+_VERSINE = math.sqrt(1.5)
+"""A versine of independent errors of three places, over one of them: 1 + 1/4 + 1/4."""
+
+_HINT = "mount the sensor where it does not vibrate, or declare rigid = false"
+
+
+def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
+    """Return doubts of the geometry's short waves, where the sensor vibrates by more than their sigmas.
+
+    At rest all vibration shows. In motion only that below :data:`~trackfg.sensors.short_vibration.SHORTEST_WAVE_M`
+    does, and where its angular rate has no less density on the waves of a twist, its angle there is larger by the root
+    of the ratio of wavelengths.
+    """
+    if geometry.empty:
+        return []
+    nav, context = run.solution.states.nav, run.problem.run
+    conventions = context.conventions
+    resting, moving = shaking(context.inertial, context.t, np.linalg.norm(nav.v, axis=1))
+    longer = math.sqrt(2.0 * conventions.twist_base_m / SHORTEST_WAVE_M)
+    roll = _largest(resting.roll, longer * moving.roll)
+    twist = math.sqrt(2.0) * conventions.cross_level_base_m * roll
+    moved: tuple[tuple[Quantity, str, float], ...] = (
+        ("twist", "twist_mm", twist),
+        ("level", "versine_level_mm", _VERSINE * _largest(resting.up, moving.up)),
+        ("alignment", "versine_alignment_mm", _VERSINE * _largest(resting.across, moving.across)),
+    )
+    return [doubt for name, column, by in moved if (doubt := _doubt(name, 1e3 * by, geometry[f"{column}_sd"]))]
+
+
+def _largest(*sizes: float) -> float:
+    return float(np.nan_to_num(np.fmax.reduce(sizes)))
+
+
+def _doubt(quantity: Quantity, vibration_mm: float, sigmas: pd.Series[float]) -> Doubt | None:
+    usual = float(np.sqrt(np.mean(np.square(sigmas.dropna())))) if sigmas.notna().any() else math.inf
+    factor = math.hypot(1.0, vibration_mm / usual)
+    if factor < _LEAST_WIDENING:
+        return None
+    reason = f"the sensor vibrates: by {vibration_mm:.2g} mm of {quantity}, which look like track"
+    return Doubt((quantity,), factor, reason, _HINT)
