@@ -16,7 +16,7 @@ from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase,
 from trackfg.recording.findings import Finding
 from trackfg.report.flatten import leaves
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, VectorEstimate
+from trackfg.results.summary import Estimate, Mounting, VectorEstimate
 from trackfg.results.verdict import opinions
 
 if TYPE_CHECKING:
@@ -203,6 +203,7 @@ def summary(result: Result) -> RenderableType:
         "cost": f"{page.solver.cost:.1f} at {page.solver.degrees_of_freedom} degrees of freedom",
         "wheel scale": _estimate(page.wheel_scale),
         "clock offset": _estimate(page.clock_offset_s, "s"),
+        **_mounting(page.mounting),
         "gyro bias": _vector(page.gyro_bias_radps, math.degrees(1.0) * 3600.0, "deg/h"),
         "accelerometer bias": _vector(page.accel_bias_mps2, 1000.0, "mm/s^2"),
         "events": _counts(result.events["kind"]),
@@ -242,6 +243,21 @@ def named_values(title: str, rows: Mapping[str, str]) -> Table:
 def titled(title: str, **options: Any) -> Table:
     """Return an empty table with its title above."""
     return Table(title=title, title_justify="left", title_style="bold", **options)
+
+
+def _mounting(mounting: Mounting | None) -> dict[str, str]:
+    """Return the rows of the mounting, in deg and m."""
+    if mounting is None:
+        return {}
+    angles = mounting.yaw_rad, mounting.pitch_rad
+    texts = []
+    for angle in angles:
+        sd = "" if angle.sd is None else f" ± {math.degrees(angle.sd):.2f}"
+        texts.append(f"{math.degrees(angle.value):.2f}{sd} deg")
+    return {
+        "direction of travel": f"{texts[0]} left, {texts[1]} below the sensor's axis",
+        "point on the track": _vector(mounting.tracking_point_m, 1.0, "m from the reference point"),
+    }
 
 
 def _estimate(estimate: Estimate | None, unit: str = "") -> str:

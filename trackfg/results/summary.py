@@ -30,6 +30,18 @@ class VectorEstimate(_ResultModel):
     sd: tuple[float, float, float] | None
 
 
+class Mounting(_ResultModel):
+    """How the sensor is mounted, as the motion shows it, in the axes of the IMU as declared.
+
+    The direction of travel is turned to the left by ``yaw_rad`` and then downwards by ``pitch_rad``. The point that
+    follows the track is ``tracking_point_m`` from the vehicle reference point.
+    """
+
+    pitch_rad: Estimate
+    yaw_rad: Estimate
+    tracking_point_m: VectorEstimate
+
+
 class Solver(_ResultModel):
     """How the solution was reached. ``cost`` is half the sum of squared whitened residuals after robust weights."""
 
@@ -111,6 +123,7 @@ class Summary(_ResultModel):
     noise_ratios: dict[str, float] = Field(default_factory=dict)
     wheel_scale: Estimate | None = None
     clock_offset_s: Estimate | None = None
+    mounting: Mounting | None = None
     gyro_bias_radps: VectorEstimate
     accel_bias_mps2: VectorEstimate
     geometry: GeometryConventions

@@ -5,6 +5,8 @@ from __future__ import annotations
 from trackfg.smoothing.gnss_errors import gnss_errors
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
+from trackfg.smoothing.unheard_sensors import unheard_sensors
+from trackfg.smoothing.wide_priors import wide_priors
 from trackfg.smoothing.wrong_fixes import wrong_fixes
 
-REASSESSORS: tuple[Reassessor, ...] = (wrong_fixes, gnss_errors, noise_levels)
+REASSESSORS: tuple[Reassessor, ...] = (wrong_fixes, gnss_errors, noise_levels, wide_priors, unheard_sensors)

@@ -34,7 +34,7 @@ from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, RunFacts, Solver, Summary, VectorEstimate
+from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
@@ -262,6 +262,19 @@ def _run_facts(recording: Recording) -> RunFacts:
     )
 
 
+def _mounting(smoothed: SmoothedStates) -> Mounting:
+    mount = smoothed.solution.states.mount[0].tolist()
+    sd = np.sqrt(np.diagonal(smoothed.covariance.of(Kind.MOUNT)[0])).tolist()
+    known = sd if smoothed.solution.converged else [None] * len(sd)
+    return Mounting(
+        pitch_rad=Estimate(value=mount[0], sd=known[0]),
+        yaw_rad=Estimate(value=mount[1], sd=known[1]),
+        tracking_point_m=VectorEstimate(
+            value=tuple(mount[2:]), sd=tuple(sd[2:]) if smoothed.solution.converged else None
+        ),
+    )
+
+
 def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCorrection) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
@@ -296,6 +309,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCor
         noise_ratios=smoothed.noise_ratios,
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
         clock_offset_s=scalar(correction.clock_s + float(solution.states.clock[0, 0]), clock_sd) if has_tach else None,
+        mounting=_mounting(smoothed),
         gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
         accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
         geometry=problem.run.conventions,

@@ -1,0 +1,85 @@
+"""Priors that the data contradict: the wheel's scale, a clock; and how the sensor is mounted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import family_of
+from trackfg.factors.states import Kind, Odo
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import Recording
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+
+TOTAL_S = 200.0
+
+
+def with_scale(recording: Recording, scale: float) -> Recording:
+    assert recording.tach is not None
+    return replace(recording, tach=recording.tach.assign(distance_m=scale * recording.tach["distance_m"]))
+
+
+def far(smoothed: SmoothedStates) -> list[Finding]:
+    return [finding for finding in smoothed.findings if finding.code.startswith("far-from-prior")]
+
+
+@pytest.mark.parametrize(("scale", "text"), [(1.05, "0.9"), (3.6, "0.27")])
+def test_a_wheel_of_another_size_or_unit_is_followed(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], scale: float, text: str
+) -> None:
+    """Declared to 1 %: the result is as good as with the wheel's own scale."""
+    recording = simulated("mainline", seed=0, duration_s=TOTAL_S).recording
+    own, other = (
+        smoothed("mainline", seed=0, duration_s=TOTAL_S),
+        smooth_states(with_scale(recording, scale), SmoothConfig()),
+    )
+    (finding,) = far(other)
+    assert finding.message.startswith(f"the wheel's scale is {text}")
+    assert "wheel_diameter_m" in str(finding)
+    prior = family_of(other.problem.families, FactorType.PRIOR_ODO)
+    assert prior is not None
+    assert prior.sigma[0, Odo.SCALE] == pytest.approx(1.0 - 1.0 / scale, rel=0.1)
+    difference = other.trajectory["speed_mps"] - own.trajectory["speed_mps"]
+    assert np.sqrt(np.mean(difference**2)) < 0.03
+
+
+def test_a_receiver_that_is_late_is_followed(simulated: Callable[..., Simulation]) -> None:
+    """By 1.5 s, 30 sigmas."""
+    recording = simulated("mainline-gnss", seed=0, duration_s=TOTAL_S).recording
+    assert recording.gnss is not None
+    gnss = recording.gnss.assign(t_s=recording.gnss["t_s"] + 1.5)
+    after = smooth_states(replace(recording, gnss=gnss[gnss["t_s"] < TOTAL_S]), SmoothConfig())
+    (finding,) = far(after)
+    assert finding.message.startswith("the clock of the GNSS receiver is 1.")
+    assert "s fast" in finding.message
+    assert after.solution.states.clock[0, 2] == pytest.approx(-1.5, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["mainline", "mainline-gnss", "trolley", "shunting", "parked"])
+def test_what_was_known_rightly_stays(smoothed: Callable[..., SmoothedStates], name: str) -> None:
+    result = smoothed(name, seed=3, duration_s=TOTAL_S)
+    assert not far(result)
+    kinds = (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL)
+    for type_ in (FactorType[f"PRIOR_{kind.name}"] for kind in kinds):
+        declared, now = (family_of(problem.families, type_) for problem in (result.declared, result.problem))
+        assert declared is not None
+        assert now is not None
+        np.testing.assert_array_equal(now.sigma, declared.sigma)
+
+
+def test_mounting_is_said_in_words() -> None:
+    """A sensor 10 m ahead, of which nothing is declared."""
+    plan = scenario("slippery-line")
+    run = simulate(replace(plan, imu=replace(plan.imu, lever_arm_m=(10.0, 0.0, 1.2))), seed=0, duration_s=TOTAL_S)
+    imu = run.recording.description.imu.model_copy(update={"lever_arm_m": (0.0, 0.0, 0.0)})
+    recording = replace(run.recording, description=run.recording.description.model_copy(update={"imu": imu}))
+    (note,) = (one for one in smooth_states(recording, SmoothConfig()).findings if one.code == "mounting")
+    assert "m behind the reference point" in note.message
+    assert "lever_arm_m = [10." in str(note) or "lever_arm_m = [9." in str(note)
+    assert "mount_rpy_deg" not in str(note)

@@ -1,0 +1,113 @@
+"""A sensor without weight most of the time contradicts all others, and the solution is one without it: a finding."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
+from trackfg.factors.states import States
+from trackfg.numerics.units import KMH
+from trackfg.recording.findings import Finding
+from trackfg.results.verdict import Doubt, Quantity
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+
+_UNHEARD = 0.1
+"""A measurement with less of its weight than this hardly moves the solution: with Huber's loss it is 30 sigmas off."""
+
+_MOST = 0.5
+"""Share of such measurements from which on most of a sensor is given up, and not outliers."""
+
+_FEWEST = 4
+"""Of fewer measurements a share says nothing."""
+
+_MOVING_MPS = 0.3
+"""At rest a tachometer that is wrong by a factor agrees, and so does any direction of travel."""
+
+_UNIT = 0.05
+"""A ratio of speeds this near to that of two units is due to them: wheels wear by 5 % of their diameter at most."""
+
+
+class _Sensor(NamedTuple):
+    """What its measurements are called, the quantities that rest on them where nothing else measures, what else does,
+    and what to do.
+    """
+
+    name: str
+    quantities: tuple[Quantity, ...]
+    instead: tuple[FactorType, ...]
+    hint: str
+
+
+_POSITIONS = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
+_SENSORS = {
+    FactorType.TACH_DISTANCE: _Sensor(
+        "the tachometer's distances", ("chainage", "speed"), _POSITIONS, "check unit, sign and clock of [tach]"
+    ),
+    FactorType.GNSS_POSITION: _Sensor(
+        "the GNSS positions", ("position",), (), "check origin, clock, lever arm and sigmas of [gnss]"
+    ),
+    FactorType.ABSOLUTE_FIX: _Sensor(
+        "the fixes", ("chainage",), (), "check the chainages of the fixes, their sigmas and track.direction"
+    ),
+    FactorType.NON_HOLONOMIC: _Sensor(
+        "motion along the vehicle's axis",
+        ("position", "pitch", "yaw"),
+        (FactorType.GNSS_POSITION,),
+        "check imu.axes, the units of the IMU and the sign of the tachometer; trackfg check tells them apart",
+    ),
+}
+
+
+def unheard_sensors(run: SolvedRun) -> Reassessment:
+    """Reassess whether what is measured was heard: a finding, and a doubt of what nothing else measures."""
+    states, families = run.solution.states, run.problem.families
+    shares = {family.type: _share_unheard(family, states) for family in families if family.type in _SENSORS}
+    findings: list[Finding] = []
+    doubts: list[Doubt] = []
+    for family in families:
+        if shares.get(family.type, 0.0) <= _MOST:
+            continue
+        sensor = _SENSORS[family.type]
+        reason = f"{sensor.name} contradict the other sensors and have no weight in {100 * shares[family.type]:.0f} %"
+        if family.type is FactorType.TACH_DISTANCE:
+            reason += _ratio(family, states)
+        findings.append(Finding("warning", "without-weight", reason, hint=sensor.hint))
+        if not any(shares.get(other, 1.0) <= _MOST for other in sensor.instead):
+            doubts.append(Doubt(sensor.quantities, np.inf, reason, sensor.hint))
+    return Reassessment(run.problem, tuple(findings), tuple(doubts))
+
+
+def _share_unheard(family: Family, states: States) -> float:
+    """Return the share of its measurements in motion without weight; 0 where there are too few."""
+    speed = np.linalg.norm(states.nav.v, axis=1)
+    known = _moving(family, speed)
+    return float(np.mean(family.weights(states)[known] < _UNHEARD)) if known.sum() >= _FEWEST else 0.0
+
+
+def _moving(family: Family, speed: np.ndarray) -> np.ndarray:
+    """Return which factors lie in motion, and, as a tach's in a gap, are not given a sigma beyond any distance."""
+    if family.type is FactorType.ABSOLUTE_FIX:
+        return np.ones(len(family), dtype=bool)
+    slow = np.minimum(speed[family.first_keyframe], speed[family.last_keyframe])
+    return np.asarray((slow > _MOVING_MPS) & (family.sigma[:, 0] < 1e3))
+
+
+def _ratio(family: Family, states: States) -> str:
+    """Return by how much the vehicle moves further than the wheel counts, in words, and whether that is a unit's."""
+    k = family.last_keyframe[_moving(family, np.linalg.norm(states.nav.v, axis=1))]
+    counted = states.odo.count[k] - states.odo.count[k - 1]
+    moved = states.odo.step[k][np.abs(counted) > 0.0] / counted[np.abs(counted) > 0.0]
+    if not moved.size:
+        return ""
+    ratio = float(np.median(moved))
+    text = f"; the vehicle moves {ratio:.3g} times as far as they say"
+    for known, meaning in (
+        (KMH, "they are in km/h, declared in m/s"),
+        (1.0 / KMH, "they are in m/s, declared in km/h"),
+    ):
+        if abs(ratio / known - 1.0) < _UNIT:
+            return f"{text}: {meaning}"
+    return text

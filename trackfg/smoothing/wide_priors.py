@@ -1,0 +1,211 @@
+"""A prior that the data contradict is widened, so that the data decide, and said to the user in the words of the field.
+
+For each scalar that is known beforehand to a sigma s0, and estimated as r off its prior with the posterior sigma s, the
+data alone, without this prior of sigma s1, would have said
+
+    e = r / (1 - h),   c^2 = s^2 / (1 - h),   h = (s / s1)^2
+
+(leave-one-out, as in :mod:`trackfg.solver.leave_one_out`). They contradict what is declared where ``|e|`` is far beyond
+``sqrt(s0^2 + c^2)``. The sigma becomes ``|e|`` then, the value at which what is seen is most likely: empirical Bayes
+(Efron & Morris, J. Am. Stat. Assoc. 68 (1973)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count, product
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.states import Kind, Odo
+from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import rpy_from_matrix
+from trackfg.recording.findings import Finding
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+
+_FAR_SIGMAS = 4.0
+"""Sigmas beyond which the data contradict a prior: of some 40 that are right one does in 400 runs."""
+
+_NEAR_SIGMAS = 3.0
+"""Within this a prior is as declared again: noise levels that were wrong at first make priors look contradicted."""
+
+_WIDENED = 1.2
+"""A sigma that would change by less than this factor stays: the solution would hardly change."""
+
+_SET_SD = 1e-5
+"""Sigmas below this do not say what is known but what is so by convention."""
+
+_WORTH_A_LINE = np.array([np.radians(1.0), np.radians(1.0), 2.0, 0.5, 2.0])
+"""From here on a mounting is one: rad, as eye and spirit level align to about a degree, and m along the vehicle,
+sideways and upwards. On springs the point that follows the track lies where roll and pitch have their poles, 1 m and
+more from the reference point, whatever was measured with a tape."""
+
+
+class _Scalar(NamedTuple):
+    """A scalar of a prior: its ``column``; what to say of its value, and what the user can declare.
+
+    ``text`` has a place for ``origin`` plus ``scale`` times the value; and where it has ``ways``, one for its size and
+    one for the way of positive or of negative values.
+    """
+
+    column: int
+    text: str
+    hint: str
+    scale: float = 1.0
+    ways: tuple[str, str] | None = None
+    origin: float = 0.0
+
+    def said(self, value: float) -> str:
+        """Return the value in words."""
+        shown = self.origin + self.scale * value
+        if self.ways is None:
+            return self.text.format(f"{shown:.4g}")
+        return self.text.format(f"{abs(shown):.3g}", self.ways[0 if shown > 0 else 1])
+
+
+def _mounting() -> Iterator[_Scalar]:
+    text, hint = "the sensor points {} deg {} the direction of travel", "write the angles into mount_rpy_deg of [imu]"
+    for column, ways in enumerate((("above", "below"), ("to the right of", "to the left of"))):
+        yield _Scalar(column, text, hint, float(np.degrees(1.0)), ways)
+    text = "the point that follows the track is {} m {} the reference point"
+    hint = "declare lever_arm_m of [imu] from that point: midway between bogies, or the axle"
+    for column, ways in enumerate((("ahead of", "behind"), ("left of", "right of"), ("above", "below")), start=2):
+        yield _Scalar(column, text, hint, 1.0, ways)
+
+
+def _clocks() -> Iterator[_Scalar]:
+    for column, name, table in ((0, "tachometer", "tach"), (2, "GNSS receiver", "gnss")):
+        hint = f"write it into time_offset_s of [{table}], slow as a positive number"
+        yield _Scalar(column, f"the clock of the {name} is {{}} s {{}}", hint, 1.0, ("slow", "fast"))
+    yield _Scalar(1, "the clock of the tachometer drifts by {} s/s", "give tach.clock_drift_sd as much")
+
+
+def _calibration() -> Iterator[_Scalar]:
+    column = count()
+    hint = "declare {} of [imu.noise] as large"
+    for name, key, felt, inputs in (("accelerometer", "accel", "force", "xy"), ("gyro", "gyro", "angular rate", "xyz")):
+        for axis, other in product("xyz", inputs):
+            text, declared = f"the {name}'s {axis} axis feels {{}} % of the {felt} along {other}", "misalignment_sd_rad"
+            if axis == other:
+                text, declared = f"the scale of the {name}'s {axis} axis is off by {{}} %", f"{key}_scale_sd"
+            yield _Scalar(next(column), text, hint.format(declared), 100.0)
+    for axis, other in product("xyz", "xy"):
+        text = f"the gyro's {axis} axis feels {{}} rad/s per m/s^2 along {other}"
+        yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
+    for axis in "xyz":
+        text = f"the accelerometer's bias along {axis} grows by {{}} m/s^2 per (m/s^2)^2 of vibration"
+        yield _Scalar(next(column), text, hint.format("rectification_sd"))
+
+
+def _wheel() -> Iterator[_Scalar]:
+    text = "in curves the wheel runs {} m {} the centre line"
+    hint = "give tach.rail_offset_sd_m as much, or look for what else makes distances in curves wrong"
+    for column, ways in enumerate((("left of", "right of"), ("outside", "inside"))):
+        yield _Scalar(column, text, hint, 1.0, ways)
+    for column, force in ((2, "traction"), (3, "braking")):
+        hint = "give tach.creep_per_traction_sd as much"
+        yield _Scalar(column, f"the wheel creeps by {{}} % per g in {force}", hint, 100.0)
+    yield _Scalar(4, "the speed signal has an offset of {} m/s", "correct it in the table")
+
+
+_FURTHER = (
+    _Scalar(0, "the scale of a further sensor is {}", "correct it, or give it a larger scale_sd", origin=1.0),
+    _Scalar(1, "a further sensor is off by {}, s of its clock or rad of its yaw", "correct it in recording.toml"),
+)
+
+_SCALE_HINT = "multiply wheel_diameter_m, or the column of [tach], by it; near 3.6 or 0.28 its unit is wrong"
+
+_SCALARS: dict[Kind, tuple[_Scalar, ...]] = {
+    Kind.MOUNT: tuple(_mounting()),
+    Kind.CLOCK: tuple(_clocks()),
+    Kind.IMU: tuple(_calibration()),
+    Kind.WHEEL: tuple(_wheel()),
+    Kind.SENSOR: _FURTHER,
+    Kind.ODO: (_Scalar(Odo.SCALE, "the wheel's scale is {}", _SCALE_HINT, origin=1.0),),
+}
+
+
+def wide_priors(run: SolvedRun) -> Reassessment:
+    """Reassess how well what does not change during a run was known beforehand."""
+    problem, any_changed = run.problem, False
+    findings: list[Finding] = []
+    for kind, scalars in _SCALARS.items():
+        declared = [family for family in run.declared.families if family.type is FactorType[f"PRIOR_{kind.name}"]]
+        now = [family for family in problem.families if family.type is FactorType[f"PRIOR_{kind.name}"]]
+        for first, current in zip(declared, now, strict=True):
+            judged = _judged(run, kind, first, current)
+            columns = {scalar.column: scalar for scalar in scalars}
+            far = [c for c in columns if abs(judged.sigmas[c]) > _FAR_SIGMAS]
+            findings += _contradictions(kind, judged, [columns[c] for c in far], first.sigma[0])
+            if kind is Kind.MOUNT:
+                findings += _mounting_notes(run, far)
+            wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
+            wanted[0, far] = np.abs(judged.alone[far])
+            if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
+                any_changed, problem = True, _with_sigma(problem, current, wanted)
+    return Reassessment(problem, tuple(findings), changed=any_changed)
+
+
+class _Judged(NamedTuple):
+    """The data alone say how far each scalar of a prior is off it, in its unit and in sigmas of what was declared."""
+
+    alone: Array
+    sigmas: Array
+
+
+def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _Judged:
+    off = current.residual(run.solution.states)[0]
+    index = int(current.slots[0].index[0])
+    whole = run.covariance.of(kind)
+    variance = np.diagonal(whole[0])
+    if kind is Kind.SENSOR:
+        variance = variance[kind.dim * index : kind.dim * (index + 1)]
+    left = np.maximum(1.0 - variance / current.sigma[0] ** 2, 1e-9)
+    alone, spread = off / left, variance / left
+    sigmas = alone / np.sqrt(declared.sigma[0] ** 2 + spread)
+    return _Judged(alone, np.where(declared.sigma[0] < _SET_SD, 0.0, sigmas))
+
+
+def _with_sigma(problem: Problem, prior: Family, sigma: Array) -> Problem:
+    def widened(family: Family) -> Family:
+        return replace(family, sigma=sigma) if family is prior else family
+
+    return replace(problem, families=changed(problem.families, prior.type, widened))
+
+
+def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Array) -> list[Finding]:
+    """Return one finding for what is far from one prior."""
+    if not far:
+        return []
+    said = "; ".join(
+        f"{one.said(float(judged.alone[one.column]))}, {abs(judged.sigmas[one.column]):.1f} sigmas from what was "
+        f"declared or assumed to {sigma[one.column]:.2g}"
+        for one in far
+    )
+    hint = "; ".join(dict.fromkeys(one.hint for one in far))
+    return [Finding("warning", f"far-from-prior-{kind.attribute}", f"{said}. The data decided", hint=hint)]
+
+
+def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
+    """Yield how the sensor is mounted, where that is well determined, worth a line and not ``far``, which is said."""
+    mount, sd = run.solution.states.mount[0], np.sqrt(np.diagonal(run.covariance.of(Kind.MOUNT)[0]))
+    notable = (np.abs(mount) > _FAR_SIGMAS * sd) & (np.abs(mount) > _WORTH_A_LINE)
+    notable[far] = False
+    said = [scalar.said(float(mount[scalar.column])) for scalar in _SCALARS[Kind.MOUNT] if notable[scalar.column]]
+    if said:
+        to_vehicle = mount_matrix(mount[None])[0].T
+        turn, place = np.degrees(rpy_from_matrix(to_vehicle[None])[0]), -to_vehicle @ mount[2:]
+        declared = {"mount_rpy_deg": (turn, 2, notable[:2]), "lever_arm_m": (place, 1, notable[2:])}
+        keys = (
+            f"{key} = [{', '.join(f'{x:.{digits}f}' for x in values)}]"
+            for key, (values, digits, noted) in declared.items()
+            if noted.any()
+        )
+        hint = f"where [imu] declares nothing: {', '.join(keys)}"
+        yield Finding("info", "mounting", "; ".join(said) + " (estimated)", hint=hint)
