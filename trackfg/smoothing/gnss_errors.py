@@ -38,7 +38,7 @@ from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.findings import Finding
-from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import predicted
 
 _AROUND_S = 10.0
@@ -83,10 +83,6 @@ _SETTLED = 0.15
 _FINDING = 2.0
 """A level, or its rms over the run, from which on it is a finding: sigmas were wrong by as much."""
 
-_BLAMED = 1.5
-"""Ratio of seen to assumed noise of another group up to which GNSS is judged all the same: large errors of GNSS raise
-those of the inertial sensors by as much."""
-
 _FEWEST = 10
 """Positions below which there is nothing to be learnt of their errors."""
 
@@ -115,7 +111,7 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     family, declared = problem.family(FactorType.GNSS_POSITION), run.declared.family(FactorType.GNSS_POSITION)
     if family is None or declared is None or family.loss is None or len(family) < _FEWEST:
         return Reassessment(problem)
-    if np.array_equal(family.sigma, declared.sigma) and _others_are_worse(run.noise_ratios):
+    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(run, run.noise_ratios.get("gnss", 1.0)):
         return Reassessment(problem)
     states = run.solution.states
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
@@ -129,12 +125,6 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
         again = replace(family, sigma=sigma, loss=Huber(width))
         problem = replace(problem, families=tuple(again if f is family else f for f in problem.families))
     return Reassessment(problem, _findings(t, seen), changed=changed)
-
-
-def _others_are_worse(ratios: dict[str, float]) -> bool:
-    """Return whether another group's residuals exceed its sigmas by more than those of GNSS do."""
-    worst = max((ratio for name, ratio in ratios.items() if name != "gnss"), default=1.0)
-    return worst > max(_BLAMED, ratios.get("gnss", 1.0))
 
 
 def errors_seen(t: Array, residual: Array, followed: Array) -> GnssErrors:

@@ -20,6 +20,11 @@ from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
 
 
+_BLAMED = 1.5
+"""Ratio of seen to assumed noise of another group up to which positions are judged all the same: large errors of
+positions raise those of the inertial sensors by as much."""
+
+
 @dataclass(frozen=True)
 class SolvedRun:
     """A run's graph and its solution, with covariances and with the ratios of seen to assumed noise."""
@@ -50,6 +55,15 @@ class Reassessment:
     changed: bool = False
     far: bool = False
     """Whether the new minimum may be far from the solution, so that convex losses have to lead there first."""
+
+
+def others_are_worse(run: SolvedRun, ratio: float) -> bool:
+    """Return whether the residuals of a group that is no position exceed its sigmas by more than ``ratio``.
+
+    It is not the positions then which are wrong first.
+    """
+    worst = max((seen for name, seen in run.noise_ratios.items() if name != "gnss"), default=1.0)
+    return worst > max(_BLAMED, ratio)
 
 
 Reassessor = Callable[[SolvedRun], Reassessment]

@@ -20,7 +20,8 @@ from trackfg.graph.fix_consensus import Consensus, Passages, consensus
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.smoothing.fix_level import fix_level
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import left_out
 
 _GATE_SIGMAS = 5.0
@@ -32,6 +33,14 @@ _AGAIN_SIGMAS = 3.0
 _ALONE = 2.0
 """A fix is wrong on its own if it is further off, in sigmas, by this factor than its neighbours: where the wheel errs
 between two groups of fixes, those on both sides are off alike."""
+
+_SETTLED = 0.15
+"""Relative change of the fixes' level below which the run is not solved again."""
+
+_FAR_OFF = 2.0
+"""A level from which on it is a finding: sigmas were wrong by as much."""
+
+_FIXES = (FactorType.ABSOLUTE_FIX, FactorType.WITHHELD_FIX)
 
 _UNKNOWN_SD_M = 100.0
 """Sigma of the distance of one interval, m, above which the wheel says nothing of it."""
@@ -54,16 +63,23 @@ def with_consensus(problem: Problem) -> Problem:
 
 
 def wrong_fixes(run: SolvedRun) -> Reassessment:
-    """Reassess which fixes are wrong, by what all other measurements say."""
+    """Reassess which fixes are wrong and how good the others are, by what all other measurements say."""
     problem, states = run.problem, run.solution.states
     fixes, withheld = _fixes(problem), family_of(problem.withheld, FactorType.WITHHELD_FIX)
     if fixes is None or fixes.loss is None:
         return Reassessment(problem)
-    z = left_out(fixes, states, run.covariance).in_sigmas(fixes.sigma)[:, 0]
-    wrong = _wrong_alone(fixes.slots[0].index, z)
-    used, aside = fixes.take(~wrong), [withheld_fix(fixes.take(wrong))]
-    changed = bool(wrong.any())
+    before = _level(run)
+    one = left_out(fixes, states, run.covariance)
+    predicted = one.covariance[:, 0, 0]
+    level = fix_level(one.error[:, 0], fixes.sigma[:, 0] / before, predicted)
+    if abs(np.log(level / before)) < _SETTLED or others_are_worse(run, level):
+        level = before
+    rescaled = replace(fixes, sigma=fixes.sigma * (level / before))
+    wrong = _wrong_alone(fixes.slots[0].index, one.in_sigmas(rescaled.sigma)[:, 0])
+    used, aside = rescaled.take(~wrong), [withheld_fix(rescaled.take(wrong))]
+    changed = bool(wrong.any()) or level != before
     if withheld is not None:
+        withheld = replace(withheld, sigma=withheld.sigma * (level / before))
         again = np.abs(left_out(withheld, states, run.covariance, used=False).in_sigmas(withheld.sigma)[:, 0])
         fits = again < _AGAIN_SIGMAS
         used, changed = used.joined(followed_fix(withheld.take(fits))), changed or bool(fits.any())
@@ -72,7 +88,19 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
         used, out = _in_order(used), _in_order(aside[0].joined(*aside[1:]))
         others = tuple(family for family in problem.families if family is not fixes)
         problem = replace(problem, families=(*others, used), withheld=(out,) if len(out) else ())
-    return Reassessment(problem, _findings(run, problem), _doubts(run.declared), changed)
+    findings = (*_withheld_findings(run, problem), *_level_findings(level))
+    return Reassessment(problem, findings, _doubts(run.declared), changed)
+
+
+def _level(run: SolvedRun) -> float:
+    """Return the level that the fixes have in the run's problem, used and withheld ones together."""
+
+    def mean_log(problem: Problem) -> float:
+        families = (*problem.families, *problem.withheld)
+        sigmas = [family.sigma[:, 0] for family in families if family.type in _FIXES]
+        return float(np.mean(np.log(np.concatenate(sigmas))))
+
+    return float(np.exp(mean_log(run.problem) - mean_log(run.declared)))
 
 
 def _fixes(problem: Problem) -> Family | None:
@@ -129,7 +157,7 @@ def _in_order(fixes: Family) -> Family:
     return fixes.take(np.argsort(fixes.slots[0].index, kind="stable"))
 
 
-def _findings(run: SolvedRun, problem: Problem) -> tuple[Finding, ...]:
+def _withheld_findings(run: SolvedRun, problem: Problem) -> tuple[Finding, ...]:
     withheld, fixes = family_of(problem.withheld, FactorType.WITHHELD_FIX), _fixes(problem)
     if withheld is None or fixes is None:
         return ()
@@ -142,6 +170,14 @@ def _findings(run: SolvedRun, problem: Problem) -> tuple[Finding, ...]:
     )
     hint = "compare their chainages with the line's register; the events list each fix"
     return (Finding("warning", "fixes-withheld", message, hint=hint),)
+
+
+def _level_findings(level: float) -> tuple[Finding, ...]:
+    if level < _FAR_OFF:
+        return ()
+    message = f"the fixes are off by {level:.1f} times their declared sigmas"
+    hint = "their sigmas were widened; declare what they are worth"
+    return (Finding("warning", "fix-level", message, hint=hint),)
 
 
 def _doubts(declared: Problem) -> tuple[Doubt, ...]:

@@ -1,0 +1,48 @@
+"""The level of the fixes' errors over their declared sigmas."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.smoothing.fix_level import fix_level
+from trackfg.smoothing.smoother import smooth
+
+
+@pytest.mark.parametrize("actual", [1.0, 5.0, 20.0])
+@pytest.mark.parametrize("predicted", [0.01, 1.0])
+def test_the_level_is_found_in_spite_of_wrong_fixes(actual: float, predicted: float) -> None:
+    """Predictions are good to 0.1 and to 1 sigma of the declared; one fix in twenty is wrong by 300 m."""
+    levels = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        error = np.hypot(actual * 0.1, np.sqrt(predicted) * 0.1) * rng.standard_normal(40)
+        error[:2] = 300.0
+        levels.append(fix_level(error, np.full(40, 0.1), np.full(40, predicted * 0.01)))
+    assert np.median(levels) == pytest.approx(actual, rel=0.2)
+
+
+def test_a_few_fixes_as_declared_stay_as_they_are() -> None:
+    for seed in range(10):
+        error = 0.3 * np.random.default_rng(seed).standard_normal(5)
+        assert 0.5 <= fix_level(error, np.full(5, 0.3), np.full(5, 1.0)) < 2.5
+
+
+def test_fixes_that_scatter_more_than_declared_get_the_sigmas_they_deserve() -> None:
+    run = simulate(replace(scenario("mainline"), balises=BaliseModel(400.0, 0.1)), seed=2, duration_s=250.0)
+    fixes = run.recording.fixes
+    assert fixes is not None
+    error = 2.0 * np.random.default_rng(2).standard_normal(len(fixes))
+    scattered = fixes.assign(chainage_m=fixes["chainage_m"] + error)
+    result = smooth(replace(run.recording, fixes=scattered))
+    told = smooth(replace(run.recording, fixes=scattered.assign(chainage_sd_m=2.0)))
+    assert any(finding.code == "fix-level" for finding in result.summary.findings)
+    assert not any(finding.code == "fixes-withheld" for finding in result.summary.findings)
+    off = result.trajectory["chainage_m"] - told.trajectory["chainage_m"]
+    assert (off.abs() < 0.5 * told.trajectory["chainage_m_sd"]).all()
+    ratio = result.trajectory["chainage_m_sd"] / told.trajectory["chainage_m_sd"]
+    assert 0.5 < ratio.median() < 2.0
