@@ -1,8 +1,8 @@
 """Leave-one-out residuals show the level of the fixes' errors over their declared sigmas.
 
 A fix with declared sigma s is off from its prediction by all other measurements by e, with the variance
-``v = k^2 s^2 + C`` where k is the level and C the variance of the prediction. One in ten may be wrong, by anything up to
-a kilometre. The level is the most likely one,
+``v = k^2 s^2 + C`` where k is the level and C the variance of the prediction. One in ten may be wrong, by anything up
+to a kilometre. The level is the most likely one,
 
     sum log((1 - P) N(e; 0, v) + P / R) - n0 / 2 (log k^2 + 1 / k^2)  ->  max,
 

@@ -38,6 +38,7 @@ from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summar
 from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
+from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.judgement import judged
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.noise_levels import levels
@@ -109,6 +110,7 @@ def smooth(
     """
     config = config or SmoothConfig()
     measured, correction = corrected_tach(without_imu_faults(recording, CheckLimits()))
+    measured = with_gnss_in_time(measured)
     smoothed = smooth_states(measured, config, feature_map=feature_map, progress=progress)
     sources = EventSources.of(smoothed.problem)
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)

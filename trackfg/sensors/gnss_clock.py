@@ -1,0 +1,111 @@
+"""The clock of a GNSS receiver against the vehicle's: the shape of the path tells by how much its stamps are off.
+
+Dead reckoning with the yaw rate w and the wheel's speed v gives the path p in plan as complex numbers, right but for
+where it begins, which way it goes, its scale, and a slow change of these. So within a window of a minute the positions
+z, stamped t, on a clock that is set by T, are
+
+    z = a + b p(t + T) + c q(t + T),   p' = v exp(i integral of w),   q' = (t - t_middle) p',
+
+a, b, c complex. For each T on a grid least squares leave the sum of squares S(T) in each of the windows. Noise differs
+from one to another, so the sum of ``n log S`` over all is least at the most likely T. Its sigma is that of
+M-estimators with errors that are correlated within windows (Huber 1967, the sandwich; windows are its clusters): with
+the derivatives g of each window's part and h of second order, ``sd = sqrt(sum g^2) / sum h``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
+from trackfg.recording.model import Recording
+from trackfg.sensors.averages import averaged
+
+_STEP_S = 0.1
+"""Step of the path, s: it resolves a train's motion."""
+
+_WINDOW_S = 60.0
+"""A window, s: long enough for a change of speed or a curve, short enough for a gyro that drifts by degrees."""
+_WINDOW_POSITIONS = 12
+"""Positions of a window at least: it has three complex parameters, and the errors shall show."""
+
+_SHORTEST_M = 20.0
+"""A window with less of a way says nothing, m: the path is within the noise of a receiver."""
+
+_REACH_S = 3.0
+"""Offsets are sought as far as this, s; receivers on serial lines are late by up to 2 s."""
+_LAG_S = 0.05
+"""Step of the offsets, s; a parabola refines the best."""
+
+_FEWEST_WINDOWS = 3
+"""A sigma from fewer is none."""
+
+
+@dataclass(frozen=True)
+class GnssClock:
+    """``offset_s`` is to be added to the receiver's stamps to bring them to the other clock, with its sigma."""
+
+    offset_s: float
+    sd_s: float
+
+
+def gnss_clock(recording: Recording) -> GnssClock | None:
+    """Return the receiver's offset; None where the recording does not show it.
+
+    That is without a tach or GNSS, with fewer than three windows in motion, and where the best offset is at an end of
+    the range.
+    """
+    gnss, motion = recording.gnss, averaged(recording.imu, recording.tach, _STEP_S)
+    if gnss is None or recording.tach is None or motion is None or len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
+        return None
+    heading = np.cumsum(motion.gyro[:, 2]) * motion.step_s
+    velocity = motion.speed * np.exp(1j * (heading - 0.5 * motion.gyro[:, 2] * motion.step_s))
+    edges = motion.t_s[0] + motion.step_s * (np.arange(len(motion.t_s) + 1) - 0.5)
+    path = np.concatenate([[0.0], np.cumsum(velocity * motion.step_s)])
+    lever = np.concatenate([[0.0], np.cumsum((motion.t_s - motion.t_s[0]) * velocity * motion.step_s)])
+    lags = np.arange(-_REACH_S, _REACH_S + 0.5 * _LAG_S, _LAG_S)
+    costs = [
+        _cost(lags, t, z, edges, np.stack([path, lever]))
+        for t, z in _windows(gnss[["t_s", "east_m", "north_m"]].to_numpy(), edges, path)
+    ]
+    return _best(lags, np.array(costs)) if len(costs) >= _FEWEST_WINDOWS else None
+
+
+def _windows(gnss: Array, edges: Array, path: Array) -> list[tuple[Array, Array]]:
+    """Return times and positions, as complex numbers, of each window in which the vehicle goes some way."""
+    t, z = gnss[:, 0], gnss[:, 1] + 1j * gnss[:, 2]
+    length = max(_WINDOW_S, _WINDOW_POSITIONS * median_interval(t))
+    windows = []
+    for start in np.arange(edges[0] + _REACH_S, edges[-1] - _REACH_S - length, length):
+        inside = (t >= start) & (t < start + length)
+        ends = np.interp([start, start + length], edges, path)
+        if np.count_nonzero(inside) >= _WINDOW_POSITIONS - 1 and abs(ends[1] - ends[0]) > _SHORTEST_M:
+            windows.append((t[inside], z[inside]))
+    return windows
+
+
+def _cost(lags: Array, t: Array, z: Array, edges: Array, paths: Array) -> Array:
+    """Return ``n log S`` of one window for each lag, (lags,)."""
+    at = t[None] + lags[:, None]
+    path, lever = (np.interp(at, edges, values) for values in paths)
+    A = np.stack([np.ones_like(path), path - path[:, :1], lever - lever[:, :1]], axis=2)
+    Q, _ = np.linalg.qr(A / np.linalg.norm(A, axis=1, keepdims=True))
+    centred = np.broadcast_to(z - z[0], path.shape)[:, :, None]
+    left = centred - Q @ (np.conj(np.swapaxes(Q, 1, 2)) @ centred)
+    return np.asarray(len(t) * np.log(np.sum(np.abs(left[:, :, 0]) ** 2, axis=1) + 1e-12))
+
+
+def _best(lags: Array, costs: Array) -> GnssClock | None:
+    """Return the least of the sum of costs (windows, lags), with its sigma; None at an end of the lags."""
+    total = costs.sum(axis=0)
+    best = int(np.argmin(total))
+    if best in (0, len(lags) - 1):
+        return None
+    around = costs[:, best - 1 : best + 2]
+    bend = (around[:, 0] - 2.0 * around[:, 1] + around[:, 2]) / _LAG_S**2
+    curvature = float(bend.sum())
+    offset = -0.5 * float(total[best + 1] - total[best - 1]) / _LAG_S / curvature
+    slope = 0.5 * (around[:, 2] - around[:, 0]) / _LAG_S + bend * offset
+    return GnssClock(float(lags[best]) + offset, float(np.sqrt(np.sum(slope**2)) / curvature))
