@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
@@ -109,7 +110,7 @@ def smooth(
     go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
     """
     config = config or SmoothConfig()
-    measured, correction = corrected_tach(without_imu_faults(recording, CheckLimits()))
+    measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, CheckLimits())))
     measured = with_gnss_in_time(measured)
     smoothed = smooth_states(measured, config, feature_map=feature_map, progress=progress)
     sources = EventSources.of(smoothed.problem)

@@ -27,3 +27,15 @@ def test_positions_that_are_late_are_moved(run: Simulation) -> None:
     for name in ("east_m", "north_m", "speed_mps", "pitch_rad"):
         off = (late.trajectory[name] - prompt.trajectory[name]) / prompt.trajectory[f"{name}_sd"]
         assert np.sqrt(np.mean(off**2)) < 1.0
+
+
+def test_a_jump_of_the_imus_clock_is_taken_out(run: Simulation) -> None:
+    imu = run.recording.imu
+    t = imu["t_s"].to_numpy()
+    jumped = imu.assign(t_s=t + 5.0 * (t > 140.0))
+    result, steady = smooth(replace(run.recording, imu=jumped)), smooth(run.recording)
+    (finding,) = (finding for finding in result.summary.findings if finding.code == "imu-clock-jump")
+    assert finding.time_s == pytest.approx(140.0, abs=0.02)
+    assert set(result.events["kind"]) == set(steady.events["kind"])
+    np.testing.assert_allclose(result.trajectory["t_s"], steady.trajectory["t_s"])
+    np.testing.assert_allclose(result.trajectory["speed_mps"], steady.trajectory["speed_mps"], atol=2e-3)

@@ -1,0 +1,43 @@
+"""Jumps of the IMU's clock are told from gaps in its record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.checks.imu_clock_jumps import imu_clock_jumps, without_imu_clock_jumps
+from trackfg.datasets.faults import drop_imu
+from trackfg.datasets.scenarios import Simulation
+from trackfg.recording.model import Recording
+
+
+@pytest.fixture(scope="module")
+def recording(simulated: Callable[..., Simulation]) -> Recording:
+    return simulated("mainline", seed=3, duration_s=300.0).recording
+
+
+@pytest.mark.parametrize("by_s", [1.0, 5.0])
+def test_a_jump_is_found_and_a_gap_is_not_one(by_s: float, recording: Recording) -> None:
+    t = recording.imu["t_s"].to_numpy()
+    jumped = replace(recording, imu=recording.imu.assign(t_s=t + by_s * (t > 150.0)))
+    (jump,) = imu_clock_jumps(jumped)
+    assert jump.after_s == pytest.approx(150.0, abs=0.02)
+    assert jump.by_s == pytest.approx(by_s, abs=0.01)
+    assert imu_clock_jumps(drop_imu(recording, 150.0, 150.0 + by_s)) == ()
+
+
+def test_jumps_add_up(recording: Recording) -> None:
+    t = recording.imu["t_s"].to_numpy()
+    jumped = recording.imu.assign(t_s=t + 2.0 * (t > 100.0) + 3.0 * (t > 200.0))
+    mended = without_imu_clock_jumps(replace(recording, imu=jumped))
+    np.testing.assert_allclose(mended.imu["t_s"], t, atol=0.01)
+    assert [finding.code for finding in mended.findings] == ["imu-clock-jump"] * 2
+
+
+def test_without_a_tach_nothing_is_said(recording: Recording) -> None:
+    t = recording.imu["t_s"].to_numpy()
+    alone = replace(recording, tach=None, imu=recording.imu.assign(t_s=t + 5.0 * (t > 150.0)))
+    assert without_imu_clock_jumps(alone) is alone

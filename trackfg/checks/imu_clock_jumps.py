@@ -1,0 +1,104 @@
+"""A hole in the stamps of the IMU is a gap, or its clock was set ahead while it went on.
+
+Where only the IMU's clock was set, the tach's was not. Accelerations show the offset between the two clocks
+(:mod:`trackfg.checks.diagnosis_clock`) on either side of the hole. Over a gap it stays the same; where the IMU's clock
+was set by L it changes by L, and no sample is missing. What neither side shows clearly is taken for a gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
+from trackfg.recording.findings import Finding
+from trackfg.recording.model import Recording
+
+_LEAST_S = 0.5
+"""Shorter holes are not looked into, s: two clocks are told apart to some tenths of a second."""
+_MOST = 20
+"""So many holes, the longest ones: a record with more has gaps, not a clock that is set."""
+_SIDE_S = 300.0
+"""So much of the record on either side of a hole is compared, s."""
+_SIGMAS = 4.0
+"""Agreement, in sigmas of the change of the offset."""
+_APART_S = 0.15
+"""The same, s: what the offset wanders within minutes, and what its sigma leaves out."""
+
+
+class ImuClockJump(NamedTuple):
+    """The IMU's clock was set ahead ``by_s`` after the sample at ``after_s``, s on the clock as recorded."""
+
+    after_s: float
+    by_s: float
+
+
+def imu_clock_jumps(recording: Recording) -> tuple[ImuClockJump, ...]:
+    """Return where the IMU's clock was set ahead, in order of time; nothing without a tach."""
+    if recording.tach is None:
+        return ()
+    t = recording.imu["t_s"].to_numpy()
+    interval, steps = median_interval(t), np.diff(t)
+    longest = np.argsort(-steps, kind="stable")[:_MOST]
+    holes = np.sort(longest[steps[longest] > interval + _LEAST_S])
+    jumps, ahead, begin = [], 0.0, t[0]
+    for number, i in enumerate(holes):
+        by = float(steps[i]) - interval
+        end = t[holes[number + 1]] if number + 1 < len(holes) else t[-1]
+        before = _offset(recording, max(begin, t[i] - _SIDE_S), t[i], ahead, 0.0)
+        after = _offset(recording, t[i + 1], min(end, t[i + 1] + _SIDE_S), ahead, by)
+        begin = t[i + 1]
+        if before is not None and after is not None and _changes_by(by, before, after):
+            jumps.append(ImuClockJump(float(t[i]), by))
+            ahead += by
+    return tuple(jumps)
+
+
+def without_imu_clock_jumps(recording: Recording) -> Recording:
+    """Return the recording with the IMU on the clock it began with, and a finding for each jump taken out."""
+    jumps = imu_clock_jumps(recording)
+    if not jumps:
+        return recording
+    t = recording.imu["t_s"].to_numpy()
+    ahead: Array = np.zeros(len(t))
+    for jump in jumps:
+        ahead += jump.by_s * (t > jump.after_s)
+    findings = tuple(
+        Finding(
+            "warning",
+            "imu-clock-jump",
+            f"the IMU's clock jumps ahead by {jump.by_s:.2f} s against the tachometer's; it was set back from there on",
+            time_s=jump.after_s,
+            hint="let one clock stamp all sensors, and do not set it while recording",
+        )
+        for jump in jumps
+    )
+    return replace(recording, imu=recording.imu.assign(t_s=t - ahead), findings=(*recording.findings, *findings))
+
+
+def _offset(recording: Recording, begin: float, end: float, ahead: float, by: float) -> ClockOffset | None:
+    """Return what brings the tach's times to the IMU's from begin to end, s on the IMU's clock.
+
+    That is already ``ahead`` of the tach's, and perhaps ``by`` more.
+    """
+    imu, tach = recording.imu, recording.tach
+    assert tach is not None
+    part = imu[imu["t_s"].between(begin, end)]
+    part = part.assign(t_s=part["t_s"] - ahead - 0.5 * by)
+    reach = 0.5 * by + 1.0
+    rows = tach[tach["t_s"].between(part["t_s"].iloc[0] - reach, part["t_s"].iloc[-1] + reach)] if len(part) else tach
+    if len(part) < 2 or len(rows) < 2:
+        return None
+    found = estimate_clock_offset(replace(recording, imu=part, tach=rows.reset_index(drop=True)), reach)
+    return None if found is None else replace(found, offset_s=found.offset_s + 0.5 * by)
+
+
+def _changes_by(by: float, before: ClockOffset, after: ClockOffset) -> bool:
+    """Return whether the offset changes by as much as the hole, and not by nothing."""
+    allowed = max(_SIGMAS * float(np.hypot(before.sd_s, after.sd_s)), _APART_S)
+    change = after.offset_s - before.offset_s
+    return abs(change - by) < allowed < 0.5 * by
