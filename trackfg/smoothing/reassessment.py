@@ -19,7 +19,6 @@ from trackfg.results.verdict import Doubt
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
 
-
 _BLAMED = 1.5
 """Ratio of seen to assumed noise of another group up to which positions are judged all the same: large errors of
 positions raise those of the inertial sensors by as much."""

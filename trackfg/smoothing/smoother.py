@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from trackfg.checks.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
@@ -40,6 +39,7 @@ from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.gnss_time import with_gnss_in_time
+from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.smoothing.judgement import judged
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.noise_levels import levels

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackfg.checks.imu_clock_jumps import imu_clock_jumps, without_imu_clock_jumps
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
 from trackfg.recording.model import Recording
+from trackfg.smoothing.imu_clock_jumps import imu_clock_jumps, without_imu_clock_jumps
 
 
 @pytest.fixture(scope="module")
