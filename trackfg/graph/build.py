@@ -172,7 +172,7 @@ def build_problem(
         wheel = _with_noise(at_steps(wheel), data, config)
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     floor = NoiseFloor.of(data)
-    rests, path, rolls = _first_pass(recording, config, world, data, floor, wheel, speedless)
+    rests, path, rolls, wheel = _first_pass(recording, config, world, data, floor, wheel, speedless)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
@@ -224,8 +224,8 @@ def _first_pass(
     floor: NoiseFloor,
     wheel: Wheel | None,
     speedless: bool,
-) -> tuple[Array, InitialPath, Rolling | None]:
-    """Find rests and initial path, both without the slips, and where the wheel rolls.
+) -> tuple[Array, InitialPath, Rolling | None, Wheel | None]:
+    """Find rests and initial path, both without the slips, and where the wheel rolls; and still it at rest.
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
@@ -236,7 +236,8 @@ def _first_pass(
     for attempt in range(3):
         rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
         rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
-        rolled = guide if found is None else found.wheel
+        wheel = None if wheel is None else wheel.standing(rests)
+        rolled = found.wheel.standing(rests) if found is not None else wheel or guide
         path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
         if wheel is None or attempt == 2:
             break
@@ -245,7 +246,7 @@ def _first_pass(
             break
         mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
         recording = replace(recording, tach=mended)
-    return rests, path, found
+    return rests, path, found, wheel
 
 
 def _with_noise(wheel: Wheel, data: Intervals, config: SmoothConfig) -> Wheel:

@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import median_interval, true_runs
+from trackfg.numerics.spans import median_interval, true_runs, within
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
@@ -97,6 +97,13 @@ class Wheel:
         """Return the same with white noise of the speed, m/s in 1 s, besides what is known of it."""
         before = np.zeros(len(self.t)) if self.grown is None else self.grown
         return replace(self, grown=before + noise_mps**2 * (self.t - self.t[0]))
+
+    def standing(self, rests: Array) -> Wheel:
+        """Return the same without what the noise of a speed signal adds up to in rests (r, 2), s."""
+        if not self.integrates_speed:
+            return self
+        moving = ~within(0.5 * (self.t[1:] + self.t[:-1]), rests)
+        return replace(self, distance=np.cumsum(np.append(self.distance[0], np.diff(self.distance) * moving)))
 
     def with_speed(self, t: Array, speed: Array, rolls: np.ndarray) -> Wheel:
         """The same, but where it does not roll (``rolls`` (n - 1,) between the times ``t`` (n,)) by ``speed`` (n,)."""

@@ -185,3 +185,20 @@ def test_run_that_never_reverses_keeps_its_count(simulated: Callable[..., Simula
         assert wheel is not None
         assert recording.tach is not None
         np.testing.assert_array_equal(wheel.distance, recording.tach["distance_m"])
+
+
+def test_the_noise_of_a_speed_at_rest_rolls_nowhere(shunting: Simulation) -> None:
+    t = np.arange(0.0, 60.0, 0.05)
+    speed = np.where((t > 10.0) & (t < 30.0), 5.0, np.abs(np.random.default_rng(0).normal(0.0, 0.05, len(t))))
+    noisy = with_tach(shunting.recording, t, np.cumsum(speed) * 0.05, kind="speed", unit="m/s", signed=True)
+    wheel = read_wheel(noisy, MAX_GAP_S)
+    assert wheel is not None
+    still = wheel.standing(np.array([[0.0, 9.5], [31.0, 60.0]]))
+    assert np.ptp(still.at(np.linspace(0.2, 9.3, 50))) < 1e-9
+    assert np.ptp(still.at(np.linspace(31.2, 60.0, 50))) < 1e-9
+    between = np.array([11.0, 29.0])
+    np.testing.assert_allclose(np.diff(still.at(between)), np.diff(wheel.at(between)))
+    counted = with_tach(shunting.recording, t, np.cumsum(speed) * 0.05, signed=True)
+    of_counts = read_wheel(counted, MAX_GAP_S)
+    assert of_counts is not None
+    assert of_counts.standing(np.array([[0.0, 9.5]])) is of_counts
