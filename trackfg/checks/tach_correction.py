@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.checks.diagnosis_clock import estimate_clock_offset, tach_acceleration
+from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset, tach_acceleration
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged, band_passed
@@ -28,7 +28,7 @@ the two slopes enclose the truth within 7 % there, with slips under leaves too.
 """
 
 _LEAST_CORRELATION = 0.8
-"""Below it the two slopes are more than a factor 1.6 apart."""
+"""Below it the two slopes are more than a factor 1.6 apart. With slips under leaves it is 0.5 to 0.8 at short lags."""
 
 _LEAST_ACCELERATION = 0.02
 """Of the accelerometer in the band, m/s^2 rms: as large as gradients make it where the vehicle just goes on."""
@@ -77,7 +77,7 @@ def corrected_tach(recording: Recording) -> tuple[Recording, TachCorrection]:
         return recording, TachCorrection()
     findings, clock_s = [], 0.0
     offset = estimate_clock_offset(recording, _LATEST_S)
-    if offset is not None and abs(offset.offset_s) > max(_CLEARLY_LATE_S, _CLEAR_SIGMAS * offset.sd_s):
+    if offset is not None and _is_clear(offset):
         clock_s = offset.offset_s
         recording = replace(recording, tach=tach.assign(t_s=tach["t_s"] + clock_s))
         findings.append(_late(clock_s, described.time_offset_s))
@@ -93,6 +93,12 @@ def corrected_tach(recording: Recording) -> tuple[Recording, TachCorrection]:
     description = recording.description.model_copy(update={"tach": described.model_copy(update={"scale_sd": scale_sd})})
     recording = replace(recording, tach=table, description=description)
     return recording, TachCorrection(named, clock_s, tuple(findings))
+
+
+def _is_clear(offset: ClockOffset) -> bool:
+    """Return whether the tach is surely off in time, and does not slip: slips come before what they make of a speed."""
+    apart = abs(offset.offset_s) > max(_CLEARLY_LATE_S, _CLEAR_SIGMAS * offset.sd_s)
+    return apart and abs(offset.correlation) > _LEAST_CORRELATION
 
 
 def _mistake(factor: float) -> tuple[float, str]:

@@ -6,7 +6,15 @@ from trackfg.smoothing.gnss_errors import gnss_errors
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
 from trackfg.smoothing.unheard_sensors import unheard_sensors
+from trackfg.smoothing.wheel_scale import wheel_scale
 from trackfg.smoothing.wide_priors import wide_priors
 from trackfg.smoothing.wrong_fixes import wrong_fixes
 
-REASSESSORS: tuple[Reassessor, ...] = (wrong_fixes, gnss_errors, noise_levels, wide_priors, unheard_sensors)
+REASSESSORS: tuple[Reassessor, ...] = (
+    wrong_fixes,
+    gnss_errors,
+    noise_levels,
+    wheel_scale,
+    wide_priors,
+    unheard_sensors,
+)

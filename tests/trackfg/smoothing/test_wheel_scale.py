@@ -1,0 +1,80 @@
+"""The wheel's scale walks where the data show that it does: another wheel, creep that lasts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.factor_type import FactorType
+from trackfg.recording.model import Recording
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+
+JUMP = 0.01
+
+
+@pytest.fixture(scope="module")
+def run(simulated: Callable[..., Simulation]) -> Simulation:
+    return simulated("mainline", seed=2, duration_s=150.0)
+
+
+def with_jump(recording: Recording, at_s: float) -> Recording:
+    """The wheel rolls 1 % more per turn until a time: it counts as much less, in whole pulses still."""
+    assert recording.tach is not None
+    t, distance = recording.tach["t_s"].to_numpy(), recording.tach["distance_m"].to_numpy()
+    at = np.interp(at_s, t, distance)
+    pulse = np.min(np.diff(np.unique(distance)))
+    rolled = np.where(distance > at, distance, at + (distance - at) * (1.0 - JUMP))
+    return replace(recording, tach=pd.DataFrame({"t_s": t, "distance_m": pulse * np.round(rolled / pulse)}))
+
+
+def with_fixes(run: Simulation, times: list[float]) -> pd.DataFrame:
+    chainage = np.interp(times, run.truth["t_s"], run.truth["chainage_m"])
+    return pd.DataFrame({"t_s": times, "chainage_m": chainage, "chainage_sd_m": 0.2})
+
+
+def walk(smoothed: SmoothedStates) -> float:
+    """How many times as fast the scale walks as the settings say."""
+    solved, declared = (p.family(FactorType.DISTANCE_CHAIN) for p in (smoothed.problem, smoothed.declared))
+    assert solved is not None
+    assert declared is not None
+    return float(np.max(solved.sigma[:, 1] / declared.sigma[:, 1]))
+
+
+def test_a_constant_scale_stays_one(run: Simulation) -> None:
+    smoothed = smooth_states(run.recording, SmoothConfig())
+    assert walk(smoothed) == 1.0
+    assert not [finding for finding in smoothed.findings if finding.code == "wheel-scale-varies"]
+
+
+def test_another_wheel_is_noticed_and_allowed_for(run: Simulation) -> None:
+    """At 90 s the scale falls by 1 %. A constant one is somewhere in between, wrong by many of its sigmas on either
+    side; one that walks is right before and after.
+    """
+    fixes = with_fixes(run, [40.0, 75.0, 110.0, 145.0])
+    smoothed = smooth_states(replace(with_jump(run.recording, 90.0), fixes=fixes), SmoothConfig())
+    assert walk(smoothed) > 10.0
+    assert [finding.code for finding in smoothed.findings if "scale" in finding.code] == ["wheel-scale-varies"]
+    before, after = np.interp([60.0, 130.0], smoothed.problem.t, smoothed.solution.states.odo.scale)
+    assert before - after == pytest.approx(JUMP, rel=0.3)
+    trajectory = smoothed.trajectory
+    error = trajectory["chainage_m"] - np.interp(trajectory["t_s"], run.truth["t_s"], run.truth["chainage_m"])
+    assert (error.abs() < 3.0 * trajectory["chainage_m_sd"]).mean() > 0.9
+    assert error.abs().max() < 1.5
+
+
+def test_fixes_that_a_creeping_wheel_explains_are_used_again(run: Simulation) -> None:
+    """Of two fixes 30 s and some 500 m from the others, one is 3 m off, as a wheel that creeps by less than 2 % makes
+    it, the other one 300 m: the first is used.
+    """
+    fixes = with_fixes(run, [40.0, 75.0, 110.0, 125.0, 145.0])
+    fixes.loc[3, "chainage_m"] += 300.0
+    smoothed = smooth_states(replace(with_jump(run.recording, 90.0), fixes=fixes), SmoothConfig())
+    withheld = [family for family in smoothed.problem.withheld if family.type is FactorType.WITHHELD_FIX]
+    assert [len(family) for family in withheld] == [1]
+    assert smoothed.problem.t[withheld[0].slots[0].index[0]] == pytest.approx(125.0, abs=0.1)
