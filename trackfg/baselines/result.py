@@ -13,6 +13,7 @@ import pandas as pd
 
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
+from trackfg.files.parquet import write_parquet
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.summary import versions
 
@@ -64,8 +65,8 @@ class BaselineResult:
         BASELINE_FOLDER.refuse_foreign(folder)
         about = {"format": _FORMAT, "name": self.name, "parameters": self.parameters, "versions": versions()}
         with replaced_folder(folder) as new:
-            self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
-            self.geometry.to_parquet(new / _GEOMETRY, index=False)
+            write_parquet(self.trajectory, new / _TRAJECTORY)
+            write_parquet(self.geometry, new / _GEOMETRY)
             self.events.to_csv(new / _EVENTS, index=False)
             (new / _HEAD).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
         return folder

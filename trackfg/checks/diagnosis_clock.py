@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import correlate
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
@@ -146,9 +145,10 @@ def _jackknife_sd(a: Array, b: Array, lags: Array, correlation: Array, size: int
     """
     reach = int(lags[-1])
     padded = np.pad(b, reach)
+    shifts = np.arange(2 * reach + 1)
     blocks = [slice(i, min(i + size, a.size)) for i in range(0, a.size, size)]
     parts = [
-        correlate(padded[block.start : block.stop + 2 * reach], a[block], mode="valid", method="fft")
+        _products(padded[block.start : block.stop + 2 * reach], np.pad(a[block], (0, 2 * reach)), shifts)
         for block in blocks
         if np.any(a[block])
     ]
@@ -166,13 +166,20 @@ def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array
     n = a.size
     limit = int(min(max_lag, n // 2))
     lags = np.arange(-limit, limit + 1)
-    products = correlate(b, a, mode="full", method="fft")[n - 1 + lags]
+    products = _products(b, a, lags)
     energy_a, energy_b = (np.concatenate([[0.0], np.cumsum(x * x)]) for x in (a, b))
     first, last = np.maximum(0, -lags), np.minimum(n, n - lags)
     energy = (energy_a[last] - energy_a[first]) * (energy_b[last + lags] - energy_b[first + lags])
     floor = 1e-6 * energy_a[-1] * energy_b[-1]
     correlation = np.where(energy > floor, products / np.sqrt(np.maximum(energy, floor + 1e-300)), 0.0)
     return lags.astype(np.float64), correlation
+
+
+def _products(a: Array, b: Array, lags: np.ndarray) -> Array:
+    """Return ``sum_i a[i + l] b[i]`` of two signals of one length at each lag l, by FFT. (n,), (n,), (m,) to (m,)."""
+    length = 2 * a.size
+    both = np.fft.irfft(np.fft.rfft(a, length) * np.conj(np.fft.rfft(b, length)), length)
+    return np.asarray(both[lags])
 
 
 def _parabola_vertex(y: Array) -> float:
@@ -191,10 +198,10 @@ def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
     residual = y[inside] - gain * shifted
     n = residual.size
     reach = min(n // 4, memory)
-    around = slice(n - 1 - reach, n + reach)
-    taper = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
-    noise = correlate(residual, residual, mode="full", method="fft")[around] / n
-    signal = correlate(slope, slope, mode="full", method="fft")[around]
+    lags = np.arange(-reach, reach + 1)
+    taper = 1.0 - np.abs(lags) / (reach + 1.0)
+    noise = _products(residual, residual, lags) / n
+    signal = _products(slope, slope, lags)
     information = gain * float(slope @ slope)
     variance = float(np.sum(taper * noise * signal))
     if information == 0.0 or variance <= 0.0:

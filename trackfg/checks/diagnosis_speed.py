@@ -16,8 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
 
 from trackfg.checks.force_balance import ForceBalance
 from trackfg.numerics.arrays import Array
@@ -62,7 +61,7 @@ def slope_of(x: Array, y: Array, block: NDArray[np.int64]) -> Slope | None:
     if xx.size < _FEWEST_BLOCKS or yy.sum() == 0.0 or xy.sum() == 0.0:
         return None
     correlation = float(xy.sum() / np.sqrt(xx.sum() * yy.sum()))
-    sigmas = float(student.isf(norm.sf(_SIGMAS), xx.size - 1))
+    sigmas = -float(stdtrit(xx.size - 1, ndtr(-_SIGMAS)))
     small, small_sd = _ratio(xy, xx)
     large, large_sd = _ratio(yy, xy)
     sign = float(np.sign(correlation))

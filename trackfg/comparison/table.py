@@ -29,6 +29,7 @@ from trackfg.errors import BadInputError
 from trackfg.evaluation.scores import STATISTICS, margin
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
+from trackfg.files.parquet import write_parquet
 from trackfg.results.summary import versions
 
 TRUTH = "truth"
@@ -199,9 +200,9 @@ class Comparison:
         COMPARISON_FOLDER.refuse_foreign(folder)
         with replaced_folder(folder) as new:
             (new / _HEAD).write_text(self.about.model_dump_json(indent=2) + "\n", encoding="utf-8")
-            self.scores.to_parquet(new / _SCORES, index=False)
-            self.geometry.to_parquet(new / _GEOMETRY, index=False)
-            self.positions.to_parquet(new / _POSITIONS, index=False)
+            write_parquet(self.scores, new / _SCORES)
+            write_parquet(self.geometry, new / _GEOMETRY)
+            write_parquet(self.positions, new / _POSITIONS)
         return folder
 
     @classmethod

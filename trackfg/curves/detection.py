@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2 as chi_squared
+from scipy.special import chdtri
 
 from trackfg.curves.cells import Cells, cells_of
 from trackfg.curves.curve import QUANTITIES, Curve, CurveKind, CurveLaw
@@ -84,7 +84,7 @@ def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group
     joint_fit = fitted(seeded, stretch)
     cant_fit = fitted(seeded, replace(stretch, turn=None))
     excess = joint_fit.chi2 / joint_fit.scale - (curvature_fit.chi2 + cant_fit.chi2) / joint_fit.scale
-    limit = float(chi_squared.isf(_SHARED_ABOVE, len(curvature_fit.chain.places)))
+    limit = float(chdtri(len(curvature_fit.chain.places), _SHARED_ABOVE))
     if excess < limit and np.all(np.diff(joint_fit.chain.points) >= 0.0):
         return Group(law_trial(simplified(joint_fit, widest_radius_m)), None)
     return Group(law_trial(curvature_fit), cant_fit)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
@@ -133,13 +134,7 @@ def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
 
 def _decimate(fine: Array, taps: Array) -> Array:
     """Return the low-pass of ``fine`` (cells,), where it fits, at every step."""
-    from scipy.signal import upfirdn
-
-    reach = len(taps) - 1
-    front = -reach % _CELLS
-    count = (len(fine) - 1 - reach) // _CELLS + 1
-    padded = np.concatenate([np.zeros(front), fine])
-    return np.asarray(upfirdn(taps, padded, down=_CELLS)[(front + reach) // _CELLS :][:count])
+    return np.asarray(sliding_window_view(fine, len(taps))[::_CELLS] @ taps)
 
 
 @lru_cache(maxsize=1)

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import tomli_w
 
 from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
+from trackfg.files.parquet import write_parquet
 from trackfg.importing.mapping import MappedSensor, Mapping
 from trackfg.importing.source_table import SourceTable
 from trackfg.importing.stations import read_stations
@@ -90,7 +90,7 @@ def write_imported(
     refuse_used(folder, "recordings are never overwritten")
     with replaced_folder(folder) as new:
         for name, frame in files.items():
-            pq.write_table(pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None), new / name)
+            write_parquet(pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None), new / name)
         head = "".join(f"# {line}\n" for line in comments)
         (new / FILE_NAME).write_text(head + tomli_w.dumps(description), encoding="utf-8")
         loaded = load(new)

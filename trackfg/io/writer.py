@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet as pq
 import tomli_w
 
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.parquet import write_parquet
 from trackfg.io.description_reader import FILE_NAME, read_description
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
 from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
@@ -152,7 +152,7 @@ def _write_table(table: pd.DataFrame, path: Path) -> None:
     if path.suffix == ".csv":
         pa.csv.write_csv(arrow, path, pa.csv.WriteOptions(quoting_style="none"))
     else:
-        pq.write_table(arrow, path)
+        write_parquet(arrow, path)
 
 
 def _without_none(value: Any) -> Any:

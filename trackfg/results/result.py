@@ -23,11 +23,11 @@ from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
+from trackfg.files.parquet import write_parquet
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.summary import Summary
@@ -80,9 +80,9 @@ class Result:
         folder = Path(folder)
         RESULT_FOLDER.refuse_foreign(folder)
         with replaced_folder(folder) as new:
-            self.trajectory.to_parquet(new / _TRAJECTORY, index=False)
-            pq.write_table(self._geometry_file(), new / _GEOMETRY)
-            self.covariance.to_frame().to_parquet(new / _COVARIANCE, index=False)
+            write_parquet(self.trajectory, new / _TRAJECTORY)
+            write_parquet(self._geometry_file(), new / _GEOMETRY)
+            write_parquet(self.covariance.to_frame(), new / _COVARIANCE)
             self.events.to_csv(new / _EVENTS, index=False)
             (new / _SUMMARY).write_text(self.summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
         return folder

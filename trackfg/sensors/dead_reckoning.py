@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
@@ -98,10 +98,11 @@ def _low_pass(x: Array) -> Array:
     constant bias of the gyro makes, and no single sample, each with its errors, decides how they go on.
     """
     decay = np.exp(-_GRID_S / _CROSSOVER_S)
+    recursion = np.stack([np.ones(len(x)), np.full(len(x), -decay)])  # y_k - decay y_{k-1} = x_k, as a banded system
 
     def weighted(y: Array) -> Array:
-        before = lfilter([1.0], [1.0, -decay], y, axis=0)
-        after = lfilter([1.0], [1.0, -decay], y[::-1], axis=0)[::-1]
+        before = solve_banded((1, 0), recursion, y)
+        after = solve_banded((1, 0), recursion, y[::-1])[::-1]
         return np.asarray(before + after - y)
 
     t: Array = _GRID_S / _CROSSOVER_S * np.arange(len(x), dtype=np.float64)[:, None]

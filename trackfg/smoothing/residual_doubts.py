@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import KEYFRAME_DIM
@@ -185,7 +185,7 @@ def _columns(run: SolvedRun, function: _Function) -> Columns:
 
 def _cause(misfit: Misfit, predicted: Level | None) -> _Cause | None:
     """Return by how much a group's errors are larger than the model has them; None where that may be chance."""
-    far = misfit.ratio > chi2.isf(_CHANCE, misfit.degrees) / misfit.degrees
+    far = misfit.ratio > chdtri(misfit.degrees, _CHANCE) / misfit.degrees
     ratios = np.where(far, misfit.ratio, 1.0)
     ratio, block_s = float(ratios.max()), _BLOCKS_S[int(ratios.argmax())]
     if predicted is not None and predicted.far and predicted.ratio**2 > ratio:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from trackfg.numerics.arrays import Array
 
@@ -44,4 +44,4 @@ def level(sigmas: Array) -> Level:
     square = float(np.mean(used**2))
     correlation = float(np.clip(np.mean(used[1:] * used[:-1]) / square, 0.0, 0.99))
     degrees = max(1.0, used.size * (1.0 - correlation) / (1.0 + correlation))
-    return Level(square**0.5, len(used), far=bool(square > chi2.isf(_CHANCE, degrees) / degrees))
+    return Level(square**0.5, len(used), far=bool(square > chdtri(degrees, _CHANCE) / degrees))

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from statistics import fmean
 
 import numpy as np
-from scipy.stats import chi2 as chi_squared
+from scipy.special import chdtri
 
 _FLOOR_M, _FLOOR_LOG_RADIUS, _FLOOR_LENGTH_M = 5.0, 0.03, 10.0
 """Changes of a curve that remains the same one, 1-sigma: m of its points, relative of its radius, m of its circle.
 Chosen: what maintenance moves is less."""
-_GATE = float(chi_squared.isf(1e-4, 3))
+_GATE = float(chdtri(3, 1e-4))
 """Greatest ``d^2`` of a pair: three quantities of the same curve exceed it once in 10,000."""
 
 

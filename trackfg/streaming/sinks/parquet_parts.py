@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError, OutputError
 from trackfg.files.atomic_file import UNFINISHED, write_whole
+from trackfg.files.parquet import write_parquet
 from trackfg.streaming.sinks.sink import TABLES, columns_of
 
 ROWS_PER_PART = 6000
@@ -180,5 +181,5 @@ def _read(path: Path) -> pa.Table:
 
 def _write(path: Path, rows: pa.Table) -> None:
     content = io.BytesIO()
-    pq.write_table(rows, content)
+    write_parquet(rows, content)
     write_whole(path, content.getbuffer())
