@@ -89,8 +89,7 @@ def test_random_runs_repeat_and_differ(tools: SimpleNamespace) -> None:
         ({"far": 0.3}, ["1 silent: shaken, seed 1, smoother: roll_mrad 30 % beyond 4 sigma"]),
         ({"ratio": 1.6}, ["2 sigmas: shaken, smoother: roll_mrad 1.60, 95 %, trusted"]),
         ({"coverage": 0.8, "verdict": "widened"}, ["2 sigmas: shaken, smoother: roll_mrad 1.00, 80 %, widened"]),
-        ({"case": "clean", "coverage": 0.89}, ["2 sigmas: clean, smoother: roll_mrad 1.00, 89 %, trusted"]),
-        ({"case": "clean", "coverage": 1.0}, ["2 sigmas: clean, smoother: roll_mrad 1.00, 100 %, trusted"]),
+        ({"case": "clean", "coverage": 1.0}, []),
         ({"ratio": 9.0, "coverage": 0.1, "far": 0.9, "verdict": "not_trusted"}, []),
         ({"converged": False}, ["1 not converged: shaken, seed 1, smoother: roll_mrad trusted"]),
         ({"converged": False, "verdict": "not_trusted"}, []),
@@ -117,6 +116,12 @@ def test_seeds_are_pooled_in_the_table(tools: SimpleNamespace) -> None:
     cells = tools.table.markdown(rows).splitlines()[-1]
     assert "| shaken | smoother |" in cells
     assert f"3.5 ({np.sqrt(2.5):.2f}, 90" in cells
+
+
+@pytest.mark.parametrize(("coverage", "met"), [(0.89, False), (0.95, True), (0.99, False)])
+def test_many_clean_runs_are_covered_as_they_should(tools: SimpleNamespace, coverage: float, met: bool) -> None:
+    rows = pd.DataFrame([row(case="clean, odometry", seed=seed, coverage=coverage) for seed in range(20)])
+    assert (list(tools.table.failures(rows)) == []) == met
 
 
 def test_runs_that_are_not_to_be_believed_do_not_count_among_those_that_are(tools: SimpleNamespace) -> None:

@@ -9,8 +9,8 @@ real       KITTI, Kingston and comma2k19 with the default settings
 Printed are a table, a row per case and quantity, and the list of what misses the acceptance:
 
 1 silent   more than 5 % of a run's samples beyond 4 sigma, and no verdict that names the quantity
-2 sigmas   rms over sigma above 1.5, or coverage of 1.96 sigma below 85 % (without an effect outside 90-98 %), where a
-           verdict says trusted or widened
+2 sigmas   rms over sigma above 1.5, or coverage of 1.96 sigma below 85 % (without an effect, over 20 runs or more,
+           outside 90-98 %), where a verdict says trusted or widened
 3 oracle   an error more than twice the oracle's
 4 floor    an error more than 5 % above that of dead reckoning
 
