@@ -146,15 +146,16 @@ def _without_rests(
         rates = euler_rates(motion.gyro - bias, tilt)
         turned = np.cumsum(rates * step, axis=0)
         bias[:2] += _slope(motion.t, turned[:, :2] - tilt)
-        headings = _headings(motion, turned[:, 2], gnss)
-        if headings is not None:
-            bias[2] += _slope(headings[:, 0], headings[:, 1:])[0] - earth_rate[2]
-            continue
         level = max(declared_sd, float(np.abs(bias[:2]).max()))
         middle, sd = _shorth(_yaw_rates(motion, rates[:, 2] + bias[2] - earth_rate[2]))
         sd = max(sd, abs(middle) - 2.0 * level)
-        share = level**2 / (level**2 + sd**2)
-        bias[2], vertical_sd = share * middle, float(np.sqrt(share)) * sd
+        headings = _headings(motion, turned[:, 2], gnss)
+        if headings is not None and _slope_sd(headings[:, 0]) < sd:
+            bias[2] += _slope(headings[:, 0], headings[:, 1:])[0] - earth_rate[2]
+            vertical_sd = None
+        else:
+            share = level**2 / (level**2 + sd**2)
+            bias[2], vertical_sd = share * middle, float(np.sqrt(share)) * sd
     return bias, vertical_sd
 
 
@@ -172,6 +173,12 @@ def _slope(t: Array, y: Array) -> Array:
         limit = _OUTLIER_SIGMAS * _SIGMA_PER_MEDIAN * np.median(rest, axis=0)
         weight = (rest <= limit + 1e-12).astype(np.float64)
     return slope
+
+
+def _slope_sd(t: Array) -> float:
+    """Return the sigma of the slope of headings at times t (m,), s, that lie one chord each, rad/s."""
+    heading_sd = np.sqrt(2.0) / _CHORD_SIGMAS
+    return float(heading_sd / (t.std() * np.sqrt(len(t))))
 
 
 def _shorth(x: Array) -> tuple[float, float]:
