@@ -46,6 +46,7 @@ from trackfg.smoothing.noise_levels import levels
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
+from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
@@ -157,7 +158,7 @@ def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], s
         covariance, ratios = _covariance(run.problem, solution, stages)
         return replace(run, solution=solution, covariance=covariance, noise_ratios=ratios)
 
-    run = reassessed(run, solved_again, REASSESSORS)
+    run = with_roll_of_mounting(reassessed(run, solved_again, REASSESSORS))
     return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
 
 

@@ -1,0 +1,61 @@
+"""Roll on straights: a tilted sensor shows there, and roll and cross-level say that they do not know it from cant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation
+from trackfg.numerics.rotations import matrix_from_rpy
+from trackfg.recording.model import Recording
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+from trackfg.smoothing.straights import _straight
+
+TOTAL_S = 200.0
+
+
+def tilted(recording: Recording, roll_deg: float) -> Recording:
+    """Return what the sensor would record if it were tilted to the left by so much, undeclared."""
+    R_vs = matrix_from_rpy(np.radians(roll_deg), np.array(0.0), np.array(0.0))
+    imu = recording.imu.copy()
+    for triad in (imu.columns[1:4], imu.columns[4:7]):
+        imu[triad] = imu[triad].to_numpy() @ R_vs
+    return replace(recording, imu=imu)
+
+
+def test_a_straight_ends_a_base_before_the_curve() -> None:
+    """1000 m, a curve of R 500 from 400 to 600 m: the chord of 50 m sees it from 380 to 620 m, and another base of 50 m
+    is left on each side, and at both ends of the run the chord and the base.
+    """
+    s = np.arange(0.0, 1000.0, 10.0)
+    straight = s[_straight(np.clip(s - 400.0, 0.0, 200.0) / 500.0)]
+    assert straight.min() == 70.0
+    assert straight[straight < 500.0].max() == pytest.approx(330.0, abs=10.0)
+    assert straight[straight > 500.0].min() == pytest.approx(670.0, abs=10.0)
+    assert straight.max() == 920.0
+
+
+@pytest.mark.parametrize("roll_deg", [2.0, -1.0])
+def test_a_tilt_is_in_the_sigma_of_roll_and_is_said(simulated: Callable[..., Simulation], roll_deg: float) -> None:
+    run = simulated("mainline", seed=0, duration_s=TOTAL_S)
+    result = smooth_states(tilted(run.recording, roll_deg), SmoothConfig())
+    error = result.trajectory["roll_rad"] - run.ride.rpy(result.trajectory["t_s"].to_numpy())[:, 0]
+    assert np.sqrt(np.mean((error / result.trajectory["roll_rad_sd"]) ** 2)) == pytest.approx(1.0, abs=0.1)
+    cross_level_sd = 1e-3 * result.geometry["cross_level_mm_sd"] / result.problem.run.conventions.cross_level_base_m
+    assert cross_level_sd.median() == pytest.approx(np.radians(abs(roll_deg)), rel=0.1)
+    assert result.geometry["twist_mm_sd"].median() < 0.1
+    (finding,) = (one for one in result.findings if one.code == "roll-on-straights")
+    assert f"the {'left' if roll_deg > 0 else 'right'} side is" in finding.message
+    assert f"add {roll_deg:.0f}." in str(finding) or f"add {np.trunc(0.95 * roll_deg):.0f}." in str(finding)
+
+
+def test_an_upright_sensor_keeps_its_sigma(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates]
+) -> None:
+    result = smoothed("mainline", seed=0, duration_s=TOTAL_S)
+    assert result.trajectory["roll_rad_sd"].median() < 1e-3
+    assert not [one for one in result.findings if one.code == "roll-on-straights"]

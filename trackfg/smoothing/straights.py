@@ -1,0 +1,88 @@
+"""Straights show whether the sensor is tilted sideways in the vehicle: track has no cant there, on average.
+
+Roll of the mounting leaves the direction of travel as it is, so no motion shows it, and gravity cannot tell it from
+cant. Cant is built in curves only. So the mean roll on straights is that of the mounting, or that of a track which is
+canted all the same (or the crossfall of a road): it is not taken off, but what of it the sigma of roll does not explain
+becomes the sigma of the mounting's roll, a constant in roll and cross-level. Twist and all that is short does not feel
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trackfg.factors.motion import mount_matrix
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import rpy_from_matrix
+from trackfg.output.trajectory import QUANTITIES, keyframe_variances
+from trackfg.recording.findings import Finding
+from trackfg.smoothing.reassessment import SolvedRun
+
+_BASE_M = 50.0
+"""Curvature is that of a chord this long, m, and a straight begins and ends so far from any curve: along a clothoid
+cant begins before the curvature shows."""
+
+_STRAIGHT_1PM = 2e-4
+"""Curvature below which track is straight: at R 5000 and 40 m/s the whole cant would be 33 mrad, and none is usual."""
+
+_SHORTEST_M = 200.0
+"""Length of straight, all together, below which its mean says nothing: twists and irregularities are not averaged."""
+
+_STEP_M = 10.0
+"""Step along the track, m: short against the base."""
+
+_NOTICED_RAD = np.radians(0.2)
+"""From here on a tilt is a finding: 5 mm between the rails, what track is relaid to."""
+
+
+def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
+    """Return the run with the sigma of the mounting's roll that its straights show, and a finding where it is large."""
+    roll, sd = _roll_on_straights(run)
+    unexplained = float(np.sqrt(max(roll**2 - sd**2, 0.0)))
+    context = run.problem.run
+    if unexplained <= context.mount_roll_sd:
+        return run
+    problem = replace(run.problem, run=replace(context, mount_roll_sd=unexplained))
+    return replace(run, problem=problem, findings=(*run.findings, *_findings(roll, unexplained)))
+
+
+def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
+    """Return the mean roll on straights and its sigma, rad; 0 where there are none to speak of."""
+    states = run.solution.states
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states.odo.distance)))])
+    rpy = rpy_from_matrix(states.nav.R @ mount_matrix(states.mount)[0])
+    variance = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[:, QUANTITIES.index("roll_rad")]
+    s = np.arange(0.0, way[-1], _STEP_M)
+    on_grid = (np.interp(s, way, column) for column in (np.unwrap(rpy[:, 2]), rpy[:, 0], variance))
+    heading, roll, variance = on_grid
+    straight = _straight(heading)
+    if np.sum(straight) * _STEP_M < _SHORTEST_M:
+        return 0.0, 0.0
+    return float(np.mean(roll[straight])), float(np.sqrt(np.mean(variance[straight])))
+
+
+def _straight(heading: Array) -> np.ndarray:
+    """Return which cells are on a straight, and as far from its ends as the base is long. (n,) to (n,)."""
+    reach = round(_BASE_M / _STEP_M)
+    curved = np.ones(len(heading), dtype=np.int64)
+    half = reach // 2
+    bent = np.abs(heading[2 * half :] - heading[: -2 * half]) / (2 * half * _STEP_M)
+    curved[half : len(heading) - half] = bent > _STRAIGHT_1PM
+    total = np.concatenate([[0], np.cumsum(np.pad(curved, reach, constant_values=1))])
+    return np.asarray(total[2 * reach + 1 :] == total[: -2 * reach - 1])
+
+
+def _findings(roll: float, unexplained: float) -> tuple[Finding, ...]:
+    if unexplained < _NOTICED_RAD:
+        return ()
+    degrees, way = np.degrees(roll), "left" if roll > 0 else "right"
+    message = (
+        f"on straights the {way} side is {abs(degrees):.2f} deg up on average: the sensor is mounted so, or the track "
+        "is canted; the sigmas of roll and cross-level hold it as a constant error"
+    )
+    hint = (
+        f"if it is the sensor, add {degrees:.2f} to the roll in mount_rpy_deg of [imu]; else declare mount_roll_sd_deg"
+    )
+    return (Finding("warning", "roll-on-straights", message, hint=hint),)
