@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from trackfg.smoothing.gnss_errors import gnss_errors
+from trackfg.smoothing.leaning_body import leaning_body
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
 from trackfg.smoothing.unheard_sensors import unheard_sensors
@@ -17,4 +18,5 @@ REASSESSORS: tuple[Reassessor, ...] = (
     wheel_scale,
     wide_priors,
     unheard_sensors,
+    leaning_body,
 )

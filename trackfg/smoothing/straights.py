@@ -13,11 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.factors.motion import mount_matrix
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.rotations import rpy_from_matrix
-from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.recording.findings import Finding
+from trackfg.smoothing.passage import STEP_M, passage
 from trackfg.smoothing.reassessment import SolvedRun
 
 _BASE_M = 50.0
@@ -29,9 +27,6 @@ _STRAIGHT_1PM = 2e-4
 
 _SHORTEST_M = 200.0
 """Length of straight, all together, below which its mean says nothing: twists and irregularities are not averaged."""
-
-_STEP_M = 10.0
-"""Step along the track, m: short against the base."""
 
 _NOTICED_RAD = np.radians(0.2)
 """From here on a tilt is a finding: 5 mm between the rails, what track is relaid to."""
@@ -50,25 +45,19 @@ def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
 
 def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
     """Return the mean roll on straights and its sigma, rad; 0 where there are none to speak of."""
-    states = run.solution.states
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(states.odo.distance)))])
-    rpy = rpy_from_matrix(states.nav.R @ mount_matrix(states.mount)[0])
-    variance = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[:, QUANTITIES.index("roll_rad")]
-    s = np.arange(0.0, way[-1], _STEP_M)
-    on_grid = (np.interp(s, way, column) for column in (np.unwrap(rpy[:, 2]), rpy[:, 0], variance))
-    heading, roll, variance = on_grid
-    straight = _straight(heading)
-    if np.sum(straight) * _STEP_M < _SHORTEST_M:
+    at = passage(run)
+    straight = _straight(at.heading)
+    if np.sum(straight) * STEP_M < _SHORTEST_M:
         return 0.0, 0.0
-    return float(np.mean(roll[straight])), float(np.sqrt(np.mean(variance[straight])))
+    return float(np.mean(at.roll[straight])), float(np.sqrt(np.mean(at.roll_variance[straight])))
 
 
 def _straight(heading: Array) -> np.ndarray:
     """Return which cells are on a straight, and as far from its ends as the base is long. (n,) to (n,)."""
-    reach = round(_BASE_M / _STEP_M)
+    reach = round(_BASE_M / STEP_M)
     curved = np.ones(len(heading), dtype=np.int64)
     half = reach // 2
-    bent = np.abs(heading[2 * half :] - heading[: -2 * half]) / (2 * half * _STEP_M)
+    bent = np.abs(heading[2 * half :] - heading[: -2 * half]) / (2 * half * STEP_M)
     curved[half : len(heading) - half] = bent > _STRAIGHT_1PM
     total = np.concatenate([[0], np.cumsum(np.pad(curved, reach, constant_values=1))])
     return np.asarray(total[2 * reach + 1 :] == total[: -2 * reach - 1])
