@@ -19,6 +19,7 @@ from trackfg.evaluation.scores import score_run
 from trackfg.evaluation.trajectory_errors import from_the_true_start, trajectory_errors
 from trackfg.numerics.arrays import Array
 from trackfg.smoothing.smoother import smooth
+from trackfg.streaming.sigma_test import DOUBT
 from trackfg.streaming.sources.source import RecordingSource
 
 SMOOTHER, ORACLE, FLOOR, STREAM = "smoother", "oracle", "dead-reckoning", "stream"
@@ -73,8 +74,10 @@ def streamed(run: Simulation) -> Estimate:
     """Return what a stream says once the lag is over."""
     smoother = FixedLagSmoother(run.recording.description, lag_s=LAG_S)
     tables, _ = tables_of(RecordingSource(run.recording), smoother)
-    rows = tables["smoothed"]
-    return Estimate(rows[rows["chainage_m_sd"] < PLACED_M], tables.get("geometry", pd.DataFrame()))
+    rows, events = tables["smoothed"], tables.get("events", pd.DataFrame(columns=["kind", "detail"]))
+    named = [detail.partition(":")[0].split(", ") for detail in events.loc[events["kind"] == DOUBT, "detail"]]
+    doubted = {quantity: "not_trusted" for quantities in named for quantity in quantities}
+    return Estimate(rows[rows["chainage_m_sd"] < PLACED_M], tables.get("geometry", pd.DataFrame()), doubted)
 
 
 def floor(run: Simulation) -> Estimate | None:

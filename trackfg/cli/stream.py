@@ -91,6 +91,8 @@ def stream(  # noqa: PLR0913  (a parameter is an option of the command)
         f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}",
         file=sys.stderr,
     )
+    for doubt in counts.doubts:
+        print(f"trackfg: warning: {doubt}", file=sys.stderr)
 
 
 def _into_folder(
@@ -147,4 +149,7 @@ def _source(name: str, *, real_time: bool, position: int) -> Source:
         return McapSource(name, position=position)
     from trackfg.io.reader import read_recording
 
-    return RecordingSource(read_recording(name), speed=1.0 if real_time else None, position=position)
+    recording = read_recording(name)
+    for finding in recording.findings:
+        print(f"trackfg: {finding.level}: {finding}", file=sys.stderr)
+    return RecordingSource(recording, speed=1.0 if real_time else None, position=position)

@@ -25,7 +25,7 @@ from trackfg.factors.states import KEYFRAME_DIM
 from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import SolvedRun
-from trackfg.solver.influence import Columns, Misfit, all_rows, misfits
+from trackfg.solver.influence import Columns, Misfit, all_rows, gains, misfits
 from trackfg.solver.leave_one_out import left_out
 from trackfg.solver.prediction_level import Level, level
 
@@ -142,11 +142,14 @@ def self_test(run: SolvedRun) -> SelfTest:
     blocks = [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
     worst: dict[Quantity, Doubt] = {}
     checked: dict[Quantity, tuple[str, ...]] = {}
-    for function in _FUNCTIONS:
-        found = misfits(rows, run.solution.root, _columns(run, function), blocks)
+    columns = [_columns(run, function) for function in _FUNCTIONS]
+    gain = gains(run.solution.root, Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*columns, strict=True))))
+    each = zip(*(np.split(part, len(_FUNCTIONS), axis=-1) for part in gain), strict=True)
+    for function, of_function in zip(_FUNCTIONS, each, strict=True):
+        found = misfits(rows, Columns(*of_function), blocks)
         causes = [cause for one in found if (cause := _cause(one, levels.get(one.group)))]
         factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
-        tested = tuple(_NAMES[one.group] for one in found if one.share / _PLACES > _LEAST_SHARE)
+        tested = tuple(_NAMES[one.group] for one in found if one.share > _LEAST_SHARE)
         for quantity in function.quantities:
             if factor > max(_LEAST_WIDENING, worst[quantity].factor if quantity in worst else 1.0):
                 worst[quantity] = _doubt(quantity, factor, max(causes, key=lambda one: one.share * one.ratio))
@@ -190,7 +193,7 @@ def _cause(misfit: Misfit, predicted: Level | None) -> _Cause | None:
     ratio, block_s = float(ratios.max()), _BLOCKS_S[int(ratios.argmax())]
     if predicted is not None and predicted.far and predicted.ratio**2 > ratio:
         ratio, block_s = predicted.ratio**2, 0.0
-    return _Cause(misfit.group, misfit.share / _PLACES, ratio, block_s) if ratio > 1.0 else None
+    return _Cause(misfit.group, misfit.share, ratio, block_s) if ratio > 1.0 else None
 
 
 def _doubt(quantity: Quantity, factor: float, cause: _Cause) -> Doubt:

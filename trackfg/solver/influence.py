@@ -79,10 +79,10 @@ class GroupRows:
 
 
 class Misfit(NamedTuple):
-    """What a group's residuals account for in some functions, as shares of their variances, summed over the functions.
+    """What a group's residuals account for in some functions, as shares of their variances.
 
-    ``share`` is the group's by the model; ``seen`` (b,) what residuals over blocks sum up to for each division into
-    blocks, and ``drawn`` (b, draws) the same of drawn errors.
+    ``share`` is the group's by the model, its mean over the functions; ``seen`` (b,) what residuals over blocks sum up
+    to for each division into blocks, and ``drawn`` (b, draws) the same of drawn errors.
     """
 
     group: str
@@ -123,16 +123,18 @@ def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> 
     ]
 
 
-def misfits(
-    rows: Sequence[GroupRows], root: SquareRoot, functions: Columns, blocks: Sequence[np.ndarray]
-) -> list[Misfit]:
-    """Return the misfit of each group in m functions of the states.
+def gains(root: SquareRoot, functions: Columns) -> Columns:
+    """Return ``P c / sqrt(c' P c)`` of each of m functions c of the states."""
+    gain = Columns(*times_covariance(root, *functions))
+    variance = np.einsum("nkm,nkm->m", functions.keyframes, gain.keyframes) + np.sum(functions.shared * gain.shared, 0)
+    return Columns(gain.keyframes / np.sqrt(variance), gain.shared / np.sqrt(variance))
+
+
+def misfits(rows: Sequence[GroupRows], gain: Columns, blocks: Sequence[np.ndarray]) -> list[Misfit]:
+    """Return the misfit of each group in m functions of the states, given by their :func:`gains`.
 
     ``blocks``: divisions into blocks of time, each the block of every keyframe (n,), ascending.
     """
-    gain = Columns(*times_covariance(root, *functions))
-    variance = np.einsum("nkm,nkm->m", functions.keyframes, gain.keyframes) + np.sum(functions.shared * gain.shared, 0)
-    gain = Columns(gain.keyframes / np.sqrt(variance), gain.shared / np.sqrt(variance))
     parts = [_misfit(one, gain, blocks) for one in rows]
     merged = {}
     for group in dict.fromkeys(one.group for one in parts):
@@ -143,21 +145,25 @@ def misfits(
 
 def _misfit(rows: GroupRows, gain: Columns, blocks: Sequence[np.ndarray]) -> Misfit:
     w = _applied(rows.linear, gain)
+    share = float(np.sum(w**2)) / w.shape[2]
     if rows.has_one_level:
         squares, of_drawn = np.sum(rows.linear.b**2), np.sum(rows.drawn**2, axis=(0, 1))
-        return Misfit(
-            rows.group, float(np.sum(w**2)), np.full(len(blocks), squares), np.tile(of_drawn, (len(blocks), 1))
-        )
+        return Misfit(rows.group, share, np.full(len(blocks), squares), np.tile(of_drawn, (len(blocks), 1)))
     seen = np.einsum("frm,fr->fm", w, rows.linear.b)
     drawn = np.einsum("frm,frs->fms", w, rows.drawn, optimize=True)
     keyframe = np.maximum(first_keyframe(rows.linear.slots, len(w)), 0)
     edges = [np.flatnonzero(np.diff(block[keyframe], prepend=-1)) for block in blocks]
     return Misfit(
         rows.group,
-        float(np.sum(w**2)),
-        np.array([np.sum(np.add.reduceat(seen, edge) ** 2) for edge in edges]),
-        np.array([np.sum(np.add.reduceat(drawn, edge) ** 2, axis=(0, 1)) for edge in edges]),
+        share,
+        np.array([np.sum(_summed(seen, edge) ** 2) for edge in edges]),
+        np.array([np.sum(_summed(drawn, edge) ** 2, axis=(0, 1)) for edge in edges]),
     )
+
+
+def _summed(values: Array, edges: np.ndarray) -> Array:
+    """Return the sums of factors' values (f, ...) over blocks that begin at ``edges``."""
+    return values if len(edges) == len(values) else np.add.reduceat(values, edges)
 
 
 def _applied(linear: LinearFactors, columns: Columns) -> Array:

@@ -39,6 +39,7 @@ from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.rows import Rows
+from trackfg.streaming.sigma_test import SigmaTest
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
@@ -98,6 +99,7 @@ class FixedLagSmoother:
     _done_s: float
     """The end of the tables of a lost window, s."""
     _locator: MapLocator | None
+    _sigma_test: SigmaTest
 
     def __init__(
         self,
@@ -125,6 +127,7 @@ class FixedLagSmoother:
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
+        self._sigma_test = SigmaTest()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -142,7 +145,7 @@ class FixedLagSmoother:
             moving.prepare(t)
         elif moving.running is None:
             self._buffer.forget(self._buffer.until - _KEPT_S, self._buffer.until - _KEPT_S)
-        return _estimates_of(_table(filtered), outputs)
+        return self._tested(_estimates_of(_table(filtered), outputs))
 
     def finish(self) -> Estimates:
         """Return what is left when no more rows come; nothing where they were too few to begin with."""
@@ -150,7 +153,12 @@ class FixedLagSmoother:
         outputs += self._work_due(at_end=True)
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
-        return _estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs)
+        last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
+        return last._replace(events=(*last.events, *self._sigma_test.events(self._buffer.until)))
+
+    def _tested(self, estimates: Estimates) -> Estimates:
+        self._sigma_test.put(estimates.filtered, estimates.smoothed)
+        return estimates
 
     def state(self) -> Snapshot:
         """Return everything that carries over from one call to the next."""

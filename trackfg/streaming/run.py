@@ -26,18 +26,23 @@ from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.events import event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sigma_test import DOUBT
 from trackfg.streaming.sinks.sink import Sink
 from trackfg.streaming.sources.source import Source
 
 
 @dataclass
 class StreamCounts:
-    """Rows taken from the source and passed on to the smoother, keyframes estimated, events by kind."""
+    """Rows taken from the source and passed on to the smoother, keyframes estimated, events by kind.
+
+    ``doubts``: what the stream says at its end of sigmas that are too small.
+    """
 
     rows_in: int = 0
     rows_used: int = 0
     keyframes: int = 0
     events: Counter[str] = field(default_factory=Counter)
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass
@@ -122,6 +127,7 @@ class Stream:
         counts.rows_in, counts.rows_used = self.intake.rows_in, self.intake.rows_out
         counts.keyframes += len(estimates.filtered)
         counts.events.update(event.kind for event in events)
+        counts.doubts += tuple(event.detail for event in events if event.kind == DOUBT)
 
 
 def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[Event]) -> None:

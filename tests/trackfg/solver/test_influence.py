@@ -16,7 +16,7 @@ from trackfg.graph.build import build_problem
 from trackfg.numerics.arrays import Array
 from trackfg.solver.elimination import eliminate
 from trackfg.solver.gauss_newton import solve
-from trackfg.solver.influence import Columns, Misfit, all_rows, misfits
+from trackfg.solver.influence import Columns, Misfit, all_rows, gains, misfits
 
 Linearized = Callable[..., tuple[Array, Array]]
 LENGTH = 7
@@ -44,7 +44,7 @@ class Dense:
         self.w = self.A @ gain / np.sqrt(np.sum(stacked * gain, axis=0))
         block = np.arange(n) // LENGTH
         rows = all_rows(problem, solution, np.random.default_rng(0))
-        self.found = {one.group: one for one in misfits(rows, solution.root, columns, [np.arange(n), block])}
+        self.found = {one.group: one for one in misfits(rows, gains(solution.root, columns), [np.arange(n), block])}
 
     def in_blocks(self, rows: Array, per_factor: int, keyframes: int) -> np.ndarray:
         """Return which block of some keyframes each of a group's rows is in."""
@@ -64,7 +64,7 @@ def seen(dense: Dense, rows: Array, block: np.ndarray) -> float:
 
 def test_shares_are_those_of_the_dense_system(dense: Dense) -> None:
     assert np.sum(dense.w**2, axis=0) == pytest.approx(np.ones(2), rel=1e-4)
-    assert dense.found["gyro"].share == pytest.approx(np.sum(dense.w[dense.gyro] ** 2), rel=1e-3)
+    assert dense.found["gyro"].share == pytest.approx(np.sum(dense.w[dense.gyro] ** 2) / 2.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(("of_blocks", "keyframes"), [(0, 1), (1, LENGTH)])

@@ -1,0 +1,63 @@
+"""Differences of filtered and smoothed rows over the sigmas that they should have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.results.columns import TRAJECTORY_COLUMNS
+from trackfg.streaming.sigma_test import DOUBT, SigmaTest
+
+FILTERED_SD, SMOOTHED_SD = 0.5, 0.3
+"""Their difference has the sigma 0.4."""
+
+
+def rows(t: np.ndarray, sd: float, **columns: np.ndarray) -> pd.DataFrame:
+    table = pd.DataFrame(sd, index=range(len(t)), columns=list(TRAJECTORY_COLUMNS))
+    values = [name for name in TRAJECTORY_COLUMNS if not name.endswith("_sd")]
+    return table.assign(**dict.fromkeys(values, 0.0)).assign(t_s=t, **columns)
+
+
+def put_through(difference_sd: float, *, lasting: int = 1, yaw: float = 0.0) -> SigmaTest:
+    """Put rows of 400 s in pieces of 10 s, the smoothed ones later, as a stream does."""
+    test, t = SigmaTest(), np.arange(400.0)
+    draws = np.random.default_rng(1).standard_normal(400 // lasting)
+    off = difference_sd * np.repeat(draws, lasting)
+    turned = np.full(400, np.pi - 1e-3)
+    filtered = rows(t, FILTERED_SD, chainage_m=10.0 * t + off, yaw_rad=-turned if yaw else turned)
+    smoothed = rows(t, SMOOTHED_SD, chainage_m=10.0 * t, yaw_rad=turned)
+    for first in range(0, 400, 10):
+        test.put(filtered[first : first + 10], smoothed[:0])
+        test.put(filtered[:0], smoothed[max(first - 20, 0) : max(first - 10, 0)])
+    test.put(filtered[:0], smoothed[370:])
+    return test
+
+
+def test_right_sigmas_are_not_doubted() -> None:
+    assert put_through(0.4).events(400.0) == ()
+
+
+def test_every_row_is_held_against_its_own_once() -> None:
+    test = put_through(0.4)
+    assert test.sums[:, 0].tolist() == [400.0] * 8
+    draws = np.random.default_rng(1).standard_normal(400)
+    assert test.sums[0, 1] == pytest.approx(np.sum(draws**2))
+    assert test.sums[0, 2] == pytest.approx(np.sum(draws[1:] * draws[:-1]))
+    assert len(test.waiting) == 0
+
+
+def test_sigmas_three_times_too_small() -> None:
+    (event,) = put_through(1.2).events(400.0)
+    assert (event.kind, event.t_s) == (DOUBT, 400.0)
+    assert event.detail.startswith("chainage: smoothed and filtered estimates differ by 2.7")
+
+
+def test_few_differences_that_last_may_be_chance() -> None:
+    """Four errors of 100 s each, of 1.6 sigmas: as many independent ones would be far off."""
+    assert put_through(0.8, lasting=100).events(400.0) == ()
+    assert len(put_through(0.8).events(400.0)) == 1
+
+
+def test_directions_on_both_sides_of_the_cut_are_near() -> None:
+    assert put_through(0.4, yaw=1.0).events(400.0) == ()

@@ -1,0 +1,115 @@
+"""A stream tests its sigmas by what the lag adds: smoothed estimates against filtered ones.
+
+The filtered estimate of a moment, from the rows up to it, and the smoothed one, from those of the lag behind it as
+well, differ by an error of covariance ``P_filtered - P_smoothed`` if the model is right (Bar-Shalom, Li and
+Kirubarajan, "Estimation with applications to tracking and navigation", 2001, ch. 8). Differences over their sigmas are
+summed up as they come, with those of neighbours, which tell how many of them are independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+from trackfg.numerics.arrays import Array
+from trackfg.output.trajectory import QUANTITIES
+from trackfg.results.events import Event
+from trackfg.results.verdict import Quantity
+from trackfg.results.widening import QUANTITY_OF_COLUMN
+
+DOUBT = "sigmas-doubted"
+"""The kind of event that names a quantity whose sigmas are too small."""
+
+_LEAST_SHARE = 0.3
+"""Share of the filtered variance that the lag takes away: below it the difference is of two nearly equal sigmas, and of
+their linearisation points."""
+
+_CHANCE = 1e-3
+"""Probability of such differences by chance, below which they are a doubt."""
+
+_LEAST_RATIO = 1.3
+"""Below this ratio there is no doubt: runs of right sigmas have up to 1.2 (`tools/robustness.py`, clean)."""
+
+_ALSO: dict[str, tuple[Quantity, ...]] = {"roll": ("cross_level",), "pitch": ("gradient",)}
+"""What is the same angle, of the track."""
+
+_LASTING = 0.999
+"""Correlation of neighbours above which one run has no independent differences."""
+
+
+@dataclass
+class SigmaTest:
+    """Sums over the differences of each quantity of a trajectory.
+
+    ``waiting`` (w, 17): filtered rows that have no smoothed ones yet, ``newest`` (0 or 1, 17) the newest smoothed row;
+    ``sums`` (8, 3): the number of differences, of their squares, of their products with the one before; ``before``
+    (8,), NaN at first.
+    """
+
+    waiting: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
+    newest: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
+    sums: Array = field(default_factory=lambda: np.zeros((len(QUANTITIES), 3)))
+    before: Array = field(default_factory=lambda: np.full(len(QUANTITIES), np.nan))
+
+    def put(self, filtered: pd.DataFrame, smoothed: pd.DataFrame) -> None:
+        """Take the next rows of both tables, whose columns are those of a trajectory."""
+        if len(filtered):
+            self.waiting = np.concatenate([self.waiting, filtered.to_numpy(dtype=np.float64)])
+        if not len(smoothed):
+            return
+        rows = np.concatenate([self.newest, smoothed.to_numpy(dtype=np.float64)])
+        self.newest = rows[-1:].copy()
+        t, first, last = self.waiting[:, 0], rows[0, 0], rows[-1, 0]
+        matched = self.waiting[(t >= first) & (t <= last)]
+        self.waiting = self.waiting[t > last].copy()
+        for i in range(len(QUANTITIES)):
+            self._add(i, _in_sigmas(matched, rows, 1 + 2 * i, is_angle=QUANTITIES[i].endswith("_rad")))
+
+    def events(self, until_s: float) -> tuple[Event, ...]:
+        """Return an event for each quantity whose sigmas are too small beyond chance, known at the end of a stream."""
+        worst: dict[Quantity, float] = {}
+        for i, column in enumerate(QUANTITIES):
+            ratio = self._ratio(i)
+            quantity = QUANTITY_OF_COLUMN[column]
+            if ratio >= max(_LEAST_RATIO, worst.get(quantity, 0.0)):
+                worst[quantity] = ratio
+        return tuple(_doubt(quantity, ratio, until_s) for quantity, ratio in worst.items())
+
+    def _add(self, i: int, z: Array) -> None:
+        if not z.size:
+            return
+        chain = np.concatenate([[self.before[i]], z])
+        self.sums[i] += [z.size, np.sum(z**2), np.nansum(chain[1:] * chain[:-1])]
+        self.before[i] = z[-1]
+
+    def _ratio(self, i: int) -> float:
+        """Return the rms difference in sigmas; 1 where it is no more than chance."""
+        number, squares, products = self.sums[i]
+        if number < 2.0 or squares <= 0.0:
+            return 1.0
+        correlation = min(max(products / squares, 0.0), _LASTING)
+        degrees = max(1.0, number * (1.0 - correlation) / (1.0 + correlation))
+        mean = squares / number
+        return float(np.sqrt(mean)) if mean > chi2.isf(_CHANCE, degrees) / degrees else 1.0
+
+
+def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
+    names = ", ".join((quantity, *_ALSO.get(quantity, ())))
+    said = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
+    return Event(DOUBT, t_s=until_s, detail=f"{said}: multiply the sigmas by as much, or smooth the recording")
+
+
+def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:
+    """Return differences over their sigmas, of the rows to which the lag added enough."""
+    t = filtered[:, 0]
+    values = np.unwrap(smoothed[:, column]) if is_angle else smoothed[:, column]
+    difference = filtered[:, column] - np.interp(t, smoothed[:, 0], values)
+    if is_angle:
+        difference = np.angle(np.exp(1j * difference))
+    of_filtered = filtered[:, column + 1] ** 2
+    variance = of_filtered - np.interp(t, smoothed[:, 0], smoothed[:, column + 1]) ** 2
+    known = variance > _LEAST_SHARE * of_filtered
+    return np.asarray(difference[known] / np.sqrt(variance[known]))
