@@ -54,7 +54,8 @@ def result_page(result: Result, command: str, against: Against | None, judgement
     page = result.summary
     sections = [_summary(result), _findings(result), *_geometry(result, against, judgement), _events(result)]
     sections += [_motion(result, against), _consistency(result, against), _map(result, against), _made(result, command)]
-    subtitle = f"{length(page.distance_m)} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
+    way = "distance not determined" if page.distance_m is None else length(page.distance_m)
+    subtitle = f"{way} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
     return Page("result", page.recording_id, subtitle, tuple(sections))
 
 

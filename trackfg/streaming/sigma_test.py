@@ -99,7 +99,9 @@ class SigmaTest:
 def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
     names = ", ".join((quantity, *_ALSO.get(quantity, ())))
     said = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
-    return Event("sigmas-doubted", t_s=until_s, detail=f"{said}: multiply the sigmas by as much, or smooth the recording")
+    return Event(
+        "sigmas-doubted", t_s=until_s, detail=f"{said}: multiply the sigmas by as much, or smooth the recording"
+    )
 
 
 def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:
