@@ -10,7 +10,6 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.residual_doubts import self_test
-from trackfg.smoothing.straight_track import roll_on_straights
 from trackfg.smoothing.vibration_doubts import vibration_doubts
 
 BY_ATTITUDE: tuple[Quantity, ...] = ("roll", "pitch", "yaw")
@@ -22,8 +21,8 @@ def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
     if not run.solution.converged:
         return verdicts([*_of_solver(run), *run.doubts])
     tested = self_test(run)
-    of_track = [*vibration_doubts(run, geometry), *roll_on_straights(run)]
-    return verdicts([*_of_what_is_measured(run), *tested.doubts, *of_track, *run.doubts], tested.checked_by)
+    doubts = [*_of_what_is_measured(run), *tested.doubts, *vibration_doubts(run, geometry), *run.doubts]
+    return verdicts(doubts, tested.checked_by)
 
 
 def _of_solver(run: SolvedRun) -> list[Doubt]:
