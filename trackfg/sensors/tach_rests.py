@@ -48,6 +48,9 @@ _WINDOW_S = 1.0
 _FEWEST_ROWS = 5
 """It is taken over so many rows at least: fewer do not tell their noise."""
 
+_SPARSE_S = 0.25
+"""Rows further apart, s, do not tell noise from stop and go: at rest they have to be zero."""
+
 _NOISE_S = 0.1
 """Second differences are taken over this, s: by then a signal differs that is filtered or repeated row by row."""
 
@@ -138,12 +141,14 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     """Return the spans (m, 2), s, in which a speed is zero up to its noise, and what is to be taken off (m, 2), s."""
     dt = median_interval(t)
     speed = np.diff(distance) / np.diff(t)
-    window = max(round(_WINDOW_S / dt), _FEWEST_ROWS)
+    dense = dt <= _SPARSE_S
+    window = max(round(_WINDOW_S / dt), _FEWEST_ROWS if dense else 1)
     if len(speed) < window:
         return np.zeros((0, 2)), np.zeros((0, 2))
     lag = max(1, round(_NOISE_S / dt))
     bend = np.zeros_like(speed)
-    bend[lag:-lag] = speed[2 * lag :] - 2.0 * speed[lag:-lag] + speed[: -2 * lag]
+    if dense:
+        bend[lag:-lag] = speed[2 * lag :] - 2.0 * speed[lag:-lag] + speed[: -2 * lag]
     # A speed between two rows is their mean: bends of neighbours hold the variance of a row once, of others 3 times.
     variance = uniform_filter1d(bend**2 / (1.0 if lag == 1 else 3.0), window, mode="nearest")
     noise = np.sqrt(np.maximum(variance, 0.0))
