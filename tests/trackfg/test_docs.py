@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from trackfg.config import SmoothConfig
-from trackfg.exporting.channels import read_template
-from trackfg.importing.mapping import mapping_of
+from trackfg.interchange.exporting.channels import read_template
+from trackfg.interchange.importing.mapping import mapping_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

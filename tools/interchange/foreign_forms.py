@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from trackfg.importing.proposal import GNSS_SD_M
-from trackfg.importing.sources.phones import SIGMA_OF_RADIUS
+from trackfg.interchange.importing.proposal import GNSS_SD_M
+from trackfg.interchange.importing.sources.phones import SIGMA_OF_RADIUS
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
 from trackfg.recording.model import Recording

@@ -3,7 +3,7 @@
 Usage: ``python tools/interchange.py [--duration S]``. A simulated run is written in each foreign form, imported, and
 smoothed: the chainage is compared with that of the original. Then its result is exported in each format, and sizes and
 times are printed; that exports hold the result's values is tested by reading them back with other libraries
-(``tests/trackfg/exporting``).
+(``tests/trackfg/interchange/exporting``).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from scipy.integrate import cumulative_trapezoid
 from interchange.foreign_forms import WRITERS, Drive
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError
-from trackfg.exporting.export import export_result
-from trackfg.exporting.registry import result_formats
-from trackfg.importing.conversion import write_imported
-from trackfg.importing.mapping import mapping_of
-from trackfg.importing.proposal import GNSS_SD_M, Question, propose
-from trackfg.importing.registry import source_format
+from trackfg.interchange.exporting.export import export_result
+from trackfg.interchange.exporting.registry import result_formats
+from trackfg.interchange.importing.conversion import write_imported
+from trackfg.interchange.importing.mapping import mapping_of
+from trackfg.interchange.importing.proposal import GNSS_SD_M, Question, propose
+from trackfg.interchange.importing.registry import source_format
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import smooth

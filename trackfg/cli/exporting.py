@@ -31,10 +31,10 @@ def export(
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
     from trackfg.cli.terminal import show
     from trackfg.errors import BadInputError
-    from trackfg.exporting.channels import read_template
-    from trackfg.exporting.export import export_result
-    from trackfg.exporting.registry import result_format, result_formats
-    from trackfg.exporting.result_format import ExportOptions
+    from trackfg.interchange.exporting.channels import read_template
+    from trackfg.interchange.exporting.export import export_result
+    from trackfg.interchange.exporting.registry import result_format, result_formats
+    from trackfg.interchange.exporting.result_format import ExportOptions
     from trackfg.results.result import Result
 
     if list_formats:

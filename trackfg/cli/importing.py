@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from trackfg.importing.conversion import Imported
-    from trackfg.importing.proposal import Ask, Proposal, Question
-    from trackfg.importing.source_format import DialectFor
-    from trackfg.importing.source_table import SourceTable
+    from trackfg.interchange.importing.conversion import Imported
+    from trackfg.interchange.importing.proposal import Ask, Proposal, Question
+    from trackfg.interchange.importing.source_format import DialectFor
+    from trackfg.interchange.importing.source_table import SourceTable
 
 Source = Annotated[
     Path, typer.Argument(metavar="SRC", help="File, folder or zip of the recording.", show_default=False)
@@ -38,8 +38,8 @@ def import_recording(
 
     Without a mapping, columns are told by their names and values, and what nothing tells is assumed and listed.
     """
-    from trackfg.importing.conversion import write_imported
-    from trackfg.importing.mapping import read_mapping
+    from trackfg.interchange.importing.conversion import write_imported
+    from trackfg.interchange.importing.mapping import read_mapping
 
     if mapping is None:
         proposal, made = _proposed(source, out, from_format, _assume)
@@ -67,7 +67,7 @@ def init(
     """
     from trackfg.errors import BadInputError
     from trackfg.files.atomic_file import write_whole
-    from trackfg.importing.proposal import mapping_text
+    from trackfg.interchange.importing.proposal import mapping_text
 
     target = mapping or out.with_name(f"{out.name}.mapping.toml")
     if target.exists():
@@ -79,17 +79,17 @@ def init(
 
 
 def _tables(source: Path, from_format: str | None, dialect_for: DialectFor) -> Sequence[SourceTable]:
-    from trackfg.importing.registry import source_format
+    from trackfg.interchange.importing.registry import source_format
 
     return source_format(source, from_format).tables(source, dialect_for)
 
 
 def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tuple[Proposal, Imported]:
     """Propose a mapping and write the recording that it makes."""
-    from trackfg.importing.conversion import write_imported
-    from trackfg.importing.mapping import mapping_of
-    from trackfg.importing.proposal import propose
-    from trackfg.importing.registry import source_format
+    from trackfg.interchange.importing.conversion import write_imported
+    from trackfg.interchange.importing.mapping import mapping_of
+    from trackfg.interchange.importing.proposal import propose
+    from trackfg.interchange.importing.registry import source_format
 
     form = source_format(source, from_format)
     tables = form.tables(source, lambda _: None)

@@ -1,0 +1,336 @@
+"""Every export is read back by a library of its own, and holds the result's values, places and sigmas."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from lxml import etree
+
+from trackfg.datasets.line.landxml import read_landxml
+from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.errors import BadInputError, OutputError
+from trackfg.interchange.exporting.channels import kilometrage, read_template
+from trackfg.interchange.exporting.export import export_result
+from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry
+from trackfg.interchange.exporting.registry import result_format, result_formats
+from trackfg.interchange.exporting.result_format import ExportOptions
+from trackfg.numerics.geodesy import geodetic_to_enu
+from trackfg.results.columns import GEOMETRY_COLUMNS
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
+
+START = datetime(2026, 5, 1, 3, 12, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    """A run with curves on a rigid vehicle, with GNSS and a date."""
+    gnss = scenario("mainline-gnss").gnss
+    plan = replace(scenario("axle-box"), gnss=gnss, chainage_origin_m=12_000.0)
+    recording = simulate(plan, seed=1, duration_s=150.0).recording
+    description = recording.description.model_copy(update={"start": START})
+    return smooth(replace(recording, description=description, gnss_origin=np.array([46.9, 7.4, 500.0])))
+
+
+@pytest.fixture
+def without_place(result: Result) -> Result:
+    facts = result.summary.run.model_copy(update={"origin": None, "start": None})
+    return replace(result, summary=result.summary.model_copy(update={"run": facts}))
+
+
+def _exported(result: Result, name: str, folder: Path, **options: object) -> Path:
+    form = result_format(name)
+    return export_result(result, form, folder / f"out{form.suffix}", ExportOptions(**options))
+
+
+def test_places_are_those_of_the_trajectory(result):
+    located = located_geometry(result)
+
+    assert tuple(located.columns) == ("chainage_m", *PLACE_COLUMNS, *GEODETIC_COLUMNS, *GEOMETRY_COLUMNS[1:])
+    row = located.iloc[len(located) // 2]
+    near = result.trajectory.iloc[(result.trajectory["t_s"] - row["t_s"]).abs().argmin()]
+    assert abs(near["chainage_m"] - row["chainage_m"]) <= 0.06 * abs(near["speed_mps"]) + 0.01
+    back = geodetic_to_enu(located[list(GEODETIC_COLUMNS)].to_numpy(), np.array(result.summary.run.origin))
+    np.testing.assert_allclose(back, located[list(PLACE_COLUMNS[1:])], atol=1e-6, equal_nan=True)
+
+
+@pytest.mark.parametrize("table", ["geometry", "trajectory", "events"])
+def test_csv_holds_every_digit(result, tmp_path, table):
+    read = pd.read_csv(_exported(result, "csv", tmp_path, table=table))
+
+    original = getattr(result, table)
+    for column in original.columns:
+        if original[column].dtype.kind == "f":
+            np.testing.assert_array_equal(read[column].to_numpy(dtype=float), original[column].to_numpy())
+
+
+def test_a_spreadsheet_has_a_sheet_for_each_table(result, tmp_path):
+    sheets = pd.read_excel(_exported(result, "xlsx", tmp_path), sheet_name=None)
+
+    assert list(sheets) == ["geometry", "trajectory", "events"]
+    assert len(sheets["geometry"]) == len(result.geometry)
+    np.testing.assert_allclose(sheets["geometry"]["cross_level_mm_sd"], result.geometry["cross_level_mm_sd"])
+
+
+def test_channels_have_their_place_units_and_sigmas(result, tmp_path):
+    read = pd.read_csv(_exported(result, "channels", tmp_path))
+
+    assert list(read.columns) == [channel.name for channel in read_template(None)]
+    assert len(read) == len(result.geometry)
+    km, metres = read["Location [km+m]"].str.split("+", expand=True).astype(float).to_numpy().T
+    np.testing.assert_allclose(1000 * km + metres, result.geometry["chainage_m"], atol=0.005)
+    np.testing.assert_allclose(read["Speed [km/h]"], 3.6 * result.geometry["speed_mps"], atol=0.006)
+    np.testing.assert_allclose(read["Twist sigma [mm]"], result.geometry["twist_mm_sd"], atol=6e-4)
+    np.testing.assert_allclose(read["Curvature [10000/m]"], 1e4 * result.geometry["curvature_1pm"], atol=6e-5)
+    assert read["Gauge [mm]"].isna().all()
+
+
+def test_a_template_names_its_own_channels(result, tmp_path):
+    template = tmp_path / "t.toml"
+    keys = 'name = "G"\ncolumn = "cross_level_mm"\nfactor = 0.1\noffset = 10.0\ndecimals = 6\n'
+    template.write_text(f'[[channel]]\nname = "N"\ncolumn = "running"\n\n[[channel]]\n{keys}')
+
+    read = pd.read_csv(_exported(result, "channels", tmp_path, channels=read_template(template)))
+
+    assert read["N"].tolist() == list(range(1, len(result.geometry) + 1))
+    np.testing.assert_allclose(read["G"], 0.1 * (result.geometry["cross_level_mm"] - 10.0), atol=6e-7)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = [", "not valid TOML"),
+        ("", "no \\[\\[channel\\]\\]"),
+        ('[[channel]]\nname = "a"', "column: Field required"),
+    ],
+)
+def test_a_template_that_is_none_is_refused(tmp_path, text, message):
+    path = tmp_path / "t.toml"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=message):
+        read_template(path)
+
+
+@pytest.mark.parametrize(
+    ("chainage", "text"),
+    [(12_345.25, "12+0345.25"), (0.0, "0+0000.00"), (-50.0, "-0+0050.00"), (999.996, "1+0000.00")],
+)
+def test_kilometrage_is_written_as_offices_do(chainage, text):
+    assert kilometrage(np.array([chainage])) == [text]
+
+
+def test_geojson_has_the_path_and_the_events(result, tmp_path):
+    collection = json.loads(_exported(result, "geojson", tmp_path, step_m=5.0).read_text())
+
+    line, *events = collection["features"]
+    places = np.array(line["geometry"]["coordinates"])
+    travelled = np.abs(np.diff(result.trajectory["chainage_m"])).sum()
+    assert len(places) == pytest.approx(travelled / 5.0, rel=0.2)
+    _inside(places, result)
+    assert len(events) == len(result.events)
+    assert events[0]["properties"]["kind"] == result.events["kind"][0]
+
+
+def test_gpx_has_times_heights_and_places(result, tmp_path):
+    root = etree.parse(str(_exported(result, "gpx", tmp_path))).getroot()
+
+    points = root.findall(".//{*}trkpt")
+    places = np.array([[float(p.get("lon")), float(p.get("lat")), float(p.find("{*}ele").text)] for p in points])
+    _inside(places, result)
+    first = pd.Timestamp(points[0].find("{*}time").text)
+    assert first == pd.Timestamp(START) + pd.to_timedelta(result.trajectory["t_s"].iloc[0], unit="s")
+
+
+def test_geopackage_is_read_by_gdal(result, tmp_path):
+    import pyogrio
+
+    path = _exported(result, "gpkg", tmp_path)
+
+    assert {name for name, _ in pyogrio.list_layers(path)} == {"geometry", "path", "events"}
+    meta, _, shapes, values = pyogrio.raw.read(path, layer="geometry")
+    assert meta["crs"] == "EPSG:4326"
+    assert meta["geometry_type"] == "Point Z"
+    columns = dict(zip(meta["fields"], values, strict=True))
+    placed = located_geometry(result).dropna(subset=["latitude_deg"])
+    np.testing.assert_array_equal(columns["twist_mm_sd"], placed["twist_mm_sd"])
+    _inside(np.array([np.frombuffer(shape, dtype="<f8", count=3, offset=5) for shape in shapes]), result)
+
+
+def test_geoparquet_says_what_its_geometry_is(result, tmp_path):
+    table = pq.read_table(_exported(result, "geoparquet", tmp_path))
+
+    geo = json.loads(table.schema.metadata[b"geo"])
+    assert geo["columns"]["geometry"]["encoding"] == "WKB"
+    shapes = table["geometry"].to_pylist()
+    _inside(np.array([np.frombuffer(shape, dtype="<f8", count=3, offset=5) for shape in shapes]), result)
+    placed = located_geometry(result).dropna(subset=["latitude_deg"])
+    np.testing.assert_array_equal(table["level_mm_sd"].to_numpy(), placed["level_mm_sd"])
+
+
+def _inside(places: np.ndarray, result: Result) -> None:
+    """Longitude, latitude and height lie where the trajectory went."""
+    origin = np.array(result.summary.run.origin)
+    enu = geodetic_to_enu(places[:, [1, 0, 2]], origin)
+    for axis, name in enumerate(("east_m", "north_m", "up_m")):
+        assert enu[:, axis].min() == pytest.approx(result.trajectory[name].min(), abs=2.0)
+        assert enu[:, axis].max() == pytest.approx(result.trajectory[name].max(), abs=2.0)
+
+
+def test_landxml_comes_back_by_our_own_reader_without_a_remark_on_the_plan(result, tmp_path):
+    path = _exported(result, "landxml", tmp_path)
+
+    read = read_landxml(path, speed_limit_mps=20.0)
+
+    assert read.remarks == ("there is no profile (ProfAlign): the line is level, at height 0",)
+    geometry = result.geometry
+    assert read.station_start_m == pytest.approx(geometry["chainage_m"].iloc[0], abs=0.3)
+    inside = (geometry["chainage_m"] > geometry["chainage_m"].iloc[0] + 20) & geometry["curvature_1pm"].notna()
+    at = geometry["chainage_m"][inside].to_numpy() - read.station_start_m
+    at = at[at < read.line.length_m - 20.0]
+    curvature = geometry["curvature_1pm"][inside].to_numpy()[: len(at)]
+    assert np.sqrt(np.mean((read.line.curvature(at) - curvature) ** 2)) < 0.1 * np.sqrt(np.mean(curvature**2)) + 1e-5
+    assert read.gauge_m == pytest.approx(result.summary.geometry.gauge_m)
+
+
+RCM_DX = {
+    "RCMDX": ("Element", "Major", "Minor", "Feature"),
+    "RCMDX/FILE": ("Element", "StructureVersion"),
+    "RCMDX/TRACKFG": ("Element", "VehicleNumber"),
+    "RCMDX/TRACKFG/20260501_031200.000": ("Element", "StartTime"),
+    "RCMDX/TRACKFG/20260501_031200.000/CONFIGURATION": ("Element",),
+    "RCMDX/TRACKFG/20260501_031200.000/SECTIONS": ("Element",),
+    "RCMDX/TRACKFG/20260501_031200.000/POSITION": ("Element",),
+    "RCMDX/TRACKFG/20260501_031200.000/POSITION/POSITION.SOURCE": ("Element",),
+    "RCMDX/TRACKFG/20260501_031200.000/TGMS": ("Element",),
+    "RCMDX/TRACKFG/20260501_031200.000/TGMS/GEOMETRY": ("Element",),
+    "RCMDX/TRACKFG/20260501_031200.000/TGMS/GEOMETRY/TWIST": (
+        "TriggerMode", "CommonTriggerDistance", "CommonTriggerFrequency", "ChannelBasis", "MeasurementType", "Neighbor",
+        "PositionOffset", "Element",
+    ),
+    "RCMDX/TRACKFG/20260501_031200.000/EVENTS": ("Element",),
+}  # fmt: skip
+"""Groups and attributes that the specification of RCM-DX (2026-03-24) marks as not optional."""
+
+RCM_DX_ARRAYS = {
+    "SECTIONS": {
+        "direction": "O", "startTimestamp": "u8", "endTimestamp": "u8", "firstTrackOffset": "f8",
+        "lastTrackOffset": "f8", "trackInfoOffset": "f8", "trackId": "i4", "trackStartTimestamp": "u8",
+        "trackEndTimestamp": "u8", "trackKilometrage": "O", "trackStartCoveredDistance": "f8",
+        "trackEndCoveredDistance": "f8",
+    },
+    "POSITION/POSITION.SOURCE/POSITION.SOURCE.DATA": {
+        "covereddistance": "f8", "direction": "O", "kilometrage": "O", "track_id": "i4", "line_id": "i4",
+        "trackoffset": "f8", "lineoffset": "f8", "positionaccuracy": "f4", "positionquality": "i4",
+    },
+    "EVENTS": {
+        "systemref": "O", "eventtype": "O", "data": "O", "duration": "i8", "timestamp": "u8",
+    },
+}  # fmt: skip
+"""Arrays that it marks as not optional, with their types."""
+
+
+def test_rcm_dx_conforms_to_the_specification_s_tables(result, tmp_path):
+    import h5py
+
+    with h5py.File(_exported(result, "rcm-dx", tmp_path)) as file:
+        for name, attributes in RCM_DX.items():
+            assert set(attributes) <= set(file[name].attrs), name
+        session = file["RCMDX/TRACKFG/20260501_031200.000"]
+        for name, arrays in RCM_DX_ARRAYS.items():
+            for array, kind in arrays.items():
+                assert session[name][array].dtype == np.dtype(kind), (name, array)
+            assert len({len(session[name][array]) for array in arrays}) == 1
+        for source in ("POSITION/POSITION.SOURCE", "TGMS/GEOMETRY"):
+            stamps = session[source]["timestamp"][()]
+            assert stamps.dtype == np.uint64
+            assert (np.diff(stamps.astype(np.int64)) >= 0).all()
+            for channel in session[source].values():
+                if isinstance(channel, h5py.Group) and "data" in channel:
+                    assert len(channel["data"]) == len(stamps)
+                    assert "Unit" in channel["data"].attrs
+        written = session["TGMS/GEOMETRY/CROSS_LEVEL_SD/data"][()]
+        assert session["TGMS/GEOMETRY/CROSS_LEVEL/data"].attrs["Unit"] == "mm"
+    placed = located_geometry(result).dropna(subset=["t_s"]).sort_values("t_s")
+    np.testing.assert_array_equal(written, placed["cross_level_mm_sd"])
+
+
+def test_rcm_dx_is_read_by_our_own_importer(result, tmp_path):
+    from trackfg.interchange.importing.registry import source_format
+
+    path = _exported(result, "rcm-dx", tmp_path)
+    form = source_format(path)
+
+    tables = {table.name: table for table in form.tables(path, lambda _: None)}
+
+    assert form.key == "rcm-dx"
+    assert len(tables["TGMS/GEOMETRY"].frame) == len(located_geometry(result).dropna(subset=["t_s"]))
+    assert tables["TGMS/GEOMETRY"].units["twist"] == "mm"
+
+
+def test_tum_has_the_attitude(result, tmp_path):
+    from scipy.spatial.transform import Rotation
+
+    rows = np.loadtxt(_exported(result, "tum", tmp_path))
+
+    np.testing.assert_allclose(rows[:, 1:4], result.trajectory[["east_m", "north_m", "up_m"]], atol=1e-8)
+    angles = Rotation.from_quat(rows[:, 4:]).as_euler("xyz")
+    np.testing.assert_allclose(angles, result.trajectory[["roll_rad", "pitch_rad", "yaw_rad"]], atol=1e-7)
+
+
+def test_mcap_has_pose_place_and_sigmas(result, tmp_path):
+    from mcap.reader import make_reader
+
+    with _exported(result, "mcap", tmp_path).open("rb") as stream:
+        messages = list(make_reader(stream).iter_messages())
+
+    by_topic = {topic: [m for _, c, m in messages if c.topic == topic] for topic in ("/pose", "/state", "/location")}
+    assert {len(found) for found in by_topic.values()} == {len(result.trajectory)}
+    state = json.loads(by_topic["/state"][5].data)
+    assert state["chainage_m_sd"] == result.trajectory["chainage_m_sd"][5]
+    assert by_topic["/pose"][0].log_time == pd.Timestamp(START).value + round(1e9 * result.trajectory["t_s"][0])
+
+
+@pytest.mark.parametrize("name", ["geojson", "gpx", "gpkg", "geoparquet", "rcm-dx"])
+def test_what_a_result_lacks_is_named_and_nothing_is_left(without_place, tmp_path, name):
+    (tmp_path / f"out{result_format(name).suffix}").write_text("earlier")
+
+    with pytest.raises(BadInputError, match=r"its recording has no (GNSS|date)"):
+        _exported(without_place, name, tmp_path)
+
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["earlier"]
+
+
+@pytest.mark.parametrize("name", ["csv", "xlsx", "channels", "landxml", "tum", "mcap"])
+def test_other_formats_need_no_place(without_place, tmp_path, name):
+    assert _exported(without_place, name, tmp_path).stat().st_size > 500
+
+
+def test_a_file_that_cannot_be_written_is_named(result, tmp_path):
+    with pytest.raises(OutputError, match="nowhere"):
+        _exported(result, "tum", tmp_path / "nowhere")
+
+
+def test_formats_are_found_by_name():
+    assert set(result_formats()) >= {"csv", "gpkg", "rcm-dx", "mcap"}
+    with pytest.raises(BadInputError, match="did you mean 'geojson'"):
+        result_format("geojsn")
+
+
+def test_the_command_writes_beside_the_result(result, tmp_path):
+    result.write(tmp_path / "out1")
+    command = [sys.executable, "-m", "trackfg", "export", str(tmp_path / "out1"), "--to", "tum"]
+
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(tmp_path / "out1.tum")
+    assert (tmp_path / "out1.tum").exists()

@@ -1,0 +1,222 @@
+"""``trackfg init`` and ``trackfg import`` through the real entry point, with the log that once took an hour."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+
+from trackfg.datasets.scenarios import simulate
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.conversion import write_imported
+from trackfg.interchange.importing.mapping import mapping_of, read_mapping
+from trackfg.interchange.importing.registry import source_format, source_formats
+from trackfg.io.reader import read_recording
+
+
+def _trackfg(*arguments: object, answers: str | None = None) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "trackfg", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, input=answers, timeout=120)
+
+
+def vendor_log(folder: Path) -> tuple[Path, object]:
+    """Semicolons, decimal commas, cp1252, dates, stamps of 10 ms at 200 Hz, posts as 12+345 in a spreadsheet."""
+    simulation = simulate("mainline", seed=2, duration_s=60.0)
+    recording = simulation.recording
+    imu, tach = recording.imu, recording.tach
+    start = pd.Timestamp("2026-05-01T03:12:00")
+    written = (start + pd.to_timedelta(imu["t_s"], unit="s")).dt.floor("10ms")
+    stamps = written.dt.strftime("%d.%m.%Y %H:%M:%S,%f").str[:-3]
+    count = np.floor(np.interp(imu["t_s"], tach["t_s"], tach["distance_m"]) / (np.pi * 0.92 / 90)).astype(int)
+    values = [*(imu.iloc[:, 1 + i].to_numpy() * 180 / np.pi for i in range(3)), *(imu.iloc[:, 4 + i] for i in range(3))]
+    cells = [[f"{v:.6f}".replace(".", ",") for v in column] for column in values]
+    rows = [";".join(row) for row in zip(stamps, *cells, map(str, count), strict=True)]
+    head = ["Messfahrt 12;;;;;;;", "Gerät: Prüfwagen;;;;;;;"]
+    names = "Zeit;GyrX;GyrY;GyrZ;BeschlX;BeschlY;BeschlZ;Impulse"
+    units = "[];[°/s];[°/s];[°/s];[m/s²];[m/s²];[m/s²];[-]"
+    source = folder / "vendor"
+    source.mkdir()
+    (source / "log.csv").write_bytes(("\r\n".join([*head, names, units, *rows]) + "\r\n").encode("cp1252"))
+    at = np.array([10.0, 30.0, 50.0])
+    place = 12_345.0 + np.interp(at, simulation.truth["t_s"], simulation.truth["chainage_m"])
+    posts = pd.DataFrame({"Zeit": start + pd.to_timedelta(at, unit="s")})
+    posts["Station"] = [f"{int(m // 1000)}+{m % 1000:07.3f}".replace(".", ",") for m in place]
+    posts.to_excel(source / "posts.xlsx", index=False)
+    return source, recording
+
+
+def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
+    source, original = vendor_log(tmp_path)
+    out = tmp_path / "run"
+
+    done = _trackfg("init", source, "-o", out, answers="90\n0.92\n\n\n")
+
+    assert done.returncode == 0, done.stderr
+    recording = read_recording(out)
+    imu = ["wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2"]
+    np.testing.assert_allclose(recording.imu[imu], original.imu[imu], atol=2e-6)
+    np.testing.assert_allclose(recording.imu["t_s"] - original.imu["t_s"], -0.005, atol=0.002)  # stamps were cut off
+    assert recording.fixes["chainage_m"].iloc[0] > 12_000.0
+    mapping = tmp_path / "run.mapping.toml"
+    assert "pulses_per_rev" in mapping.read_text()
+    again = _trackfg("import", source, "-o", tmp_path / "again", "--mapping", mapping)
+    assert again.returncode == 0
+    assert "assumed" not in again.stderr
+    assert (tmp_path / "again" / "imu.parquet").read_bytes() == (out / "imu.parquet").read_bytes()
+    assert (tmp_path / "again" / "recording.toml").read_text() == (out / "recording.toml").read_text()
+
+
+def test_a_recording_is_never_overwritten_and_nothing_is_left_of_a_failed_import(tmp_path):
+    source, _ = vendor_log(tmp_path)
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "mine.txt").write_text("keep")
+
+    done = _trackfg("import", source, "-o", out)
+
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 or "note" in done.stderr
+    assert [file.name for file in out.iterdir()] == ["mine.txt"]
+    assert _trackfg("import", tmp_path / "nothing", "-o", tmp_path / "x").returncode == 2
+    assert not (tmp_path / "x").exists()
+
+
+def _tables(folder: Path, **files: str):
+    for name, text in files.items():
+        (folder / f"{name}.csv").write_text(text)
+    return source_format(folder).tables(folder, lambda _: None)
+
+
+def _imu_text(rows: int = 50, rate: float = 100.0, columns: str = "gx,gy,gz,ax,ay,az") -> str:
+    lines = [f"t,{columns}"]
+    lines += [f"{i / rate:.4f},0.01,0.02,{0.001 * i:.4f},0.1,0.2,9.8" for i in range(rows)]
+    return "\n".join(lines) + "\n"
+
+
+IMU = {"time": "t", "gyro": ["gx", "gy", "gz"], "accel": ["ax", "ay", "az"]}
+
+
+def _mapping(**sections: object):
+    return mapping_of({"format": "trackfg-mapping/1", **sections}, "m.toml")
+
+
+def test_two_tables_of_one_imu_meet_at_the_times_of_the_faster_one(tmp_path):
+    gyro = "t,x,y,z\n" + "".join(f"{i * 0.01:.2f},{0.1 * i:.2f},0,0\n" for i in range(200))
+    accel = "t,x,y,z\n" + "".join(f"{0.005 + i * 0.02:.3f},{1.0 * i:.1f},0,9.8\n" for i in range(100))
+    source = tmp_path / "s"
+    source.mkdir()
+    tables = _tables(source, gyro=gyro, accel=accel)
+    axes = {"gyro": ["x", "y", "z"], "accel": ["x", "y", "z"]}
+
+    made = write_imported(
+        tables, _mapping(imu={"file": ["gyro.csv", "accel.csv"], "time": "t", **axes}), tmp_path / "r", run_id="r"
+    )
+
+    imu = made.loaded.recording.imu
+    np.testing.assert_allclose(imu["t_s"], np.arange(1, 199) * 0.01, atol=1e-9)  # as long as both go
+    np.testing.assert_allclose(imu["wx_radps"], 0.1 * np.arange(1, 199), atol=1e-9)
+    np.testing.assert_allclose(imu["fx_mps2"], (imu["t_s"] - 0.005) / 0.02, atol=1e-6)
+
+
+def test_increments_become_rates_and_foreign_units_known_ones(tmp_path):
+    source = tmp_path / "s"
+    source.mkdir()
+    tables = _tables(source, imu=_imu_text())
+
+    def first(**units: str):
+        out = tmp_path / "_".join(units.values()).replace("/", "-")
+        made = write_imported(tables, _mapping(imu={"file": "imu.csv", **IMU, **units}), out, run_id="r")
+        return made.loaded.recording.imu.iloc[0]
+
+    assert first(gyro_unit="rad", accel_unit="m/s")["wx_radps"] == pytest.approx(1.0)
+    assert first(gyro_unit="deg/h", accel_unit="mg")["wx_radps"] == pytest.approx(0.01 * np.pi / 180 / 3600)
+    assert first(gyro_unit="mrad/s", accel_unit="gal")["fz_mps2"] == pytest.approx(0.098)
+
+
+def test_one_wide_table_serves_sensors_of_different_rates(tmp_path):
+    lines = ["t,gx,gy,gz,ax,ay,az,v,km"]
+    for i in range(100):
+        speed, km = (f"{0.1 * i:.2f}" if i % 10 == 0 else ""), ("1.5" if i == 50 else "")
+        lines.append(f"{i * 0.01:.2f},0,0,0,0,0,9.8,{speed},{km}")
+    source = tmp_path / "s"
+    source.mkdir()
+    tables = _tables(source, all="\n".join(lines) + "\n")
+    own = {"file": "all.csv", "time": "t"}
+
+    made = write_imported(
+        tables,
+        _mapping(
+            imu={"file": "all.csv", **IMU},
+            tach={**own, "column": "v", "kind": "speed", "unit": "m/s"},
+            fixes={**own, "chainage": "km", "chainage_unit": "km", "sd": 2},
+        ),
+        tmp_path / "r",
+        run_id="r",
+    )
+
+    assert made.rows == {"imu.parquet": 100, "tach.parquet": 10, "fixes.parquet": 1}
+    assert made.loaded.recording.fixes.iloc[0].tolist() == [0.5, 1500.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({}, "no section"),
+        ({"imu": {"file": "imu.csv", **IMU}, "odometer": {}}, "unknown key 'odometer'"),
+        ({"imu": {"file": "imu.csv", **IMU, "gyro": ["gx", "gy", "nope"]}}, "no column 'nope'"),
+        ({"imu": {"file": "other.csv", **IMU}}, "no such table; expected one of imu.csv"),
+        ({"imu": {"file": "*.csv", **IMU, "gyro": ["gx", "gy"]}}, "gyro"),
+        ({"imu": {"file": "imu.csv", **IMU, "time_unit": "fortnights"}}, "time_unit"),
+        ({"imu": {"file": "imu.csv", **IMU}, "tach": {"file": "imu.csv", "time": "t"}}, "no key 'column'"),
+        ({"imu": {"file": "imu.csv", **IMU, "axes": "XYZ"}}, "axes"),
+        ({"imu": {"file": "imu.csv", **IMU, "time": "gx"}}, "m.toml"),
+        ({"imu": 5}, "expected a table"),
+        ({"imu": {"file": "imu.csv", **IMU}, "start": "yesterday"}, "start"),
+    ],
+)
+def test_a_mapping_that_does_not_fit_is_refused_by_name(tmp_path, sections, message):
+    source = tmp_path / "s"
+    source.mkdir()
+    tables = _tables(source, imu=_imu_text())
+
+    with pytest.raises(BadInputError, match=message):
+        write_imported(tables, _mapping(**sections), tmp_path / "r", run_id="r")
+    assert not (tmp_path / "r").exists()
+
+
+def test_dates_and_clocks_from_zero_need_a_start(tmp_path):
+    source = tmp_path / "s"
+    source.mkdir()
+    posts = "when,km\n2026-05-01T03:12:00.2Z,1+000\n"
+    tables = _tables(source, imu=_imu_text(), posts=posts)
+    sections = {
+        "imu": {"file": "imu.csv", **IMU},
+        "fixes": {"file": "posts.csv", "time": "when", "chainage": "km", "sd": 1.0},
+    }
+
+    with pytest.raises(BadInputError, match="state start"):
+        write_imported(tables, _mapping(**sections), tmp_path / "r", run_id="r")
+    start = pd.Timestamp("2026-05-01T03:12:00Z").to_pydatetime()
+    made = write_imported(tables, _mapping(start=start, **sections), tmp_path / "r", run_id="r")
+    assert made.loaded.recording.fixes["t_s"].iloc[0] == pytest.approx(0.2)
+
+
+def test_a_mapping_file_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "m.toml"
+    for text, message in (("x = [", "not valid TOML"), (tomli_w.dumps({"format": "other/1"}), "trackfg-mapping/1")):
+        path.write_text(text)
+        with pytest.raises(BadInputError, match=message):
+            read_mapping(path)
+    with pytest.raises(BadInputError, match="cannot be read"):
+        read_mapping(tmp_path / "none.toml")
+
+
+def test_a_format_is_found_by_name_or_refused_with_the_nearest():
+    with pytest.raises(BadInputError, match="did you mean 'ros'"):
+        source_format(Path("."), "rso")
+    assert set(source_formats()) >= {"text", "ros", "mdf", "tdms", "rcm-dx", "hdf5", "gnss", "phyphox", "sensor-logger"}

@@ -1,0 +1,227 @@
+"""Text of any kind: dialects, times, places; and the vendor's log that once took an hour."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.column_meaning import axis_of, meaning
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.stations import metres_of, read_stations
+from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of
+from trackfg.interchange.importing.text_table import read_text
+from trackfg.interchange.importing.times import TimeNotation, read_times, spread_stamps, unwrapped
+
+
+def _write(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = folder / "log.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t", ",", "|", "  "])
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("remarks", [0, 3])
+def test_delimiter_decimal_sign_and_header_are_found(tmp_path, delimiter, decimal, remarks):
+    if delimiter == decimal:
+        pytest.skip("no such file can be read")
+    values = np.random.default_rng(1).normal(size=(30, 4)).round(6)
+    rows = [delimiter.join(f"{v:.6f}".replace(".", decimal) for v in row) for row in values]
+    head = [f"remark {i}: measured by crew {i}" for i in range(remarks)]
+    names = ["time", "gyro_x", "gyro_y", "gyro_z"]
+
+    table = read_text(_write(tmp_path, "\n".join([*head, delimiter.join(names), *rows]) + "\n"))
+
+    assert table.columns == names
+    assert table.first_row == remarks + 2
+    np.testing.assert_array_equal(table.frame.to_numpy(), values)
+
+
+def test_units_are_taken_from_brackets_or_from_a_row_of_their_own(tmp_path):
+    in_names = read_text(_write(tmp_path, "Zeit [s];Drehrate x (°/s)\n0,00;1,5\n0,01;1,6\n", "cp1252"))
+    own_row = read_text(_write(tmp_path, "Zeit;Drehrate x\n[s];[°/s]\n0,00;1,5\n0,01;1,6\n", "cp1252"))
+
+    for table in (in_names, own_row):
+        assert table.columns == ["Zeit", "Drehrate x"]
+        assert table.units == {"Zeit": "s", "Drehrate x": "°/s"}
+        assert table.frame["Drehrate x"].tolist() == [1.5, 1.6]
+
+
+def test_what_the_mapping_states_is_not_guessed(tmp_path):
+    path = _write(tmp_path, "1;2\n3;4\n5;6\n")
+
+    table = read_text(path, DialectOptions(header_row=0, first_row=2))
+
+    assert table.columns == ["c1", "c2"]
+    assert table.frame.to_numpy().tolist() == [[3, 4], [5, 6]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("\n\n", "empty"),
+        ("hello world\nthis is prose\n", "no rows of numbers"),
+        ("a;b\n1;2\n3;4\n5;6;7\n8;9\n", "row 4 has 3 cells; expected 2"),
+        ("a;b\n1;2\n3\n5;6\n", "row 3 has 1 cells; expected 2"),
+        ("a,b\n\x00\x01", "null bytes"),
+    ],
+)
+def test_text_that_is_no_table_is_refused_with_its_row(tmp_path, text, message):
+    with pytest.raises(BadInputError, match=message):
+        read_text(_write(tmp_path, text))
+
+
+def test_a_cell_that_is_no_number_is_named_with_its_row_in_the_file(tmp_path):
+    table = read_text(_write(tmp_path, "remark\nt;x\n0;1\n1;1e\n2;3\n"))
+
+    with pytest.raises(BadInputError, match=r"log.csv: column 'x', row 4: '1e' is not a number"):
+        table.numbers("x")
+    with pytest.raises(BadInputError, match="no column 'y'"):
+        table.numbers("y")
+
+
+def test_an_unknown_encoding_is_refused(tmp_path):
+    with pytest.raises(BadInputError, match="unknown encoding"):
+        dialect_of(_write(tmp_path, "a;b\n1;2\n"), DialectOptions(encoding="klingon"))
+
+
+def _times(cells: list, **notation: object) -> np.ndarray:
+    table = SourceTable("log.csv", pd.DataFrame({"t": pd.Series(cells)}))
+    times = read_times(table, ("t",), TimeNotation(**notation))
+    return times.since(None if times.ns is None else int(times.ns[0]))
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ["2026-05-01T03:12:00.000Z", "2026-05-01T03:12:00.005Z"],
+        ["2026-05-01 03:12:00,000", "2026-05-01 03:12:00,005"],
+        ["01.05.2026 03:12:00,000", "01.05.2026 03:12:00,005"],
+        ["03:12:00.000", "03:12:00.005"],
+        [1_777_605_120_000, 1_777_605_120_005],
+        [1_777_605_120_000_000_000, 1_777_605_120_005_000_000],
+        [0.0, 0.005],
+        [1_777_605_120.000, 1_777_605_120.005],
+    ],
+    ids=["ISO", "ISO with a blank", "German", "time of day", "Unix ms", "Unix ns", "seconds", "Unix s"],
+)
+def test_times_in_any_notation_are_seconds(cells):
+    read = _times(cells)
+    np.testing.assert_allclose(read - read[0], [0.0, 0.005], atol=3e-7)  # a double has 2.4e-7 s of a Unix time
+
+
+def test_a_time_zone_and_a_midnight_are_minded():
+    summer = SourceTable("log.csv", pd.DataFrame({"t": ["2026-07-01T12:00:00"]}))
+
+    times = read_times(summer, ("t",), TimeNotation(zone="Europe/Zurich"))
+
+    assert times.ns[0] == pd.Timestamp("2026-07-01T10:00:00Z").value
+    np.testing.assert_allclose(_times(["23:59:59.5", "00:00:00.5"]), [86399.5, 86400.5])
+
+
+def test_gps_time_is_18_s_ahead_of_utc():
+    gps = pd.Timestamp("2026-05-01T03:12:18Z") - pd.Timestamp("1980-01-06T00:00:00Z")
+    table = SourceTable("log.csv", pd.DataFrame({"t": [gps.total_seconds()]}))
+
+    times = read_times(table, ("t",), TimeNotation(unit="gps"))
+
+    assert times.ns[0] == pd.Timestamp("2026-05-01T03:12:00Z").value
+
+
+@pytest.mark.parametrize("cell", ["soon", "2026-13-01T00:00:00", "", None])
+def test_a_cell_that_is_no_time_is_named_with_its_row(cell):
+    with pytest.raises(BadInputError, match=r"log.csv: column 't', row 2"):
+        _times(["2026-05-01T00:00:00", cell])
+
+
+@given(st.integers(8, 32), st.integers(1, 50), st.integers(0, 2**32))
+@settings(max_examples=100, deadline=None)
+def test_a_counter_that_starts_again_goes_on(bits, step, start):
+    true = (start % 2**bits) + step * np.arange(3000, dtype=np.float64)
+
+    read = unwrapped(true % 2**bits, 2.0**bits)
+
+    if step < 2**bits:
+        np.testing.assert_array_equal(read, true)
+
+
+def test_the_end_of_a_counter_is_found_where_it_is_plain():
+    true = np.arange(0.0, 200_000.0, 40.0)
+
+    np.testing.assert_array_equal(unwrapped(true % 65536), true)
+    falling = np.array([5.0, 4.0, 3.0])
+    np.testing.assert_array_equal(unwrapped(falling), falling)
+
+
+@given(st.floats(50.0, 1000.0), st.sampled_from([0.001, 0.01]), st.integers(0, 10**6))
+@settings(max_examples=60, deadline=None)
+def test_stamps_that_repeat_are_spread_to_where_the_samples_were(rate_hz, quantum, seed):
+    true = np.random.default_rng(seed).uniform(0.0, 1.0) + np.arange(5000) / rate_hz
+    true[3000:] += 7.3  # a break
+
+    read = spread_stamps(np.floor(true / quantum) * quantum)
+
+    assert (np.diff(read) > 0).all()
+    written = np.floor(true / quantum) * quantum
+    if (np.diff(written) == 0).any():
+        assert np.abs(read - true).max() <= 1.01 * quantum
+        error = read - true
+        assert np.std(error[100:2900]) < 0.1 * quantum + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("cell", "metres"),
+    [
+        ("12+345", 12345.0),
+        ("12 + 345,6", 12345.6),
+        ("km 12+345.6", 12345.6),
+        ("km 12,345", 12345.0),
+        ("12.345 km", 12345.0),
+        ("12345 m", 12345.0),
+        ("12345", 12345.0),
+        ("-0+050", -50.0),
+        ("twelve", None),
+        ("", None),
+    ],
+)
+def test_places_as_people_write_them(cell, metres):
+    assert metres_of(cell) == metres
+
+
+def test_a_cell_that_is_no_place_is_named_with_its_row():
+    table = SourceTable("posts.csv", pd.DataFrame({"km": ["12+345", "bridge"]}), first_row=3)
+
+    with pytest.raises(BadInputError, match=r"posts.csv: column 'km', row 4: 'bridge' is no place"):
+        read_stations(table, "km", "m")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "axis"),
+    [
+        ("gyro_x", "gyro", "x"),
+        ("GyrX", "gyro", "x"),
+        ("wz", "gyro", "z"),
+        ("AngularVelocity_Y", "gyro", "y"),
+        ("Drehrate z", "gyro", "z"),
+        ("acc.x", "accel", "x"),
+        ("BeschlY", "accel", "y"),
+        ("fz_mps2", "accel", "z"),
+        ("Linear Acceleration x", "free_accel", "x"),
+        ("userAccelerationY", "free_accel", "y"),
+        ("Geschwindigkeit", "speed", None),
+        ("Impulse", "count", None),
+        ("latitude", "latitude", None),
+        ("Zeit", "time", None),
+        ("comment", None, None),
+    ],
+)
+def test_names_tell_what_columns_mean(name, kind, axis):
+    assert meaning(name) == kind
+    assert axis is None or axis_of(name) == axis

@@ -1,0 +1,1 @@
+"""Recordings come from other systems (``importing``), and results go to them (``exporting``)."""

@@ -1,0 +1,86 @@
+"""Channel files of track recording cars: one row each 0.25 m, one column a channel, as a template says.
+
+A template is TOML: a list ``[[channel]]``, each with the ``name`` that heads its column and the ``column`` of the
+geometry, with times and positions, that it shows (``running`` counts rows, ``text`` is that of the template, ``km+m``
+the place as 12+0345.25). ``factor`` converts the unit, ``offset`` is subtracted first, ``decimals`` rounds. Channels
+that the run does not have, such as the rails' without lasers, are left empty.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from trackfg.errors import BadInputError
+from trackfg.numerics.arrays import Array
+
+BUILT_IN = "channels.toml"
+"""The template that is used unless another is given."""
+
+
+class Channel(BaseModel):
+    """A column of a channel file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    name: str
+    column: str
+    text: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    decimals: Annotated[int, Field(ge=0, le=12)] = 3
+
+
+def read_template(path: Path | None) -> tuple[Channel, ...]:
+    """Read a template, or the built-in one. Raises :class:`BadInputError` with file, key and what was expected."""
+    name = BUILT_IN if path is None else str(path)
+    try:
+        if path is None:
+            text = resources.files("trackfg.interchange.exporting").joinpath(BUILT_IN).read_text(encoding="utf-8")
+        else:
+            text = path.read_text(encoding="utf-8")
+        channels = tuple(Channel.model_validate(entry) for entry in tomllib.loads(text).get("channel", ()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{name}: cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise BadInputError(f"{name}: not valid TOML: {error}") from error
+    except ValidationError as error:
+        problems = (f"channel, key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise BadInputError(f"{name}: " + "; ".join(problems)) from error
+    if not channels:
+        raise BadInputError(f"{name}: no [[channel]]; expected at least one")
+    return channels
+
+
+def channel_table(located: pd.DataFrame, channels: tuple[Channel, ...]) -> pd.DataFrame:
+    """Return the columns of a channel file from a geometry with places."""
+    return pd.DataFrame({channel.name: _values(located, channel) for channel in channels})
+
+
+def _values(located: pd.DataFrame, channel: Channel) -> Array | list[str]:
+    if channel.column == "running":
+        return np.arange(1.0, len(located) + 1.0)
+    if channel.column == "text":
+        return [channel.text] * len(located)
+    if channel.column == "km+m":
+        return kilometrage(located["chainage_m"].to_numpy())
+    if channel.column not in located:
+        return np.full(len(located), np.nan)
+    values = located[channel.column].to_numpy(dtype=np.float64)
+    return np.asarray(np.round((values - channel.offset) * channel.factor, channel.decimals))
+
+
+def kilometrage(chainage_m: Array) -> list[str]:
+    """Return chainages (n,), m, as kilometres and metres: ``12+0345.25``; before the zero ``-0+0050.00``."""
+    centimetres = np.round(np.abs(chainage_m) * 100.0).astype(np.int64)
+    km, rest = np.divmod(centimetres, 100_000)
+    signs = np.where(chainage_m < 0.0, "-", "")
+    return [
+        f"{sign}{k}+{r // 100:04d}.{r % 100:02d}" for sign, k, r in zip(signs, km.tolist(), rest.tolist(), strict=True)
+    ]

@@ -1,0 +1,174 @@
+"""Geographic formats: GeoJSON, GPX, GeoPackage, GeoParquet: WGS 84, longitude first, ellipsoidal heights."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from lxml import etree
+
+from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_geometry, located_trajectory, start_of
+from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat, refuse_without_place
+from trackfg.interchange.libraries import library
+from trackfg.numerics.arrays import Array
+from trackfg.results.result import Result
+
+_GPX = "http://www.topografix.com/GPX/1/1"
+_POINT_Z = 1001
+"""Code of a point with height in well-known binary (ISO 13249-3)."""
+
+
+class GeoJson(ResultFormat):
+    """The path as one line, and the events as points (RFC 7946)."""
+
+    key = "geojson"
+    suffix = ".geojson"
+    title = "GeoJSON: the path as a line, events as points"
+    needs_place = True
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the features, vertices ``step_m`` apart."""
+        refuse_without_place(result, self.key)
+        track = _vertices(result, options.step_m)
+        coordinates = np.round(_lon_lat_height(track), 9).tolist()
+        line = {"type": "LineString", "coordinates": coordinates}
+        about = {"recording": result.summary.recording_id, "kind": "path"}
+        features: list[dict[str, Any]] = [{"type": "Feature", "geometry": line, "properties": about}]
+        for event, place in _placed_events(result):
+            point = None if place is None else {"type": "Point", "coordinates": np.round(place, 9).tolist()}
+            features.append({"type": "Feature", "geometry": point, "properties": event})
+        collection = {"type": "FeatureCollection", "features": features}
+        path.write_text(json.dumps(collection, allow_nan=False), encoding="utf-8")
+
+
+class Gpx(ResultFormat):
+    """The path as one track with times (GPX 1.1); times need a recording whose start is known."""
+
+    key = "gpx"
+    suffix = ".gpx"
+    title = "GPX 1.1: the path as a track"
+    needs_place = True
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the track, points ``step_m`` apart."""
+        refuse_without_place(result, self.key)
+        track = _vertices(result, options.step_m)
+        root = etree.Element(f"{{{_GPX}}}gpx", nsmap={None: _GPX}, version="1.1", creator="trackfg")
+        trk = etree.SubElement(root, f"{{{_GPX}}}trk")
+        etree.SubElement(trk, f"{{{_GPX}}}name").text = result.summary.recording_id
+        segment = etree.SubElement(trk, f"{{{_GPX}}}trkseg")
+        start = start_of(result)
+        times = None if start is None else start + pd.to_timedelta(track["t_s"], unit="s")
+        for i, (longitude, latitude, height) in enumerate(_lon_lat_height(track)):
+            point = etree.SubElement(segment, f"{{{_GPX}}}trkpt", lat=f"{latitude:.9f}", lon=f"{longitude:.9f}")
+            etree.SubElement(point, f"{{{_GPX}}}ele").text = f"{height:.4f}"
+            if times is not None:
+                etree.SubElement(point, f"{{{_GPX}}}time").text = times.iloc[i].isoformat().replace("+00:00", "Z")
+        etree.ElementTree(root).write(str(path), xml_declaration=True, encoding="utf-8", pretty_print=True)
+
+
+class GeoPackage(ResultFormat):
+    """Layers ``geometry`` (a point each 0.25 m with all columns), ``path`` (a line) and ``events``, for QGIS."""
+
+    key = "gpkg"
+    suffix = ".gpkg"
+    title = "GeoPackage: points of the geometry, the path, events"
+    needs_place = True
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the layers, in EPSG:4979's axes as GIS use them, EPSG:4326."""
+        refuse_without_place(result, self.key)
+        raw = library("pyogrio.raw", "gis")
+        points = located_geometry(result).dropna(subset=list(GEODETIC_COLUMNS))
+        if len(points):
+            fields = points.drop(columns=list(GEODETIC_COLUMNS))
+            _layer(raw, path, "geometry", ("Point Z", _points(points)), fields)
+        track = _vertices(result, options.step_m)
+        line = pd.DataFrame({"recording": [result.summary.recording_id]})
+        _layer(raw, path, "path", ("LineString Z", [_line_wkb(_lon_lat_height(track))]), line)
+        placed = [(event, place) for event, place in _placed_events(result) if place is not None]
+        if placed:
+            fields = pd.DataFrame([event for event, _ in placed])
+            _layer(raw, path, "events", ("Point Z", [_point_wkb(place) for _, place in placed]), fields)
+
+
+class GeoParquet(ResultFormat):
+    """The geometry's rows with a column ``geometry`` (GeoParquet 1.1: well-known binary, WGS 84)."""
+
+    key = "geoparquet"
+    suffix = ".parquet"
+    title = "GeoParquet 1.1: points of the geometry with all columns"
+    needs_place = True
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the rows that have a place."""
+        refuse_without_place(result, self.key)
+        points = located_geometry(result).dropna(subset=list(GEODETIC_COLUMNS))
+        table = pa.Table.from_pandas(points, preserve_index=False)
+        table = table.append_column("geometry", pa.array(_points(points), pa.binary()))
+        column = {"encoding": "WKB", "geometry_types": ["Point Z"]}  # without crs: longitude, latitude of WGS 84
+        geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+        pq.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)}), path)
+
+
+def _vertices(result: Result, step_m: float) -> pd.DataFrame:
+    """Return the trajectory's rows that are at least ``step_m`` of travel apart, with their positions."""
+    track = located_trajectory(result)
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(track["chainage_m"])))])
+    cell = np.floor(travelled / step_m)
+    kept = np.concatenate([[True], cell[1:] > cell[:-1]])
+    kept[-1] = True
+    return track[kept]
+
+
+def _lon_lat_height(table: pd.DataFrame) -> Array:
+    return table[["longitude_deg", "latitude_deg", "height_m"]].to_numpy()
+
+
+def _placed_events(result: Result) -> list[tuple[dict[str, Any], Array | None]]:
+    """Return each event with its columns, and where the vehicle was when it began."""
+    track, events = located_trajectory(result), result.events
+    times, places = track["t_s"].to_numpy(), _lon_lat_height(track)
+    values = events.astype(object).where(events.notna(), None).to_numpy().tolist()
+    rows = [dict(zip(map(str, events.columns), row, strict=True)) for row in values]
+    out: list[tuple[dict[str, Any], Array | None]] = []
+    for row in rows:
+        t = row["start_s"]
+        inside = t is not None and times[0] <= t <= times[-1]
+        out.append((row, np.array([np.interp(t, times, column) for column in places.T]) if inside else None))
+    return out
+
+
+def _points(table: pd.DataFrame) -> list[bytes]:
+    return [_point_wkb(place) for place in _lon_lat_height(table)]
+
+
+def _point_wkb(place: Array) -> bytes:
+    return struct.pack("<BI3d", 1, _POINT_Z, *place)
+
+
+def _line_wkb(places: Array) -> bytes:
+    return struct.pack("<BII", 1, 1002, len(places)) + np.ascontiguousarray(places, dtype="<f8").tobytes()
+
+
+def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fields: pd.DataFrame) -> None:
+    kind, blobs = shape
+    data = [fields[column].to_numpy() for column in fields.columns]
+    columns = [values.astype("float64") if values.dtype.kind in "iuf" else values.astype(object) for values in data]
+    raw.write(
+        path,
+        np.array(blobs, dtype=object),
+        columns,
+        np.array(fields.columns, dtype=object),
+        layer=name,
+        driver="GPKG",
+        geometry_type=kind,
+        crs="EPSG:4326",
+        append=path.exists(),
+    )

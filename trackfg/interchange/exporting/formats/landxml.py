@@ -1,0 +1,212 @@
+"""LandXML 1.2: one alignment of the curves that are found in the geometry, with cant.
+
+The plan is straights, transitions and circles laid end to end; coordinates are the integral of that from where the
+geometry begins. LandXML's spirals are named by their law. The profile is not written: a geometry table has gradients,
+not the design's vertical curves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+from scipy.integrate import simpson
+
+from trackfg.curves import Curve, find_curves
+from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
+from trackfg.errors import BadInputError
+from trackfg.interchange.exporting.located import located_geometry
+from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
+from trackfg.numerics.arrays import Array
+from trackfg.results.result import Result
+
+_NAMESPACE = "http://www.landxml.org/schema/LandXML-1.2"
+
+_SPIRALS: dict[TransitionLaw, str] = {
+    "clothoid": "clothoid",
+    "half-sine": "cosine",
+    "sine": "sinusoid",
+    "bloss": "bloss",
+    "helmert": "biquadratic",
+}
+"""LandXML's names of the laws."""
+
+_SHORTEST_M = 0.01
+"""Elements below the resolution of coordinates in such files are left out, m."""
+
+_STEP_M = 0.05
+"""Step of the integration of headings to coordinates, m: Simpson's rule errs by 1e-12 m in a circle of 100 m."""
+
+
+@dataclass(frozen=True)
+class _Element:
+    """An element of the plan: curvature (1/m, left positive) and cant (mm, left rail higher) at both ends."""
+
+    length_m: float
+    start: float
+    end: float
+    start_cant_mm: float
+    end_cant_mm: float
+    law: TransitionLaw = "clothoid"
+
+
+class LandXml(ResultFormat):
+    """The alignment of the run: chainage is the station."""
+
+    key = "landxml"
+    suffix = ".xml"
+    title = "LandXML 1.2: the alignment of the curves found, with cant"
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the alignment. Raises :class:`BadInputError` where the result has no geometry."""
+        if result.geometry.empty:
+            raise BadInputError(f"{result.summary.recording_id}: has no track geometry; expected it for landxml")
+        geometry = located_geometry(result).dropna(subset=["east_m", "north_m"])
+        conventions = result.summary.geometry
+        curves = find_curves(result.geometry, base_m=conventions.curvature_base_m)
+        start, end = float(geometry["chainage_m"].iloc[0]), float(geometry["chainage_m"].iloc[-1])
+        elements = _elements(curves, start, end)
+        first = geometry[["north_m", "east_m"]].to_numpy()
+        ahead = first[min(len(first) - 1, round(2.0 / conventions.step_m))] - first[0]
+        heading = float(np.arctan2(ahead[0], ahead[1]))
+        root = etree.Element(f"{{{_NAMESPACE}}}LandXML", nsmap={None: _NAMESPACE}, version="1.2")
+        root.set("date", "1970-01-01")
+        root.set("time", "00:00:00")
+        metric = {
+            "linearUnit": "meter",
+            "areaUnit": "squareMeter",
+            "volumeUnit": "cubicMeter",
+            "angularUnit": "radians",
+        }
+        metric |= {"temperatureUnit": "celsius", "pressureUnit": "HPA"}
+        units = _child(root, "Units")
+        _child(units, "Metric", **metric)
+        alignment = _child(
+            _child(root, "Alignments"),
+            "Alignment",
+            name=result.summary.recording_id,
+            staStart=f"{start:.6f}",
+            length=f"{sum(element.length_m for element in elements):.6f}",
+        )
+        _plan(_child(alignment, "CoordGeom"), elements, complex(first[0, 1], first[0, 0]), heading)
+        _cant(alignment, elements, start, conventions.gauge_m)
+        etree.ElementTree(root).write(str(path), xml_declaration=True, encoding="utf-8", pretty_print=True)
+
+
+def _child(parent: etree._Element, tag: str, text: str | None = None, **attributes: str) -> etree._Element:
+    child = etree.SubElement(parent, f"{{{_NAMESPACE}}}{tag}", **attributes)
+    child.text = text
+    return child
+
+
+def _elements(curves: list[Curve], start: float, end: float) -> list[_Element]:
+    """Return the elements between two chainages; what lies beyond an end of the profile is cut off there."""
+    arcs = [
+        (
+            max(np.nan_to_num(curve.bcc_m, nan=start), start),
+            min(np.nan_to_num(curve.ecc_m, nan=end), end),
+            curve.curvature_1pm,
+            curve.cant_mm * -np.sign(curve.curvature_1pm),
+            curve,
+        )
+        for curve in curves
+    ]
+    elements: list[_Element] = []
+    at, before = start, None
+    for begin, stop, curvature, cant, curve in arcs:
+        joined = before is not None and not curve.btc_m > before.etc_m + _SHORTEST_M
+        if joined and before is not None:
+            law = _law(curve.law_in)
+            last = elements[-1]
+            elements.append(_Element(begin - at, last.end, curvature, last.end_cant_mm, cant, law))
+        else:
+            if before is not None:
+                elements.append(_exit(before, at))
+                at += elements[-1].length_m
+            straight = np.nan_to_num(curve.btc_m, nan=at)
+            elements.append(_Element(max(straight - at, 0.0), 0.0, 0.0, 0.0, 0.0))
+            at = max(straight, at)
+            elements.append(_Element(begin - at, 0.0, curvature, 0.0, cant, _law(curve.law_in)))
+        elements.append(_Element(stop - begin, curvature, curvature, cant, cant))
+        at, before = stop, curve
+    if before is not None and at < end:
+        elements.append(_exit(before, at))
+        at += elements[-1].length_m
+    elements.append(_Element(end - at, 0.0, 0.0, 0.0, 0.0))
+    return [element for element in elements if element.length_m > _SHORTEST_M]
+
+
+def _exit(curve: Curve, at: float) -> _Element:
+    cant = curve.cant_mm * -np.sign(curve.curvature_1pm)
+    length = np.nan_to_num(curve.etc_m, nan=at) - at
+    return _Element(max(length, 0.0), curve.curvature_1pm, 0.0, float(cant), 0.0, _law(curve.law_out))
+
+
+def _law(law: str) -> TransitionLaw:
+    return next((known for known in LAWS if known == law), "clothoid")
+
+
+def _headings(element: _Element, x: Array) -> Array:
+    """Return the turn since the element's start, rad, at places x (m,) of it."""
+    _, first, _ = rise(element.law, x / element.length_m)
+    return np.asarray(element.start * x + (element.end - element.start) * element.length_m * first)
+
+
+def _plan(node: etree._Element, elements: list[_Element], place: complex, heading: float) -> None:
+    """Write the elements with their ends; LandXML has northing before easting."""
+    for element in elements:
+        count = 2 * max(1, int(np.ceil(element.length_m / (2 * _STEP_M)))) + 1
+        x = np.linspace(0.0, element.length_m, count)
+        headings = heading + _headings(element, x)
+        end = place + complex(simpson(np.exp(1j * headings), x=x))
+        length = f"{element.length_m:.6f}"
+        rot = "ccw" if element.start + element.end > 0.0 else "cw"
+        if element.start == element.end == 0.0:
+            child = _child(node, "Line", length=length)
+        elif element.start == element.end:
+            child = _child(node, "Curve", rot=rot, length=length, radius=f"{1.0 / abs(element.start):.6f}")
+        else:
+            radii = ["INF" if k == 0.0 else f"{1.0 / abs(k):.6f}" for k in (element.start, element.end)]
+            child = _child(
+                node,
+                "Spiral",
+                spiType=_SPIRALS[element.law],
+                rot=rot,
+                length=length,
+                radiusStart=radii[0],
+                radiusEnd=radii[1],
+            )
+        _child(child, "Start", _point(place))
+        if child.tag.endswith("Curve"):
+            _child(child, "Center", _point(place + 1j * np.exp(1j * heading) / element.start))
+        elif child.tag.endswith("Spiral"):
+            _child(child, "PI", _point(_intersection(place, heading, end, float(headings[-1]))))
+        _child(child, "End", _point(end))
+        place, heading = end, float(headings[-1])
+
+
+def _intersection(start: complex, heading: float, end: complex, end_heading: float) -> complex:
+    """Return where the tangents at two places meet."""
+    turn = np.sin(end_heading - heading)
+    along = ((end - start) * np.exp(-1j * end_heading)).imag / -turn if abs(turn) > 1e-12 else abs(end - start) / 2
+    return complex(start + along * np.exp(1j * heading))
+
+
+def _point(place: complex) -> str:
+    return f"{place.imag:.6f} {place.real:.6f}"
+
+
+def _cant(alignment: etree._Element, elements: list[_Element], start: float, gauge_m: float) -> None:
+    """Write a station where an element with cant begins or ends."""
+    edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in elements])])
+    node = _child(alignment, "Cant", name="cant", gauge=f"{gauge_m:.4f}", rotationPoint="center")
+    cants = [elements[0].start_cant_mm, *(element.end_cant_mm for element in elements)]
+    for i, (place, cant) in enumerate(zip(edges, cants, strict=True)):
+        attributes = {"station": f"{start + place:.6f}", "appliedCant": f"{abs(cant):.3f}"}
+        if cant != 0.0:
+            attributes["curvature"] = "ccw" if cant < 0.0 else "cw"
+        if i < len(elements) and elements[i].start_cant_mm != elements[i].end_cant_mm:
+            attributes["transitionType"] = _SPIRALS[elements[i].law]
+        _child(node, "CantStation", **attributes)

@@ -1,0 +1,75 @@
+"""Tables: CSV, spreadsheets, channel files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.exporting.channels import channel_table, read_template
+from trackfg.interchange.exporting.located import located_geometry, table_of
+from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
+from trackfg.interchange.libraries import library
+from trackfg.results.result import Result
+
+_SHEET_ROWS = 1_048_576
+"""Rows that a sheet of .xlsx may have (ECMA-376)."""
+
+
+class Csv(ResultFormat):
+    """One table with commas, numbers to the last digit; positions beside the result's columns."""
+
+    key = "csv"
+    suffix = ".csv"
+    title = "one table of the result as CSV, with times and positions"
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the table that the options name."""
+        _write_csv(pa.Table.from_pandas(table_of(result, options.table), preserve_index=False), path)
+
+
+class Excel(ResultFormat):
+    """All tables of the result, a sheet each."""
+
+    key = "xlsx"
+    suffix = ".xlsx"
+    title = "all tables of the result as a spreadsheet"
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the sheets geometry, trajectory and events. Raises where a table is longer than a sheet can be."""
+        openpyxl = library("openpyxl", "excel")
+        book = openpyxl.Workbook(write_only=True)
+        for name in ("geometry", "trajectory", "events"):
+            table = table_of(result, name)
+            if len(table) >= _SHEET_ROWS:
+                raise BadInputError(
+                    f"{name} has {len(table)} rows; expected fewer than {_SHEET_ROWS} for .xlsx. Hint: csv"
+                )
+            sheet = book.create_sheet(name)
+            sheet.append(list(table.columns))
+            for row in table.astype(object).where(table.notna(), None).itertuples(index=False):
+                sheet.append(list(row))
+        book.save(path)
+
+
+class Channels(ResultFormat):
+    """A channel file of a template, :mod:`trackfg.interchange.exporting.channels`."""
+
+    key = "channels"
+    suffix = ".csv"
+    title = "channels in the style of EN 13848, by a template"
+
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write the channels of the template, or of the built-in one."""
+        table = channel_table(located_geometry(result), options.channels or read_template(None))
+        _write_csv(pa.Table.from_pandas(table, preserve_index=False), path)
+
+
+def _write_csv(table: pa.Table, path: Path) -> None:
+    without_nan = [
+        pa.compute.if_else(pa.compute.is_finite(column), column, None) if pa.types.is_floating(column.type) else column
+        for column in table.columns
+    ]
+    pa.csv.write_csv(pa.table(without_nan, names=table.column_names), path)

@@ -1,0 +1,55 @@
+"""What the exporter must know of one format of results.
+
+Formats are found by :mod:`trackfg.interchange.exporting.registry`: those of trackfg and those that other packages
+register under the entry point ``trackfg.result_formats``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.exporting.channels import Channel
+from trackfg.interchange.exporting.located import origin_of
+from trackfg.results.result import Result
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """``table`` is the one of the result that is wanted, where a format has only one; ``channels`` those of a template;
+    ``step_m`` the spacing of drawn vertices.
+    """
+
+    table: str = "geometry"
+    channels: tuple[Channel, ...] = ()
+    step_m: float = 1.0
+
+
+class ResultFormat(ABC):
+    """A format of results: ``key`` is its name on the command line, ``suffix`` that of its files, ``title`` what it is.
+
+    A class with ``needs_place`` writes positions on the Earth, which a result has where GNSS gave them.
+    """
+
+    key: ClassVar[str]
+    suffix: ClassVar[str]
+    title: ClassVar[str]
+    needs_place: ClassVar[bool] = False
+
+    @abstractmethod
+    def write(self, result: Result, path: Path, options: ExportOptions) -> None:
+        """Write a result to a new file. Raises :class:`BadInputError` where the result lacks what the format needs."""
+
+
+def refuse_without_place(result: Result, key: str) -> tuple[float, float, float]:
+    """Return the origin of a result's positions on the Earth. Raises :class:`BadInputError` where it has none."""
+    origin = origin_of(result)
+    if origin is None:
+        raise BadInputError(
+            f"{result.summary.recording_id}: its recording has no GNSS, so that it has no positions on the Earth; "
+            f"expected them for {key}. Hint: csv, channels, xlsx and tum need none"
+        )
+    return origin

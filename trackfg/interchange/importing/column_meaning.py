@@ -1,0 +1,159 @@
+"""What the columns of a foreign table probably mean, from their names, their units and their values."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times import guessed_unit
+from trackfg.numerics.units import STANDARD_GRAVITY
+
+_AXIS = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])")
+_PATTERNS = {
+    "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|lin.?acc|gravity.?free",
+    "gyro": (
+        r"gyr|omega|ang(ular)?[\s_]*(vel|rate)|drehrate|rotation.?rate|\bw_?[xyz]\b|^w_?[xyz]|dtheta|delta.?(theta|ang)"
+    ),
+    "accel": r"acc|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
+    "speed": r"speed|geschw|veloc|vitesse|^v$|^v[\s_\[(]|kmh|km/h",
+    "count": r"pulse|impuls|count|ticks|encoder|tacho|zähl",
+    "distance": r"odo|dist|^weg|wegstrecke|mileage",
+    "station": r"chain|kilom|station|^km\b|post|stationierung|position_km|^km$",
+    "latitude": r"^lat|latitude|breite",
+    "longitude": r"^lon|^lng|longitude|länge|laenge",
+    "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh",
+    "sd_horizontal": r"h(or\w*)?_?acc|horizontal.?accuracy|^accuracy|hdop|sd_?[neh]\b",
+    "sd_vertical": r"v(er\w*)?_?acc\b|vertical.?accuracy|altitude.?accuracy|sd_?[uv]\b",
+    "time": r"^t$|time|zeit|uhr|datum|date|utc|stamp|elapsed|epoch|seconds?$|^ts$",
+}
+"""In the order in which they are tried. German and English; anything else has to be stated."""
+
+_GYRO_UNITS = {
+    r"mrad": "mrad/s",
+    r"(deg|°|dps|grad)\s?/?\s?(s|sec)?$|dps|deg_?p?s": "deg/s",
+    r"(deg|°)/h": "deg/h",
+    r"rad": "rad/s",
+}
+_ACCEL_UNITS = {r"^mg$": "mg", r"^g$|_g$": "g", r"gal": "gal", r"m.?/?.?s": "m/s^2"}
+
+
+@dataclass(frozen=True)
+class Triple:
+    """Three columns x, y, z of a table and their unit; ``known`` is false where the unit is guessed from the values."""
+
+    table: SourceTable
+    columns: tuple[str, str, str]
+    unit: str
+    known: bool
+
+
+def meaning(name: str) -> str | None:
+    """Return the kind of quantity that a column's name means; None where it means none that is known."""
+    folded = name.casefold().strip()
+    if re.search(r"[xyz]", folded) is None:
+        kinds = [kind for kind in _PATTERNS if kind not in ("gyro", "accel", "free_accel")]
+    else:
+        kinds = list(_PATTERNS)
+    return next((kind for kind in kinds if re.search(_PATTERNS[kind], folded)), None)
+
+
+def axis_of(name: str) -> str | None:
+    """Return the axis that a column's name ends in or has apart, ``"x"``, ``"y"`` or ``"z"``; else None."""
+    found = [next(filter(None, match)) for match in _AXIS.findall(name)]
+    return found[-1].casefold() if found else None
+
+
+def triples(table: SourceTable, kind: Literal["gyro", "accel", "free_accel"]) -> list[Triple]:
+    """Return the triples of columns of one kind, with equal names but for the axis."""
+    found: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        if meaning(name) == kind and (axis := axis_of(name)):
+            stem = "".join(sorted(name.casefold().replace(axis, "", 1)))
+            found.setdefault(stem, {})[axis] = name
+    out = []
+    for axes in found.values():
+        if len(axes) == 3:
+            columns = (axes["x"], axes["y"], axes["z"])
+            unit, known = _unit(table, columns, kind)
+            out.append(Triple(table, columns, unit, known))
+    return out
+
+
+def _unit(table: SourceTable, columns: tuple[str, str, str], kind: str) -> tuple[str, bool]:
+    stated = " ".join(filter(None, (table.units.get(columns[0], ""),))) or columns[0].rpartition("_")[2]
+    for pattern, unit in (_GYRO_UNITS if kind == "gyro" else _ACCEL_UNITS).items():
+        if re.search(pattern, stated.casefold().replace("²", "^2").strip()):
+            return unit, True
+    values = np.stack([table.numbers(name) for name in columns])
+    values = values[:, np.isfinite(values).all(axis=0)]
+    if values.size == 0:
+        raise BadInputError(f"{table.name}: columns {', '.join(columns)} are empty; expected values")
+    if kind == "gyro":
+        # A rail vehicle turns by at most some 10 deg/s: values above 0.5 are degrees.
+        return ("deg/s" if float(np.quantile(np.abs(values), 0.99)) > 0.5 else "rad/s"), False
+    with np.errstate(over="ignore"):  # damaged values may be of any size
+        size = float(np.median(np.linalg.norm(values, axis=0)))
+    units = {"m/s^2": STANDARD_GRAVITY, "g": 1.0, "mg": 1000.0}
+    return min(units, key=lambda unit: abs(np.log(max(size, 1e-9) / units[unit]))), False
+
+
+def first_of(table: SourceTable, kind: str) -> str | None:
+    """Return the first column whose name means ``kind``; None where there is none."""
+    return next((name for name in table.columns if meaning(name) == kind), None)
+
+
+def time_columns(table: SourceTable) -> tuple[str, ...] | None:
+    """Return the column of the time, or those of date and time of day; None where none is found.
+
+    A column whose name means a time is preferred, of several the finest one; else the first that grows steadily.
+    """
+    named = [name for name in table.columns if meaning(name) == "time"]
+    text = [name for name in named if pd.api.types.is_string_dtype(table.frame[name])]
+    if len(text) >= 2:
+        first, second = (str(table.frame[name].iloc[0]) for name in text[:2])
+        if ":" not in first and ":" in second:
+            return (text[0], text[1])
+        if ":" in first and ":" not in second:
+            return (text[1], text[0])
+    numeric = [name for name in named if name not in text and _grows(table.numbers(name))]
+    if numeric:
+        return (max(numeric, key=lambda name: _resolution(table.numbers(name))),)
+    if text:
+        return (text[0],)
+    return next(
+        ((name,) for name in table.columns if not pd.api.types.is_string_dtype(table.frame[name])
+         and len(table.frame) > 2 and _grows(table.numbers(name)) and _steady(table.numbers(name))),
+        None,
+    )  # fmt: skip
+
+
+def _grows(values: np.ndarray) -> bool:
+    step = np.diff(values)
+    return bool(np.isfinite(values).all() and values.size > 1 and (step >= 0).mean() > 0.999 and (step > 0).any())
+
+
+def _resolution(values: np.ndarray) -> int:
+    """Return how many different values there are: a Unix time in ms is finer than a counter of seconds."""
+    return int(np.unique(values).size)
+
+
+def _steady(values: np.ndarray) -> bool:
+    step = np.diff(values)
+    return bool((step > 0).all() and np.median(np.abs(step - np.median(step))) < 0.2 * np.median(step))
+
+
+def time_unit(table: SourceTable, columns: tuple[str, ...]) -> str | None:
+    """Return the unit of a numeric time column, from its name, its stated unit or its values; None for text."""
+    if len(columns) == 2 or pd.api.types.is_string_dtype(table.frame[columns[0]]):
+        return None
+    stated = table.units.get(columns[0], "").casefold() or columns[0].casefold().rpartition("_")[2]
+    for unit in ("ns", "us", "ms", "s"):
+        if stated in (unit, {"us": "µs", "s": "sec"}.get(unit, unit), {"s": "seconds"}.get(unit, unit)):
+            return unit
+    return guessed_unit(table.numbers(columns[0]))

@@ -1,0 +1,292 @@
+"""The tables of a source become a recording, as a mapping says.
+
+The recording has the source's own columns, units and axes, so that a wrong axis or unit is corrected by one edit of its
+``recording.toml``; only times (seconds on one clock), places (m) and units that a recording does not know are
+converted. A table whose rows say nothing about a sensor, as in logs of one wide table, loses these rows for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import tomli_w
+
+from trackfg.errors import BadInputError, did_you_mean
+from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.owned_folder import refuse_used
+from trackfg.files.parquet import write_parquet
+from trackfg.interchange.importing.mapping import MappedSensor, Mapping
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.stations import read_stations
+from trackfg.interchange.importing.times import Times, as_datetime, read_times, spread_stamps, start_of
+from trackfg.io.description_reader import FILE_NAME, FORMAT
+from trackfg.io.reader import LoadedRecording, load
+from trackfg.numerics.arrays import Array
+from trackfg.recording.findings import errors
+
+_IMU_UNITS = {
+    "mrad/s": ("rad/s", 1e-3),
+    "deg/h": ("deg/s", 1.0 / 3600.0),
+    "mg": ("g", 1e-3),
+    "gal": ("m/s^2", 1e-2),
+}
+"""Units of inertial sensors that a recording does not know: the one that it gets, and the factor."""
+
+_INCREMENTS = {"rad": "rad/s", "deg": "deg/s", "m/s": "m/s^2"}
+"""Units of increments per sample (delta theta, delta v), and those of the rates that they become."""
+
+_COLUMN_KEYS = {
+    "imu": ("gyro", "accel"),
+    "tach": ("column",),
+    "fixes": ("chainage", "sd"),
+    "gnss": ("position", "sd"),
+    "speed": ("column",),
+    "laser": ("column",),
+}
+"""Keys of each kind of sensor that name columns."""
+
+
+_CONSTANT = "constant_"
+"""What the name of a column begins with that holds a number of the mapping in each row."""
+
+
+class _Part(NamedTuple):
+    """The table of one sensor: its times, its columns, and its section in the description."""
+
+    sensor: MappedSensor
+    times: Times
+    columns: dict[str, Array]
+    keys: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import made: the folder, what ``trackfg check`` says of its structure and values, and rows by table."""
+
+    folder: Path
+    loaded: LoadedRecording
+    rows: dict[str, int]
+
+
+def write_imported(
+    tables: Sequence[SourceTable], mapping: Mapping, folder: Path, *, run_id: str, comments: Sequence[str] = ()
+) -> Imported:
+    """Write the recording that ``mapping`` makes of ``tables``, complete or not at all.
+
+    ``run_id`` is used where the mapping has no ``id``; ``comments`` are lines above ``recording.toml``. Raises
+    :class:`BadInputError` where a column is missing or unreadable, where clocks cannot be brought together, and where
+    the recording could not be read back; the message names file, column and row.
+    """
+    parts = [_part(sensor, tables) for sensor in mapping.sensors]
+    start_ns = _start(parts, mapping)
+    description, files = _described(parts, mapping, start_ns, run_id)
+    refuse_used(folder, "recordings are never overwritten")
+    with replaced_folder(folder) as new:
+        for name, frame in files.items():
+            write_parquet(pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None), new / name)
+        head = "".join(f"# {line}\n" for line in comments)
+        (new / FILE_NAME).write_text(head + tomli_w.dumps(description), encoding="utf-8")
+        loaded = load(new)
+        if loaded.recording is None:
+            found = errors(loaded.findings)
+            more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
+            raise BadInputError(f"{mapping.name}: the recording would not be usable: {found[0]}{more}")
+    return Imported(folder, loaded, {name: len(frame) for name, frame in files.items()})
+
+
+def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> SourceTable:
+    """Return the one table that a name or pattern means. Raises :class:`BadInputError` where it is none or several."""
+    names = [table.name for table in tables]
+    if pattern in names:
+        return tables[names.index(pattern)]
+    found = [table for table in tables if Path(table.name).match(pattern)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise BadInputError(
+            f"[{section}] file = {pattern!r} means {len(found)} tables: {', '.join(t.name for t in found[:10])}; "
+            "expected one"
+        )
+    near = did_you_mean(pattern, names)
+    raise BadInputError(
+        f"[{section}] file = {pattern!r}: no such table; expected one of {', '.join(names[:30])}"
+        + (f". Hint: {near}" if near else "")
+    )
+
+
+def _part(sensor: MappedSensor, tables: Sequence[SourceTable]) -> _Part:
+    sources = [table_named(tables, pattern, sensor.section) for pattern in sensor.files]
+    if len(sources) == 2:
+        return _merged_imu(sensor, *sources)
+    table = sources[0]
+    names = _names(sensor, sensor.keys)
+    times = _times(table, sensor)
+    columns, keys = _columns(sensor, table, names)
+    measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
+    keep = ~np.all([np.isnan(values) for values in measured], axis=0)
+    if sensor.kind != "imu" and not keep.all():
+        times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
+    if len(next(iter(columns.values()))) == 0:
+        raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
+    columns, keys = _in_known_units(sensor, times, columns, keys)
+    return _Part(sensor, times, columns, keys)
+
+
+def _names(sensor: MappedSensor, keys: dict[str, Any]) -> list[Any]:
+    """Return the names of columns in a sensor's section, or the constants in their place, in order."""
+    names: list[Any] = []
+    for key in _COLUMN_KEYS[sensor.kind]:
+        default = {"chainage": "chainage_m", "sd": "sd_m"}.get(key) if sensor.kind == "fixes" else None
+        value = keys.get(key, default)
+        if value is None:
+            raise BadInputError(f"[{sensor.section}]: no key {key!r}; expected the name of a column")
+        names += value if isinstance(value, list | tuple) else [value]
+    return names
+
+
+def _columns(sensor: MappedSensor, table: SourceTable, names: list[Any]) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Return the columns by name, and the section with a name for every constant."""
+    columns: dict[str, Array] = {}
+    named: dict[Any, str] = {}
+    for i, name in enumerate(names):
+        if isinstance(name, str):
+            place = sensor.kind == "fixes" and i == 0
+            values = read_stations(table, name, sensor.reading.chainage_unit) if place else table.numbers(name)
+            columns[name] = values
+        elif isinstance(name, int | float) and not isinstance(name, bool):
+            named[i] = f"{_CONSTANT}{i + 1}"
+            columns[named[i]] = np.full(len(table.frame), float(name))
+        else:
+            raise BadInputError(f"[{sensor.section}]: {name!r} is no column; expected a name or a number")
+    keys, at = dict(sensor.keys), 0
+    for key in _COLUMN_KEYS[sensor.kind]:
+        value = keys.get(key)
+        if isinstance(value, list | tuple):
+            keys[key] = [named.get(at + j, part) for j, part in enumerate(value)]
+            at += len(value)
+        else:
+            if value is not None:
+                keys[key] = named.get(at, value)
+            at += 1
+    return columns, keys
+
+
+def _times(table: SourceTable, sensor: MappedSensor) -> Times:
+    """Return the times of a table's rows, stamps that repeat spread again where samples are regular."""
+    times = read_times(table, sensor.time_columns, sensor.notation)
+    if sensor.kind in ("fixes", "gnss"):
+        return times
+    if times.ns is None:
+        assert times.seconds is not None
+        return Times(None, spread_stamps(times.seconds))
+    since = (times.ns - times.ns[0]) / 1e9
+    spread = spread_stamps(since)
+    return times if spread is since else Times(times.ns[0] + np.round(spread * 1e9).astype(np.int64), None)
+
+
+def _rows(times: Times, keep: np.ndarray) -> Times:
+    return Times(None if times.ns is None else times.ns[keep], None if times.seconds is None else times.seconds[keep])
+
+
+def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> _Part:
+    """Bring gyro and accelerometer of two tables together: the slower one is interpolated at the faster one's times."""
+    streams = []
+    for key, table in (("gyro", gyro), ("accel", accel)):
+        value = sensor.keys.get(key)
+        if not isinstance(value, list | tuple) or len(value) != 3:
+            raise BadInputError(f"[{sensor.section}]: key {key!r} is {value!r}; expected three columns")
+        times = _times(table, sensor)
+        columns = {str(name): table.numbers(str(name)) for name in value}
+        columns, keys = _in_known_units(sensor, times, columns, {f"{key}_unit": sensor.keys.get(f"{key}_unit")})
+        streams.append((times, columns, keys))
+    (gyro_times, *_), (accel_times, *_) = streams
+    if (gyro_times.ns is None) != (accel_times.ns is None):
+        raise BadInputError(f"{gyro.name} and {accel.name}: one has dates and the other has not; expected one clock")
+    zero = None if gyro_times.ns is None or accel_times.ns is None else int(min(gyro_times.ns[0], accel_times.ns[0]))
+    t = [times.since(zero) for times, *_ in streams]
+    begin, end = max(t[0][0], t[1][0]), min(t[0][-1], t[1][-1])
+    if begin >= end:
+        raise BadInputError(f"{gyro.name} and {accel.name}: they do not overlap in time; expected one recording")
+    faster = int(len(t[1]) > len(t[0]))
+    kept = (t[faster] >= begin) & (t[faster] <= end)
+    common = t[faster][kept]
+    columns = {}
+    for i, (prefix, (_, values, _)) in enumerate(zip(("gyro", "accel"), streams, strict=True)):
+        for name, column in values.items():
+            columns[f"{prefix}_{name}"] = column[kept] if i == faster else np.interp(common, t[i], column)
+    keys = {key: value for key, value in sensor.keys.items() if key not in ("gyro_unit", "accel_unit")}
+    for prefix, (_, values, own) in zip(("gyro", "accel"), streams, strict=True):
+        keys[prefix] = [f"{prefix}_{name}" for name in values]
+        keys |= {key: value for key, value in own.items() if value is not None}
+    times = Times(None, common) if zero is None else Times(zero + np.round(common * 1e9).astype(np.int64), None)
+    return _Part(sensor, times, columns, keys)
+
+
+def _in_known_units(
+    sensor: MappedSensor, times: Times, columns: dict[str, Array], keys: dict[str, Any]
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Return an IMU's columns in units that a recording knows, increments as rates over the interval before them."""
+    if sensor.kind != "imu":
+        return columns, keys
+    columns, keys = dict(columns), dict(keys)
+    for key in ("gyro", "accel"):
+        unit = keys.get(f"{key}_unit")
+        names = [str(name) for name in sensor.keys[key] if str(name) in columns]
+        if unit in _IMU_UNITS:
+            keys[f"{key}_unit"], factor = _IMU_UNITS[unit]
+            columns |= {name: columns[name] * factor for name in names}
+        elif unit in _INCREMENTS:
+            keys[f"{key}_unit"] = _INCREMENTS[unit]
+            t = times.since(None if times.ns is None else int(times.ns[0]))
+            step = np.diff(t)
+            # A lost sample must not look like a slow one: increments are over the usual interval.
+            columns |= {name: columns[name] / float(np.median(step)) for name in names}
+    return columns, keys
+
+
+def _start(parts: Sequence[_Part], mapping: Mapping) -> int | None:
+    """Return the date of t = 0, ns since 1970: the mapping's, else that of the IMU's first whole second.
+
+    Raises :class:`BadInputError` where some clocks have dates and others have not, and no ``start`` says when.
+    """
+    given = mapping.top.get("start")
+    dated = [part.sensor.section for part in parts if part.times.ns is not None]
+    undated = [part.sensor.section for part in parts if part.times.ns is None]
+    if isinstance(given, datetime):
+        aware = given if given.tzinfo is not None else given.replace(tzinfo=UTC)
+        return int(aware.timestamp()) * 1_000_000_000 + aware.microsecond * 1000
+    if dated and undated:
+        raise BadInputError(
+            f"{mapping.name}: [{dated[0]}] has dates and [{undated[0]}] counts from a zero of its own; expected one "
+            f"clock. Hint: state start, the date at which [{undated[0]}] counts 0"
+        )
+    imu = next(part for part in parts if part.sensor.kind == "imu")
+    return start_of(imu.times)
+
+
+def _described(
+    parts: Sequence[_Part], mapping: Mapping, start_ns: int | None, run_id: str
+) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
+    description: dict[str, Any] = {"format": FORMAT, "id": mapping.top.get("id", run_id)}
+    if start_ns is not None:
+        description["start"] = as_datetime(start_ns)
+    if "track" in mapping.top:
+        description["track"] = mapping.top["track"]
+    files: dict[str, pd.DataFrame] = {}
+    for part in parts:
+        file = f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
+        time = "t" if "t" not in part.columns else "t_s"
+        files[file] = pd.DataFrame({time: part.times.since(start_ns), **part.columns})
+        section = {"file": file, "time": time, **part.keys}
+        if "[" in part.sensor.section:
+            description.setdefault(part.sensor.kind, []).append(section)
+        else:
+            description[part.sensor.kind] = section
+    return description, files

@@ -1,0 +1,151 @@
+"""Which columns of a source are which sensor's: the mapping, in the words of ``recording.toml``.
+
+A mapping is a ``recording.toml`` whose tables are the source's, with a few more keys that say how these are written
+(docs/importing.md). Everything else in it goes into the recording's description as it is.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from collections.abc import Mapping as Dictionary
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.text_dialect import DialectOptions
+from trackfg.interchange.importing.times import TimeNotation
+from trackfg.io.formats.registry import FORMATS
+from trackfg.recording.description import FurtherTach
+
+FORMAT = "trackfg-mapping/1"
+
+SENSORS = tuple(sensor.key for sensor in FORMATS if sensor.model is not FurtherTach)
+"""The sections that are sensors, as a mapping has them: several tachs are a list."""
+
+_TOP = ("format", "id", "start", "source", "text", "track")
+
+
+class _Reading(BaseModel):
+    """How the table of a sensor is written, besides what the description says of it.
+
+    ``file`` may be a pattern; two of them are the gyro's and the accelerometer's. ``time`` is a column, or the date's
+    and the time of day's. The keys of times are those of :class:`~trackfg.interchange.importing.times.TimeNotation`.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    file: str | tuple[str, str]
+    time: str | tuple[str, str] = "t"
+    time_unit: Literal["s", "ms", "us", "ns", "ticks", "gps"] | None = None
+    time_format: str | None = None
+    time_zone: str = "UTC"
+    tick_s: Annotated[float, Field(gt=0)] | None = None
+    wraps_at: Annotated[float, Field(gt=0)] | None = None
+    chainage_unit: Literal["m", "km"] = "m"
+
+
+_CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")
+"""Keys that the recording's description does not get: its tables have seconds in a column ``t``, and metres."""
+
+
+@dataclass(frozen=True)
+class MappedSensor:
+    """One sensor of a mapping: ``section`` is its place (``"imu"``, ``"laser[2]"``), ``keys`` what the description
+    gets.
+    """
+
+    kind: str
+    section: str
+    reading: _Reading
+    keys: dict[str, Any]
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The patterns of its tables: one, or the gyro's and the accelerometer's."""
+        return (self.reading.file,) if isinstance(self.reading.file, str) else self.reading.file
+
+    @property
+    def time_columns(self) -> tuple[str, ...]:
+        """The column of the time, or of date and time of day."""
+        return (self.reading.time,) if isinstance(self.reading.time, str) else self.reading.time
+
+    @property
+    def notation(self) -> TimeNotation:
+        """How its times are written."""
+        own = self.reading
+        return TimeNotation(own.time_unit, own.time_format, own.time_zone, own.tick_s, own.wraps_at)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """A mapping is checked as far as it can be without the source."""
+
+    name: str
+    source: str | None
+    text: tuple[DialectOptions, ...]
+    sensors: tuple[MappedSensor, ...]
+    top: dict[str, Any] = field(default_factory=dict)
+    """``id``, ``start`` and ``track``, as far as they are given."""
+
+    def dialect(self, file: str) -> DialectOptions | None:
+        """Return what is stated of a text file's dialect: the first entry that matches."""
+        return next((options for options in self.text if Path(file).match(options.files)), None)
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping. Raises :class:`BadInputError` that names the file, the key and what was expected."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path}: cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise BadInputError(f"{path}: not valid TOML: {error}") from error
+    return mapping_of(data, path.name)
+
+
+def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
+    """Return the mapping that ``data`` describe; ``name`` is the file's. Raises as :func:`read_mapping` does."""
+    if data.get("format") != FORMAT:
+        raise BadInputError(f"{name}: key format is {data.get('format')!r}; expected {FORMAT!r}")
+    for key in data:
+        if key not in (*_TOP, *SENSORS):
+            raise BadInputError(f"{name}: unknown key {key!r}; expected one of {', '.join((*_TOP, *SENSORS))}")
+    if "imu" not in data:
+        raise BadInputError(f"{name}: no section [imu]; expected the columns of gyro and accelerometer")
+    start = data.get("start")
+    if start is not None and not isinstance(start, datetime):
+        raise BadInputError(f"{name}: key start is {start!r}; expected a date with time, such as 2026-05-01T03:12:00Z")
+    try:
+        text = tuple(DialectOptions.model_validate(entry) for entry in data.get("text", ()))
+        sensors = tuple(_sensor(*part) for part in _sections(data))
+    except ValidationError as error:
+        problems = (f"key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise BadInputError(f"{name}: " + "; ".join(problems)) from error
+    top = {key: data[key] for key in ("id", "start", "track") if key in data}
+    source = data.get("source")
+    return Mapping(name, None if source is None else str(source), text, sensors, top)
+
+
+def _sections(data: Dictionary[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for kind in SENSORS:
+        value = data.get(kind, [])
+        parts = value if isinstance(value, list) else [value]
+        for number, part in enumerate(parts, start=1):
+            if not isinstance(part, dict):
+                raise BadInputError(f"key {kind}: is {part!r}; expected a table [{kind}]")
+            yield kind, f"{kind}[{number}]" if isinstance(value, list) else kind, part
+
+
+def _sensor(kind: str, section: str, part: dict[str, Any]) -> MappedSensor:
+    try:
+        reading = _Reading.model_validate(part)
+    except ValidationError as error:
+        problems = (f"[{section}] key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise BadInputError("; ".join(problems)) from error
+    keys = {key: value for key, value in part.items() if key not in (*_CONSUMED, "file")}
+    return MappedSensor(kind, section, reading, keys)

@@ -1,0 +1,59 @@
+"""Every format that ``trackfg import`` reads, by name, and the one that a source is of."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from trackfg.errors import BadInputError, did_you_mean
+from trackfg.interchange.importing.source_format import SourceFormat
+from trackfg.interchange.importing.sources.gnss_log import GnssLog
+from trackfg.interchange.importing.sources.hdf5 import RcmDx, TableHdf5
+from trackfg.interchange.importing.sources.mdf import Mdf
+from trackfg.interchange.importing.sources.phones import Phyphox, SensorLogger
+from trackfg.interchange.importing.sources.rosbag import RosBag
+from trackfg.interchange.importing.sources.tdms import Tdms
+from trackfg.interchange.importing.sources.text import TextFormat
+
+ENTRY_POINT = "trackfg.source_formats"
+"""Other packages register a :class:`SourceFormat` class under this group."""
+
+_OWN: tuple[type[SourceFormat], ...] = (
+    Phyphox,
+    SensorLogger,
+    RosBag,
+    RcmDx,
+    TableHdf5,
+    Mdf,
+    Tdms,
+    GnssLog,
+    TextFormat,
+)
+"""In the order in which they are tried: the particular ones first."""
+
+
+def source_formats() -> dict[str, SourceFormat]:
+    """Return the formats by name: those of other packages first, so that they can be more particular."""
+    others = [point.load()() for point in entry_points(group=ENTRY_POINT)]
+    return {form.key: form for form in (*others, *(own() for own in _OWN))}
+
+
+def source_format(path: Path, name: str | None = None) -> SourceFormat:
+    """Return the format of that name, or the one that recognises the source.
+
+    Raises :class:`BadInputError` where there is none of that name, no such file, or nothing recognises it.
+    """
+    known = source_formats()
+    if name is not None and name not in known:
+        near = did_you_mean(name, known)
+        raise BadInputError(
+            f"no format {name!r}; expected one of {', '.join(known)}" + (f". Hint: {near}" if near else "")
+        )
+    if not path.exists():
+        raise BadInputError(f"{path}: no such file or folder")
+    if name is not None:
+        return known[name]
+    for form in known.values():
+        if form.recognises(path):
+            return form
+    raise BadInputError(f"{path}: of no known format; expected one of {', '.join(known)}. Hint: name it with --from")

@@ -1,0 +1,54 @@
+"""What the importer must know of one format of recordings.
+
+Formats are found by :mod:`trackfg.interchange.importing.registry`: those of trackfg and those that other packages
+register under the entry point ``trackfg.source_formats``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.text_dialect import DialectOptions
+
+DialectFor = Callable[[str], DialectOptions | None]
+"""What a mapping states of the dialect of a text file, by the file's name."""
+
+
+class SourceFormat(ABC):
+    """A format of recordings: ``key`` is its name on the command line, ``title`` what it is in a line."""
+
+    key: ClassVar[str]
+    title: ClassVar[str]
+
+    @abstractmethod
+    def recognises(self, path: Path) -> bool:
+        """Return whether a file or folder is of this format, from its name and its first bytes. Never raises."""
+
+    @abstractmethod
+    def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
+        """Read the tables. Raises :class:`BadInputError` that names file, place and reason where that fails."""
+
+    def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any] | None:
+        """Return the sections of a mapping where the format says itself which column is what; else None."""
+        return None
+
+
+def starts_with(path: Path, *beginnings: bytes) -> bool:
+    """Return whether a file begins with one of these bytes. Never raises."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(max(map(len, beginnings))).startswith(beginnings)
+    except OSError:
+        return False
+
+
+def refuse_empty(tables: Sequence[SourceTable], path: Path, what: str) -> Sequence[SourceTable]:
+    """Return the tables. Raises :class:`BadInputError` where there is none."""
+    if not tables:
+        raise BadInputError(f"{path.name}: holds no {what}; expected at least one")
+    return tables

@@ -1,0 +1,113 @@
+"""Logs of GNSS receivers: UBX NAV-PVT and NMEA GGA, GST and ZDA or RMC, in any mixture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.libraries import library
+
+_UERE_M = 3.0
+"""Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS
+Performance Standard 2020, single frequency)."""
+
+_COLUMNS = ("latitude", "longitude", "height", "sd_east_m", "sd_north_m", "sd_up_m")
+
+
+class GnssLog(SourceFormat):
+    """All positions are one table ``gnss``: it goes beside the table of an IMU, since alone it is no recording."""
+
+    key = "gnss"
+    title = "GNSS receiver: UBX (NAV-PVT) or NMEA (GGA with GST, ZDA or RMC)"
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether the file begins with a UBX or NMEA message."""
+        return path.is_file() and starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA")
+
+    def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
+        """Read the positions, with a date from the log."""
+        return [read_gnss_log(path)]
+
+
+def read_gnss_log(path: Path) -> SourceTable:
+    """Read the positions of a log: UBX where there are any, else NMEA. Raises :class:`BadInputError` without any."""
+    pyubx2 = library("pyubx2", "gnss")
+    ubx: list[tuple[int, tuple[float, ...]]] = []
+    nmea = _Nmea()
+    try:
+        with path.open("rb") as stream:
+            reader = pyubx2.UBXReader(stream, protfilter=pyubx2.UBX_PROTOCOL | pyubx2.NMEA_PROTOCOL, quitonerror=0)
+            for _, message in reader:
+                identity = getattr(message, "identity", "")
+                if identity == "NAV-PVT" and message.fixType in (2, 3, 4) and message.gnssFixOk:
+                    ubx.append(_pvt(message))
+                elif len(identity) == 5:
+                    nmea.take(identity[2:], message)
+    except (OSError, ValueError, AttributeError) as error:
+        raise BadInputError(f"{path.name}: cannot be read ({error}); expected UBX or NMEA") from error
+    rows = ubx or nmea.rows()
+    if not rows:
+        raise BadInputError(f"{path.name}: no position found; expected UBX NAV-PVT, or NMEA GGA with ZDA or RMC")
+    frame = pd.DataFrame(np.array([values for _, values in rows]), columns=list(_COLUMNS))
+    frame.insert(0, "time_ns", np.array([ns for ns, _ in rows], dtype=np.int64))
+    return SourceTable("gnss", refuse_backward(frame))
+
+
+def refuse_backward(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows whose time is later than all before: a log that was started twice repeats some."""
+    latest = np.maximum.accumulate(frame["time_ns"].to_numpy())
+    later = np.concatenate([[True], frame["time_ns"].to_numpy()[1:] > latest[:-1]])
+    return frame[later].reset_index(drop=True)
+
+
+def _pvt(message: Any) -> tuple[int, tuple[float, ...]]:
+    day = datetime(message.year, message.month, message.day, message.hour, message.min, message.second, tzinfo=UTC)
+    ns = int(day.timestamp()) * 1_000_000_000 + int(message.nano)
+    # hAcc is that of both coordinates together, as the receiver's description has it.
+    across, up = message.hAcc * 1e-3 / np.sqrt(2.0), message.vAcc * 1e-3
+    return ns, (message.lat, message.lon, message.height * 1e-3, across, across, up)
+
+
+class _Nmea:
+    """Sentences of one epoch are put together by their time of day; ZDA and RMC tell the day."""
+
+    def __init__(self) -> None:
+        self._day: date | None = None
+        self._found: list[tuple[Any, Any, tuple[float, ...]]] = []
+        self._sigmas: dict[Any, tuple[float, float, float]] = {}
+
+    def take(self, kind: str, message: Any) -> None:
+        """Take up a sentence. A position before the first date gets that one."""
+        if kind == "RMC" and message.date:
+            self._day = message.date
+        elif kind == "ZDA" and message.year:
+            self._day = date(int(message.year), int(message.month), int(message.day))
+        elif kind == "GST" and message.stdLat != "":
+            self._sigmas[message.time] = (message.stdLong, message.stdLat, message.stdAlt)
+        elif kind == "GGA" and message.quality and message.lat != "":
+            dilution = float(message.HDOP or 1.0)
+            assumed = (dilution * _UERE_M, dilution * _UERE_M, 2.0 * dilution * _UERE_M)
+            height = float(message.alt or 0.0) + float(message.sep or 0.0)
+            self._found.append((self._day, message.time, (message.lat, message.lon, height, *assumed)))
+
+    def rows(self) -> list[tuple[int, tuple[float, ...]]]:
+        """Return times, ns since 1970, and positions. Without any date there is none."""
+        first = next((day for day, *_ in self._found if day is not None), self._day)
+        rows = []
+        for day, time, values in self._found:
+            known = day or first
+            if known is None or time == "":
+                continue
+            at = datetime.combine(known, time, tzinfo=UTC)
+            sigmas = self._sigmas.get(time)
+            ns = int(at.timestamp()) * 1_000_000_000 + at.microsecond * 1000
+            rows.append((ns, (*values[:3], *(values[3:] if sigmas is None else sigmas))))
+        return rows

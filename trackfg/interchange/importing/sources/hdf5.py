@@ -1,0 +1,125 @@
+"""HDF5 files: RCM-DX of recording cars, and tables of named columns such as DLR's OnboardEU journeys.
+
+RCM-DX 2.0 (OpenRailAssociation/rcm-dx): a measuring system has data sources; a data source has one array of times, ns
+since 1970, and channels, each a group with an array ``data`` and its unit. Names come plain, as the specification has
+them, or with the system's prefix (``[PLATFORM].``, ``section.``), as recording cars write them: both are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.libraries import library
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+class RcmDx(SourceFormat):
+    """Each data source is a table ``SYSTEM/SOURCE`` with the column ``timestamp`` and one for each channel."""
+
+    key = "rcm-dx"
+    title = "RCM-DX 2.0 (.rcmdx, HDF5) of recording cars"
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether it is HDF5 with the root group of RCM-DX."""
+        return _is_hdf5(path) and (path.suffix.casefold() == ".rcmdx" or _has_root(path, "RCMDX"))
+
+    def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
+        """Read the data sources of every session."""
+        return refuse_empty(_read(path, _data_sources), path, "data source with a timestamp")
+
+
+class TableHdf5(SourceFormat):
+    """Each dataset with named columns is a table; OnboardEU files have ``journey_NN/IMU`` and ``journey_NN/GNSS``."""
+
+    key = "hdf5"
+    title = "HDF5 with tables of named columns, such as OnboardEU's journeys"
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether it is HDF5."""
+        return _is_hdf5(path)
+
+    def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
+        """Read the datasets; of several journeys the first, since a recording is one run."""
+        tables = refuse_empty(_read(path, _compound_tables), path, "dataset with named columns")
+        journeys = sorted({table.name.partition("/")[0] for table in tables if table.name.startswith("journey_")})
+        return [table for table in tables if not journeys or table.name.partition("/")[0] == journeys[0]]
+
+
+def _is_hdf5(path: Path) -> bool:
+    return path.is_file() and starts_with(path, _SIGNATURE)
+
+
+def _has_root(path: Path, name: str) -> bool:
+    try:
+        h5py = library("h5py", "hdf5")
+        with h5py.File(path, "r") as file:
+            return name in file
+    except Exception:  # a damaged file is of no format; a missing library is named when it is read
+        return False
+
+
+def _read(path: Path, found: Any) -> list[SourceTable]:
+    h5py = library("h5py", "hdf5")
+    try:
+        with h5py.File(path, "r") as file:
+            return list(found(h5py, file))
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        text = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        raise BadInputError(f"{path.name}: cannot be read ({text}); expected HDF5") from error
+
+
+def _plain(name: str) -> str:
+    """Return a name without the prefix of its system: all before the last point, which no plain name has."""
+    return name.rpartition(".")[2] if "." in name else name
+
+
+def _data_sources(h5py: Any, file: Any) -> Iterator[SourceTable]:
+    """Find the groups with an array ``timestamp`` and groups with an array ``data``."""
+    groups: list[Any] = []
+    file.visititems(lambda _, item: groups.append(item) if isinstance(item, h5py.Group) else None)
+    for group in groups:
+        own = {_plain(name).casefold(): item for name, item in group.items()}
+        times = own.get("timestamp")
+        if not isinstance(times, h5py.Dataset) or times.ndim != 1 or not len(times):
+            continue
+        columns: dict[str, Any] = {"timestamp": times[()].astype(np.int64)}
+        units: dict[str, str] = {}
+        for name, item in own.items():
+            data = item if isinstance(item, h5py.Dataset) else _data(h5py, item)
+            if name == "timestamp" or data is None or data.shape != times.shape or data.dtype.kind not in "iufb":
+                continue
+            columns[name] = data[()]
+            units[name] = _text(data.attrs.get("Unit", ""))
+        if len(columns) > 1:
+            parts = [_plain(part) for part in group.name.split("/")[1:]]
+            yield SourceTable("/".join(parts[-2:]), pd.DataFrame(columns), units)
+
+
+def _data(h5py: Any, item: Any) -> Any:
+    """Return the array ``data`` of a channel's group; None where it has none."""
+    found = [value for name, value in item.items() if _plain(name).casefold() == "data"]
+    return found[0] if found and isinstance(found[0], h5py.Dataset) else None
+
+
+def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
+    datasets: list[Any] = []
+    file.visititems(lambda _, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
+    for dataset in datasets:
+        if dataset.dtype.names and len(dataset):
+            values = dataset[()]
+            columns = {name: values[name] for name in dataset.dtype.names if values[name].dtype.kind in "iufb"}
+            if columns:
+                yield SourceTable(dataset.name.lstrip("/"), pd.DataFrame(columns))
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,76 @@
+"""ASAM MDF measurement files (.mf4, .mdf): each channel group is a table on its own times."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.libraries import library
+
+
+class Mdf(SourceFormat):
+    """A group is read at a time, so that memory holds one, and nothing is resampled to other groups' times."""
+
+    key = "mdf"
+    title = "ASAM MDF 3 and 4 (.mf4, .mdf)"
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether the file begins as MDF files do."""
+        return path.is_file() and starts_with(path, b"MDF     ", b"UnFinMF ")
+
+    def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
+        """Read every group with numbers: a table by its name, or ``group_N``, with the times in ``time_s``."""
+        asammdf = library("asammdf", "mdf")
+        tables, reason = [], ""
+        with _without_messages_at_deletion():
+            try:
+                with asammdf.MDF(path) as file:
+                    tables = list(_groups(file))
+            except Exception as error:  # the library raises errors of many kinds for damaged files
+                reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        if reason:
+            raise BadInputError(f"{path.name}: cannot be read ({reason}); expected an ASAM MDF file")
+        return refuse_empty(tables, path, "channel group with rows of numbers")
+
+
+@contextmanager
+def _without_messages_at_deletion() -> Iterator[None]:
+    """Keep the library from printing tracebacks when objects of a damaged file, made in part, are deleted."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        yield
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+
+
+def _groups(file: Any) -> Iterator[SourceTable]:
+    taken = dict[str, int]()
+    for index, group in enumerate(file.groups):
+        frame, units = _group(file, index)
+        if not frame.empty:
+            name = group.channel_group.acq_name or f"group_{index + 1}"
+            taken[name] = taken.get(name, 0) + 1
+            yield SourceTable(name if taken[name] == 1 else f"{name}.{taken[name]}", frame, units)
+
+
+def _group(file: Any, index: int) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Return the numeric channels of a group, the time first, and their units."""
+    whole = file.get_group(index, time_from_zero=False)
+    frame = whole.select_dtypes("number")
+    units = {channel.name: channel.unit or "" for channel in file.groups[index].channels}
+    if frame.shape[1] == 0:
+        return pd.DataFrame(), {}
+    frame.insert(0, "time_s", np.asarray(whole.index, dtype=np.float64))
+    return frame.reset_index(drop=True), {"time_s": "s", **units}

@@ -1,0 +1,66 @@
+"""NI TDMS files of measuring labs: each group is a table on the times of its waveforms."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.libraries import library
+from trackfg.numerics.arrays import Array
+
+
+class Tdms(SourceFormat):
+    """Channels of one group and one time track make a table; the time is a channel of its own, or the waveform's."""
+
+    key = "tdms"
+    title = "NI TDMS (.tdms)"
+
+    def recognises(self, path: Path) -> bool:
+        """Return whether the file begins as TDMS files do."""
+        return path.is_file() and starts_with(path, b"TDSm")
+
+    def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
+        """Read every group with numbers; ``time_s`` is the waveform's time where the group has one."""
+        nptdms = library("nptdms", "tdms")
+        tables = []
+        library("nptdms.log", "tdms").log_manager.set_level(
+            logging.ERROR
+        )  # what is wrong with a file is said in one message here
+        try:
+            with nptdms.TdmsFile.open(path) as file:
+                for group in file.groups():
+                    tables += _group(group)
+        except Exception as error:  # the library raises errors of many kinds for damaged files
+            text = (str(error).splitlines() or [type(error).__name__])[0][:200]
+            raise BadInputError(f"{path.name}: cannot be read ({text}); expected a TDMS file") from error
+        return refuse_empty(tables, path, "group with rows of numbers")
+
+
+def _group(group: Any) -> list[SourceTable]:
+    by_length: dict[int, dict[str, np.ndarray]] = {}
+    units: dict[str, str] = {}
+    times: dict[int, Array] = {}
+    for channel in group.channels():
+        values = channel[:]
+        if not len(values) or values.dtype.kind not in "iufbM":
+            continue
+        if values.dtype.kind == "M":
+            values = values.astype("datetime64[ns]").astype(np.int64)
+        by_length.setdefault(len(values), {})[channel.name] = values
+        units[channel.name] = str(channel.properties.get("unit_string", ""))
+        if len(values) not in times and "wf_increment" in channel.properties:
+            times[len(values)] = np.asarray(channel.time_track(), dtype=np.float64)
+    tables = []
+    for rows, columns in by_length.items():
+        name = group.name if len(by_length) == 1 else f"{group.name}/{rows} rows"
+        own = {"time_s": times[rows]} if rows in times else {}
+        tables.append(SourceTable(name, pd.DataFrame({**own, **columns}), {"time_s": "s", **units}))
+    return tables

@@ -1,0 +1,92 @@
+"""A file of delimited text is read as its dialect says, and every fault in it has a row."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+
+from trackfg.errors import BadInputError, printable
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.text_dialect import Dialect, DialectOptions, cells, dialect_of
+
+_EMPTY_CELLS = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-"]
+
+
+def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
+    """Read a file of delimited text. Raises :class:`BadInputError` where it cannot be read, with the row if one is
+    to blame.
+    """
+    dialect = dialect_of(path, options)
+    frame = _by_blanks(path, dialect) if dialect.by_blanks else _by_delimiter(path, dialect)
+    if frame.empty:
+        raise BadInputError(f"{path.name}: the table has no rows; expected data from row {dialect.first_row} on")
+    return SourceTable(path.name, frame, dialect.units, dialect.first_row)
+
+
+def _by_delimiter(path: Path, dialect: Dialect) -> pd.DataFrame:
+    read = pa.csv.ReadOptions(
+        column_names=list(dialect.names), skip_rows=dialect.first_row - 1, encoding=_codec(dialect.encoding)
+    )
+    parse = pa.csv.ParseOptions(delimiter=dialect.delimiter, ignore_empty_lines=True)
+    convert = pa.csv.ConvertOptions(
+        null_values=_EMPTY_CELLS, strings_can_be_null=True, decimal_point=dialect.decimal, timestamp_parsers=["none"]
+    )
+    try:
+        table = pa.csv.read_csv(path, read, parse, convert)
+    except (pa.ArrowException, UnicodeError) as error:
+        raise BadInputError(_fault(path, dialect, error)) from error
+    return _as_frame(table)
+
+
+def _as_frame(table: pa.Table) -> pd.DataFrame:
+    """Return numbers as numbers, and dates, times and all else as text, as they are written."""
+    columns = []
+    for column in table.columns:
+        numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+        columns.append(column if numeric else column.cast(pa.string()))
+    frame: pd.DataFrame = pa.table(columns, names=table.column_names).to_pandas()
+    return frame
+
+
+def _by_blanks(path: Path, dialect: Dialect) -> pd.DataFrame:
+    try:
+        frame = pd.read_csv(
+            path,
+            sep=r"\s+",
+            header=None,
+            names=list(dialect.names),
+            skiprows=dialect.first_row - 1,
+            decimal=dialect.decimal,
+            encoding=_codec(dialect.encoding),
+            na_values=_EMPTY_CELLS,
+        )
+    except (ValueError, pd.errors.ParserError, UnicodeError) as error:
+        raise BadInputError(_fault(path, dialect, error)) from error
+    if isinstance(frame.index, pd.RangeIndex):
+        return frame
+    raise BadInputError(f"{path.name}: rows have more cells than the {len(dialect.names)} names; expected as many")
+
+
+def _codec(encoding: str) -> str:
+    return "utf-8" if encoding == "utf-8-sig" else encoding  # the mark is in a row that is skipped, or Arrow drops it
+
+
+def _fault(path: Path, dialect: Dialect, error: Exception) -> str:
+    """Return what is wrong with the file: the first row that differs, if one does."""
+    width = len(dialect.names)
+    try:
+        with path.open(encoding=dialect.encoding, newline="") as stream:
+            for number, line in enumerate(stream, start=1):
+                if number >= dialect.first_row and line.strip():
+                    found = len(cells(line.rstrip("\r\n"), dialect.delimiter))
+                    if found != width:
+                        return f"{path.name}: row {number} has {found} cells; expected {width}, as in the others"
+    except UnicodeDecodeError as fault:
+        return f"{path.name}: byte {fault.start} is not {dialect.encoding}; expected another encoding"
+    except csv.Error as fault:
+        return f"{path.name}: row {number}: {fault}; expected {width} cells"
+    return f"{path.name}: cannot be read ({printable(str(error).splitlines()[0])[:200]}); expected delimited text"
