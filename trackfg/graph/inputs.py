@@ -132,9 +132,15 @@ class GraphInputs:
         return np.asarray(np.diff(self.distance_at(self.t)))
 
     def distance_at(self, t: Array) -> Array:
-        """Return the initial distance, m: the wheel's without slip, or the length of the initial path. (m,) to (m,)."""
+        """Return the initial distance, m: the wheel's without slip, or the length of the initial path. (m,) to (m,).
+
+        Before the first and after the last row of the wheel the speed goes on.
+        """
         if self.rolling is not None:
-            return self.rolling.wheel.at(t)
+            wheel, path = self.rolling.wheel, self.path
+            first, last = np.interp(wheel.t[[0, -1]], path.t, path.speed)
+            before, after = np.minimum(t - wheel.t[0], 0.0), np.maximum(t - wheel.t[-1], 0.0)
+            return np.asarray(wheel.at(t) + first * before + last * after)
         step = np.diff(self.path.p, axis=0)
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
         return np.asarray(np.interp(t, self.path.t, length))
