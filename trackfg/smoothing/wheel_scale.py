@@ -32,9 +32,9 @@ from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.solver.elimination import eliminate
 from trackfg.solver.square_root import SquareRoot
 
-_WALKS = (1e-5, 3e-5, 1e-4, 3e-4, 1e-3)
-"""1/sqrt(m): from 0.03 % in a kilometre to 1 % in 100 m, as creep that sets in. The first one is tried on every run,
-each other one where the one before is more likely than those before it: the likelihood has one maximum.
+_WALKS = (1e-5, 3e-5, 1e-4, 3e-4)
+"""1/sqrt(m): from 0.03 % to 1 % in a kilometre, as creep that lasts. The first one is tried on every run, each other
+where the one before is more likely than those before it: the likelihood has one maximum.
 """
 
 _CLEARLY = 3.0
@@ -64,9 +64,11 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     best, most = per_sqrt_m, constant + _CLEARLY
     for walk in (walk for walk in _WALKS if walk > per_sqrt_m):
         likelihood = _log_likelihood(rows, _walking(chain, walk / per_sqrt_m), len(problem.t), run)
+        if likelihood > constant + _CLEARLY:
+            best = walk  # one wider than the likeliest, too: a jump is less likely by a walk than it happens
         if likelihood <= most:
             break
-        best, most = walk, likelihood
+        most = likelihood
     if best == per_sqrt_m:
         return Reassessment(problem)
     families = changed(problem.families, FactorType.DISTANCE_CHAIN, lambda one: _walking(one, best / per_sqrt_m))
