@@ -87,7 +87,8 @@ def test_help_has_an_example(run: Run, command: str) -> None:
 def test_help_lists_the_commands_that_work(run: Run) -> None:
     help_ = run("--help").out
     assert all(command in help_ for command in COMMANDS)
-    assert {command.callback.__name__ for command in main.app.registered_commands if command.callback} == set(COMMANDS)
+    registered = main.app.registered_commands
+    assert {one.name or one.callback.__name__ for one in registered if one.callback} == set(COMMANDS)
 
 
 def test_nothing_heavy_is_imported_for_help() -> None:
@@ -358,7 +359,7 @@ def test_baseline(run: Run, recording: Path, tmp_path: Path) -> None:
 def test_baseline_bad_input(run: Run, recording: Path, tmp_path: Path) -> None:
     unknown = run("baseline", "kalman", recording, "-o", tmp_path / "out")
     assert unknown.status == 2
-    assert "no estimator 'kalman'; expected one of smoother, complementary" in unknown.err
+    assert "no estimator 'kalman'; expected one of smoother, dead-reckoning, complementary" in unknown.err
     without = run("baseline", "mid-chord", recording, "-o", tmp_path / "out")
     assert without.status == 2
     assert "lasers" in without.err
