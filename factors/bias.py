@@ -21,6 +21,9 @@ from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 
+RECTIFICATION = slice(21, 24)
+"""The coefficients k in the calibration."""
+
 
 def response_terms(force: Array, rate: Array, power: Array) -> Array:
     """Return the derivative (m, 6, dim) of the added bias by the calibration.
@@ -32,7 +35,7 @@ def response_terms(force: Array, rate: Array, power: Array) -> Array:
         out[:, axis, 2 * axis : 2 * axis + 2] = force[:, :2]
         out[:, 3 + axis, 6 + 3 * axis : 9 + 3 * axis] = rate
         out[:, 3 + axis, 15 + 2 * axis : 17 + 2 * axis] = force[:, :2]
-        out[:, axis, 21 + axis] = power[:, axis]
+        out[:, axis, RECTIFICATION.start + axis] = power[:, axis]
     return out
 
 

@@ -1,19 +1,20 @@
 """Noise levels are raised to what the residuals of a solution show, group by group, and where it matters over time.
 
-A group's level squared, in units of the sigmas that were assumed, is estimated by
+A group's level squared, in units of the sigmas that were declared, is estimated by
 
     f^2 = (n + sum e^2) / (n + sum r),
 
-with whitened residuals e, their redundancies r (:mod:`trackfg.solver.variance_components`), and n residuals that agree
-with what is assumed: the mean of an inverse gamma distribution, the conjugate prior of a variance (Gelman et al.,
-Bayesian Data Analysis, ch. 2). The less the rest of the graph checks a group, the less its level moves.
+with residuals e in these units, their redundancies r (:mod:`trackfg.solver.variance_components`), and n residuals that
+agree with what is declared: the mean of an inverse gamma distribution, the conjugate prior of a variance (Gelman et
+al., Bayesian Data Analysis, ch. 2). The less the rest of the graph checks a group, the less its level moves.
 
 The inertial sensors' level is first that of the intervals nearby (shocks, a bridge, a stretch of bad track), then, of
 the intervals that are left, that of the run; other groups, and the walks of the biases, have one for the run. Biases
 that walk faster than declared are what a sensor that warms up shows, or one that rectifies vibration in its own way.
 
-Levels only rise here. Sensors that are better than declared, or wheels, show too little of it in one run: the sum of
-their small errors, which is what matters, is hardly seen in residuals.
+No level is below 1, and what was raised comes down again once something else explains the residuals. Sensors that are
+better than declared, or wheels, show too little of it in one run: the sum of their small errors, which is what matters,
+is hardly seen in residuals.
 """
 
 from __future__ import annotations
@@ -43,7 +44,10 @@ _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
 
 _RAISED = 1.1
-"""A level that would rise by less stays: sigmas would hardly change."""
+"""A level that would change by less stays: sigmas would hardly change."""
+
+_ALIKE = 1e-9
+"""Relative spread of a family's levels up to which they are one, but for rounding."""
 
 _FAR_OFF = 2.0
 """Level from which on it is said: sigmas were wrong by as much."""
@@ -76,16 +80,15 @@ def noise_levels(run: SolvedRun) -> Reassessment:
     if not run.config.noise.adapt or run.is_changing:
         return Reassessment(problem, _findings(run))
     residuals = group_residuals(problem, run.solution, run.covariance)
-    raised = _with_inertial_levels(problem, residuals)
+    walk = walk_residuals(problem, run.solution, run.covariance)
+    adapted = _with_inertial_levels(run, residuals)
     for kind, name in _FAMILIES.items():
         if name in residuals:
-            raised = _scaled(raised, kind, slice(None), _level(residuals[name]))
-    walk = walk_residuals(problem, run.solution, run.covariance)
+            adapted = _with_level(run, adapted, kind, slice(None), residuals[name])
     if walk is not None:
-        for part in _WALKS.values():
-            level = _level(Residuals(walk.keyframe, walk.values[:, part], walk.redundancy[:, part]))
-            raised = _scaled(raised, FactorType.BIAS_WALK, part, level)
-    return Reassessment(raised, _findings(replace(run, problem=raised)), changed=raised is not problem)
+        for columns in _WALKS.values():
+            adapted = _with_level(run, adapted, FactorType.BIAS_WALK, columns, walk)
+    return Reassessment(adapted, _findings(replace(run, problem=adapted)), changed=adapted is not problem)
 
 
 def levels(declared: Problem, problem: Problem) -> dict[str, float]:
@@ -103,49 +106,64 @@ def levels(declared: Problem, problem: Problem) -> dict[str, float]:
     return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in found.items()}
 
 
-def _level(group: Residuals) -> float:
-    """Return by what a group's sigmas are too small; 1 where it is not significant."""
-    return float(_levels(float(np.sum(group.values**2)), float(np.sum(group.redundancy))))
-
-
 def _levels(squares: Array | float, redundancy: Array | float) -> Array:
+    """Return f of residuals in declared sigmas; 1 where that is not significantly more."""
     worth = _AGREEING + np.maximum(redundancy, 0.0)
     variance = (_AGREEING + squares) / worth
     significant = variance > np.maximum(1.0 + _SIGNIFICANT * np.sqrt(2.0 / worth), _RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
 
-def _with_inertial_levels(problem: Problem, residuals: dict[str, Residuals]) -> Problem:
-    """Return the problem with the white noise of its intervals raised; itself where nothing is."""
-    factor = np.ones((len(problem.measured), 6))
+def _with_inertial_levels(run: SolvedRun, residuals: dict[str, Residuals]) -> Problem:
+    """Return the run's problem with the white noise of its intervals as seen; itself where that is as it was."""
+    problem, declared = run.problem, run.declared.run.noise
+    before = np.sqrt(problem.run.noise.variance / declared.variance)
+    after = before.copy()
     for columns, name in ((slice(0, 3), "gyro"), (slice(3, 6), "accel")):
         if name in residuals:
             group = residuals[name]
-            factor[group.keyframe, columns] = _over_time(group)[:, None]
-    rows = np.flatnonzero((factor > 1.0).any(axis=1))
-    if not rows.size:
+            after[group.keyframe, columns] = _over_time(group, before[group.keyframe, columns.start])[:, None]
+    moved = (np.abs(np.log(after / before)) > np.log(_RAISED)).any(axis=1)
+    if not moved.any():
         return problem
-    noise = WhiteNoise.of_variance(problem.run.noise.variance * factor**2)
+    after[~moved] = before[~moved]
+    noise = WhiteNoise.of_variance(declared.variance * after**2)
     measured = list(problem.measured)
-    for k in rows.tolist():
-        before, (gyro, accel) = measured[k].noise, np.split(factor[k], 2)
-        after = PreintegrationNoise(before.gyro * gyro, before.accel * accel, before.position)
-        measured[k] = replace(measured[k], noise=after)
+    for k in np.flatnonzero(moved).tolist():
+        first, (gyro, accel) = run.declared.measured[k].noise, np.split(after[k], 2)
+        white = PreintegrationNoise(first.gyro * gyro, first.accel * accel, first.position)
+        measured[k] = replace(measured[k], noise=white)
     return replace(problem, run=replace(problem.run, noise=noise), measured=tuple(measured))
 
 
-def _over_time(group: Residuals) -> Array:
-    """Return the level of each interval: that of the intervals nearby, else that of the others in the run."""
-    squares, redundancy = (np.sum(part, axis=1) for part in (group.values**2, group.redundancy))
+def _over_time(group: Residuals, level: Array) -> Array:
+    """Return the level of each interval (m,): that of the intervals nearby, else that of the others in the run.
+
+    ``level`` (m,) is what it was assumed to be.
+    """
+    squares, redundancy = np.sum(group.values**2, axis=1) * level**2, np.sum(group.redundancy, axis=1)
     nearby = (_NEARBY * uniform_filter1d(part, _NEARBY, mode="constant") for part in (squares, redundancy))
-    level = _levels(*nearby)
-    usual = level == 1.0
-    level[usual] = _levels(float(np.sum(squares[usual])), float(np.sum(redundancy[usual])))
-    return level
+    found = _levels(*nearby)
+    usual = found == 1.0
+    found[usual] = _levels(float(np.sum(squares[usual])), float(np.sum(redundancy[usual])))
+    return found
 
 
-def _scaled(problem: Problem, kind: FactorType, columns: slice, factor: float) -> Problem:
-    if factor == 1.0:
+def _with_level(run: SolvedRun, problem: Problem, kind: FactorType, columns: slice, group: Residuals) -> Problem:
+    """Return the problem with some columns of a family's sigmas at the level that its residuals show.
+
+    Sigmas that are not a multiple of the declared ones have been changed by others, and only rise.
+    """
+    family, first = problem.family(kind), run.declared.family(kind)
+    assert family is not None
+    level, ours = 1.0, False
+    if first is not None and first.sigma.shape == family.sigma.shape:
+        ratio = family.sigma[:, columns] / first.sigma[:, columns]
+        level, ours = float(ratio.flat[0]), bool(np.ptp(ratio) < _ALIKE * ratio.flat[0])
+    level = level if ours else 1.0
+    squares, redundancy = (float(np.sum(part[:, columns])) for part in (group.values**2, group.redundancy))
+    factor = float(_levels(squares * level**2, redundancy)) / level
+    if abs(np.log(factor)) < np.log(_RAISED):
         return problem
 
     def scaled(family: Family) -> Family:

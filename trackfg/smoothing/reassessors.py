@@ -1,4 +1,8 @@
-"""All reassessors, in the order in which they see a solution."""
+"""All reassessors, in the order in which they see a solution.
+
+Levels of noise come after what would pass for noise, and are not judged in a round in which that has changed; priors
+are widened in the same round, since noise makes them all look contradicted.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ from trackfg.smoothing.gnss_errors import gnss_errors
 from trackfg.smoothing.leaning_body import leaning_body
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
+from trackfg.smoothing.rectification import rectification
 from trackfg.smoothing.unheard_sensors import unheard_sensors
 from trackfg.smoothing.wheel_scale import wheel_scale
 from trackfg.smoothing.wide_priors import wide_priors
@@ -14,6 +19,7 @@ from trackfg.smoothing.wrong_fixes import wrong_fixes
 REASSESSORS: tuple[Reassessor, ...] = (
     wrong_fixes,
     gnss_errors,
+    rectification,
     noise_levels,
     wheel_scale,
     wide_priors,

@@ -98,9 +98,6 @@ def _calibration() -> Iterator[_Scalar]:
     for axis, other in product("xyz", "xy"):
         text = f"the gyro's {axis} axis feels {{}} rad/s per m/s^2 along {other}"
         yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
-    for axis in "xyz":
-        text = f"the accelerometer's bias along {axis} grows by {{}} m/s^2 per (m/s^2)^2 of vibration"
-        yield _Scalar(next(column), text, hint.format("rectification_sd"))
 
 
 def _wheel() -> Iterator[_Scalar]:
@@ -147,6 +144,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far] = np.abs(judged.alone[far])
+            left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
+            wanted[0, left] = current.sigma[0, left]
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
     return Reassessment(problem, tuple(findings), changed=any_changed)

@@ -1,0 +1,82 @@
+"""Vibration that rectifies more than a good sensor's is found after a solve, and its prior is widened then.
+
+Data sheets differ by a factor of a hundred, and a filter before the samples hides most of a vibration's power, so no
+one prior suits all: a wide one would cost sensors without the effect some of their accuracy. So the prior of the
+coefficients k (:mod:`trackfg.factors.bias`) begins narrow. Where one of them, as the data alone would have it,
+
+    e = k / (1 - h),   c^2 = s^2 / (1 - h),   h = (s / s0)^2
+
+with s0 its prior and s its posterior sigma, is far beyond ``sqrt(s0^2 + c^2)``, the prior of all three axes becomes the
+largest e: empirical Bayes (Efron & Morris, J. American Statistical Association 68 (1973)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trackfg.factors.bias import RECTIFICATION
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
+from trackfg.factors.states import Kind, offset_in_keyframe
+from trackfg.numerics.arrays import Array
+from trackfg.recording.findings import Finding
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+
+_FAR_SIGMAS = 3.0
+"""Sigmas beyond which the data contradict the prior: of three coefficients that it suits, one does in 120 runs."""
+
+_NEAR_SIGMAS = 2.0
+"""Sigmas below which it is the first prior again: what contradicted it has been explained by something else."""
+
+_LEAST_FREE = 1e-6
+"""1 - h at least: beyond it rounding decides what the data alone say."""
+
+_WIDENED = 1.2
+"""A sigma that would grow by less than this factor stays: the solution would hardly change."""
+
+
+def rectification(run: SolvedRun) -> Reassessment:
+    """Reassess the prior of the accelerometer's bias per power of vibration."""
+    problem, declared = run.problem, run.declared.family(FactorType.PRIOR_IMU)
+    prior = problem.family(FactorType.PRIOR_IMU)
+    if prior is None or declared is None:
+        return Reassessment(problem)
+    k = run.solution.states.imu[0, RECTIFICATION]
+    sd, first = prior.sigma[0, RECTIFICATION], declared.sigma[0, RECTIFICATION]
+    start = offset_in_keyframe(Kind.IMU)
+    columns = np.arange(start, start + Kind.IMU.dim)[RECTIFICATION]
+    free = np.maximum(1.0 - run.covariance.marginal[0, columns, columns] / sd**2, _LEAST_FREE)
+    alone, known = k / free, sd**2 * (1.0 - free) / free
+    sigmas = float(np.max(np.abs(alone) / np.sqrt(first**2 + known)))
+    wanted = sd
+    if sigmas > _FAR_SIGMAS and np.abs(alone).max() > _WIDENED * sd.max():
+        wanted = np.full(3, np.abs(alone).max())
+    elif sigmas < _NEAR_SIGMAS:
+        wanted = first
+    findings = _findings(k, bool((wanted > first).any()))
+    if np.array_equal(wanted, sd):
+        return Reassessment(problem, findings)
+
+    def known_to(family: Family) -> Family:
+        sigma = family.sigma.copy()
+        sigma[:, RECTIFICATION] = wanted
+        return replace(family, sigma=sigma)
+
+    problem = replace(problem, families=changed(problem.families, FactorType.PRIOR_IMU, known_to))
+    return Reassessment(problem, findings, changed=True)
+
+
+def _findings(k: Array, is_large: bool) -> tuple[Finding, ...]:
+    if not is_large:
+        return ()
+    values = ", ".join(f"{value:.2g}" for value in k)
+    return (
+        Finding(
+            level="info",
+            code="vibration-rectification",
+            message=f"the accelerometer's bias grows with vibration: {values} m/s^2 per (m/s^2)^2 along x, y, z",
+            hint="mount the sensor where it shakes less, or declare rectification_sd of [imu.noise] as large",
+        ),
+    )
