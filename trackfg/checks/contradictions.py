@@ -31,11 +31,8 @@ _UNIT_TOLERANCE = 0.1
 def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[Estimates, list[Finding]]:
     """Estimate everything, and return it with whatever it shows to be wrong or doubtful."""
     limits, estimates = limits or CheckLimits(), estimates_of(recording)
-    return estimates, [
-        *_fix_order(recording),
-        *imu_channels.findings(recording.description.imu, recording.imu, limits),
-        *contradictions(recording, estimates, limits),
-    ]
+    channels = imu_channels.findings(recording.description.imu, recording.imu, limits)
+    return estimates, [*channels, *contradictions(recording, estimates, limits)]
 
 
 def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
@@ -53,6 +50,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_wheel(description.tach, estimates.wheel_scale_gnss, force, limits),
         *_gnss(recording, estimates.positions, force, limits),
         *_fixes(recording, estimates.positions, limits),
+        *_fix_order(recording),
     ]
 
 
@@ -218,7 +216,10 @@ def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
 def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
     """One finding for the longest span of each kind."""
     found = []
-    for kind, what in (("constant", "stays at one value"), ("absent", "has no rows")):
+    for kind, code, what in (
+        ("constant", "tach-silent", "stays at one value"),
+        ("absent", "tach-absent", "has no rows"),
+    ):
         of_kind = [span for span in spans if span.kind == kind]
         if tach is None or not of_kind:
             continue
@@ -226,11 +227,13 @@ def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
         message = f"{what} from t = {longest.start_s:.6g} to {longest.end_s:.6g} s, while the IMU moves"
         if len(of_kind) > 1:
             message += f" ({len(of_kind)} such spans)"
-        hint = "leave the part without a tach out, or leave [tach] out: a wheel that does not turn reads as a slide"
+        hint = (
+            "remove these rows, or [tach]: a wheel that stands still reads as a slide" if kind == "constant" else None
+        )
         found.append(
             Finding(
                 "warning",
-                "tach-silent",
+                code,
                 message,
                 file=tach.file,
                 column=tach.column,

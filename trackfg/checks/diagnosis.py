@@ -99,7 +99,7 @@ def estimates_of(recording: Recording) -> Estimates:
         noise_density=noise_density(recording, standstills),
         wheel_scale_fixes=None if heard.tach is None or fixes is None else scale_from_fixes(heard.tach, fixes),
         wheel_scale_gnss=None if heard.tach is None or gnss is None else scale_from_gnss(heard.tach, gnss),
-        force=fit_force(heard, axes),
+        force=fit_force(heard, axes, offset),
         positions=fit_positions(heard, None if heard.tach is None else on_imu_clock(heard.tach, offset)),
         silent_spans=silent,
     )

@@ -25,6 +25,7 @@ from trackfg.sensors.averages import Motion, averaged, band_passed
 _STEP_S = 0.25
 _SHORT_S, _LONG_S = 0.6, 6.0
 _MAX_LAG_S = 20.0
+_FEWEST_INTERVALS = 40
 _MIN_ACCELERATION = 0.01
 _MIN_LATERAL = 0.005
 _MIN_CORRELATION = 0.5
@@ -133,8 +134,10 @@ def forward_correlations(motion: Motion) -> Array | None:
 
     None where the tach shows no acceleration.
     """
+    if motion.speed.size < _FEWEST_INTERVALS:
+        return None
     acceleration = band_passed(tach_acceleration(motion), motion.valid, motion.step_s, _SHORT_S, _LONG_S)
-    if acceleration.size < 40 or np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
+    if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
         return None
     best = []
     for force in motion.accel.T:

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.diagnosis_axes import AxesEstimate
-from trackfg.checks.diagnosis_clock import estimate_clock_offset, on_imu_clock
+from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset, on_imu_clock
 from trackfg.checks.diagnosis_gyro import estimate_gyro_columns, is_refused, unexplained
 from trackfg.checks.diagnosis_speed import Slope, forward_slope, lateral_slope
 from trackfg.checks.force_balance import FEWEST_BLOCKS, ForceBalance, force_balance
@@ -59,12 +59,13 @@ class ForceFit:
         return self.accel != self.gyro
 
 
-def fit_force(recording: Recording, axes: AxesEstimate) -> ForceFit | None:
+def fit_force(recording: Recording, axes: AxesEstimate, clock: ClockOffset | None) -> ForceFit | None:
     """Compare specific force with what tach and gyro imply; None without a tach and for too short a time.
 
-    Speeds that are surely scaled wrongly are put right before columns are judged.
+    ``clock``: the tach's, by the forward axis as declared. Speeds that are surely scaled wrongly are put right before
+    columns are judged.
     """
-    facing = _facing_forward(recording, axes)
+    facing = _facing_forward(recording, axes, clock)
     if facing is None:
         return None
     turn, balance = facing.turn, facing.balance
@@ -95,12 +96,13 @@ class _Facing:
     left: pd.Series
 
 
-def _facing_forward(recording: Recording, axes: AxesEstimate) -> _Facing | None:
+def _facing_forward(recording: Recording, axes: AxesEstimate, clock: ClockOffset | None) -> _Facing | None:
     """Return the recording as declared; turned as proposed where what is declared is refused."""
-    declared = _facing(recording, np.eye(3))
+    declared = _facing(recording, np.eye(3), clock)
     if declared is None or axes.proposed == axes.declared:
         return declared
-    proposed = _facing(recording, axes.turn)
+    turned = _turned(recording, axes.turn)
+    proposed = _facing(turned, axes.turn, estimate_clock_offset(turned))
     if proposed is None:
         return declared
     if axes.best_forward == "-x":
@@ -112,19 +114,23 @@ def _facing_forward(recording: Recording, axes: AxesEstimate) -> _Facing | None:
     return proposed if shared.size >= FEWEST_BLOCKS and is_refused(one, other) else declared
 
 
-def _facing(recording: Recording, turn: Array) -> _Facing | None:
-    if recording.tach is None:
-        return None
+def _turned(recording: Recording, turn: Array) -> Recording:
     imu = recording.imu.copy()
     for columns in (IMU_COLUMNS[1:4], IMU_COLUMNS[4:7]):
         imu[list(columns)] = recording.imu[list(columns)].to_numpy() @ turn.T
-    tach = on_imu_clock(recording.tach, estimate_clock_offset(replace(recording, imu=imu)))
-    balance = force_balance(imu, tach)
+    return replace(recording, imu=imu)
+
+
+def _facing(recording: Recording, turn: Array, clock: ClockOffset | None) -> _Facing | None:
+    if recording.tach is None:
+        return None
+    tach = on_imu_clock(recording.tach, clock)
+    balance = force_balance(recording.imu, tach)
     if balance is None:
         return None
     power = unexplained(balance)[:, :2].sum(axis=1)
     left = pd.Series(power[int(np.argmin(power.sum(axis=1)))], index=np.unique(balance.block))
-    return _Facing(turn, imu, tach, balance, left[balance.whole_blocks])
+    return _Facing(turn, recording.imu, tach, balance, left[balance.whole_blocks])
 
 
 def _is_surely_scaled(slope: Slope) -> bool:

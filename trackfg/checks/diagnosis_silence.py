@@ -1,9 +1,9 @@
 """Spans in which the tach shows no motion although the IMU does: a wheel sensor that is dead, frozen or absent.
 
-The tach says nothing before its first row, after its last, and in holes; it says "at rest" where its distance does not
-change. A vehicle that stands has the same mean rates and forces in all blocks of 2 s, up to the sensor's drift and to
-what scatter within the blocks makes of their means, however its engine shakes it. One that moves has not: gradient,
-cant, curves and acceleration change.
+The tach says nothing before its first row and after its last (holes are found by their length alone); it says "at
+rest" where its distance does not change. A vehicle that stands has the same mean rates and forces in all blocks of 2 s,
+up to the sensor's drift and to what scatter within the blocks makes of their means, however its engine shakes it. One
+that moves has not: gradient, cant, curves and acceleration change.
 """
 
 from __future__ import annotations
@@ -56,13 +56,10 @@ def silent_spans(imu: pd.DataFrame, tach: pd.DataFrame) -> tuple[SilentSpan, ...
     """Return the spans of 20 s or more, in order."""
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     begin, end = float(imu["t_s"].iloc[0]), float(imu["t_s"].iloc[-1])
-    marks = np.clip(np.concatenate([[begin], t, [end]]), begin, end)
-    holes = np.flatnonzero(np.diff(marks) >= SHORTEST_S)
+    spans = [SilentSpan(begin, float(t[0]), "absent"), SilentSpan(float(t[-1]), end, "absent")]
     changes = np.concatenate([[0], np.flatnonzero(np.diff(distance) != 0.0), [t.size - 1]])
-    spans = [SilentSpan(float(marks[i]), float(marks[i + 1]), "absent") for i in holes]
     for i, j in zip(np.append(0, changes[1:-1] + 1), changes[1:], strict=True):
-        if t[j] - t[i] >= SHORTEST_S:
-            spans.append(SilentSpan(float(t[i]), float(t[j]), "constant"))
+        spans.append(SilentSpan(float(t[i]), float(t[j]), "constant"))
     rows, times = imu[list(IMU_COLUMNS[1:])].to_numpy(), imu["t_s"].to_numpy()
     moving = []
     for span in sorted(spans, key=lambda one: one.start_s):

@@ -36,6 +36,8 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
     An interval is at least one IMU interval long.
     """
     t = imu["t_s"].to_numpy()
+    if t.size < 2:
+        return None
     interval = float(np.median(np.diff(t)))
     step = max(step_s, interval)
     begin, end = t[0], t[-1]

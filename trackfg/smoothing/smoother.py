@@ -46,6 +46,7 @@ from trackfg.smoothing.noise_levels import levels
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
+from trackfg.smoothing.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
@@ -103,17 +104,20 @@ def smooth(
     config: SmoothConfig | None = None,
     *,
     feature_map: FeatureMap | None = None,
+    limits: CheckLimits | None = None,
     progress: Progress | None = None,
 ) -> Result:
     """Estimate the whole run from all its measurements, and from a map if there is one to be recognised on.
 
-    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "output", "geometry" and "map"
-    go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is missing.
+    ``limits`` are those of the checks of the recording, as of :func:`~trackfg.io.check.check_recording`.
+    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "check", "output", "geometry"
+    and "map" go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is
+    missing.
     """
-    config = config or SmoothConfig()
-    measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, CheckLimits())))
+    config, limits = config or SmoothConfig(), limits or CheckLimits()
+    measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))
     measured = with_gnss_in_time(measured)
-    smoothed = smooth_states(measured, config, feature_map=feature_map, progress=progress)
+    smoothed = smooth_states(measured, config, feature_map=feature_map, limits=limits, progress=progress)
     sources = EventSources.of(smoothed.problem)
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
     return Result(
@@ -130,11 +134,16 @@ def smooth_states(
     config: SmoothConfig,
     *,
     feature_map: FeatureMap | None = None,
+    limits: CheckLimits | None = None,
     progress: Progress | None = None,
 ) -> SmoothedStates:
     """Smooth as :func:`smooth` does, but return states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
     solved = _solved(recording, config, views, stages)
+    with stages.stage("check"):
+        findings = recording_findings(recording, limits or CheckLimits())
+        doubts = (*recording_doubts(recording, findings), *solved.doubts)
+    solved = replace(solved, findings=(*findings, *solved.findings), doubts=doubts)
     smoothed = _with_tables(recording, views, stages, solved)
     return smoothed if feature_map is None else _on_map(recording, views, stages, smoothed, feature_map)
 

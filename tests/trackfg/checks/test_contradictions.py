@@ -137,7 +137,7 @@ MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
         changed("tach", distance_m=lambda rows: rows["distance_m"].clip(upper=rows["distance_m"].median())),
         {"tach-silent"}, "while the IMU moves"),
     "the tach is there for the second half": (
-        kept("tach", 150.0), {"tach-silent"}, " to 150 s, while the IMU moves"),
+        kept("tach", 150.0), {"tach-absent"}, " to 150 s, while the IMU moves"),
     "the tach is late": (later("tach", 1.0), {"clock-offset"}, "set tach.time_offset_s = -"),
     "GNSS is 3 s late": (later("gnss", 3.0), {"gnss-delay"}, "set gnss.time_offset_s = -"),
     "east and north exchanged": (

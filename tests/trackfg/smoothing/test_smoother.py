@@ -329,7 +329,14 @@ def test_summary_says_what_was_estimated(simulated: Callable[..., Simulation]) -
 def test_progress_names_every_stage(simulated: Callable[..., Simulation]) -> None:
     seen: list[tuple[str, float]] = []
     smooth(simulated("parked", seed=0, duration_s=60.0).recording, progress=lambda *step: seen.append(step))
-    assert list(dict.fromkeys(name for name, _ in seen)) == ["graph", "solve", "covariance", "output", "geometry"]
+    assert list(dict.fromkeys(name for name, _ in seen)) == [
+        "graph",
+        "solve",
+        "covariance",
+        "check",
+        "output",
+        "geometry",
+    ]
     assert all(0.0 <= done <= 1.0 for _, done in seen)
 
 
