@@ -17,6 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
@@ -80,8 +82,12 @@ def _windows(gnss: Array, edges: Array, path: Array) -> list[tuple[Array, Array]
     windows = []
     for start in np.arange(edges[0] + _REACH_S, edges[-1] - _REACH_S - length, length):
         inside = (t >= start) & (t < start + length)
-        ends = np.interp([start, start + length], edges, path)
-        if np.count_nonzero(inside) >= _WINDOW_POSITIONS - 1 and abs(ends[1] - ends[0]) > _SHORTEST_M:
+        if np.count_nonzero(inside) < _WINDOW_POSITIONS - 1:
+            continue
+        # What the positions see of the path at any of the offsets.
+        first, last = t[inside][[0, -1]]
+        seen = np.interp([first + _REACH_S, last - _REACH_S], edges, path)
+        if first + 2.0 * _REACH_S < last and abs(seen[1] - seen[0]) > _SHORTEST_M:
             windows.append((t[inside], z[inside]))
     return windows
 
@@ -108,4 +114,6 @@ def _best(lags: Array, costs: Array) -> GnssClock | None:
     curvature = float(bend.sum())
     offset = -0.5 * float(total[best + 1] - total[best - 1]) / _LAG_S / curvature
     slope = 0.5 * (around[:, 2] - around[:, 0]) / _LAG_S + bend * offset
-    return GnssClock(float(lags[best]) + offset, float(np.sqrt(np.sum(slope**2)) / curvature))
+    # So few windows show their scatter badly: three sigmas shall be as unlikely as they are of a normal variable.
+    few = float(student.ppf(norm.cdf(3.0), len(costs) - 1) / 3.0)
+    return GnssClock(float(lags[best]) + offset, few * float(np.sqrt(np.sum(slope**2)) / curvature))

@@ -71,6 +71,10 @@ _LONGEST_S = 120.0
 """No error is looked for that lasts longer, s: multipath of a receiver at rest repeats with the satellites, but that of
 one in motion changes with the place."""
 
+_LAGS_OF_POSITIONS = 4
+"""Autocorrelations are looked at up to a lag of the number of positions over this: of longer ones too few pairs tell
+(Box & Jenkins, "Time series analysis", 1970, ch. 2). Nor is an error taken to last longer."""
+
 _SIGNIFICANT = 2.0
 """Autocorrelations below so many of their sigmas end the sum."""
 
@@ -166,7 +170,8 @@ def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -
     followed_there = float(np.mean(np.minimum(followed[part], _MOST_FOLLOWED)))
     variance = float(np.mean(residual[part] ** 2)) + followed_there
     rho: list[float] = []
-    for lag in range(1, min(len(t) // 4, int(_LONGEST_S / interval)) + 1):
+    longest = max(1, min(int(np.count_nonzero(part)) // _LAGS_OF_POSITIONS, int(_LONGEST_S / interval)))
+    for lag in range(1, longest + 1):
         pairs = part[:-lag] & part[lag:] & (np.abs(t[lag:] - t[:-lag] - lag * interval) < 0.5 * interval)
         count = int(pairs.sum()) * residual.shape[1]
         product = float(np.mean((residual[:-lag] * residual[lag:])[pairs])) if count else 0.0
@@ -176,7 +181,7 @@ def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -
     if len(rho) < _FITTED_LAGS:
         return 1.0 + 2.0 * sum(rho)
     slope, intercept = np.polyfit(np.arange(1, len(rho) + 1), np.log(rho), 1, w=rho)
-    phi, share = float(np.exp(min(slope, -interval / _LONGEST_S))), float(min(np.exp(intercept), 1.0))
+    phi, share = float(np.exp(min(slope, -1.0 / longest))), float(min(np.exp(intercept), 1.0))
     return 1.0 + 2.0 * max(sum(rho), share * phi / (1.0 - phi))
 
 

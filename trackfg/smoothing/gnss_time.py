@@ -14,10 +14,10 @@ from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.sensors.gnss_clock import gnss_clock
 
-_LEAST_S = 0.1
-"""Smaller offsets are left to the graph, s: two of its prior sigmas, ``position.gnss_clock_offset_sd_s``."""
+_LEAST_S = 0.15
+"""Smaller offsets are left to the graph, s: three of its prior sigmas, ``position.gnss_clock_offset_sd_s``."""
 
-_SIGMAS = 3.0
+_SIGMAS = 4.0
 """Offsets of so many of their own sigmas are certain."""
 
 _TACH_SIGMAS = 2.0
