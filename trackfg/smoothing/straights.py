@@ -15,7 +15,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
-from trackfg.smoothing.passage import STEP_M, passage
+from trackfg.smoothing.passage import STEP_M, Passage, passage
 from trackfg.smoothing.reassessment import SolvedRun
 
 _BASE_M = 50.0
@@ -26,7 +26,11 @@ _STRAIGHT_1PM = 2e-4
 """Curvature below which track is straight: at R 5000 and 40 m/s the whole cant would be 33 mrad, and none is usual."""
 
 _SHORTEST_M = 200.0
-"""Length of straight, all together, below which its mean says nothing: twists and irregularities are not averaged."""
+"""Length of straight, all together, or else of the run, below which its mean says nothing: twists and irregularities
+are not averaged."""
+
+_EACH_WAY = 0.2
+"""Share of the way in curves to the left, and to the right, below which the line is drawn beyond what is seen."""
 
 _NOTICED_RAD = np.radians(0.2)
 """From here on a tilt is a finding: 5 mm between the rails, what track is relaid to."""
@@ -44,12 +48,35 @@ def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
 
 
 def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
-    """Return the mean roll on straights and its sigma, rad; 0 where there are none to speak of."""
+    """Return the mean roll on straights and its sigma, rad; without any, that which curves of both ways have in common;
+    0 where there is not way enough.
+    """
     at = passage(run)
     straight = _straight(at.heading)
-    if np.sum(straight) * STEP_M < _SHORTEST_M:
+    if len(at.roll) * STEP_M < _SHORTEST_M:
         return 0.0, 0.0
+    if np.sum(straight) * STEP_M < _SHORTEST_M:
+        return _roll_at_no_curvature(at)
     return float(np.mean(at.roll[straight])), float(np.sqrt(np.mean(at.roll_variance[straight])))
+
+
+def _roll_at_no_curvature(at: Passage) -> tuple[float, float]:
+    """Return roll at curvature 0 and its sigma, rad, by the line of roll over curvature, since cant has its sign.
+
+    It is 0 where hardly any curve goes the other way.
+    """
+    half = round(0.5 * _BASE_M / STEP_M)
+    curvature = (at.heading[2 * half :] - at.heading[: -2 * half]) / (2 * half * STEP_M)
+    roll = at.roll[half : len(at.roll) - half]
+    if min(np.mean(curvature > _STRAIGHT_1PM), np.mean(curvature < -_STRAIGHT_1PM)) < _EACH_WAY:
+        return 0.0, 0.0
+    away = curvature - curvature.mean()
+    spread = float(away @ away)
+    slope = float(away @ roll) / spread
+    left = roll - roll.mean() - slope * away
+    lever = 1.0 / len(roll) + curvature.mean() ** 2 / spread
+    variance = np.mean(at.roll_variance) + np.mean(left**2) * lever * 2 * half
+    return float(roll.mean() - slope * curvature.mean()), float(np.sqrt(variance))
 
 
 def _straight(heading: Array) -> np.ndarray:

@@ -59,3 +59,9 @@ def test_an_upright_sensor_keeps_its_sigma(
     result = smoothed("mainline", seed=0, duration_s=TOTAL_S)
     assert result.trajectory["roll_rad_sd"].median() < 1e-3
     assert not [one for one in result.findings if one.code == "roll-on-straights"]
+
+
+def test_a_tilt_shows_in_curves_of_both_ways(simulated: Callable[..., Simulation]) -> None:
+    """A yard has no long straight."""
+    result = smooth_states(tilted(simulated("shunting", seed=0, duration_s=240.0).recording, 2.0), SmoothConfig())
+    assert result.problem.run.mount_roll_sd == pytest.approx(np.radians(2.0), rel=0.1)
