@@ -38,6 +38,11 @@ _NEAR_SIGMAS = 3.0
 _WIDENED = 1.2
 """A sigma that would change by less than this factor stays: the solution would hardly change."""
 
+_CALIBRATION_FACTOR = 10.0
+"""The prior of an inertial sensor's calibration widens to this multiple at most. Errors that the graph does not model
+(vibration, a moving point of reference, a late clock) look like scale factors and misalignments too, and data sheets
+are not wrong by more: typical to worst of one kind of sensor is a factor of 10."""
+
 _SET_SD = 1e-5
 """Sigmas below this do not say what is known but what is so by convention."""
 
@@ -144,6 +149,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far] = np.abs(judged.alone[far])
+            if kind is Kind.IMU:
+                wanted = np.minimum(wanted, _CALIBRATION_FACTOR * first.sigma)
             left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
             wanted[0, left] = current.sigma[0, left]
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
