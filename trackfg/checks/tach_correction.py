@@ -34,7 +34,7 @@ _LEAST_ACCELERATION = 0.02
 """Of the accelerometer in the band, m/s^2 rms: as large as gradients make it where the vehicle just goes on."""
 
 _RIGHT = 0.15
-"""A factor that may be as near to 1 is the wheel's scale, or a sensor's, and left to the graph."""
+"""A tach of which a slope is as near to 1 is right but for its scale, or a sensor's, which is left to the graph."""
 
 _NEAR = 0.1
 """A factor as near to that of a usual mistake, in proportion, is taken for it."""
@@ -111,7 +111,7 @@ def _mistake(factor: float) -> tuple[float, str]:
 
 
 def force_per_acceleration(recording: Recording) -> float | None:
-    """Return k, the geometric mean of the two slopes, 1 if they enclose it; None where the run does not tell."""
+    """Return k, the geometric mean of the two slopes, 1 if it may be near 1; None where the run does not tell."""
     assert recording.tach is not None
     motion = averaged(recording.imu, recording.tach, _STEP_S)
     if motion is None or motion.t_s.size * motion.step_s < 4.0 * _LONG_S or not motion.valid.any():
@@ -126,7 +126,9 @@ def force_per_acceleration(recording: Recording) -> float | None:
     if abs(product) < _LEAST_CORRELATION * np.linalg.norm(acceleration) * np.linalg.norm(force):
         return None
     small, large = product / float(acceleration @ acceleration), float(force @ force) / product
-    return 1.0 if small <= 1.0 <= large else float(np.sign(product) * np.sqrt(small * large))
+    if product > 0.0 and small <= 1.0 + _RIGHT and large >= 1.0 / (1.0 + _RIGHT):
+        return 1.0  # a slope near 1 is not excluded: vibration and a tilted mounting raise the larger one
+    return float(np.sign(product) * np.sqrt(small * large))
 
 
 def _late(clock_s: float, declared_s: float) -> Finding:
