@@ -108,8 +108,8 @@ _FACTORS = (
         (
             _one(
                 "the swing of the lever arm has the other sign",
-                "at_reference = body - swing",
-                "at_reference = body + swing",
+                "body - np.cross(angular_rate",
+                "body + np.cross(angular_rate",
             ),
             _one("yaw of the mounting turns the other way", "-sy, cy * sp, sy * cp", "sy, cy * sp, sy * cp"),
         ),
@@ -123,7 +123,9 @@ _FACTORS = (
                 "d_c_by_e = -mean_by_time",
                 "d_c_by_e = mean_by_time",
             ),
-            _one("the lever arm is left out at one end", "second.R, lever_arm)) - (", "second.R, 0 * lever_arm)) - ("),
+            _one(
+                "the lever arm is left out at one end", "second.R, from_track)) - (", "second.R, 0 * from_track)) - ("
+            ),
         ),
     ),
     Part(
@@ -312,8 +314,11 @@ _SOLVER = (
         "trackfg/solver/variance_components.py",
         ("tests/trackfg/solver/test_variance_components.py",),
         (
-            _one("residuals are held against their number", "shape[1] - np.sum(spread)", "shape[1]"),
-            _one("levels fall below what is declared", "ratios.get(name, 1.0), 1.0)", "ratios.get(name, 1.0), 0.0)"),
+            _one(
+                "residuals are held against their number",
+                "weights(states)[:, None] - spread)",
+                "weights(states)[:, None] + 0 * spread)",
+            ),
         ),
     ),
 )
@@ -347,7 +352,11 @@ _OUTPUT = (
             _one("the accelerometer's noise grows with the interval as the gyro's does", "span**1.5", "span**0.5"),
             _one("a point below swings the other way", "attitude(lever) + np", "-attitude(lever) + np"),
             _one("a bridge has one end only", "- f * pins[k + 1]", "- 0 * pins[k + 1]"),
-            _one("a path that is turned as a whole seems to bend", "across + bent + shaken(1)", "across + shaken(1)"),
+            _one(
+                "a path that is turned as a whole seems to bend",
+                "across + bent + shaken(1, 1)",
+                "across + shaken(1, 1)",
+            ),
         ),
     ),
     Part(
@@ -382,7 +391,7 @@ _OUTPUT = (
                 "columns = [run.direction * motion.distance",
                 "columns = [motion.distance",
             ),
-            _one("the white noise in between is left out", "noise.gyro**2 * bridge[:, None]", "0 * bridge[:, None]"),
+            _one("the white noise in between is left out", "+= gyro * bridge[:, None]", "+= 0 * bridge[:, None]"),
         ),
     ),
     Part(
@@ -504,17 +513,34 @@ _SENSORS = (
         ("tests/trackfg/sensors/test_dead_reckoning.py",),
         (
             _one(
-                "the sideways acceleration of curves is taken for cant",
-                "speed * w[:, 2], -speed * w[:, 1]",
-                "0 * w[:, 2], -speed * w[:, 1]",
-            ),
-            _one(
                 "a path is turned the wrong way onto GNSS",
                 "np.angle(np.sum(np.conj(a) * b))",
                 "-np.angle(np.sum(np.conj(a) * b))",
             ),
+        ),
+    ),
+    Part(
+        "trackfg/sensors/starting_bias.py",
+        ("tests/trackfg/sensors/test_starting_bias.py", "tests/trackfg/sensors/test_dead_reckoning.py"),
+        (
+            _one(
+                "the sideways acceleration of curves is taken for cant",
+                "self.speed * w[:, 2], -self.speed * w[:, 1]",
+                "0 * w[:, 2], -self.speed * w[:, 1]",
+            ),
             _one(
                 "rests tell nothing of the Earth's rate", "- [0.0, 0.0, earth_rate[2]]", "+ [0.0, 0.0, earth_rate[2]]"
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/smoothing/noise_levels.py",
+        ("tests/trackfg/smoothing/test_noise_levels.py",),
+        (
+            _one(
+                "levels fall below what is declared",
+                "significant, np.sqrt(variance), 1.0",
+                "significant, np.sqrt(variance), 0.5",
             ),
         ),
     ),
@@ -536,9 +562,9 @@ _SENSORS = (
         ),
     ),
     Part(
-        "trackfg/sensors/standstills.py",
-        ("tests/trackfg/sensors/test_standstills.py",),
-        (_one("whatever does not turn the wheel is at rest", "stops & (ends > begins)", "(ends > begins)"),),
+        "trackfg/sensors/tach_rests.py",
+        ("tests/trackfg/sensors/test_standstills.py", "tests/trackfg/sensors/test_rests_of_any_ride.py"),
+        (_one("whatever does not turn the wheel is at rest", "< _LAST_SECOND_M)", "< 1e3 * _LAST_SECOND_M)"),),
     ),
     Part(
         "trackfg/sensors/averages.py",

@@ -33,7 +33,7 @@ def excess_of(offset_s: float, drift: float) -> Excess:
     stamps = true - OFFSET_S - DRIFT * (true - MIDDLE_S)
     wheel = Wheel(stamps, distance(true) / SCALE, 1e-3, 0.0, False, np.zeros((0, 2)))
     n = len(keyframes)
-    rolled = tach_distance(np.arange(n - 1), np.zeros((n - 1, 4)), np.full((n - 1, 1), 1e-3), None)
+    rolled = tach_distance(np.arange(n - 1), np.zeros((n - 1, Kind.WHEEL.dim)), np.full((n - 1, 1), 1e-3), None)
     odo = Odo.of(distance(keyframes), np.full(n, SCALE), distance(keyframes) / SCALE, np.zeros(n))
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), *np.zeros((2, n, 3)))
     clock = np.array([[offset_s, drift, 0.0]])

@@ -48,7 +48,8 @@ def test_motion_lines_and_a_shock_do_not_count() -> None:
     accel[2000] += 30.0
     seen = noise_of(white(GYRO), accel).accel / ACCEL
     assert np.median(seen) == pytest.approx(1.0)
-    assert seen.max() < 1.2
+    assert np.quantile(seen, 0.9) == pytest.approx(1.0)
+    assert seen.max() < 2.0  # where the shock is, next to a line
 
 
 def test_a_value_that_stays_hides_what_is_between_two_steps() -> None:
