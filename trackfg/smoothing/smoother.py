@@ -38,15 +38,15 @@ from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summar
 from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
+from trackfg.smoothing.doubts.judgement import judged
+from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
-from trackfg.smoothing.judgement import judged
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.noise_levels import levels
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
-from trackfg.smoothing.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance

@@ -45,6 +45,12 @@ _CREEPS = 0.02
 curve (Polach, "Creep forces in simulations of traction vehicles running on adhesion limit", Wear 258, 2005).
 """
 
+_NOISE_SIGMAS = 3.0
+"""What else an interval of the wheel may be off by, in its sigmas."""
+
+_ANY_M = 1e4
+"""Sigma of a distance of which the wheel says nothing, m: any."""
+
 _NAMED = 1e-3
 """A change of the scale below this is none worth a finding."""
 
@@ -98,9 +104,24 @@ def _with_fixes_again(problem: Problem, states: States) -> Problem:
 
 def _rows(run: SolvedRun) -> list[LinearFactors]:
     """Return the whitened rows of all but the chain of distances at the solution."""
-    others = [family.convex_start() for family in run.problem.families if family.type is not FactorType.DISTANCE_CHAIN]
+    states, others = run.solution.states, []
+    for family in run.problem.families:
+        if family.type is FactorType.TACH_DISTANCE:
+            others.append(_without_slips(family, states).convex_start())
+        elif family.type is not FactorType.DISTANCE_CHAIN:
+            others.append(family.convex_start())
     inertial = linearize_imu_factors(run.problem.native, run.solution.values)
-    return [inertial, *(family.linearize(run.solution.states) for family in others)]
+    return [inertial, *(family.linearize(states) for family in others)]
+
+
+def _without_slips(tach: Family, states: States) -> Family:
+    """Return the tach without weight where the wheel is off by more than one that creeps: it slips there, and no walk
+    of the scale is to explain that.
+    """
+    first = tach.slots[0].index
+    way = np.abs(states.odo.distance[first + 1] - states.odo.distance[first])
+    creeps = np.abs(tach.residual(states)[:, 0]) <= _CREEPS * way + _NOISE_SIGMAS * tach.sigma[:, 0]
+    return replace(tach, sigma=np.where(creeps[:, None], tach.sigma, _ANY_M))
 
 
 def _log_likelihood(rows: list[LinearFactors], chain: Family, keyframes: int, run: SolvedRun) -> float:

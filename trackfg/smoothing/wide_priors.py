@@ -27,6 +27,7 @@ from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.findings import Finding
+from trackfg.results.verdict import Doubt
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
 _FAR_SIGMAS = 4.0
@@ -137,6 +138,7 @@ def wide_priors(run: SolvedRun) -> Reassessment:
     """Reassess how well what does not change during a run was known beforehand."""
     problem, any_changed = run.problem, False
     findings: list[Finding] = []
+    doubts: list[Doubt] = []
     for kind, scalars in _SCALARS.items():
         declared = [family for family in run.declared.families if family.type is FactorType[f"PRIOR_{kind.name}"]]
         now = [family for family in problem.families if family.type is FactorType[f"PRIOR_{kind.name}"]]
@@ -150,12 +152,21 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far] = np.abs(judged.alone[far])
             if kind is Kind.IMU:
+                beyond = np.abs(judged.alone[far]) / (_CALIBRATION_FACTOR * first.sigma[0, far])
                 wanted = np.minimum(wanted, _CALIBRATION_FACTOR * first.sigma)
+                doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
             left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
             wanted[0, left] = current.sigma[0, left]
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
-    return Reassessment(problem, tuple(findings), changed=any_changed)
+    return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
+
+
+def _unexplained(factor: float) -> Doubt:
+    """Return the doubt of attitudes where the calibration would have to be ``factor`` times as far off as it can be."""
+    reason = "no calibration of the inertial sensor explains what it measures: something is not modelled"
+    hint = "check the sensor's mounting, its clock and its noise figures"
+    return Doubt(("roll", "pitch", "yaw", "cross_level"), factor, reason, hint)
 
 
 class _Judged(NamedTuple):

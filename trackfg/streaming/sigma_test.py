@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from trackfg.numerics.arrays import Array
 from trackfg.output.trajectory import QUANTITIES
@@ -93,15 +93,14 @@ class SigmaTest:
         correlation = min(max(products / squares, 0.0), _LASTING)
         degrees = max(1.0, number * (1.0 - correlation) / (1.0 + correlation))
         mean = squares / number
-        return float(np.sqrt(mean)) if mean > chi2.isf(_CHANCE, degrees) / degrees else 1.0
+        return float(np.sqrt(mean)) if mean > chdtri(degrees, _CHANCE) / degrees else 1.0
 
 
 def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
     names = ", ".join((quantity, *_ALSO.get(quantity, ())))
     said = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
-    return Event(
-        "sigmas-doubted", t_s=until_s, detail=f"{said}: multiply the sigmas by as much, or smooth the recording"
-    )
+    advice = "multiply the sigmas by as much, or smooth the recording"
+    return Event("sigmas-doubted", t_s=until_s, detail=f"{said}: {advice}")
 
 
 def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:

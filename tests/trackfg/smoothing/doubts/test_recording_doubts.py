@@ -13,7 +13,7 @@ from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.recording.model import Recording
 from trackfg.results.verdict import QUANTITIES
-from trackfg.smoothing.recording_doubts import PLACE
+from trackfg.smoothing.doubts.recording_doubts import PLACE
 
 Simulate = Callable[..., Simulation]
 

@@ -8,9 +8,9 @@ import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
+from trackfg.smoothing.doubts.residual_doubts import self_test
+from trackfg.smoothing.doubts.vibration_doubts import vibration_doubts
 from trackfg.smoothing.reassessment import SolvedRun
-from trackfg.smoothing.residual_doubts import self_test
-from trackfg.smoothing.vibration_doubts import vibration_doubts
 
 BY_ATTITUDE: tuple[Quantity, ...] = ("roll", "pitch", "yaw")
 """What an inertial sensor alone determines: attitude, yaw from the start of the run."""

@@ -11,8 +11,9 @@ from trackfg.results.verdict import Doubt, Quantity
 from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, shaking
 from trackfg.smoothing.reassessment import SolvedRun
 
-_LEAST_WIDENING = 1.1
-"""Factors below this are none: sigmas of the geometry, which are drawn, are not known better."""
+_LEAST_WIDENING = 1.2
+"""Factors below this are none: sigmas of the geometry, which are drawn, and the level of a vibration are not known
+better."""
 
 _VERSINE = math.sqrt(1.5)
 """A versine of independent errors of three places, over one of them: 1 + 1/4 + 1/4."""
