@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from trackfg.errors import OutputError
@@ -13,17 +14,27 @@ UNFINISHED = ".unfinished-"
 """What the name of a file begins with while it is being written."""
 
 
-def write_whole(path: Path, *content: bytes | memoryview) -> None:
-    """Write a file beside its place, put it on the disk and rename it. Raises :class:`OutputError`."""
+@contextlib.contextmanager
+def replaced_file(path: Path) -> Iterator[Path]:
+    """Give the place of a new file beside ``path``, which takes the place of ``path`` when the block ends well.
+
+    Raises :class:`OutputError` where the file cannot be written; an earlier file then stays as it is.
+    """
     unfinished = path.with_name(f"{UNFINISHED}{path.name}")
     try:
-        with unfinished.open("wb") as file:
-            file.writelines(content)
-            file.flush()
-            os.fsync(file.fileno())
+        yield unfinished
         unfinished.replace(path)
         sync(path.parent)
     except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
         with contextlib.suppress(OSError):
             unfinished.unlink()
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def write_whole(path: Path, *content: bytes | memoryview) -> None:
+    """Write a file beside its place, put it on the disk and rename it. Raises :class:`OutputError`."""
+    with replaced_file(path) as new, new.open("wb") as file:
+        file.writelines(content)
+        file.flush()
+        os.fsync(file.fileno())

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from trackfg.errors import did_you_mean
+from trackfg.errors import did_you_mean, first_line
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 
@@ -91,16 +91,12 @@ def open_table(folder: Path, name: str, wanted: Iterable[str]) -> tuple[TableFil
     except (pa.ArrowException, OSError, ValueError, csv.Error) as error:
         kind = "Parquet" if name.endswith(".parquet") else "comma-separated UTF-8"
         hint = "copy the file again from its source: it may be truncated"
-        message = f"cannot be read ({_first_line(error)})"
+        message = f"cannot be read ({first_line(error)})"
         return None, [Finding("error", "unreadable-table", message, file=name, expected=f"a {kind} table", hint=hint)]
     suffixes = " or ".join(TABLE_SUFFIXES)
     return None, [
         Finding("error", "table-format", "unknown kind of table", file=name, expected=f"a file in {suffixes}")
     ]
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
 
 
 def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:

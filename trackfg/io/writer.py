@@ -57,7 +57,7 @@ def write_recording(
             tables[geometry_file] = _having(truth_geometry, "chainage_m", geometry_file)
     with replaced_folder(folder) as new:
         for file, table in tables.items():
-            _write_table(table, new / file)
+            write_table(table, new / file)
         (new / FILE_NAME).write_text(
             tomli_w.dumps(_without_none(_with_tachs_together(description.model_dump()))), encoding="utf-8"
         )
@@ -147,7 +147,8 @@ def _add(files: dict[str, pd.DataFrame], file: str, table: pd.DataFrame, column:
         files[file] = files.get(file, table[[TIME_COLUMN]]).assign(**{column: table.iloc[:, 1].to_numpy()})
 
 
-def _write_table(table: pd.DataFrame, path: Path) -> None:
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as the suffix of its file says, .csv or .parquet, without anything of pandas in it."""
     arrow = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata(None)
     if path.suffix == ".csv":
         pa.csv.write_csv(arrow, path, pa.csv.WriteOptions(quoting_style="none"))

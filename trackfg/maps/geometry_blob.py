@@ -17,8 +17,8 @@ _LITTLE_ENDIAN = 1
 """Byte order of a geometry (ISO 13249-3)."""
 _POINT_Z = 1001
 """Code of a point with height."""
-_LINESTRING_ZM = 3002
-"""Code of a line with height and measure."""
+_LINESTRINGS = {3: 1002, 4: 3002}
+"""Code of a line by the numbers of a vertex: with height, and with a measure too."""
 _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
 """Codes of the extent in GeoPackage's header: none, and x and y (OGC 12-128r14, 2.1.3)."""
 
@@ -28,10 +28,10 @@ def point_wkb(xyz: Array) -> bytes:
     return struct.pack("<BI3d", _LITTLE_ENDIAN, _POINT_Z, *xyz)
 
 
-def line_wkb(xyzm: Array) -> bytes:
-    """Return a line of vertices with height and measure, shape (n, 4)."""
-    head = struct.pack("<BII", _LITTLE_ENDIAN, _LINESTRING_ZM, len(xyzm))
-    return head + np.ascontiguousarray(xyzm, dtype="<f8").tobytes()
+def line_wkb(vertices: Array) -> bytes:
+    """Return a line of vertices with height, shape (n, 3), or with height and measure, shape (n, 4)."""
+    head = struct.pack("<BII", _LITTLE_ENDIAN, _LINESTRINGS[vertices.shape[1]], len(vertices))
+    return head + np.ascontiguousarray(vertices, dtype="<f8").tobytes()
 
 
 def geopackage_point(xyz: Array, srs_id: int) -> bytes:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 
-from trackfg.errors import OutputError
-from trackfg.files.atomic_file import UNFINISHED
+from trackfg.errors import BadInputError
+from trackfg.files.atomic_file import replaced_file
+from trackfg.interchange.exporting.located import origin_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.result import Result
 
@@ -17,13 +17,11 @@ def export_result(result: Result, form: ResultFormat, path: Path, options: Expor
     Raises :class:`~trackfg.errors.BadInputError` where the result lacks what the format needs, and
     :class:`~trackfg.errors.OutputError` where the file cannot be written; an earlier file then stays as it is.
     """
-    unfinished = path.with_name(f"{UNFINISHED}{path.name}")
-    try:
-        form.write(result, unfinished, options or ExportOptions())
-        unfinished.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
+    if form.needs_place and origin_of(result) is None:
+        raise BadInputError(
+            f"{result.summary.recording_id}: its recording has no GNSS, so that it has no positions on the Earth; "
+            f"expected them for {form.key}. Hint: csv, channels, xlsx and tum need none"
+        )
+    with replaced_file(path) as new:
+        form.write(result, new, options or ExportOptions())
     return path

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-from trackfg.errors import BadInputError, did_you_mean
 from trackfg.interchange.exporting.formats.geographic import GeoJson, GeoPackage, GeoParquet, Gpx
 from trackfg.interchange.exporting.formats.landxml import LandXml
 from trackfg.interchange.exporting.formats.mcap import Mcap
@@ -12,6 +11,7 @@ from trackfg.interchange.exporting.formats.rcm_dx import RcmDx
 from trackfg.interchange.exporting.formats.tables import Channels, Csv, Excel
 from trackfg.interchange.exporting.formats.tum import Tum
 from trackfg.interchange.exporting.result_format import ResultFormat
+from trackfg.interchange.format_names import by_name
 
 ENTRY_POINT = "trackfg.result_formats"
 """Other packages register a :class:`ResultFormat` class under this group."""
@@ -38,11 +38,5 @@ def result_formats() -> dict[str, ResultFormat]:
 
 
 def result_format(name: str) -> ResultFormat:
-    """Return the format of that name. Raises :class:`BadInputError` with the nearest one where there is none."""
-    known = result_formats()
-    if name not in known:
-        near = did_you_mean(name, known)
-        raise BadInputError(
-            f"no format {name!r}; expected one of {', '.join(known)}" + (f". Hint: {near}" if near else "")
-        )
-    return known[name]
+    """Return the format of that name. Raises :class:`~trackfg.errors.BadInputError` as :func:`by_name` does."""
+    return by_name(result_formats(), name)

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from trackfg.errors import BadInputError
 from trackfg.interchange.exporting.channels import Channel
-from trackfg.interchange.exporting.located import origin_of
 from trackfg.results.result import Result
 
 
@@ -42,14 +40,3 @@ class ResultFormat(ABC):
     @abstractmethod
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write a result to a new file. Raises :class:`BadInputError` where the result lacks what the format needs."""
-
-
-def refuse_without_place(result: Result, key: str) -> tuple[float, float, float]:
-    """Return the origin of a result's positions on the Earth. Raises :class:`BadInputError` where it has none."""
-    origin = origin_of(result)
-    if origin is None:
-        raise BadInputError(
-            f"{result.summary.recording_id}: its recording has no GNSS, so that it has no positions on the Earth; "
-            f"expected them for {key}. Hint: csv, channels, xlsx and tum need none"
-        )
-    return origin

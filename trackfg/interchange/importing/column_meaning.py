@@ -40,6 +40,7 @@ _GYRO_UNITS = {
     r"(deg|°)/h": "deg/h",
     r"rad": "rad/s",
 }
+_TIME_UNITS = {"ns": "ns", "us": "us", "µs": "us", "ms": "ms", "s": "s", "sec": "s", "seconds": "s"}
 _ACCEL_UNITS = {r"^mg$": "mg", r"^g$|_g$": "g", r"gal": "gal", r"m.?/?.?s": "m/s^2"}
 
 
@@ -86,7 +87,7 @@ def triples(table: SourceTable, kind: Literal["gyro", "accel", "free_accel"]) ->
 
 
 def _unit(table: SourceTable, columns: tuple[str, str, str], kind: str) -> tuple[str, bool]:
-    stated = " ".join(filter(None, (table.units.get(columns[0], ""),))) or columns[0].rpartition("_")[2]
+    stated = table.units.get(columns[0]) or columns[0].rpartition("_")[2]
     for pattern, unit in (_GYRO_UNITS if kind == "gyro" else _ACCEL_UNITS).items():
         if re.search(pattern, stated.casefold().replace("²", "^2").strip()):
             return unit, True
@@ -153,7 +154,4 @@ def time_unit(table: SourceTable, columns: tuple[str, ...]) -> str | None:
     if len(columns) == 2 or pd.api.types.is_string_dtype(table.frame[columns[0]]):
         return None
     stated = table.units.get(columns[0], "").casefold() or columns[0].casefold().rpartition("_")[2]
-    for unit in ("ns", "us", "ms", "s"):
-        if stated in (unit, {"us": "µs", "s": "sec"}.get(unit, unit), {"s": "seconds"}.get(unit, unit)):
-            return unit
-    return guessed_unit(table.numbers(columns[0]))
+    return _TIME_UNITS.get(stated) or guessed_unit(table.numbers(columns[0]))

@@ -10,24 +10,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import tomli_w
 
 from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
-from trackfg.files.parquet import write_parquet
 from trackfg.interchange.importing.mapping import MappedSensor, Mapping
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.times import Times, as_datetime, read_times, spread_stamps, start_of
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
+from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import errors
 
@@ -52,6 +52,8 @@ _COLUMN_KEYS = {
 }
 """Keys of each kind of sensor that name columns."""
 
+_FIX_COLUMNS = {"chainage": "chainage_m", "sd": "sd_m"}
+"""Columns of fixes that need no name in a description."""
 
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
@@ -75,14 +77,12 @@ class Imported:
     rows: dict[str, int]
 
 
-def write_imported(
-    tables: Sequence[SourceTable], mapping: Mapping, folder: Path, *, run_id: str, comments: Sequence[str] = ()
-) -> Imported:
+def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path, *, run_id: str) -> Imported:
     """Write the recording that ``mapping`` makes of ``tables``, complete or not at all.
 
-    ``run_id`` is used where the mapping has no ``id``; ``comments`` are lines above ``recording.toml``. Raises
-    :class:`BadInputError` where a column is missing or unreadable, where clocks cannot be brought together, and where
-    the recording could not be read back; the message names file, column and row.
+    ``run_id`` is used where the mapping has no ``id``. Raises :class:`BadInputError` where a column is missing or
+    unreadable, where clocks cannot be brought together, and where the recording could not be read back; the message
+    names file, column and row.
     """
     parts = [_part(sensor, tables) for sensor in mapping.sensors]
     start_ns = _start(parts, mapping)
@@ -90,9 +90,8 @@ def write_imported(
     refuse_used(folder, "recordings are never overwritten")
     with replaced_folder(folder) as new:
         for name, frame in files.items():
-            write_parquet(pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None), new / name)
-        head = "".join(f"# {line}\n" for line in comments)
-        (new / FILE_NAME).write_text(head + tomli_w.dumps(description), encoding="utf-8")
+            write_table(frame, new / name)
+        (new / FILE_NAME).write_text(tomli_w.dumps(description), encoding="utf-8")
         loaded = load(new)
         if loaded.recording is None:
             found = errors(loaded.findings)
@@ -126,9 +125,8 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable]) -> _Part:
     if len(sources) == 2:
         return _merged_imu(sensor, *sources)
     table = sources[0]
-    names = _names(sensor, sensor.keys)
     times = _times(table, sensor)
-    columns, keys = _columns(sensor, table, names)
+    columns, keys = _columns(sensor, table)
     measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
     keep = ~np.all([np.isnan(values) for values in measured], axis=0)
     if sensor.kind != "imu" and not keep.all():
@@ -139,43 +137,34 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable]) -> _Part:
     return _Part(sensor, times, columns, keys)
 
 
-def _names(sensor: MappedSensor, keys: dict[str, Any]) -> list[Any]:
-    """Return the names of columns in a sensor's section, or the constants in their place, in order."""
-    names: list[Any] = []
+def _columns(sensor: MappedSensor, table: SourceTable) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Return the columns by name, and the section with a name for every constant."""
+    columns: dict[str, Array] = {}
+    keys, number = dict(sensor.keys), count(1)
     for key in _COLUMN_KEYS[sensor.kind]:
-        default = {"chainage": "chainage_m", "sd": "sd_m"}.get(key) if sensor.kind == "fixes" else None
+        default = _FIX_COLUMNS.get(key) if sensor.kind == "fixes" else None
         value = keys.get(key, default)
         if value is None:
             raise BadInputError(f"[{sensor.section}]: no key {key!r}; expected the name of a column")
-        names += value if isinstance(value, list | tuple) else [value]
-    return names
-
-
-def _columns(sensor: MappedSensor, table: SourceTable, names: list[Any]) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return the columns by name, and the section with a name for every constant."""
-    columns: dict[str, Array] = {}
-    named: dict[Any, str] = {}
-    for i, name in enumerate(names):
-        if isinstance(name, str):
-            place = sensor.kind == "fixes" and i == 0
-            values = read_stations(table, name, sensor.reading.chainage_unit) if place else table.numbers(name)
-            columns[name] = values
-        elif isinstance(name, int | float) and not isinstance(name, bool):
-            named[i] = f"{_CONSTANT}{i + 1}"
-            columns[named[i]] = np.full(len(table.frame), float(name))
-        else:
-            raise BadInputError(f"[{sensor.section}]: {name!r} is no column; expected a name or a number")
-    keys, at = dict(sensor.keys), 0
-    for key in _COLUMN_KEYS[sensor.kind]:
-        value = keys.get(key)
-        if isinstance(value, list | tuple):
-            keys[key] = [named.get(at + j, part) for j, part in enumerate(value)]
-            at += len(value)
-        else:
-            if value is not None:
-                keys[key] = named.get(at, value)
-            at += 1
+        several = isinstance(value, list | tuple)
+        names = []
+        for part in value if several else [value]:
+            place = next(number)
+            name = part if isinstance(part, str) else f"{_CONSTANT}{place}"
+            columns[name] = _column(sensor, table, key, part)
+            names.append(name)
+        if key in keys:
+            keys[key] = names if several else names[0]
     return columns, keys
+
+
+def _column(sensor: MappedSensor, table: SourceTable, key: str, part: Any) -> Array:
+    """Return the column of that name, places in metres, or a number in every row."""
+    if isinstance(part, str):
+        return read_stations(table, part, sensor.reading.chainage_unit) if key == "chainage" else table.numbers(part)
+    if isinstance(part, int | float) and not isinstance(part, bool):
+        return np.full(len(table.frame), float(part))
+    raise BadInputError(f"[{sensor.section}]: {part!r} is no column; expected a name or a number")
 
 
 def _times(table: SourceTable, sensor: MappedSensor) -> Times:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from trackfg.errors import BadInputError, did_you_mean
+from trackfg.errors import BadInputError
+from trackfg.interchange.format_names import by_name
 from trackfg.interchange.importing.source_format import SourceFormat
 from trackfg.interchange.importing.sources.gnss_log import GnssLog
 from trackfg.interchange.importing.sources.hdf5 import RcmDx, TableHdf5
@@ -44,15 +45,11 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
     Raises :class:`BadInputError` where there is none of that name, no such file, or nothing recognises it.
     """
     known = source_formats()
-    if name is not None and name not in known:
-        near = did_you_mean(name, known)
-        raise BadInputError(
-            f"no format {name!r}; expected one of {', '.join(known)}" + (f". Hint: {near}" if near else "")
-        )
+    named = None if name is None else by_name(known, name)
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
-    if name is not None:
-        return known[name]
+    if named is not None:
+        return named
     for form in known.values():
         if form.recognises(path):
             return form

@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 
-from trackfg.errors import BadInputError, printable
+from trackfg.errors import BadInputError, first_line, printable
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.text_dialect import Dialect, DialectOptions, cells, dialect_of
 
@@ -89,4 +89,4 @@ def _fault(path: Path, dialect: Dialect, error: Exception) -> str:
         return f"{path.name}: byte {fault.start} is not {dialect.encoding}; expected another encoding"
     except csv.Error as fault:
         return f"{path.name}: row {number}: {fault}; expected {width} cells"
-    return f"{path.name}: cannot be read ({printable(str(error).splitlines()[0])[:200]}); expected delimited text"
+    return f"{path.name}: cannot be read ({printable(first_line(error))}); expected delimited text"

@@ -22,7 +22,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from trackfg._version import __version__
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.files.atomic_file import write_whole
 from trackfg.streaming.checkpoint.snapshot import Snapshot
 
@@ -148,4 +148,4 @@ def _reason(error: Exception) -> str:
     if isinstance(error, ValidationError):
         first = error.errors()[0]
         return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+    return first_line(error)

@@ -43,7 +43,7 @@ from typing import Any, NamedTuple, Protocol, get_args, get_origin
 import numpy as np
 
 import trackfg.factors
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 
 DERIVED: Mapping[str, bool] = types.MappingProxyType({"made again": True})
 """Metadata of a dataclass's field that is derived from the others whenever it is needed."""
@@ -89,8 +89,7 @@ def load_attributes(kind: type, snapshot: Snapshot, given: Iterable[object] = ()
         reader = _Reader(snapshot.tree["objects"], snapshot.data, by_class)
         return reader.fields(snapshot.tree["attributes"], {name: _form(hint) for name, hint in hints.items()})
     except _MISFITS as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise BadInputError(f"the state is not one of {kind.__name__} ({reason})") from error
+        raise BadInputError(f"the state is not one of {kind.__name__} ({first_line(error)})") from error
 
 
 class _Writer:

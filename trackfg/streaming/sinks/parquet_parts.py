@@ -20,7 +20,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from trackfg.errors import BadInputError, OutputError
+from trackfg.errors import BadInputError, OutputError, first_line
 from trackfg.files.atomic_file import UNFINISHED, write_whole
 from trackfg.files.parquet import write_parquet
 from trackfg.streaming.sinks.sink import TABLES, columns_of
@@ -176,7 +176,7 @@ def _read(path: Path) -> pa.Table:
     try:
         return pq.read_table(io.BytesIO(path.read_bytes()))
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise BadInputError(f"{path}: cannot be read ({str(error).splitlines()[0][:200]})") from error
+        raise BadInputError(f"{path}: cannot be read ({first_line(error)})") from error
 
 
 def _write(path: Path, rows: pa.Table) -> None:

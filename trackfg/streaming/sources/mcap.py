@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, cast
 
-from trackfg.errors import BadInputError, TrackfgError
+from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.events import Event
 from trackfg.streaming.rows import described_tables
@@ -73,7 +73,7 @@ class McapSource:
             except _DAMAGE as error:
                 if number == 0:
                     raise self._unreadable(error) from error
-                detail = f"{self._path.name}: cannot be read beyond message {number} ({_reason(error)})"
+                detail = f"{self._path.name}: cannot be read beyond message {number} ({first_line(error)})"
                 broken = [Event("broken-input", detail=detail)]
                 break
             number += 1
@@ -114,7 +114,7 @@ class McapSource:
             raise BadInputError(f"{place}: {fault}") from None
 
     def _unreadable(self, error: BaseException) -> BadInputError:
-        return BadInputError(f"{self._path}: cannot be read ({_reason(error)}); expected an MCAP file")
+        return BadInputError(f"{self._path}: cannot be read ({first_line(error)}); expected an MCAP file")
 
     def _messages(self) -> Iterator[tuple[str, str, bytes]]:
         """Yield topic, encoding and content of each message."""
@@ -170,7 +170,3 @@ def _unpacked(chunk: Chunk) -> Chunk:
     if len(data) > LARGEST_RECORD:
         raise ValueError(f"a chunk unpacks to more than {LARGEST_RECORD} bytes")
     return Chunk("", data, chunk.message_end_time, chunk.message_start_time, 0, len(data))
-
-
-def _reason(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]

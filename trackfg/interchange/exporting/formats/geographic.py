@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,13 @@ import pyarrow.parquet as pq
 from lxml import etree
 
 from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_geometry, located_trajectory, start_of
-from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat, refuse_without_place
+from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
+from trackfg.maps.geometry_blob import line_wkb, point_wkb
 from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
 
 _GPX = "http://www.topografix.com/GPX/1/1"
-_POINT_Z = 1001
-"""Code of a point with height in well-known binary (ISO 13249-3)."""
 
 
 class GeoJson(ResultFormat):
@@ -34,7 +32,6 @@ class GeoJson(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the features, vertices ``step_m`` apart."""
-        refuse_without_place(result, self.key)
         track = _vertices(result, options.step_m)
         coordinates = np.round(_lon_lat_height(track), 9).tolist()
         line = {"type": "LineString", "coordinates": coordinates}
@@ -57,7 +54,6 @@ class Gpx(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the track, points ``step_m`` apart."""
-        refuse_without_place(result, self.key)
         track = _vertices(result, options.step_m)
         root = etree.Element(f"{{{_GPX}}}gpx", nsmap={None: _GPX}, version="1.1", creator="trackfg")
         trk = etree.SubElement(root, f"{{{_GPX}}}trk")
@@ -83,7 +79,6 @@ class GeoPackage(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the layers, in EPSG:4979's axes as GIS use them, EPSG:4326."""
-        refuse_without_place(result, self.key)
         raw = library("pyogrio.raw", "gis")
         points = located_geometry(result).dropna(subset=list(GEODETIC_COLUMNS))
         if len(points):
@@ -91,11 +86,11 @@ class GeoPackage(ResultFormat):
             _layer(raw, path, "geometry", ("Point Z", _points(points)), fields)
         track = _vertices(result, options.step_m)
         line = pd.DataFrame({"recording": [result.summary.recording_id]})
-        _layer(raw, path, "path", ("LineString Z", [_line_wkb(_lon_lat_height(track))]), line)
+        _layer(raw, path, "path", ("LineString Z", [line_wkb(_lon_lat_height(track))]), line)
         placed = [(event, place) for event, place in _placed_events(result) if place is not None]
         if placed:
             fields = pd.DataFrame([event for event, _ in placed])
-            _layer(raw, path, "events", ("Point Z", [_point_wkb(place) for _, place in placed]), fields)
+            _layer(raw, path, "events", ("Point Z", [point_wkb(place) for _, place in placed]), fields)
 
 
 class GeoParquet(ResultFormat):
@@ -108,7 +103,6 @@ class GeoParquet(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the rows that have a place."""
-        refuse_without_place(result, self.key)
         points = located_geometry(result).dropna(subset=list(GEODETIC_COLUMNS))
         table = pa.Table.from_pandas(points, preserve_index=False)
         table = table.append_column("geometry", pa.array(_points(points), pa.binary()))
@@ -146,15 +140,7 @@ def _placed_events(result: Result) -> list[tuple[dict[str, Any], Array | None]]:
 
 
 def _points(table: pd.DataFrame) -> list[bytes]:
-    return [_point_wkb(place) for place in _lon_lat_height(table)]
-
-
-def _point_wkb(place: Array) -> bytes:
-    return struct.pack("<BI3d", 1, _POINT_Z, *place)
-
-
-def _line_wkb(places: Array) -> bytes:
-    return struct.pack("<BII", 1, 1002, len(places)) + np.ascontiguousarray(places, dtype="<f8").tobytes()
+    return [point_wkb(place) for place in _lon_lat_height(table)]
 
 
 def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fields: pd.DataFrame) -> None:

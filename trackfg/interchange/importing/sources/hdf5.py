@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.libraries import library
@@ -73,8 +73,7 @@ def _read(path: Path, found: Any) -> list[SourceTable]:
         with h5py.File(path, "r") as file:
             return list(found(h5py, file))
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-        text = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise BadInputError(f"{path.name}: cannot be read ({text}); expected HDF5") from error
+        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected HDF5") from error
 
 
 def _plain(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.libraries import library
@@ -37,7 +37,7 @@ class Mdf(SourceFormat):
                 with asammdf.MDF(path) as file:
                     tables = list(_groups(file))
             except Exception as error:  # the library raises errors of many kinds for damaged files
-                reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+                reason = first_line(error)
         if reason:
             raise BadInputError(f"{path.name}: cannot be read ({reason}); expected an ASAM MDF file")
         return refuse_empty(tables, path, "channel group with rows of numbers")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.libraries import library
@@ -81,8 +81,9 @@ class RosBag(SourceFormat):
         except BadInputError:
             raise
         except Exception as error:  # the library raises errors of many kinds for damaged bags
-            text = (str(error).splitlines() or [type(error).__name__])[0][:200]
-            raise BadInputError(f"{path.name}: cannot be read ({text}); expected a ROS bag or MCAP file") from error
+            raise BadInputError(
+                f"{path.name}: cannot be read ({first_line(error)}); expected a ROS bag or MCAP file"
+            ) from error
         tables = []
         for topic, values in rows.items():
             frame = pd.DataFrame(np.array(values), columns=list(columns[topic]))

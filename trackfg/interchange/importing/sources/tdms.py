@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.libraries import library
@@ -39,8 +39,7 @@ class Tdms(SourceFormat):
                 for group in file.groups():
                     tables += _group(group)
         except Exception as error:  # the library raises errors of many kinds for damaged files
-            text = (str(error).splitlines() or [type(error).__name__])[0][:200]
-            raise BadInputError(f"{path.name}: cannot be read ({text}); expected a TDMS file") from error
+            raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected a TDMS file") from error
         return refuse_empty(tables, path, "group with rows of numbers")
 
 
