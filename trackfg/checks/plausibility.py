@@ -94,14 +94,14 @@ def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Fi
 
 def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
     """Magnitude, then direction, of the median specific force."""
-    force, is_steady = diagnosis_axes.mean_specific_force(table), _is_steady(table)
+    force = diagnosis_axes.mean_specific_force(table)
     magnitude = float(np.linalg.norm(force))
     g = STANDARD_GRAVITY
     columns = ", ".join(imu.accel)
     if abs(magnitude - g) > limits.gravity_error_mps2:
         message = f"the median specific force is {magnitude:.4g} m/s^2 as declared ({imu.accel_unit})"
         hint = "check imu.accel and imu.accel_unit"
-        if not is_steady or magnitude < _LEFT_OF_GRAVITY * g:
+        if magnitude < _LEFT_OF_GRAVITY * g or not _is_steady(table):
             hint = "gravity seems to have been removed: record specific force, as the sensor gives it"
         elif imu.accel_unit == "m/s^2" and abs(magnitude * g - g) < limits.gravity_error_mps2:
             hint = 'the data look like g: set imu.accel_unit = "g"'

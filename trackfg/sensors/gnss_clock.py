@@ -17,8 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
@@ -115,5 +114,5 @@ def _best(lags: Array, costs: Array) -> GnssClock | None:
     offset = -0.5 * float(total[best + 1] - total[best - 1]) / _LAG_S / curvature
     slope = 0.5 * (around[:, 2] - around[:, 0]) / _LAG_S + bend * offset
     # So few windows show their scatter badly: three sigmas shall be as unlikely as they are of a normal variable.
-    few = float(student.ppf(norm.cdf(3.0), len(costs) - 1) / 3.0)
+    few = float(stdtrit(len(costs) - 1, ndtr(3.0)) / 3.0)
     return GnssClock(float(lags[best]) + offset, few * float(np.sqrt(np.sum(slope**2)) / curvature))

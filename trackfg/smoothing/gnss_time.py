@@ -26,10 +26,11 @@ _TACH_SIGMAS = 2.0
 
 def with_gnss_in_time(recording: Recording) -> Recording:
     """Return the recording with the stamps of GNSS on the IMU's clock, and a finding where that moved them."""
+    if recording.gnss is None:
+        return recording
     offset = gnss_clock(_with_tach_set(recording))
     if offset is None or abs(offset.offset_s) < max(_LEAST_S, _SIGMAS * offset.sd_s):
         return recording
-    assert recording.gnss is not None
     way = "late" if offset.offset_s < 0 else "early"
     finding = Finding(
         "warning",
