@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import IMU_COLUMNS
 
 SHORTEST_S = 20.0
@@ -57,9 +58,9 @@ def silent_spans(imu: pd.DataFrame, tach: pd.DataFrame) -> tuple[SilentSpan, ...
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     begin, end = float(imu["t_s"].iloc[0]), float(imu["t_s"].iloc[-1])
     spans = [SilentSpan(begin, float(t[0]), "absent"), SilentSpan(float(t[-1]), end, "absent")]
-    changes = np.concatenate([[0], np.flatnonzero(np.diff(distance) != 0.0), [t.size - 1]])
-    for i, j in zip(np.append(0, changes[1:-1] + 1), changes[1:], strict=True):
-        spans.append(SilentSpan(float(t[i]), float(t[j]), "constant"))
+    constant = t[true_runs(np.diff(distance) == 0.0)]
+    lasting = constant[constant[:, 1] - constant[:, 0] >= SHORTEST_S]
+    spans += [SilentSpan(start, stop, "constant") for start, stop in lasting.tolist()]
     rows, times = imu[list(IMU_COLUMNS[1:])].to_numpy(), imu["t_s"].to_numpy()
     moving = []
     for span in sorted(spans, key=lambda one: one.start_s):
