@@ -141,14 +141,14 @@ def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
     if gyro > 4.0 * noise.gyro_bias_sd + 1e-4:
         message = f"the gyro shows {gyro:.3g} rad/s at rest, declared sigma {noise.gyro_bias_sd:.3g}"
         hint = f"set gyro_bias_sd = {gyro:.2g}"
-        found.append(Finding("warning", "gyro-bias", message, file=_TOML, column="imu.noise.gyro_bias_sd", hint=hint))
+        found.append(_warning("gyro-bias", message, "imu.noise.gyro_bias_sd", hint=hint))
     accel = abs(bias.accel_excess_mps2)
     if accel > 4.0 * float(np.hypot(noise.accel_bias_sd, bias.accel_excess_sd_mps2)):
         message = (
             f"specific force at rest is off gravity by {accel:.3g} m/s^2, declared sigma {noise.accel_bias_sd:.3g}"
         )
         hint = f"set accel_bias_sd = {accel:.2g}, or calibrate the accelerometer's scale"
-        found.append(Finding("warning", "accel-bias", message, file=_TOML, column="imu.noise.accel_bias_sd", hint=hint))
+        found.append(_warning("accel-bias", message, "imu.noise.accel_bias_sd", hint=hint))
     return found
 
 
@@ -164,11 +164,7 @@ def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
         key = f"imu.noise.{name}"
         if ratio > limits.noise_ratio_warning:
             message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared"
-            found.append(
-                Finding(
-                    "warning", "noise-low", message, file=_TOML, column=key, hint=f"set {name} = {value:.2g} or more"
-                )
-            )
+            found.append(_warning("noise-low", message, key, hint=f"set {name} = {value:.2g} or more"))
         elif ratio < 1.0 / limits.noise_ratio_warning:
             message = f"the noise at rest is {value:.3g}, {ratio:.2g} of what is declared"
             found.append(Finding("info", "noise-high", message, file=_TOML, column=key))
