@@ -18,6 +18,7 @@ import pandas as pd
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import jackknife_sd
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import Motion, averaged, band_passed
 
@@ -158,7 +159,7 @@ def _jackknife_sd(a: Array, b: Array, lags: Array, correlation: Array, size: int
     known = np.array([peak for peak in peaks if peak is not None])
     if known.size < len(peaks) or known.size < _FEWEST_BLOCKS:
         return None
-    return float(np.sqrt((known.size - 1) / known.size * np.sum((known - known.mean()) ** 2)))
+    return jackknife_sd(known, float(known.mean()))
 
 
 def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array]:

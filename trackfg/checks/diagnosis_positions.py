@@ -18,6 +18,8 @@ import pandas as pd
 from trackfg.checks.diagnosis_clock import Lag, best_lag
 from trackfg.checks.diagnosis_speed import Slope, slope_of
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import jackknife_sd
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged, band_passed
 
@@ -136,7 +138,7 @@ def _chord_times(gnss: pd.DataFrame, shared: Array) -> tuple[Array, np.ndarray, 
     t = gnss["t_s"].to_numpy()
     if t.size < 3:
         return np.zeros(0), np.zeros(0, dtype=np.bool_), _CHORD_S
-    chord_s = max(_CHORD_S, 2.0 * float(np.median(np.diff(t))))
+    chord_s = max(_CHORD_S, 2.0 * median_interval(t))
     begin, end = max(t[0], shared[0]) + 0.5 * chord_s, min(t[-1], shared[-1]) - 0.5 * chord_s
     centres = np.arange(begin, end, _STEP_S)
     valid = np.ones(centres.size, dtype=np.bool_)
@@ -176,5 +178,5 @@ def fix_delay(tach: pd.DataFrame, fixes: pd.DataFrame) -> FixDelay | None:
     everything = np.ones(b.size, dtype=np.bool_)
     slope, delay = solved(everything)
     others = np.array([solved(np.arange(b.size) != i)[1] for i in range(b.size)])
-    sd_s = float(np.sqrt((b.size - 1) / b.size * np.sum((others - delay) ** 2)))
+    sd_s = jackknife_sd(others, delay)
     return FixDelay(delay, sd_s, slope) if np.isfinite(sd_s) and np.isfinite(delay) else None

@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from trackfg.checks.force_balance import ForceBalance
+from trackfg.checks.force_balance import FEWEST_BLOCKS, ForceBalance
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import jackknife_sd
 
 _SIGMAS = 3.0
-_FEWEST_BLOCKS = 5
-"""With fewer blocks nothing is said about their scatter."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def slope_of(x: Array, y: Array, block: NDArray[np.int64]) -> Slope | None:
     """
     xx, xy, yy = (np.bincount(block, product).astype(np.float64) for product in (x * x, x * y, y * y))
     xx, xy, yy = xx[xx > 0.0], xy[xx > 0.0], yy[xx > 0.0]
-    if xx.size < _FEWEST_BLOCKS or yy.sum() == 0.0 or xy.sum() == 0.0:
+    if xx.size < FEWEST_BLOCKS or yy.sum() == 0.0 or xy.sum() == 0.0:
         return None
     correlation = float(xy.sum() / np.sqrt(xx.sum() * yy.sum()))
     sigmas = -float(stdtrit(xx.size - 1, ndtr(-_SIGMAS)))
@@ -72,6 +71,6 @@ def slope_of(x: Array, y: Array, block: NDArray[np.int64]) -> Slope | None:
 
 def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
     """Return the ratio of two sums over blocks, with its jackknife sigma."""
-    n, ratio = numerator.size, float(numerator.sum() / denominator.sum())
+    ratio = float(numerator.sum() / denominator.sum())
     others = (numerator.sum() - numerator) / (denominator.sum() - denominator)
-    return ratio, float(np.sqrt((n - 1) / n * np.sum((others - ratio) ** 2)))
+    return ratio, jackknife_sd(others, ratio)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from trackfg.checks.diagnosis_clock import tach_acceleration
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.sensors.averages import averaged, band_passed
 
@@ -75,7 +76,7 @@ def force_balance(imu: pd.DataFrame, tach: pd.DataFrame, *, speed_scale: float =
     motion = averaged(imu, tach, _STEP_S)
     if motion is None or motion.t_s.size * motion.step_s < FEWEST_BLOCKS * _BLOCK_S or not motion.valid.any():
         return None
-    short_s = max(_SHORT_S, float(np.median(np.diff(tach["t_s"]))))
+    short_s = max(_SHORT_S, median_interval(tach["t_s"].to_numpy()))
     speed = speed_scale * motion.speed
     up = np.median(motion.accel[motion.valid], axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-9)

@@ -1,4 +1,4 @@
-"""Standard deviations that outliers do not change."""
+"""Standard deviations come from the data alone: one that outliers do not change, and the jackknife's."""
 
 from __future__ import annotations
 
@@ -17,3 +17,10 @@ def robust_sd(errors: Array) -> float:
     ``errors``: any shape, at least one and none NaN; the result has their unit.
     """
     return SD_PER_MAD * float(np.median(np.abs(errors)))
+
+
+def jackknife_sd(others: Array, value: float) -> float:
+    """Return the standard deviation of an estimate about ``value`` from its leave-one-out values (n,), in their unit
+    (Efron, "The jackknife, the bootstrap and other resampling plans", 1982, ch. 3).
+    """
+    return float(np.sqrt((others.size - 1) / others.size * np.sum((others - value) ** 2)))

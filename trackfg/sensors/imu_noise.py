@@ -46,7 +46,7 @@ _BANDS = 3
 _NEIGHBOURS = 5
 """Blocks, overlapping by half, of which the median is taken: a shock is in two of them."""
 
-_EULER = 0.5772156649
+EULER = 0.5772156649
 """Mean of -log of an exponentially distributed value of mean 1, as a periodogram has them."""
 
 _SCATTER = 0.88
@@ -203,7 +203,7 @@ class _Blocks:
         floor = np.min(smooth + _SCATTER / np.sqrt(np.diff(ends)), axis=2)
         bounds = np.column_stack([self.starts, self.starts + self.length]).ravel()
         bridged = np.add.reduceat(np.append(self.data.bridged, False), bounds)[::2] > 0
-        return np.asarray(np.where(bridged[:, None], 0.0, np.exp(floor + _EULER) * self.dt / np.sum(window**2)))
+        return np.asarray(np.where(bridged[:, None], 0.0, np.exp(floor + EULER) * self.dt / np.sum(window**2)))
 
     def rounding(self) -> Array:
         """Return the density squared of the rounding to steps: it lasts as long as a value. Shape (blocks, 6)."""

@@ -14,6 +14,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import EULER
 
 SHORTEST_WAVE_M = 0.7
 """Below this wavelength a track has corrugation and joints, and hardly any roll: what a sensor shows there is taken for
@@ -31,9 +32,6 @@ _AT_REST_MPS, _IN_MOTION_MPS = 0.1, 1.0
 
 _LEAST_BLOCKS = 3
 """Fewer blocks say nothing of a level."""
-
-_EULER = 0.5772156649
-"""Mean of -log of an exponentially distributed value of mean 1, as a periodogram has them."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ def shaking(data: Intervals, t: Array, speed: Array) -> tuple[Shaking, Shaking]:
         samples = channels[start : start + length]
         lines = np.fft.rfft((samples - samples.mean(axis=0)) * window[:, None], axis=0)
         power = 2.0 * np.abs(lines) ** 2 / (length * np.sum(window**2))
-        floor = np.exp(np.mean(np.log(np.maximum(power[f > 0.5 * f[-1]], 1e-30)), axis=0) + _EULER)
+        floor = np.exp(np.mean(np.log(np.maximum(power[f > 0.5 * f[-1]], 1e-30)), axis=0) + EULER)
         fast = f > max(speeds[block] / SHORTEST_WAVE_M, _LEAST_HZ)
         over = (power - floor)[fast] / (2.0 * np.pi * f[fast, None]) ** [2.0, 4.0, 4.0]
         variance[block] = over.sum(axis=0)

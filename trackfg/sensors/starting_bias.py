@@ -26,7 +26,8 @@ import pandas as pd
 from scipy.linalg import solve_banded
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import within
+from trackfg.numerics.robust import SD_PER_MAD
+from trackfg.numerics.spans import median_interval, within
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.imu_intervals import interpolate_columns
@@ -40,9 +41,6 @@ _CURVE_LASTS_S = 10.0
 
 _MEAN_S = 1.0
 """Yaw rates are means over this, s: vibration, and the yaw of a body on its springs, are gone."""
-
-_SIGMA_PER_MEDIAN = 1.4826
-"""Sigma of a normal distribution over the median of the absolute deviation."""
 
 _OUTLIER_SIGMAS = 3.0
 """What is further from a straight line is no part of it."""
@@ -123,7 +121,7 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array, walk: floa
     inside = [mask for mask in inside if mask.any()]
     if not inside:
         return np.zeros((t.size, 3))
-    step = float(np.median(np.diff(t)))
+    step = median_interval(t)
     duration = step * np.array([mask.sum() for mask in inside])
     middle = np.array([t[mask].mean() for mask in inside])
     mean = np.stack([gyro[mask].mean(axis=0) for mask in inside]) - [0.0, 0.0, earth_rate[2]]
@@ -170,7 +168,7 @@ def _slope(t: Array, y: Array) -> Array:
         since = t[:, None] - middle
         slope: Array = (weight * since * (y - level)).sum(axis=0) / (weight * since**2).sum(axis=0)
         rest = np.abs(y - level - since * slope)
-        limit = _OUTLIER_SIGMAS * _SIGMA_PER_MEDIAN * np.median(rest, axis=0)
+        limit = _OUTLIER_SIGMAS * SD_PER_MAD * np.median(rest, axis=0)
         weight = (rest <= limit + 1e-12).astype(np.float64)
     return slope
 
@@ -193,7 +191,7 @@ def _shorth(x: Array) -> tuple[float, float]:
 
 def _yaw_rates(motion: GridMotion, rate: Array) -> Array:
     """Return means of the yaw rate (n,) over a second each, where the vehicle moves or nothing tells its speed."""
-    size = max(1, round(_MEAN_S / float(np.median(np.diff(motion.t)))))
+    size = max(1, round(_MEAN_S / median_interval(motion.t)))
     count = len(rate) // size
     means, speed = (x[: count * size].reshape(count, size).mean(axis=1) for x in (rate, np.abs(motion.speed)))
     moving = speed > _STANDING_MPS
