@@ -192,7 +192,7 @@ def _speed(tach: Tach | None, force: ForceFit | None, limits: CheckLimits) -> li
 
 
 _FEWEST_STRETCHES = 3
-"""Stretches between fixes from which on a scale that no wheel has is believed."""
+"""Stretches between fixes from which on a scale that no wheel has is reported."""
 
 _SURE_CORRELATION = 0.8
 """Lateral force has causes of its own (springs, rails): its slope says something from this correlation on."""

@@ -99,8 +99,8 @@ def tach_acceleration(motion: Motion) -> Array:
 class Lag:
     """How much later (s) one signal shows what another does, and their correlation then.
 
-    ``sd_s`` is its sigma if the whole signal says it, ``spread_s`` that of its leave-one-block-out (jackknife) values,
-    which is wider, as blocks cut events in two, and far wider where a single event, a slip among them, makes the peak.
+    ``sd_s`` is its sigma by least squares, ``spread_s`` that of its leave-one-block-out (jackknife) values, which is
+    wider, as blocks cut events in two, and far wider where a single event, a slip among them, makes the peak.
     """
 
     lag_s: float

@@ -38,7 +38,7 @@ SIGNED_PERMUTATIONS = np.array(
 class GyroColumns:
     """``columns``: the column of the gyro, by body axis as declared, that shows the rate about x, y and z, such as
     ``("+x", "-y", "+z")``. ``contradiction``: how many times the power that the best permutation leaves unexplained the
-    declared columns leave, without the two blocks that say so most.
+    declared columns leave, without the two blocks that add most to that.
     """
 
     columns: tuple[str, str, str]

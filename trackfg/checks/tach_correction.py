@@ -49,7 +49,7 @@ _MISTAKES = {
     1e-3: "its values look like mm, and are taken for m",
     1e3: "its values look like m, and are taken for mm",
 }
-"""Usual mistakes by the factor that mends them."""
+"""Usual mistakes by the factor that corrects them."""
 
 _LATEST_S = 5.0
 """A tach that seems to be later is none of this run's, s."""

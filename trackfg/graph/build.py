@@ -225,7 +225,7 @@ def _first_pass(
     wheel: Wheel | None,
     speedless: bool,
 ) -> tuple[Array, InitialPath, Rolling | None, Wheel | None]:
-    """Find rests and initial path, both without the slips, and where the wheel rolls; and still it at rest.
+    """Find rests and initial path, both without the slips, where the wheel rolls, and the wheel without noise in rests.
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """

@@ -48,7 +48,7 @@ _LEVELS = np.array([1.0, 3.0, 10.0, 30.0])
 """By what the declared sigmas of all fixes may be too small."""
 
 _LEVEL_COST = 1.0
-"""Negative logarithm of the prior of each step on that grid: those who declare sigmas are more often right."""
+"""Negative logarithm of the prior of each step on that grid: declared sigmas are right more often than not."""
 
 _SHORTEST_LINE_M = 1000.0
 """A wrong fix may be anywhere on the line, which is at least as long, m."""

@@ -3,7 +3,7 @@
 The third difference of the integrated speed over times T apart, less that of the double integral of the forward
 acceleration, is noise: gravity's part is another one on each gradient, but the same over some seconds. White noise of
 the speed with the density n (m/s in 1 s) gives it the variance ``6 n^2 T``; that of the accelerometer with the density
-a gives it ``a^2 T^3``, and a is told from the change of its samples from one to the next.
+a gives it ``a^2 T^3``, and a follows from the differences of successive samples.
 """
 
 from __future__ import annotations

@@ -6,14 +6,14 @@ in which the inertial sensor is about as quiet as it ever is, without a change o
 
 A candidate holds only as long as the inertial sensor confirms it. An idling engine shakes a vehicle at rest as much as
 a smooth line does one that moves, so that the level of its samples says little; but the means of blocks stay where they
-are. How much they vary by vibration alone is told by the candidate itself: a block's mean is that of five pieces, and
-the pieces' variance, over 5, is its own, whatever the spectrum (batch means; Law, *Simulation Modeling and Analysis*
-(2015), 9.5.3). A block that is far from the candidate's median, or far noisier than its quietest blocks, moves.
+are. The candidate itself shows how much they vary by vibration alone: a block's mean is that of five pieces, and has
+their variance over 5, whatever the spectrum (batch means; Law, *Simulation Modeling and Analysis* (2015), 9.5.3). A
+block that is far from the candidate's median, or far noisier than its quietest blocks, moves.
 
 On a smooth straight a moving vehicle is as steady as one at rest. A candidate that the tach enters or leaves faster
-than anything brakes, or that it enters or leaves by a change of speed of which the accelerometer felt less than half,
-is therefore a tach that fell silent, and no standstill. Without a tach, rests have one rate, the gyro's bias, unlike
-curves; and where GNSS alone tells the speed, it must have seen the rest.
+than anything brakes, or by a change of speed of which the accelerometer felt less than a quarter, is therefore a tach
+that fell silent, and no standstill. Without a tach, rests have one rate, the gyro's bias, unlike curves; and where GNSS
+alone tells the speed, it must have seen the rest.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _BLOCK_S = 0.5
 """Scatter and means are those of blocks at least this long, s: several periods of an idling engine's vibration."""
 
 _PIECES = 5
-"""Pieces of a block, from which the error of its mean is told: 0.1 s, so that brakes do not pass for vibration."""
+"""Pieces of a block, whose scatter gives the error of its mean: 0.1 s, so that brakes do not pass for vibration."""
 
 _MARGIN_S = 1.5
 """A gentle start takes this long to show where only the inertial sensor tells, s: trimmed from both ends."""
@@ -75,7 +75,7 @@ _FELT = 0.25
 _FELT_MPS = 0.75
 """What is enough in any case, m/s: a gradient that changes by 20 per mille feigns 0.7 m/s in those 3.5 s."""
 
-_TOLD_MPS = 1.5
+_LEAST_CHANGE_MPS = 1.5
 """A smaller change of speed is not looked for, m/s: it is twice what a gradient feigns."""
 
 
@@ -84,7 +84,7 @@ def find_standstills(
 ) -> Array:
     """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2).
 
-    ``silent_at_rest``: whether the tach has no rows at rest; told from its rows unless it is given.
+    ``silent_at_rest``: whether the tach has no rows at rest; by default its rows show it.
     """
     samples = _Samples.of(recording)
     tach, gnss = recording.tach, recording.gnss
@@ -195,7 +195,7 @@ def _felt(samples: _Samples, candidates: Candidates) -> np.ndarray:
         ((rest,), _), ((moving,), _) = samples.means(span), samples.means(window)
         gravity = max(float(np.linalg.norm(rest[3:6])), 1e-6)
         change = float(np.linalg.norm(moving[3:6] - rest[3:6])) * (window[1] - window[0]) * STANDARD_GRAVITY / gravity
-        felt[k] = speeds[side] < _TOLD_MPS or change > min(_FELT * speeds[side], _FELT_MPS)
+        felt[k] = speeds[side] < _LEAST_CHANGE_MPS or change > min(_FELT * speeds[side], _FELT_MPS)
     return felt
 
 

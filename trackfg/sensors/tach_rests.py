@@ -37,7 +37,7 @@ _GENTLEST_MPS2 = 0.05
 """No vehicle is stopped, or starts, more gently, m/s^2: ten times less than a train's usual braking."""
 
 _CRAWL_MPS = 0.02
-"""A slower speed is not told from zero, m/s: in the shortest rest that makes 2 cm."""
+"""A slower speed counts as zero, m/s: in the shortest rest that makes 2 cm."""
 
 _LAST_SECOND_M = 4.0
 """No vehicle rolls further in its last second before a stop, m: 8 m/s^2."""
@@ -88,8 +88,8 @@ def tach_rests(
 ) -> Candidates:
     """Return where the tach may be at rest within the inertial ``record`` (start, end), s.
 
-    Before the first and after the last row of a tach nobody knows, unless it has no rows at rest (``silent_at_rest``;
-    told from its rows if None).
+    A rest at the first or the last row reaches to that end of ``record`` where that is within 2 s, or where the tach
+    has no rows at rest (``silent_at_rest``; by default its rows show it).
     """
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     quantum = 0.0 if integrates_speed else tach_quantum_m(tach)
