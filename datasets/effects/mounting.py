@@ -41,8 +41,7 @@ class Tilt(Effect):
         R_vs = rotations.matrix_from_rpy(*np.radians(self.magnitude * rng.choice([-1.0, 1.0], 3)))
         if self.told:
             return recording
-        samples = Samples.of(recording)
-        return replace(samples, gyro=samples.gyro @ R_vs, accel=samples.accel @ R_vs).into(recording)
+        return Samples.of(recording).turned(R_vs).into(recording)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from trackfg.datasets.scenario import Effect
+from trackfg.datasets.sensors.positioning import gauss_markov
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
-from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.model import Recording
 
 FEWEST_FIXES = 5
@@ -56,7 +56,7 @@ class ScatteredFixes(Effect):
 
 
 CANYON_S = (20.0, 60.0)
-"""How long a vehicle is between tall houses, s; in between for :data:`OPEN_S` on the average. Assumed."""
+"""Shortest and longest stay between tall houses, s; the open stretches last :data:`OPEN_S` on average. Assumed."""
 OPEN_S = 40.0
 CORRELATION_S = 20.0
 """Correlation time of the multipath of a moving receiver among houses, s: tens of seconds. Assumed."""
@@ -79,8 +79,8 @@ class Canyon(Effect):
         shadowed = np.zeros(len(t), dtype=bool)
         for start, end in t[0] + random_spans(1.0 / OPEN_S, CANYON_S, float(t[-1] - t[0]), span_rng):
             shadowed |= (t >= start) & (t < end)
-        error = shadowed[:, None] * self.magnitude * np.array([0.5, 0.5, 1.0]) ** 0.5 * np.array([1.0, 1.0, 2.0**0.5])
-        wandering = _markov(len(t), float(np.median(np.diff(t))), error_rng)
+        error = shadowed[:, None] * self.magnitude * np.sqrt([0.5, 0.5, 2.0])
+        wandering = gauss_markov(len(t), float(np.exp(-median_interval(t) / CORRELATION_S)), error_rng)
         columns = {f"{axis}_m": gnss[f"{axis}_m"] + error[:, i] * wandering[:, i] for i, axis in enumerate(_ENU)}
         if self.told:
             columns |= {f"{axis}_sd_m": np.hypot(gnss[f"{axis}_sd_m"], error[:, i]) for i, axis in enumerate(_ENU)}
@@ -97,11 +97,3 @@ class LateGnss(Effect):
         if gnss is None or self.told:
             return recording
         return replace(recording, gnss=gnss.assign(t_s=gnss["t_s"] + self.magnitude))
-
-
-def _markov(n: int, interval_s: float, rng: np.random.Generator) -> Array:
-    """Return three stationary first-order Gauss-Markov processes of variance 1. Shape (n, 3)."""
-    kept = np.exp(-interval_s / CORRELATION_S)
-    driven = rng.standard_normal((n, 3))
-    driven[1:] *= np.sqrt(1.0 - kept * kept)
-    return np.asarray(lfilter([1.0], [1.0, -kept], driven, axis=0))

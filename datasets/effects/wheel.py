@@ -9,7 +9,6 @@ import pandas as pd
 
 from trackfg.datasets import tables
 from trackfg.datasets.scenario import Effect, Scenario
-from trackfg.datasets.sensors.odometer import TachModel
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
@@ -24,11 +23,11 @@ class CoarsePulses(Effect):
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return _with_tach(plan, pulses_per_rev=self.magnitude)
+        return replace(plan, tach=replace(plan.tach, pulses_per_rev=self.magnitude))
 
 
 _FINE = 100.0
-"""By how much a tachometer's pulses are finer whose speed is shown: the steps of the display alone are to be seen."""
+"""Factor on the pulses of a tachometer that shows a speed: then the steps of the display are the only ones."""
 _METER_S = 0.2
 """Over what time a speedometer averages, s. Assumed."""
 
@@ -44,7 +43,7 @@ class WholeKmh(Effect):
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return _with_tach(plan, pulses_per_rev=_FINE * plan.tach.pulses_per_rev)
+        return _finely_counted(plan)
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
@@ -61,7 +60,7 @@ class NoisySpeed(Effect):
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return _with_tach(plan, pulses_per_rev=_FINE * plan.tach.pulses_per_rev)
+        return _finely_counted(plan)
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
@@ -75,7 +74,7 @@ class LateTach(Effect):
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return plan if self.told else _with_tach(plan, clock_offset_s=-self.magnitude)
+        return plan if self.told else replace(plan, tach=replace(plan.tach, clock_offset_s=-self.magnitude))
 
 
 @dataclass(frozen=True)
@@ -164,12 +163,13 @@ class CurveRolling(Effect):
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return _with_tach(plan, outward_offset_m=0.0 if self.told else self.magnitude)
+        outward_m = 0.0 if self.told else self.magnitude
+        return replace(plan, tach=replace(plan.tach, outward_offset_m=outward_m))
 
 
-def _with_tach(plan: Scenario, **changes: float) -> Scenario:
-    tach: TachModel = replace(plan.tach, **changes)  # type: ignore[arg-type]
-    return replace(plan, tach=tach)
+def _finely_counted(plan: Scenario) -> Scenario:
+    """Return the scenario with :data:`_FINE` times as many pulses."""
+    return replace(plan, tach=replace(plan.tach, pulses_per_rev=_FINE * plan.tach.pulses_per_rev))
 
 
 def _tach(recording: Recording) -> tuple[pd.DataFrame, Tach]:
@@ -199,7 +199,7 @@ def _shown_speed(recording: Recording, rate_hz: float) -> tuple[Array, Array]:
 
 
 def _as_speed(recording: Recording, t: Array, speed_mps: Array) -> Recording:
-    """Return the recording whose tachometer tells a speed."""
+    """Return the recording whose tachometer measures this speed, m/s, at these times, s."""
     _, part = _tach(recording)
     shown = Tach(
         file=part.file, column="speed_mps", kind="speed", unit="m/s", scale_sd=part.scale_sd, signed=part.signed

@@ -104,10 +104,17 @@ def gnss_table(ride: Ride, model: GnssModel, duration_s: float, rng: np.random.G
 
 def _multipath(model: GnssModel, n: int, rng: np.random.Generator) -> Array:
     """Shape (n, 3)."""
-    phi = np.exp(-1.0 / (model.rate_hz * model.multipath_time_s))
+    phi = float(np.exp(-1.0 / (model.rate_hz * model.multipath_time_s)))
+    return np.array(model.multipath_sd_m) * gauss_markov(n, phi, rng)
+
+
+def gauss_markov(n: int, phi: float, rng: np.random.Generator) -> Array:
+    """Return three first-order Gauss-Markov processes of variance 1, stationary from the start; ``phi`` is the
+    correlation of neighbours. Shape (n, 3).
+    """
     driven = rng.standard_normal((n, 3))
     driven[1:] *= np.sqrt(1.0 - phi * phi)
-    return np.asarray(np.array(model.multipath_sd_m) * lfilter([1.0], [1.0, -phi], driven, axis=0))
+    return np.asarray(lfilter([1.0], [1.0, -phi], driven, axis=0))
 
 
 def _outliers(model: GnssModel, n: int, rng: np.random.Generator) -> Array:
