@@ -39,19 +39,19 @@ class Recorder:
 class Effect:
     """A disturbance of the world that the recording's description does not mention (:mod:`trackfg.datasets.effects`).
 
-    ``magnitude`` says how large it is, in the effect's own unit. One that is ``told`` happens too, but is declared, or
-    taken out where nothing could declare it: an estimator that gets such a recording is an oracle.
+    ``magnitude`` is its size, in the effect's own unit. With ``for_oracle`` the same disturbance is declared in the
+    description, or left out where no field could declare it: an estimator that gets such a recording is an oracle.
     """
 
     magnitude: float
-    told: bool = False
+    for_oracle: bool = False
 
     def planned(self, plan: Scenario) -> Scenario:
-        """Return the scenario in which it happens."""
+        """Return the scenario with what the effect changes before the run."""
         return plan
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
-        """Return the recording as it comes out. What ``rng`` draws is the same whether or not the effect is told."""
+        """Return the recording with the effect. ``rng`` draws the same numbers with and without ``for_oracle``."""
         return recording
 
 

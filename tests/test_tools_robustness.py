@@ -61,10 +61,10 @@ def test_a_case_is_chosen_by_name_and_magnitude(tools: SimpleNamespace) -> None:
 
 def test_the_oracle_of_a_case_is_the_same_ride(tools: SimpleNamespace) -> None:
     (case,) = tools.cases.cases(["imu-noise=10"])
-    run, told = (case.simulated(1, 60.0, told=told) for told in (False, True))
+    run, oracle = (case.simulated(1, 60.0, for_oracle=for_oracle) for for_oracle in (False, True))
     assert case.has_oracle
-    assert run.recording.imu.equals(told.recording.imu)
-    assert told.recording.description.imu.noise.gyro_white == pytest.approx(
+    assert run.recording.imu.equals(oracle.recording.imu)
+    assert oracle.recording.description.imu.noise.gyro_white == pytest.approx(
         10.0 * run.recording.description.imu.noise.gyro_white
     )
     (alone,) = (case for case in tools.cases.cases(["canyon=5"]) if case.base == "gnss alone")

@@ -1,4 +1,4 @@
-"""Stamps of the IMU that are not when its samples were taken."""
+"""Errors of the IMU's time stamps: delays on arrival, a jump of the clock."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trackfg.recording.model import Recording
 class DelayedStamps(Effect):
     """Samples stamped on arrival, ``magnitude`` milliseconds late on the average: delays are exponential, in order.
 
-    Told: stamped in time.
+    For the oracle: no delay.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
@@ -26,16 +26,16 @@ class DelayedStamps(Effect):
         # A sample waits for the one before it and comes 0.1 ms after it: what a serial line takes for a message.
         order = 1e-4 * np.arange(len(t))
         arrival = np.maximum.accumulate(arrival - order) + order
-        return recording if self.told else replace(recording, imu=imu.assign(t_s=arrival))
+        return recording if self.for_oracle else replace(recording, imu=imu.assign(t_s=arrival))
 
 
 @dataclass(frozen=True)
 class ClockJump(Effect):
-    """The IMU's clock jumps ahead by ``magnitude`` seconds, half-way through the run. Told: it does not."""
+    """The IMU's clock jumps ahead by ``magnitude`` seconds, half-way through the run. For the oracle: no jump."""
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        if self.told:
+        if self.for_oracle:
             return recording
         imu = recording.imu
         t = imu["t_s"].to_numpy()

@@ -43,9 +43,9 @@ class Creeping(Effect):
 
 @dataclass(frozen=True)
 class TurningEarth(Effect):
-    """A line with loops at ``magnitude`` degrees of latitude, whose heading is not declared, and perhaps nothing.
+    """A line with loops at ``magnitude`` degrees of latitude, whose heading is not declared; the latitude may be.
 
-    Told: both are.
+    For the oracle: both are declared.
     """
 
     latitude_declared: bool = True
@@ -59,7 +59,7 @@ class TurningEarth(Effect):
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        if self.told:
+        if self.for_oracle:
             return recording
         unknown = {"heading_deg": None} | ({} if self.latitude_declared else {"latitude_deg": None})
         track = recording.description.track.model_copy(update=unknown)

@@ -1,4 +1,4 @@
-"""What an IMU is worse at than its data sheet says: noise, warming up, a grade that nobody declared."""
+"""IMUs worse than declared: more white noise, drift while the sensor warms up, a low-cost grade not declared."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Noise(Effect):
         more = np.sqrt((self.magnitude**2 - 1.0) / samples.interval_s)
         gyro, accel = (more * stream.standard_normal(samples.gyro.shape) for stream in rng.spawn(2))
         noisy = samples.added(declared.gyro_white * gyro, declared.accel_white * accel).into(recording)
-        if not self.told:
+        if not self.for_oracle:
             return noisy
         white = {name: self.magnitude * getattr(declared, name) for name in ("gyro_white", "accel_white")}
         return described(noisy, noise=declared.model_copy(update=white))
@@ -50,7 +50,7 @@ class Warming(Effect):
         samples = Samples.of(recording)
         warmer = self.magnitude * -np.expm1(-(samples.t_s - samples.t_s[0]) / WARMING_S)[:, None]
         bias, scale = rng.standard_normal((2, 2, 3))
-        if self.told:
+        if self.for_oracle:
             return recording
         return samples.added(
             warmer * (GYRO_PER_K * bias[0] + SCALE_PER_K * scale[0] * samples.gyro),
@@ -78,9 +78,9 @@ LOW_COST_RESPONSE = ImuResponse(
 
 @dataclass(frozen=True)
 class LowCost(Effect):
-    """A sensor of a few euros with a gyro bias of ``magnitude`` deg/s (1 sigma), of which nothing is declared.
+    """A sensor of a few euros with a gyro bias of ``magnitude`` deg/s (1 sigma), whose noise is not declared.
 
-    Told: its noise, and how well it is calibrated.
+    For the oracle: noise and sigmas of the biases are declared.
     """
 
     def planned(self, plan: Scenario) -> Scenario:
@@ -90,4 +90,4 @@ class LowCost(Effect):
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return recording if self.told else described(recording, noise=ImuNoise())
+        return recording if self.for_oracle else described(recording, noise=ImuNoise())

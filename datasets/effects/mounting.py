@@ -1,4 +1,4 @@
-"""Where and how an IMU sits, when nobody says so."""
+"""Place and attitude of an IMU in the vehicle, and lean of the car body, that are not declared."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trackfg.recording.model import Recording
 @dataclass(frozen=True)
 class LeverArm(Effect):
     """An IMU ``magnitude`` metres from the reference point of a car body that does not lean: forward and, a fifth of
-    that, up. Told: where it is.
+    that, up. For the oracle: the lever arm is declared.
     """
 
     def planned(self, plan: Scenario) -> Scenario:
@@ -29,17 +29,17 @@ class LeverArm(Effect):
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return recording if self.told else described(recording, lever_arm_m=(0.0, 0.0, 0.0))
+        return recording if self.for_oracle else described(recording, lever_arm_m=(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
 class Tilt(Effect):
-    """An IMU turned in roll, pitch and yaw by ``magnitude`` degrees each, signs drawn. Told: it is not turned."""
+    """An IMU turned in roll, pitch and yaw by ``magnitude`` degrees each, signs drawn. For the oracle: not turned."""
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         R_vs = rotations.matrix_from_rpy(*np.radians(self.magnitude * rng.choice([-1.0, 1.0], 3)))
-        if self.told:
+        if self.for_oracle:
             return recording
         return Samples.of(recording).turned(R_vs).into(recording)
 
@@ -56,4 +56,4 @@ class SpringRoll(Effect):
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return described(recording, rigid=True) if self.declared_rigid and not self.told else recording
+        return described(recording, rigid=True) if self.declared_rigid and not self.for_oracle else recording

@@ -14,15 +14,16 @@ from trackfg.numerics.spans import median_interval
 from trackfg.recording.model import Recording
 
 FEWEST_FIXES = 5
-"""Of fewer fixes one that is wrong cannot be told with confidence: two may agree by chance."""
+"""With fewer fixes a wrong one cannot be identified with confidence: two may agree by chance."""
 _ENU = ("east", "north", "up")
 
 
 @dataclass(frozen=True)
 class WrongFixes(Effect):
-    """Fixes of which a share of ``magnitude`` has the chainage of another balise of the run. Told: they are left out.
+    """Fixes of which a share of ``magnitude`` has the chainage of another balise of the run.
 
-    At least one is wrong of :data:`FEWEST_FIXES` or more; of fewer none, since nothing could tell which.
+    At least one is wrong of :data:`FEWEST_FIXES` or more; of fewer none, since no vote could tell which. For the
+    oracle: the wrong ones are left out.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
@@ -33,7 +34,7 @@ class WrongFixes(Effect):
         chainage = fixes["chainage_m"].to_numpy()
         wrong = rng.permutation(len(fixes))[: max(1, round(self.magnitude * len(fixes)))]
         other = (wrong + rng.integers(1, len(fixes), len(wrong))) % len(fixes)
-        if self.told:
+        if self.for_oracle:
             return replace(recording, fixes=fixes.drop(index=fixes.index[wrong]).reset_index(drop=True))
         read = chainage.copy()
         read[wrong] = chainage[other]
@@ -50,7 +51,7 @@ class ScatteredFixes(Effect):
         if fixes is None:
             return recording
         scattered = fixes.assign(chainage_m=fixes["chainage_m"] + self.magnitude * rng.standard_normal(len(fixes)))
-        if self.told:
+        if self.for_oracle:
             scattered["chainage_sd_m"] = np.hypot(fixes["chainage_sd_m"], self.magnitude)
         return replace(recording, fixes=scattered)
 
@@ -66,7 +67,7 @@ CORRELATION_S = 20.0
 class Canyon(Effect):
     """Satellite positions that err by ``magnitude`` metres (horizontal rms) for tens of seconds, between houses.
 
-    Up errs by twice that of a horizontal axis. Told: the sigmas are those of the errors, as if they were white.
+    Up errs by twice that of a horizontal axis. For the oracle: the sigmas include the errors, as if white.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
@@ -82,18 +83,18 @@ class Canyon(Effect):
         error = shadowed[:, None] * self.magnitude * np.sqrt([0.5, 0.5, 2.0])
         wandering = gauss_markov(len(t), float(np.exp(-median_interval(t) / CORRELATION_S)), error_rng)
         columns = {f"{axis}_m": gnss[f"{axis}_m"] + error[:, i] * wandering[:, i] for i, axis in enumerate(_ENU)}
-        if self.told:
+        if self.for_oracle:
             columns |= {f"{axis}_sd_m": np.hypot(gnss[f"{axis}_sd_m"], error[:, i]) for i, axis in enumerate(_ENU)}
         return replace(recording, gnss=gnss.assign(**columns))
 
 
 @dataclass(frozen=True)
 class LateGnss(Effect):
-    """Satellite positions stamped ``magnitude`` seconds late. Told: in time."""
+    """Satellite positions stamped ``magnitude`` seconds late. For the oracle: no delay."""
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         gnss = recording.gnss
-        if gnss is None or self.told:
+        if gnss is None or self.for_oracle:
             return recording
         return replace(recording, gnss=gnss.assign(t_s=gnss["t_s"] + self.magnitude))

@@ -66,8 +66,8 @@ _ENGINE_ARM_M = 1.0
 class Vibration(Effect):
     """Random vibration of the running gear, flat within the band of the place.
 
-    ``magnitude``: rms of the vertical acceleration at :data:`AT_MPS`, m/s^2. Told: the white noise declared is of the
-    level that the samples have on the average.
+    ``magnitude``: rms of the vertical acceleration at :data:`AT_MPS`, m/s^2. For the oracle: white noise of the rms of
+    the vibration is declared besides.
     """
 
     place: PlaceName = "body"
@@ -78,7 +78,7 @@ class Vibration(Effect):
         samples = Samples.of(recording)
         gyro, accel = self.shaken(samples, ride, rng)
         shaken = samples.added(gyro, accel).into(recording)
-        return _noise_declared(shaken, gyro, accel) if self.told else shaken
+        return _noise_declared(shaken, gyro, accel) if self.for_oracle else shaken
 
     def level(self, ride: Ride, t: Array) -> Array:
         """Return the rms of the vertical acceleration at times (n,), m/s^2."""
@@ -140,8 +140,8 @@ class Idling(Effect):
 class Rectification(Effect):
     """An accelerometer whose bias grows with the power of the vibration along each axis.
 
-    ``magnitude``: bias over power, m/s^2 per (m/s^2)^2, the sign of each axis drawn. Told: the vibration without the
-    bias, its noise declared.
+    ``magnitude``: bias over power, m/s^2 per (m/s^2)^2, the sign of each axis drawn. For the oracle: the vibration
+    without the bias, declared as white noise.
     """
 
     vibration: Vibration = field(default_factory=lambda: Vibration(5.0, place="bogie", sampling="filtered"))
@@ -152,7 +152,7 @@ class Rectification(Effect):
         sign_rng, shaking_rng = rng.spawn(2)
         gyro, accel = self.vibration.shaken(samples, ride, shaking_rng)
         sign = sign_rng.choice([-1.0, 1.0], 3)
-        if self.told:
+        if self.for_oracle:
             return _noise_declared(samples.added(gyro, accel).into(recording), gyro, accel)
         power = (self.vibration.level(ride, samples.t_s)[:, None] * np.array(PLACES[self.vibration.place].axes)) ** 2
         return samples.added(gyro, accel + self.magnitude * sign * power).into(recording)
@@ -177,7 +177,7 @@ class Saturation(Effect):
     """Shocks at rail joints beyond the range of an accelerometer that averages what it has clipped.
 
     ``magnitude``: the largest peak at :data:`AT_MPS`, m/s^2; a joint's own is 0.5 to 1 times that. Gravity takes part
-    of the range, so that clipping leaves a mean. Told: a range that is not exceeded.
+    of the range, so that clipping leaves a mean. For the oracle: no clipping.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
@@ -199,7 +199,7 @@ class Saturation(Effect):
         ringing = np.diff(swing, append=0.0) / (w * step)
         shock = np.convolve(impulses, ringing)[: n * _PARTS]
         felt = np.repeat(samples.accel, _PARTS, axis=0) + shock[:, None] * _SHOCK_AXES
-        if not self.told:
+        if not self.for_oracle:
             felt = np.clip(felt, -RANGE_MPS2, RANGE_MPS2)
         accel = felt.reshape(n, _PARTS, 3).mean(axis=1)
         return samples.added(accel=accel - samples.accel).into(recording)

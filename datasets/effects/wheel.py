@@ -1,4 +1,4 @@
-"""What wheels and their tachometers do besides counting pulses evenly."""
+"""Errors of wheels and their tachometers: resolution, noise, delay, miscounts, creep, a wrong or changing scale."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _METER_S = 0.2
 class WholeKmh(Effect):
     """A speed in whole km/h, ``magnitude`` times a second, as on a vehicle's bus; rounded, or cut off below.
 
-    Told: half a km/h is added to what was cut off.
+    For the oracle: half a km/h is added to what was cut off.
     """
 
     cut_off: bool = False
@@ -49,7 +49,7 @@ class WholeKmh(Effect):
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         t, speed = _shown_speed(recording, self.magnitude)
         shown = (np.floor if self.cut_off else np.rint)(speed / KMH + 1e-9)
-        if self.cut_off and self.told:
+        if self.cut_off and self.for_oracle:
             shown = np.where(shown > 0.0, shown + 0.5, 0.0)
         return _as_speed(recording, t, KMH * shown)
 
@@ -70,16 +70,16 @@ class NoisySpeed(Effect):
 
 @dataclass(frozen=True)
 class LateTach(Effect):
-    """A tachometer whose rows arrive ``magnitude`` seconds late and are stamped then."""
+    """A tachometer whose rows come ``magnitude`` seconds late and are stamped on arrival. For the oracle: no delay."""
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return plan if self.told else replace(plan, tach=replace(plan.tach, clock_offset_s=-self.magnitude))
+        return plan if self.for_oracle else replace(plan, tach=replace(plan.tach, clock_offset_s=-self.magnitude))
 
 
 @dataclass(frozen=True)
 class MiscountedPulses(Effect):
-    """A tachometer that misses a share of ``magnitude`` of all pulses, and counts as many twice. Told: it does not."""
+    """A tachometer that misses a share ``magnitude`` of all pulses and counts as many twice. For the oracle: none."""
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
@@ -89,7 +89,7 @@ class MiscountedPulses(Effect):
         steps = np.diff(count, prepend=count[:1])
         missed, doubled = (rng.binomial(np.abs(steps), self.magnitude) for _ in range(2))
         counted = count[:1] + np.cumsum(steps + np.sign(steps) * (doubled - missed))
-        return recording if self.told else _rolled(recording, counted * quantum)
+        return recording if self.for_oracle else _rolled(recording, counted * quantum)
 
 
 CREEP_S = 60.0
@@ -102,7 +102,7 @@ _CREEP_RAMP_S = 5.0
 
 @dataclass(frozen=True)
 class WeakCreep(Effect):
-    """An axle that turns too fast by ``magnitude`` (a share) for :data:`CREEP_S` at speed. Told: it does not."""
+    """An axle that turns too fast by ``magnitude`` (a share) for :data:`CREEP_S` at speed. For the oracle: none."""
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
@@ -113,7 +113,7 @@ class WeakCreep(Effect):
         starts = np.arange(t[0], max(t[-1] - CREEP_S, t[0] + 1.0), 1.0)
         mean = (np.interp(starts + CREEP_S, t, way) - np.interp(starts, t, way)) / CREEP_S
         start = rng.choice(starts[mean >= min(_AT_SPEED * speed.max(), mean.max())])
-        if self.told:
+        if self.for_oracle:
             return recording
         corners = start + np.array([0.0, _CREEP_RAMP_S, CREEP_S - _CREEP_RAMP_S, CREEP_S])
         creep = self.magnitude * np.interp(t, corners, [0.0, 1.0, 1.0, 0.0])
@@ -125,29 +125,29 @@ class WeakCreep(Effect):
 class ScaleJump(Effect):
     """A wheel whose scale changes by ``magnitude`` (a share) half-way: another wheelset, a new calibration.
 
-    Told: it does not.
+    For the oracle: no change.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         distance = _tach(recording)[0]["distance_m"].to_numpy()
         half = 0.5 * (distance[0] + distance[-1])
-        return (
-            recording if self.told else _rolled(recording, distance - self.magnitude * np.maximum(distance - half, 0))
-        )
+        if self.for_oracle:
+            return recording
+        return _rolled(recording, distance - self.magnitude * np.maximum(distance - half, 0))
 
 
 @dataclass(frozen=True)
 class WrongWheel(Effect):
     """Distances of ``magnitude`` times the true ones: 3.6 for km/h taken as m/s, a wrong wheel, -1 a wrong sign.
 
-    Told: they are right.
+    For the oracle: the true ones.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         table, part = _tach(recording)
-        if self.told:
+        if self.for_oracle:
             return recording
         wrong = part.model_copy(update={"kind": "distance", "unit": "m", "signed": part.signed or self.magnitude < 0})
         description = recording.description.model_copy(update={"tach": wrong})
@@ -163,7 +163,7 @@ class CurveRolling(Effect):
 
     def planned(self, plan: Scenario) -> Scenario:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
-        outward_m = 0.0 if self.told else self.magnitude
+        outward_m = 0.0 if self.for_oracle else self.magnitude
         return replace(plan, tach=replace(plan.tach, outward_offset_m=outward_m))
 
 

@@ -47,7 +47,7 @@ ORACLES = frozenset({
     *(("canyon", magnitude) for magnitude in EFFECTS["canyon"].magnitudes),
     *(("weak-creep", magnitude) for magnitude in EFFECTS["weak-creep"].magnitudes),
 })  # fmt: skip
-"""Where the smoother is held against the same smoother told the truth."""
+"""Where the smoother is compared with an oracle."""
 STREAMED = ("imu-noise", "aliased-vibration", "coarse-pulses", "wrong-fixes", "weak-creep", "canyon")
 """What streams go through."""
 HOURS = ("long-rest",)
@@ -74,11 +74,11 @@ class Case:
         """Return whether an oracle is run too."""
         return (self.effect, self.magnitude) in ORACLES
 
-    def simulated(self, seed: int, duration_s: float, *, told: bool = False) -> Simulation:
-        """Return the run, for the oracle with ``told``."""
+    def simulated(self, seed: int, duration_s: float, *, for_oracle: bool = False) -> Simulation:
+        """Return the run, or that of the oracle."""
         plan = _base(self.base)
         if self.effect != CLEAN:
-            plan = replace(plan, effects=(replace(effect(self.effect, self.magnitude), told=told),))
+            plan = replace(plan, effects=(replace(effect(self.effect, self.magnitude), for_oracle=for_oracle),))
         if self.effect in HOURS:
             duration_s += 2.0 * 3600.0 * self.magnitude
         run = simulate(plan, seed=seed, duration_s=duration_s)

@@ -1,7 +1,8 @@
 """Does the default smoother stay right, or say that it is not, on recordings as rough as real ones?
 
 batch      every effect of :mod:`trackfg.datasets.effects` at each of its magnitudes: error, sigma, and the verdict of
-           each quantity; beside it an oracle, the same smoother told the truth of the effect, and dead reckoning
+           each quantity; beside it an oracle, the same smoother with the effect declared or left out, and dead
+           reckoning
 stream     six of the effects as a stream with 20 s of lag
 floor      100 random runs with sensors of a few euros against dead reckoning
 real       KITTI, Kingston and comma2k19 with the default settings
@@ -41,8 +42,8 @@ PARTS = ("batch", "stream", "floor", "real")
 def measured_case(case: Case, seed: int, duration_s: float) -> pd.DataFrame:
     """Return the scores of a case on one seed."""
     run = case.simulated(seed, duration_s)
-    told = case.simulated(seed, duration_s, told=True) if case.has_oracle else None
-    return measured(run, told).assign(case=case.name, seed=seed)
+    of_oracle = case.simulated(seed, duration_s, for_oracle=True) if case.has_oracle else None
+    return measured(run, of_oracle).assign(case=case.name, seed=seed)
 
 
 def measured_stream_case(case: Case, seed: int, duration_s: float) -> pd.DataFrame:

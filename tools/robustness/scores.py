@@ -115,14 +115,14 @@ def scored(name: str, estimate: Estimate, run: Simulation) -> Iterator[dict[str,
             }
 
 
-def measured(run: Simulation, told: Simulation | None) -> pd.DataFrame:
-    """Return the scores of the smoother, of the oracle on the run as ``told``, and of dead reckoning.
+def measured(run: Simulation, of_oracle: Simulation | None) -> pd.DataFrame:
+    """Return the scores of the smoother, of the oracle on its own run ``of_oracle``, and of dead reckoning.
 
     A smoother that refuses a recording has one row, its quantity empty and the message under ``findings``.
     """
     rows = list(_tried(SMOOTHER, smoothed, run))
-    if told is not None:
-        rows += scored(ORACLE, smoothed(told), told)
+    if of_oracle is not None:
+        rows += scored(ORACLE, smoothed(of_oracle), of_oracle)
     reckoned = floor(run)
     if reckoned is not None:
         rows += scored(FLOOR, reckoned, run)

@@ -40,11 +40,11 @@ def test_an_unknown_name_is_answered_with_the_known_ones():
 
 @pytest.mark.parametrize("name", [name for name in EFFECTS if name not in ("long-rest", "creeping")])
 def test_an_effect_changes_the_recording_and_not_what_the_oracle_rides(name, run):
-    simulation, told, clean = run(effect(name)), run(replace(effect(name), told=True)), run().recording
+    simulation, oracle, clean = run(effect(name)), run(replace(effect(name), for_oracle=True)), run().recording
     recording = simulation.recording
     same = [recording.tables[table].equals(clean.tables[table]) for table in ("imu", "tach", "fixes", "gnss")]
     assert not all(same)
-    assert simulation.truth["chainage_m"].equals(told.truth["chainage_m"])
+    assert simulation.truth["chainage_m"].equals(oracle.truth["chainage_m"])
     assert np.isfinite(recording.imu.to_numpy()).all()
 
 
@@ -69,8 +69,8 @@ def test_noise_is_so_many_times_the_declared_one(run):
     for column, white in (("gyro", noise.gyro_white), ("accel", noise.accel_white)):
         added = getattr(noisy, column) - getattr(clean, column)
         assert added.std() == pytest.approx(np.sqrt(8.0 * 200.0) * white, rel=0.01)
-    told = run(Noise(3.0, told=True)).recording.description.imu.noise
-    assert (told.gyro_white, told.accel_white) == pytest.approx((3.0 * noise.gyro_white, 3.0 * noise.accel_white))
+    oracle = run(Noise(3.0, for_oracle=True)).recording.description.imu.noise
+    assert (oracle.gyro_white, oracle.accel_white) == pytest.approx((3.0 * noise.gyro_white, 3.0 * noise.accel_white))
 
 
 def test_a_sensor_warms_up_and_its_biases_follow(run):
@@ -84,7 +84,9 @@ def test_a_low_cost_sensor_has_its_bias_and_declares_nothing(run):
     biases = [simulate(plan, seed=seed, duration_s=5.0).recording.gyro.mean(axis=0) for seed in range(20)]
     assert np.degrees(np.std(biases)) == pytest.approx(1.0, rel=0.2)
     assert run(LowCost(1.0)).recording.description.imu.noise == ImuNoise()
-    assert run(LowCost(1.0, told=True)).recording.description.imu.noise.gyro_bias_sd == pytest.approx(np.radians(1.0))
+    assert run(LowCost(1.0, for_oracle=True)).recording.description.imu.noise.gyro_bias_sd == pytest.approx(
+        np.radians(1.0)
+    )
 
 
 def test_wrong_fixes_are_those_of_other_balises(run):
@@ -92,16 +94,16 @@ def test_wrong_fixes_are_those_of_other_balises(run):
     wrong = np.abs(errors) > 1.0
     assert np.count_nonzero(wrong) == round(0.2 * len(errors))
     assert errors[wrong] == pytest.approx(50.0 * np.rint(errors[wrong] / 50.0), abs=1.0)
-    told = run(WrongFixes(0.2, told=True))
-    assert np.abs(fix_errors(told)).max() < 1.0
-    assert len(told.recording.fixes) == len(errors) - wrong.sum()
+    oracle = run(WrongFixes(0.2, for_oracle=True))
+    assert np.abs(fix_errors(oracle)).max() < 1.0
+    assert len(oracle.recording.fixes) == len(errors) - wrong.sum()
 
 
 def test_scattered_fixes_scatter(run):
     errors = fix_errors(run(ScatteredFixes(2.0)))
     assert errors.std() == pytest.approx(2.0, rel=4.0 / np.sqrt(2 * len(errors)))
     assert run(ScatteredFixes(2.0)).recording.fixes["chainage_sd_m"].max() == pytest.approx(0.1)
-    assert run(ScatteredFixes(2.0, told=True)).recording.fixes["chainage_sd_m"].min() > 2.0
+    assert run(ScatteredFixes(2.0, for_oracle=True)).recording.fixes["chainage_sd_m"].min() > 2.0
 
 
 def test_canyons_are_correlated_and_between_them_nothing_is_added(run):
@@ -126,10 +128,10 @@ def test_late_positions_are_stamped_late(run):
 
 
 def test_a_lever_arm_is_felt_and_not_declared(run):
-    far, told = run(LeverArm(10.0)).recording, run(LeverArm(10.0, told=True)).recording
+    far, oracle = run(LeverArm(10.0)).recording, run(LeverArm(10.0, for_oracle=True)).recording
     assert far.description.imu.lever_arm_m == (0.0, 0.0, 0.0)
-    assert np.linalg.norm(told.description.imu.lever_arm_m) == pytest.approx(10.0)
-    assert far.imu.equals(told.imu)
+    assert np.linalg.norm(oracle.description.imu.lever_arm_m) == pytest.approx(10.0)
+    assert far.imu.equals(oracle.imu)
     near = run(LeverArm(0.1)).recording
     # Centripetal acceleration along x in curves is -omega^2 times the arm.
     curve = np.abs(far.gyro[:, 2]) > 0.02
@@ -193,7 +195,7 @@ def test_a_line_with_loops_turns_about_and_tells_no_heading():
     assert np.ptp(simulation.truth["yaw_rad"]) > np.pi
     track = simulation.recording.description.track
     assert (track.latitude_deg, track.heading_deg) == (35.0, None)
-    told = simulate(
-        replace(plan, effects=(TurningEarth(35.0, told=True),)), duration_s=60.0
+    oracle = simulate(
+        replace(plan, effects=(TurningEarth(35.0, for_oracle=True),)), duration_s=60.0
     ).recording.description.track
-    assert told.heading_deg is not None
+    assert oracle.heading_deg is not None

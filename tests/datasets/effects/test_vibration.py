@@ -64,13 +64,13 @@ def test_a_vibration_turns_what_it_shakes_as_its_arm_says(run):
     assert rms(gyro[moving] * AT_MPS / speed[moving, None]) == pytest.approx(np.full(3, expected), rel=0.35)
 
 
-def test_told_vibration_is_declared_by_the_level_of_the_samples(run):
+def test_the_oracle_has_vibration_declared_by_the_level_of_the_samples(run):
     effect = Vibration(2.0, place="bogie", sampling="instant")
     _, accel, _ = added(run, effect)
-    told = run(Vibration(2.0, place="bogie", sampling="instant", told=True)).recording
-    assert np.array_equal(told.accel, run(effect).recording.accel)
+    oracle = run(Vibration(2.0, place="bogie", sampling="instant", for_oracle=True)).recording
+    assert np.array_equal(oracle.accel, run(effect).recording.accel)
     density = np.hypot(ADIS16495_1.noise.accel_white, np.sqrt(np.mean(accel**2) / RATE_HZ))
-    assert told.description.imu.noise.accel_white == pytest.approx(density)
+    assert oracle.description.imu.noise.accel_white == pytest.approx(density)
 
 
 def test_an_engine_shakes_at_rest_at_its_harmonics(run):
@@ -84,7 +84,7 @@ def test_an_engine_shakes_at_rest_at_its_harmonics(run):
 
 
 def test_rectification_moves_the_mean_by_the_power(run):
-    with_bias, without = Rectification(2e-3), Rectification(2e-3, told=True)
+    with_bias, without = Rectification(2e-3), Rectification(2e-3, for_oracle=True)
     assert run(without).recording.description.imu.noise.accel_white > ADIS16495_1.noise.accel_white
     bias = run(with_bias).recording.accel - run(without).recording.accel
     speed = np.abs(run().ride.motion.speed(run().recording.imu["t_s"].to_numpy()))
@@ -94,14 +94,14 @@ def test_rectification_moves_the_mean_by_the_power(run):
 
 
 def test_shocks_beyond_the_range_leave_a_mean_and_others_do_not(run):
-    _, told, _ = added(run, Saturation(200.0, told=True))
+    _, oracle, _ = added(run, Saturation(200.0, for_oracle=True))
     _, clipped, speed = added(run, Saturation(200.0))
-    assert np.abs(told.mean(axis=0)).max() < 1e-3
+    assert np.abs(oracle.mean(axis=0)).max() < 1e-3
     assert clipped.mean(axis=0)[2] < -0.01
     assert run(Saturation(200.0)).recording.accel.max() <= RANGE_MPS2 + 1e-9
     # A joint every 25 m shakes some 0.1 s at 10 m/s and more: a share of the samples that grows with the speed.
     distance = np.ptp(run().truth["chainage_m"])
-    shaken = np.abs(told[:, 2]) > 1.0
+    shaken = np.abs(oracle[:, 2]) > 1.0
     starts = np.count_nonzero(np.diff(shaken.astype(int)) == 1)
     assert starts >= 0.5 * distance / JOINT_M
-    assert np.abs(told[speed == 0.0][:, 2]).max() < 1e-3
+    assert np.abs(oracle[speed == 0.0][:, 2]).max() < 1e-3

@@ -49,11 +49,11 @@ def test_whole_kmh_are_whole(run, cut_off, whole):
     assert simulation.recording.description.tach.kind == "speed"
 
 
-def test_what_was_cut_off_is_told(run):
-    told = speeds(run(WholeKmh(5.0, cut_off=True, told=True)))[1] / KMH
+def test_the_oracle_has_half_a_kmh_added_to_what_was_cut_off(run):
+    oracle = speeds(run(WholeKmh(5.0, cut_off=True, for_oracle=True)))[1] / KMH
     cut = speeds(run(WholeKmh(5.0, cut_off=True)))[1] / KMH
-    assert told[cut > 0.5] == pytest.approx(cut[cut > 0.5] + 0.5)
-    assert np.all(told[cut < 0.5] == 0.0)
+    assert oracle[cut > 0.5] == pytest.approx(cut[cut > 0.5] + 0.5)
+    assert np.all(oracle[cut < 0.5] == 0.0)
 
 
 def test_a_noisy_speed_is_noisy_at_rest(run):
@@ -120,5 +120,5 @@ def test_a_wheelset_rolls_further_outside(run):
 
 @pytest.mark.parametrize("effect", [LateTach(0.7), MiscountedPulses(0.02), WeakCreep(0.02), ScaleJump(0.01)])
 def test_the_oracle_has_a_good_wheel(run, effect):
-    told = run(type(effect)(effect.magnitude, told=True)).recording
-    assert told.tach.equals(run().recording.tach)
+    oracle = run(type(effect)(effect.magnitude, for_oracle=True)).recording
+    assert oracle.tach.equals(run().recording.tach)
