@@ -82,7 +82,9 @@ class Canyon(Effect):
             shadowed |= (t >= start) & (t < end)
         error = shadowed[:, None] * self.magnitude * np.sqrt([0.5, 0.5, 2.0])
         wandering = gauss_markov(len(t), float(np.exp(-median_interval(t) / CORRELATION_S)), error_rng)
-        columns = {f"{axis}_m": gnss[f"{axis}_m"] + error[:, i] * wandering[:, i] for i, axis in enumerate(_ENU)}
+        columns = {
+            f"{axis}_m": gnss[f"{axis}_m"].to_numpy() + error[:, i] * wandering[:, i] for i, axis in enumerate(_ENU)
+        }
         if self.for_oracle:
             columns |= {f"{axis}_sd_m": np.hypot(gnss[f"{axis}_sd_m"], error[:, i]) for i, axis in enumerate(_ENU)}
         return replace(recording, gnss=gnss.assign(**columns))
