@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events
+from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events, resampled_trajectory
 from trackfg.errors import BadInputError
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
@@ -26,15 +26,13 @@ from trackfg.numerics.geodesy import normal_gravity
 from trackfg.numerics.passes import Pass, passes
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
-from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.standstills import find_standstills
-from trackfg.sensors.tach import read_wheel
+from trackfg.sensors.tach import Wheel, read_wheel
 
 TWIST_BASE_M = 5.0
 """Base of the twist, m: the default of the smoother's results."""
-_TRAJECTORY_S = 0.1
-"""Step of the trajectory, s: the default of the smoother's results."""
 _PLACE_OVER_S = 0.5
 """Time over which the tachometer's distance is averaged, s; the module's docstring says what it costs."""
 _MAX_TACH_GAP_S = 2.0
@@ -85,14 +83,20 @@ class SampledMotion:
         return out
 
 
+def required_wheel(recording: Recording) -> Wheel:
+    """Return the wheel of a recording. Raises ``BadInputError`` where there is no tachometer."""
+    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
+    if wheel is None:
+        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
+    return wheel
+
+
 def motion_of(recording: Recording, *, remove_static_bias: bool) -> SampledMotion:
     """Return the samples of a recording. Without a standstill at the start there is no static bias to remove.
 
     Raises ``BadInputError`` where there is no tachometer: it tells place and speed.
     """
-    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
-    if wheel is None:
-        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
+    wheel = required_wheel(recording)
     data = intervals(recording)
     t = 0.5 * (data.edges[1:] + data.edges[:-1])
     span = _standstill_at_start(recording, data)
@@ -198,8 +202,7 @@ def _standstill_at_start(recording: Recording, data: Intervals) -> Array:
 
 
 def _trajectory(recording: Recording, motion: SampledMotion, attitude: Attitude) -> pd.DataFrame:
-    t = np.arange(motion.t[0], motion.t[-1], _TRAJECTORY_S)
-    known = {
+    columns = {
         "chainage_m": recording.description.track.direction * motion.distance,
         "speed_mps": motion.speed,
         "roll_rad": attitude.roll,
@@ -207,8 +210,7 @@ def _trajectory(recording: Recording, motion: SampledMotion, attitude: Attitude)
         "pitch_rad": attitude.pitch,
         "pitch_rad_sd": attitude.pitch_sd,
     }
-    at = {column: np.interp(t, motion.t, values) for column, values in known.items() if values is not None}
-    return filled(TRAJECTORY_COLUMNS, {"t_s": t, **at})
+    return resampled_trajectory(motion.t, columns)
 
 
 def _geometry(recording: Recording, motion: SampledMotion, attitude: Attitude) -> pd.DataFrame:

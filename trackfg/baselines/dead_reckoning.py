@@ -1,18 +1,18 @@
-"""Dead reckoning: what a gyro, a wheel and gravity tell without any estimation.
+"""Dead reckoning: attitude, distance and position from gyro, wheel and gravity, without any estimation.
 
 It is the floor for every estimator: P. D. Groves, *Principles of GNSS, Inertial, and Multisensor Integrated Navigation
 Systems*, 2nd ed. (2013), sections 5.6.2 (levelling by gravity), 6.3 (odometer and gyro) and 15.2 (biases at rest).
 
-- The gyro's bias is what the rests show, interpolated; without any the mean rates of roll and pitch, which come back,
-  and the median of the yaw rate, since track is straight most of the time.
+- The gyro's bias is its mean over each rest, interpolated. Without any rest it is the mean of the roll and pitch rates,
+  since those angles return to where they were, and the median of the yaw rate, since most track is straight.
 - The vertical is the mean specific force at rest, or of the whole run: the rate about it is that of the heading,
   however the sensor is mounted.
-- The wheel's nominal speed goes along the heading. With GNSS the path is turned and shifted onto the positions, and it
-  starts so that the first fix comes out right.
+- The path is the integral of the wheel's nominal speed along the heading. With GNSS it is turned and shifted onto the
+  positions. The chainage is the first fix's at its time.
 - Roll and pitch are the gyro's, drawn to the tilt of the specific force less the wheel's acceleration and ``v^2/R``
   with the time constant of the complementary baseline.
 
-It says nothing of its errors.
+It gives no sigmas.
 """
 
 from __future__ import annotations
@@ -20,27 +20,22 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.baselines.attitude import required_wheel
 from trackfg.baselines.complementary import complementary_roll, smoothing
-from trackfg.baselines.result import BaselineResult, filled, no_events
-from trackfg.errors import BadInputError
+from trackfg.baselines.result import BaselineResult, filled, no_events, resampled_trajectory
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.recording.model import Recording
-from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.starting_bias import rest_bias
-from trackfg.sensors.tach import read_wheel
 from trackfg.sensors.tilt import euler_rates, force_tilt
 
-_MAX_TACH_GAP_S = 2.0
-"""A longer silence of the tachometer while moving is a gap, s, as in :mod:`trackfg.baselines.attitude`."""
 _SPEED_OVER_S = 0.25
 """The speed is the wheel's over this before and after, s: pulses are evened out. At the ends it is that further in."""
 _TIME_CONSTANT_S = 12.5
 """Of roll and pitch, s: that of the complementary baseline's paper."""
-_TRAJECTORY_S = 0.1
-"""Step of the trajectory, s: the default of the smoother's results."""
 
 
 def run(recording: Recording) -> BaselineResult:
@@ -48,10 +43,7 @@ def run(recording: Recording) -> BaselineResult:
 
     Raises ``BadInputError`` where there is no tachometer.
     """
-    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
-    if wheel is None:
-        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
-    data = intervals(recording)
+    wheel, data, track = required_wheel(recording), intervals(recording), recording.description.track
     t, dt = 0.5 * (data.edges[1:] + data.edges[:-1]), data.durations
     rests = find_standstills(recording)
     rate = data.gyro - _bias(t, data.gyro, rests)
@@ -60,8 +52,8 @@ def run(recording: Recording) -> BaselineResult:
     distance = wheel.at(t) - wheel.at(t[:1])
     speed = wheel.rate(np.clip(t, wheel.t[0] + _SPEED_OVER_S, wheel.t[-1] - _SPEED_OVER_S), _SPEED_OVER_S)
     yaw = np.cumsum(rate @ (level / np.linalg.norm(level)) * dt)
-    if recording.description.track.heading_deg is not None:
-        yaw += np.pi / 2.0 - np.radians(recording.description.track.heading_deg)
+    if track.heading_deg is not None:
+        yaw += np.pi / 2.0 - np.radians(track.heading_deg)
     place, turn = _onto_positions(t, np.cumsum(speed * np.exp(1j * yaw) * dt), recording)
 
     kinematic = np.stack([np.gradient(speed, t), speed * rate[:, 2], -speed * rate[:, 1]], axis=1)
@@ -69,9 +61,9 @@ def run(recording: Recording) -> BaselineResult:
     start = force_tilt(level[None])[0]
     turned = euler_rates(rate, tilt) * dt[:, None]
     roll, pitch = (complementary_roll(tilt[:, i], turned[:, i], alpha, float(start[i])) for i in (0, 1))
-    track = recording.description.track
-    known = {
-        "chainage_m": _first_chainage(t, track.direction * distance, recording) + track.direction * distance,
+    rolled = track.direction * distance
+    columns = {
+        "chainage_m": _first_chainage(t, rolled, recording) + rolled,
         "speed_mps": speed,
         "east_m": place.real,
         "north_m": place.imag,
@@ -79,11 +71,9 @@ def run(recording: Recording) -> BaselineResult:
         "pitch_rad": pitch,
         "yaw_rad": yaw + turn,
     }
-    clock = np.arange(t[0], t[-1], _TRAJECTORY_S)
-    at = {column: np.interp(clock, t, values) for column, values in known.items()}
     return BaselineResult(
         name="dead reckoning",
-        trajectory=filled(TRAJECTORY_COLUMNS, {"t_s": clock, **at}),
+        trajectory=resampled_trajectory(t, columns),
         geometry=filled(GEOMETRY_COLUMNS, {}),
         events=no_events(),
         parameters={"rests": float(len(rests)), "rest_s": float(np.diff(rests, axis=1).sum())},
@@ -109,7 +99,7 @@ def _onto_positions(t: Array, path: Array, recording: Recording) -> tuple[Array,
 
 
 def _first_chainage(t: Array, rolled: Array, recording: Recording) -> float:
-    """Return the chainage at the start, m, by which the first fix comes out right; 0 without fixes."""
+    """Return the chainage at the start, m, with which that at the first fix is the fix's; 0 without fixes."""
     if recording.fixes is None or recording.fixes.empty:
         return 0.0
     first = recording.fixes.iloc[0]

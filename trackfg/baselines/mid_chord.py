@@ -37,7 +37,7 @@ import pandas as pd
 
 from trackfg.baselines.mid_chord_motion import UnitMotion, unit_motion
 from trackfg.baselines.mixed_waveform import blended, mixed_waveform
-from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events, recorded
+from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events, recorded, resampled_trajectory
 from trackfg.errors import BadInputError
 from trackfg.geometry.design_versine import design_versine
 from trackfg.geometry.grid import steps, weighted_neighbours
@@ -47,7 +47,7 @@ from trackfg.geometry.versines import versine
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.recording.model import Recording
-from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.sensors.displacement import SIDES, RailView, rail_views
 
 Method = Literal["inertial", "difference", "conventional", "developed"]
@@ -64,8 +64,6 @@ _HALF_CHORD_M = 5.0
 """Half of the paper's chord, and the distance of its two units, m."""
 _BASE_TOLERANCE_M = 0.05
 """By how much the distance of the units may differ from that, m: 1 % of it. Chosen here."""
-_TRAJECTORY_S = 0.1
-"""Step of the trajectory, s: the default of the smoother's results."""
 
 
 @dataclass(frozen=True)
@@ -251,12 +249,11 @@ def _geometry(grid: _Grid, versines: Array) -> pd.DataFrame:
 
 def _trajectory(motion: UnitMotion, direction: int) -> pd.DataFrame:
     """Return ten rows a second: chainage from 0, speed, and the attitude that was used."""
-    t = np.arange(motion.t[0], motion.t[-1], _TRAJECTORY_S)
-    known = {
+    columns = {
         "chainage_m": direction * motion.distance,
         "speed_mps": motion.speed,
         "roll_rad": motion.roll,
         "pitch_rad": motion.pitch,
         "yaw_rad": motion.heading,
     }
-    return filled(TRAJECTORY_COLUMNS, {"t_s": t, **{name: np.interp(t, motion.t, x) for name, x in known.items()}})
+    return resampled_trajectory(motion.t, columns)

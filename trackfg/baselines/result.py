@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ import pandas as pd
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
+from trackfg.numerics.arrays import Array
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.summary import versions
 
@@ -28,6 +30,8 @@ _TRAJECTORY, _GEOMETRY, _EVENTS, _HEAD = FILES = (
 )
 STEP_M = 0.25
 """The step of a baseline's geometry, m: that of the smoother's unless it is set, so that rows can be compared."""
+TRAJECTORY_S = 0.1
+"""The step of a baseline's trajectory, s: the default of the smoother's results."""
 
 _FORMAT = "trackfg-baseline/1"
 BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FILES)
@@ -97,6 +101,16 @@ def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFra
         raise ValueError(f"{', '.join(unknown)}: not among {', '.join(columns)}")
     rows = len(next(iter(known.values()))) if known else 0
     return pd.DataFrame({name: known.get(name, np.full(rows, np.nan)) for name in columns})
+
+
+def resampled_trajectory(t: Array, known: Mapping[str, Array | None]) -> pd.DataFrame:
+    """Return a trajectory at every :data:`TRAJECTORY_S`: columns (n,) at times ``t`` (n,), s, interpolated linearly.
+
+    Columns that are None or not among ``known`` are NaN.
+    """
+    clock = np.arange(t[0], t[-1], TRAJECTORY_S)
+    at = {column: np.interp(clock, t, values) for column, values in known.items() if values is not None}
+    return filled(TRAJECTORY_COLUMNS, {"t_s": clock, **at})
 
 
 def no_events() -> pd.DataFrame:
