@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeVar
 
+import numpy as np
 import pandas as pd
 
 from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, Basis, Difference
@@ -95,6 +96,16 @@ def joined(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """Concatenate the tables that have rows; a column that one of them lacks is NaN there."""
     kept = [table.dropna(axis="columns", how="all") for table in tables if len(table)]
     return pd.concat(kept, ignore_index=True) if kept else pd.DataFrame()
+
+
+def largest_distance_km(trajectories: Iterable[pd.DataFrame]) -> float:
+    """Return the length of the longest of some trajectories, km; NaN of none."""
+    return max(map(distance_km, trajectories), default=np.nan)
+
+
+def distance_km(trajectory: pd.DataFrame) -> float:
+    """Return the length of a trajectory, to and fro, km."""
+    return 1e-3 * float(trajectory["chainage_m"].diff().abs().sum())
 
 
 def with_first_column(name: str, value: str, table: pd.DataFrame) -> pd.DataFrame:

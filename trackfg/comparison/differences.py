@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.comparison.table import QUANTITIES, Difference, Task
+from trackfg.evaluation.scores import rms
 from trackfg.numerics.arrays import Array
 
 
@@ -16,8 +17,8 @@ def differences(
 ) -> Iterator[Difference]:
     """Yield the rms difference of every quantity that one estimator is for over every kilometre.
 
-    ``geometry`` and ``positions`` are its curves as :mod:`trackfg.comparison.table` has them, with the smoother's in
-    place of the truth; ``smoother`` is the smoother's trajectory.
+    ``tasks`` are that estimator's. ``geometry`` and ``positions`` are its curves as :mod:`trackfg.comparison.table` has
+    them, with the smoother's in place of the truth; ``smoother`` is the smoother's trajectory.
     """
     if len(geometry):
         yield from _by_kilometre(tasks, geometry, "_error", geometry["chainage_m"].to_numpy())
@@ -37,5 +38,5 @@ def _by_kilometre(tasks: Collection[Task], table: pd.DataFrame, suffix: str, cha
         if meaning.statistic == "sd" and error.size:
             error = error - error.mean()
         for start in np.unique(km):
-            rms = float(np.sqrt(np.mean(error[km == start] ** 2)))
-            yield Difference(case=case, estimator=name, quantity=quantity, from_km=float(start), rms=rms)
+            rms_there = rms(error[km == start])
+            yield Difference(case=case, estimator=name, quantity=quantity, from_km=float(start), rms=rms_there)

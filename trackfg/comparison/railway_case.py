@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from trackfg.baselines.result import BaselineResult
-from trackfg.comparison.case import Case, CaseRun, Progress, joined, run_all, score_table, with_first_column
+from trackfg.comparison.case import (
+    Case,
+    CaseRun,
+    Progress,
+    distance_km,
+    joined,
+    largest_distance_km,
+    run_all,
+    score_table,
+    with_first_column,
+)
 from trackfg.comparison.differences import differences
 from trackfg.comparison.estimators import SMOOTHER, Estimator, estimators
 from trackfg.comparison.table import BAND_KMH, BANDED, QUANTITIES, TRUTH
@@ -32,7 +42,7 @@ class _Truth:
 
     @property
     def distance_km(self) -> float:
-        return _km(self.trajectory["chainage_m"])
+        return distance_km(self.trajectory)
 
 
 def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress) -> CaseRun:
@@ -46,12 +56,12 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress) -> 
     clock = recording.imu["t_s"].to_numpy()
     duration = float(clock[-1] - clock[0])
     if truth is None:
-        km = max((_km(one.trajectory["chainage_m"]) for one in estimates.values()), default=np.nan)
-        curves = joined(one.geometry.assign(estimator=name) for name, one in estimates.items())
-        geometry = with_first_column("case", case.name, curves)
+        km = largest_distance_km(one.trajectory for one in estimates.values())
+        run = CaseRun(case, summary, duration, km, "repeatability", seconds, left_out)
         if case.kind == "alone" and SMOOTHER in estimates:
-            return _held_against_the_smoother(case, recording, summary, estimates, (seconds, left_out))
-        return CaseRun(case, summary, duration, km, "repeatability", seconds, left_out, geometry=geometry)
+            return _held_against_the_smoother(run, recording, known, estimates)
+        curves = joined(one.geometry.assign(estimator=name) for name, one in estimates.items())
+        return replace(run, geometry=with_first_column("case", case.name, curves))
     scored = [_scored(name, known[name], one, recording, truth) for name, one in estimates.items()]
     scores = score_table(case, joined(one.scores for one in scored), seconds, truth.distance_km)
     geometry, positions = pd.DataFrame(), pd.DataFrame()
@@ -63,31 +73,23 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress) -> 
 
 
 def _held_against_the_smoother(
-    case: Case,
-    recording: Recording,
-    summary: str,
-    estimates: Mapping[str, BaselineResult],
-    about: tuple[dict[str, float], dict[str, str]],
+    run: CaseRun, recording: Recording, known: Mapping[str, Estimator], estimates: Mapping[str, BaselineResult]
 ) -> CaseRun:
-    """Return the curves of all estimators and their differences from the smoother, with no score."""
-    reference = estimates[SMOOTHER]
-    columns = ["chainage_m", *(name for name in QUANTITIES if name in reference.geometry)]
-    held = reference.geometry[columns].dropna()
-    truth = _Truth(reference.trajectory, held if len(held) else None)
-    known = estimators()
-    others = {name: _scored(name, known[name], one, recording, truth) for name, one in estimates.items()}
-    del others[SMOOTHER]
-    curves = [reference.geometry.assign(estimator=SMOOTHER), *(one.geometry for one in others.values())]
-    geometry = with_first_column("case", case.name, joined(curves))
-    positions = with_first_column("case", case.name, joined(one.positions for one in others.values()))
-    clock = recording.imu["t_s"].to_numpy()
-    return CaseRun(
-        case,
-        summary,
-        float(clock[-1] - clock[0]),
-        truth.distance_km,
-        "smoother",
-        *about,
+    """Return the run with the curves of all estimators and their differences from the smoother, and no score."""
+    smoother = estimates[SMOOTHER]
+    columns = ["chainage_m", *(name for name in QUANTITIES if name in smoother.geometry)]
+    held = smoother.geometry[columns].dropna()
+    truth = _Truth(smoother.trajectory, held if len(held) else None)
+    others = {
+        name: _scored(name, known[name], one, recording, truth) for name, one in estimates.items() if name != SMOOTHER
+    }
+    curves = [smoother.geometry.assign(estimator=SMOOTHER), *(one.geometry for one in others.values())]
+    geometry = with_first_column("case", run.case.name, joined(curves))
+    positions = with_first_column("case", run.case.name, joined(one.positions for one in others.values()))
+    return replace(
+        run,
+        distance_km=truth.distance_km,
+        basis="smoother",
         geometry=geometry,
         positions=positions,
         differences=tuple(
@@ -97,7 +99,7 @@ def _held_against_the_smoother(
                 known[name].tasks,
                 geometry[geometry["estimator"] == name],
                 positions[positions["estimator"] == name],
-                truth.trajectory,
+                smoother.trajectory,
             )
         ),
     )
@@ -150,7 +152,3 @@ def _scored(name: str, estimator: Estimator, estimate: BaselineResult, recording
         with_first_column("estimator", name, geometry),
         with_first_column("estimator", name, over_time.iloc[:: max(1, round(_POSITIONS_S / rate))]),
     )
-
-
-def _km(chainage: pd.Series[float]) -> float:
-    return 1e-3 * float(chainage.diff().abs().sum())

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from trackfg.comparison.case import Case, CaseRun, Progress, joined, run_all, score_table, with_first_column
+from trackfg.comparison.case import (
+    Case,
+    CaseRun,
+    Progress,
+    joined,
+    largest_distance_km,
+    run_all,
+    score_table,
+    with_first_column,
+)
 from trackfg.comparison.estimators import estimators
 from trackfg.comparison.withholding import FOLDS, division, predicted
 from trackfg.evaluation.scores import score_run
@@ -12,8 +19,9 @@ from trackfg.io.reader import read_recording
 
 
 def run_withheld_case(case: Case, *, peers: bool, show: Progress) -> CaseRun:
-    """Run every estimator that tells distances, other packages with ``peers``, and score how it predicts what it had
-    not.
+    """Run every estimator of distance and position, other packages with ``peers``, without the withheld measurements.
+
+    Its scores are those of its predictions of them.
     """
     assert case.withheld is not None
     recording = read_recording(case.folder)
@@ -28,8 +36,7 @@ def run_withheld_case(case: Case, *, peers: bool, show: Progress) -> CaseRun:
         )
         for name, estimate in estimates.items()
     )
-    ways = [1e-3 * float(one.trajectory["chainage_m"].diff().abs().sum()) for one in estimates.values()]
-    km = max(ways, default=np.nan)
+    km = largest_distance_km(one.trajectory for one in estimates.values())
     clock = recording.imu["t_s"].to_numpy()
     summary = f"{case.withheld} of a recording in {case.folder.name}, in {FOLDS} parts in turn"
     table = score_table(case, scores, seconds, km) if len(scores) else scores

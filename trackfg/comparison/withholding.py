@@ -17,6 +17,7 @@ import pandas as pd
 from trackfg.baselines.result import BaselineResult
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
+from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import Recording
 
 Withheld = Literal["fixes", "positions", "tach"]
@@ -25,6 +26,9 @@ Withheld = Literal["fixes", "positions", "tach"]
 FOLDS = 3
 """Into how many parts a kind is divided: each estimator runs once per part."""
 
+_TABLE: dict[Withheld, str] = {"fixes": "fixes", "positions": "gnss", "tach": "tach"}
+"""The recording's table of each kind."""
+
 _SPAN_S: dict[Withheld, float] = {"positions": 30.0, "tach": 20.0}
 """Length of the spans that are withheld, s: shorter ones would be bridged by interpolation."""
 
@@ -32,7 +36,7 @@ _LEAST_FIXES = 2 * FOLDS
 """Fewer fixes are not divided: what is left would not hold the run."""
 
 _LEAST_WAY_M = 10.0
-"""A tachometer that counts less than this over a span says nothing there, m."""
+"""Minimum distance that a tachometer counts over a span that is scored, m."""
 
 _STEP_S = 1.0
 """Step at which the way within a span is scored, s."""
@@ -55,13 +59,11 @@ def divisible(recording: Recording) -> list[Withheld]:
 
 def division(recording: Recording, what: Withheld, part: int) -> Division:
     """Return the recording without one part of its measurements of a kind."""
-    parts = _parts(recording, what)
+    parts, name = _parts(recording, what), _TABLE[what]
     assert parts is not None
-    table, rows = _table(recording, what), parts == part
-    assert table is not None
-    kept = table[~rows].reset_index(drop=True)
-    names: dict[Withheld, str] = {"fixes": "fixes", "positions": "gnss", "tach": "tach"}
-    return Division(what, replace(recording, **{names[what]: kept}), rows)
+    rows = parts == part
+    kept = recording.tables[name][~rows].reset_index(drop=True)
+    return Division(what, replace(recording, **{name: kept}), rows)
 
 
 def predicted(divided: Division, recording: Recording, estimate: BaselineResult, *, anchored: bool) -> pd.DataFrame:
@@ -77,13 +79,9 @@ def predicted(divided: Division, recording: Recording, estimate: BaselineResult,
     return scorers[divided.what](divided, recording, estimate.trajectory, anchored=anchored)
 
 
-def _table(recording: Recording, what: Withheld) -> pd.DataFrame | None:
-    return {"fixes": recording.fixes, "positions": recording.gnss, "tach": recording.tach}[what]
-
-
 def _parts(recording: Recording, what: Withheld) -> np.ndarray | None:
     """Return the part that each row belongs to, -1 for none, (n,); None where there is too little to divide."""
-    table = _table(recording, what)
+    table = recording.tables.get(_TABLE[what])
     if table is None or len(table) < _LEAST_FIXES:
         return None
     if what == "fixes":
@@ -128,15 +126,14 @@ def _position_errors(
 
 
 def _way_errors(divided: Division, recording: Recording, trajectory: pd.DataFrame, *, anchored: bool) -> pd.DataFrame:
-    """Return the errors of the way since the beginning of each span, its whole way being the tachometer's.
+    """Return the errors of the distance since the beginning of each span, scaled to the tachometer's over all of it.
 
-    So scale and sense of the wheel, which each estimator sees its own way, do not count.
+    Scale and sense of the wheel, which differ between estimators, therefore do not count.
     """
     assert recording.tach is not None
     t, counted = recording.tach["t_s"].to_numpy(), recording.tach["distance_m"].to_numpy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], divided.rows, [False]]).astype(np.int8)))
     errors = [np.zeros(0)]
-    for first, last in edges.reshape(-1, 2):
+    for first, last in true_runs(divided.rows):
         at = np.arange(t[first - 1], t[last], _STEP_S)
         way = np.interp([*at, t[last]], t, counted) - counted[first - 1]
         if abs(way[-1]) >= _LEAST_WAY_M:
