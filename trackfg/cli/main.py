@@ -142,7 +142,7 @@ def simulate(
 
 @app.command(epilog="Example: trackfg check run1")
 def check(recording: RecordingFolder, json: Json = False) -> None:
-    """List everything that is wrong or doubtful in a recording, with a hint.
+    """List everything that is wrong or doubtful in a recording, each with a hint.
 
     Also listed is what the data say by themselves. Exit status 2 if anything is wrong.
     """
@@ -270,9 +270,9 @@ def compare(  # noqa: PLR0913  (a parameter is an option of the command)
 ) -> None:
     """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
 
-    Against the truth where there is one; recordings without are held against the first of them; of a single one a part
-    of the fixes, GNSS positions and tachometer rows is withheld in turn, and predicted. An earlier comparison in OUT is
-    replaced in one step.
+    Against the truth where there is one; recordings without are held against the first of them. Of a single one, a part
+    of the fixes, GNSS positions or tachometer rows is withheld at a time, and predicted. An earlier comparison in OUT
+    is replaced in one step.
     """
     import os
 
