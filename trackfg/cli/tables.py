@@ -76,11 +76,11 @@ def comparison(about: About) -> Iterator[RenderableType]:
 
 
 def _task_table(case: ComparedCase, task: str, rows: Sequence[Row]) -> RenderableType:
-    many = "parts" if case.basis == "withheld" else "runs"
-    runs = f"{len(case.seeds)} {many}" if len(case.seeds) > 1 else "1 run"
-    against = {"repeatability": ", difference from the first recording"}
-    what, kind = against.get(case.basis, ""), " withheld" if case.basis == "withheld" else f", {task}"
-    table = titled(f"{case.name}{kind}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{what}")
+    withheld = case.basis == "withheld"
+    what = f"{case.name} withheld" if withheld else f"{case.name}, {task}"
+    runs = f"{len(case.seeds)} {'parts' if withheld else 'runs'}" if len(case.seeds) > 1 else "1 run"
+    against = ", difference from the first recording" if case.basis == "repeatability" else ""
+    table = titled(f"{what}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
     table.add_column("")
     for heading in ("error", "±", "largest", "coverage, %", "error / smoother's", "s / km"):
         table.add_column(heading, justify="right")
@@ -249,22 +249,21 @@ def _mounting(mounting: Mounting | None) -> dict[str, str]:
     """Return the rows of the mounting, in deg and m."""
     if mounting is None:
         return {}
-    angles = mounting.yaw_rad, mounting.pitch_rad
-    texts = []
-    for angle in angles:
-        sd = "" if angle.sd is None else f" ± {math.degrees(angle.sd):.2f}"
-        texts.append(f"{math.degrees(angle.value):.2f}{sd} deg")
+    yaw, pitch = (_with_sd(angle, math.degrees(1.0), 2) for angle in (mounting.yaw_rad, mounting.pitch_rad))
     return {
-        "direction of travel": f"{texts[0]} left, {texts[1]} below the sensor's axis",
+        "direction of travel": f"{yaw} deg left, {pitch} deg below the sensor's axis",
         "point on the track": _vector(mounting.tracking_point_m, 1.0, "m from the reference point"),
     }
 
 
 def _estimate(estimate: Estimate | None, unit: str = "") -> str:
-    if estimate is None:
-        return ""
-    sd = "" if estimate.sd is None else f" ± {estimate.sd:.6f}"
-    return f"{estimate.value:.6f}{sd} {unit}".rstrip()
+    return "" if estimate is None else f"{_with_sd(estimate, 1.0, 6)} {unit}".rstrip()
+
+
+def _with_sd(estimate: Estimate, scale: float, places: int) -> str:
+    """Format value and, where there is one, 1-sigma, both times ``scale``."""
+    sd = "" if estimate.sd is None else f" ± {scale * estimate.sd:.{places}f}"
+    return f"{scale * estimate.value:.{places}f}{sd}"
 
 
 def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:

@@ -35,7 +35,7 @@ from trackfg.streaming.sources.source import Source
 class StreamCounts:
     """Rows taken from the source and passed on to the smoother, keyframes estimated, events by kind.
 
-    ``doubts``: what the stream says at its end of sigmas that are too small.
+    ``doubts``: the quantities whose sigmas are too small, as found at the end of the stream.
     """
 
     rows_in: int = 0

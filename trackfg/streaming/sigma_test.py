@@ -1,9 +1,9 @@
-"""A stream tests its sigmas by what the lag adds: smoothed estimates against filtered ones.
+"""A stream tests its sigmas by comparing smoothed estimates with filtered ones.
 
-The filtered estimate of a moment, from the rows up to it, and the smoothed one, from those of the lag behind it as
-well, differ by an error of covariance ``P_filtered - P_smoothed`` if the model is right (Bar-Shalom, Li and
-Kirubarajan, "Estimation with applications to tracking and navigation", 2001, ch. 8). Differences over their sigmas are
-summed up as they come, with those of neighbours, which tell how many of them are independent.
+The filtered estimate of a moment uses the rows up to it, the smoothed one also those of the lag after it. If the model
+is right, they differ by an error of covariance ``P_filtered - P_smoothed`` (Bar-Shalom, Li and Kirubarajan, "Estimation
+with applications to tracking and navigation", 2001, ch. 8). Squares of the whitened differences are summed along the
+stream, and products of neighbours, whose correlation gives the number of independent differences.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ DOUBT = "sigmas-doubted"
 """The kind of event that names a quantity whose sigmas are too small."""
 
 _LEAST_SHARE = 0.3
-"""Share of the filtered variance that the lag takes away: below it the difference is of two nearly equal sigmas, and of
-their linearisation points."""
+"""Least share of the filtered variance that the lag removes. Below it the sigmas are nearly equal, and estimates differ
+by their linearisation points as well."""
 
 _CHANCE = 1e-3
-"""Probability of such differences by chance, below which they are a doubt."""
+"""Probability of such differences by chance, below which sigmas are doubted."""
 
 _LEAST_RATIO = 1.3
 """Below this ratio there is no doubt: runs of right sigmas have up to 1.2 (`tools/robustness.py`, clean)."""
 
 _ALSO: dict[str, tuple[Quantity, ...]] = {"roll": ("cross_level",), "pitch": ("gradient",)}
-"""What is the same angle, of the track."""
+"""Quantities of the track that are the same angle, and doubted with it."""
 
 _LASTING = 0.999
-"""Correlation of neighbours above which one run has no independent differences."""
+"""Greatest correlation of neighbours that is assumed, so that the number of independent differences stays above 0."""
 
 
 @dataclass
@@ -45,8 +45,8 @@ class SigmaTest:
     """Sums over the differences of each quantity of a trajectory.
 
     ``waiting`` (w, 17): filtered rows that have no smoothed ones yet, ``newest`` (0 or 1, 17) the newest smoothed row;
-    ``sums`` (8, 3): the number of differences, of their squares, of their products with the one before; ``before``
-    (8,), NaN at first.
+    ``sums`` (8, 3): the number of whitened differences, the sum of their squares, and that of their products with the
+    one before; ``before`` (8,): the last one, NaN at first.
     """
 
     waiting: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
@@ -100,11 +100,11 @@ def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
     names = ", ".join((quantity, *_ALSO.get(quantity, ())))
     said = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
     advice = "multiply the sigmas by as much, or smooth the recording"
-    return Event("sigmas-doubted", t_s=until_s, detail=f"{said}: {advice}")
+    return Event(DOUBT, t_s=until_s, detail=f"{said}: {advice}")
 
 
 def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:
-    """Return differences over their sigmas, of the rows to which the lag added enough."""
+    """Return whitened differences, of the rows whose variance the lag reduced enough."""
     t = filtered[:, 0]
     values = np.unwrap(smoothed[:, column]) if is_angle else smoothed[:, column]
     difference = filtered[:, column] - np.interp(t, smoothed[:, 0], values)

@@ -72,20 +72,19 @@ def predict_interval(
     t = data.edges[edges]
     standing = _path(data.edges[[0, -1]], newest, np.zeros(2))
     nothing = Recording(context.description, NO_SAMPLES)
-    floor = NoiseFloor.of(data)
     inputs = GraphInputs(
-        nothing,
-        context.config,
-        context.world,
-        data,
-        floor,
-        None,
-        _NO_RESTS,
-        standing,
-        None,
-        edges,
-        t,
-        context.clock_origin,
+        recording=nothing,
+        config=context.config,
+        world=context.world,
+        data=data,
+        floor=NoiseFloor.of(data),
+        wheel=None,
+        rests=_NO_RESTS,
+        path=standing,
+        rolling=None,
+        edges=edges,
+        t=t,
+        clock_origin=context.clock_origin,
     )
     response = inputs.response[0]
     newest = replace(newest, bias=newest.bias + response @ newest.imu[0])

@@ -51,9 +51,9 @@ BETWEEN_PASSES = 10
 _BEFORE_PASS = 2
 """Older keyframes among the recent ones: a slip shows in intervals one after the other."""
 _RATES_S = 0.1
-"""Inertial samples on either side of an interval, s, tell the rates at its ends."""
+"""Time around the end of an interval, s, over which inertial samples give the rate there."""
 _NOISE_S = 2.5
-"""Inertial samples before an interval, s, from which its white noise is seen: three blocks and more of
+"""Time before an interval, s, over which inertial samples show its white noise: three blocks and more of
 :mod:`trackfg.sensors.imu_noise`."""
 _SETTLED = 15.0
 """Maximum length, in posterior sigmas, of a step that needs no second one: what is left after it is a tenth or less."""
