@@ -19,10 +19,11 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import true_runs
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.passage import STEP_M, Passage, passage
+from trackfg.smoothing.passage import Passage, chord_curvature, passage
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
 _CURVED_1PM = 1e-3
@@ -103,9 +104,8 @@ def _lean(at: Passage) -> _Lean:
 
 def _curvature(at: Passage) -> Array:
     """Return the turn to the left per metre of way, 1/m, 0 at both ends of the run."""
-    curvature, n = np.zeros(len(at.heading)), _CHORD_CELLS
-    if len(curvature) > 2 * n:
-        curvature[n:-n] = (at.heading[2 * n :] - at.heading[: -2 * n]) / (2 * n * STEP_M)
+    curvature = np.zeros(len(at.heading))
+    curvature[_CHORD_CELLS:-_CHORD_CELLS] = chord_curvature(at.heading, _CHORD_CELLS)
     return curvature
 
 
@@ -119,7 +119,6 @@ def _circles(curvature: Array) -> Iterator[slice]:
     spread = maximum_filter1d(curvature, _SPAN_CELLS) - minimum_filter1d(curvature, _SPAN_CELLS)
     size = np.abs(curvature)
     circular = (size > _CURVED_1PM) & (spread < _CONSTANT * size)
-    ends = np.flatnonzero(np.diff(np.pad(circular.astype(np.int8), 1))).reshape(-1, 2)
-    for first, end in ends.tolist():
+    for first, end in true_runs(circular).tolist():
         if end - first >= _FEWEST_CELLS:
             yield slice(first, end)

@@ -37,3 +37,8 @@ def passage(run: SolvedRun) -> Passage:
     speed = states.nav.own_velocity @ mount_matrix(states.mount)[0, :, 0]
     grid = np.arange(0.0, way[-1], STEP_M)
     return Passage(*(np.interp(grid, way, of) for of in (np.unwrap(rpy[:, 2]), rpy[:, 0], variance, speed)))
+
+
+def chord_curvature(heading: Array, cells: int) -> Array:
+    """Return the turn to the left per metre of way, 1/m, over so many cells to either side. (n,) to (n - 2 cells,)."""
+    return np.asarray((heading[2 * cells :] - heading[: -2 * cells]) / (2 * cells * STEP_M))

@@ -15,7 +15,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
-from trackfg.smoothing.passage import STEP_M, Passage, passage
+from trackfg.smoothing.passage import STEP_M, Passage, chord_curvature, passage
 from trackfg.smoothing.reassessment import SolvedRun
 
 _BASE_M = 50.0
@@ -66,7 +66,7 @@ def _roll_at_no_curvature(at: Passage) -> tuple[float, float]:
     It is 0 where hardly any curve goes the other way.
     """
     half = round(0.5 * _BASE_M / STEP_M)
-    curvature = (at.heading[2 * half :] - at.heading[: -2 * half]) / (2 * half * STEP_M)
+    curvature = chord_curvature(at.heading, half)
     roll = at.roll[half : len(at.roll) - half]
     if min(np.mean(curvature > _STRAIGHT_1PM), np.mean(curvature < -_STRAIGHT_1PM)) < _EACH_WAY:
         return 0.0, 0.0
@@ -84,8 +84,7 @@ def _straight(heading: Array) -> np.ndarray:
     reach = round(_BASE_M / STEP_M)
     curved = np.ones(len(heading), dtype=np.int64)
     half = reach // 2
-    bent = np.abs(heading[2 * half :] - heading[: -2 * half]) / (2 * half * STEP_M)
-    curved[half : len(heading) - half] = bent > _STRAIGHT_1PM
+    curved[half : len(heading) - half] = np.abs(chord_curvature(heading, half)) > _STRAIGHT_1PM
     total = np.concatenate([[0], np.cumsum(np.pad(curved, reach, constant_values=1))])
     return np.asarray(total[2 * reach + 1 :] == total[: -2 * reach - 1])
 
