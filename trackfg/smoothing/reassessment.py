@@ -79,7 +79,7 @@ def reassessed(
     has the covariance of the new one.
     """
     for left in reversed(range(run.config.noise.rounds + 1)):
-        problem = replace(run.problem, initial=run.solution.states)
+        problem = run.problem
         said: list[Reassessment] = []
         for reassessor in reassessors:
             is_changing = any(one.changed for one in said)
@@ -87,6 +87,7 @@ def reassessed(
             problem = said[-1].problem
         if not left or not any(one.changed for one in said):
             break
+        problem = replace(problem, initial=run.solution.states)
         run = solved_again(replace(run, problem=problem), any(one.far for one in said))
     findings = tuple(finding for one in said for finding in one.findings)
     return replace(run, findings=findings, doubts=tuple(doubt for one in said for doubt in one.doubts))

@@ -94,8 +94,8 @@ class SmoothedStates(SolvedRun):
     calibration: pd.DataFrame
     motion: DenseMotion
     passes: list[Profile]
-    verdicts: tuple[Verdict, ...]
     timings_s: dict[str, float]
+    verdicts: tuple[Verdict, ...] = ()
     located: Located | None = None
 
 
@@ -145,7 +145,10 @@ def smooth_states(
         doubts = (*recording_doubts(recording, findings), *solved.doubts)
     solved = replace(solved, findings=(*findings, *solved.findings), doubts=doubts)
     smoothed = _with_tables(recording, views, stages, solved)
-    return smoothed if feature_map is None else _on_map(recording, views, stages, smoothed, feature_map)
+    if feature_map is not None:
+        smoothed = _on_map(recording, views, stages, smoothed, feature_map)
+    with stages.stage("covariance"):
+        return replace(smoothed, verdicts=judged(smoothed, smoothed.geometry))
 
 
 def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages) -> SolvedRun:
@@ -197,8 +200,6 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
             passes = seen_profiles(recording.description, views, run, motion, states)
         geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
         places = place_covariance(run, passes, states, solved.solution.root)
-    with stages.stage("covariance"):
-        verdicts = judged(solved, geometry)
     return SmoothedStates(
         **{part.name: getattr(solved, part.name) for part in fields(SolvedRun)},
         trajectory=trajectory,
@@ -207,7 +208,6 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         calibration=calibration,
         motion=motion,
         passes=passes,
-        verdicts=verdicts,
         timings_s=stages.timings_s,
     )
 
