@@ -23,6 +23,7 @@ from trackfg.factors.states import Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.solver.leave_one_out import prior_left_out
 
 _FAR_SIGMAS = 3.0
 """Sigmas beyond which the data contradict the prior: of three coefficients that it suits, one does in 120 runs."""
@@ -47,9 +48,8 @@ def rectification(run: SolvedRun) -> Reassessment:
     sd, first = prior.sigma[0, RECTIFICATION], declared.sigma[0, RECTIFICATION]
     start = offset_in_keyframe(Kind.IMU)
     columns = np.arange(start, start + Kind.IMU.dim)[RECTIFICATION]
-    free = np.maximum(1.0 - run.covariance.marginal[0, columns, columns] / sd**2, _LEAST_FREE)
-    alone, known = k / free, sd**2 * (1.0 - free) / free
-    sigmas = float(np.max(np.abs(alone) / np.sqrt(first**2 + known)))
+    alone, variance = prior_left_out(k, run.covariance.marginal[0, columns, columns], sd, _LEAST_FREE)
+    sigmas = float(np.max(np.abs(alone) / np.sqrt(first**2 + variance)))
     wanted = sd
     if sigmas > _FAR_SIGMAS and np.abs(alone).max() > _WIDENED * sd.max():
         wanted = np.full(3, np.abs(alone).max())

@@ -29,6 +29,7 @@ from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.smoothing.wrong_fixes import with_fixes
 from trackfg.solver.elimination import eliminate
 from trackfg.solver.square_root import SquareRoot
 
@@ -95,11 +96,7 @@ def _with_fixes_again(problem: Problem, states: States) -> Problem:
     at, place = used.slots[0].index, states.odo.distance
     since = np.abs(place[withheld.slots[0].index][:, None] - place[at]).min(axis=1)
     near = np.abs(withheld.residual(states)[:, 0]) < _CREEPS * since
-    others = tuple(family for family in problem.families if family is not used)
-    left = withheld.take(~near)
-    again = used.joined(followed_fix(withheld.take(near)))
-    again = again.take(np.argsort(again.slots[0].index, kind="stable"))
-    return replace(problem, families=(*others, again), withheld=(left,) if len(left) else ())
+    return with_fixes(problem, used.joined(followed_fix(withheld.take(near))), withheld.take(~near))
 
 
 def _rows(run: SolvedRun) -> list[LinearFactors]:

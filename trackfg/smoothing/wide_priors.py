@@ -29,6 +29,7 @@ from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.solver.leave_one_out import prior_left_out
 
 _FAR_SIGMAS = 4.0
 """Sigmas beyond which the data contradict a prior: of some 40 that are right one does in 400 runs."""
@@ -43,6 +44,9 @@ _CALIBRATION_FACTOR = 10.0
 """The prior of an inertial sensor's calibration widens to this multiple at most. Errors that the graph does not model
 (vibration, a moving point of reference, a late clock) look like scale factors and misalignments too, and data sheets
 are not wrong by more: typical to worst of one kind of sensor is a factor of 10."""
+
+_LEAST_FREE = 1e-9
+"""1 - h at least: beyond it rounding decides what the data alone say."""
 
 _SET_SD = 1e-5
 """Sigmas below this do not say what is known but what is so by convention."""
@@ -183,8 +187,7 @@ def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _J
     variance = np.diagonal(whole[0])
     if kind is Kind.SENSOR:
         variance = variance[kind.dim * index : kind.dim * (index + 1)]
-    left = np.maximum(1.0 - variance / current.sigma[0] ** 2, 1e-9)
-    alone, spread = off / left, variance / left
+    alone, spread = prior_left_out(off, variance, current.sigma[0], _LEAST_FREE)
     sigmas = alone / np.sqrt(declared.sigma[0] ** 2 + spread)
     return _Judged(alone, np.where(declared.sigma[0] < _SET_SD, 0.0, sigmas))
 

@@ -57,9 +57,15 @@ def with_consensus(problem: Problem) -> Problem:
     agreed = _consensus(problem, fixes)
     right = fixes.take(agreed.right)
     if not agreed.right.all():
-        others = tuple(family for family in problem.families if family is not fixes)
-        problem = replace(problem, families=(*others, right), withheld=(withheld_fix(fixes.take(~agreed.right)),))
+        problem = with_fixes(problem, right, withheld_fix(fixes.take(~agreed.right)))
     return _started_at(problem, right)
+
+
+def with_fixes(problem: Problem, used: Family, withheld: Family) -> Problem:
+    """Return the problem with these fixes instead of its own, in order of time."""
+    used, withheld = _in_order(used), _in_order(withheld)
+    others = tuple(family for family in problem.families if family.type is not FactorType.ABSOLUTE_FIX)
+    return replace(problem, families=(*others, used), withheld=(withheld,) if len(withheld) else ())
 
 
 def wrong_fixes(run: SolvedRun) -> Reassessment:
@@ -76,18 +82,16 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
         level = before
     rescaled = replace(fixes, sigma=fixes.sigma * (level / before))
     wrong = _wrong_alone(fixes.slots[0].index, one.in_sigmas(rescaled.sigma)[:, 0])
-    used, aside = rescaled.take(~wrong), [withheld_fix(rescaled.take(wrong))]
+    used, aside = rescaled.take(~wrong), withheld_fix(rescaled.take(wrong))
     changed = bool(wrong.any()) or level != before
     if withheld is not None:
         withheld = replace(withheld, sigma=withheld.sigma * (level / before))
         again = np.abs(left_out(withheld, states, run.covariance, used=False).in_sigmas(withheld.sigma)[:, 0])
         fits = again < _AGAIN_SIGMAS
         used, changed = used.joined(followed_fix(withheld.take(fits))), changed or bool(fits.any())
-        aside.append(withheld.take(~fits))
+        aside = aside.joined(withheld.take(~fits))
     if changed:
-        used, out = _in_order(used), _in_order(aside[0].joined(*aside[1:]))
-        others = tuple(family for family in problem.families if family is not fixes)
-        problem = replace(problem, families=(*others, used), withheld=(out,) if len(out) else ())
+        problem = with_fixes(problem, used, aside)
     findings = (*_withheld_findings(run, problem), *_level_findings(level))
     return Reassessment(problem, findings, _doubts(run.declared), changed)
 

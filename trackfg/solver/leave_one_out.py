@@ -57,6 +57,15 @@ def left_out(family: Family, states: States, covariance: Covariance, *, used: bo
     return LeftOut(error, spread / (root[:, :, None] * root[:, None, :]))
 
 
+def prior_left_out(residual: Array, variance: Array, sigma: Array, least_free: float) -> tuple[Array, Array]:
+    """Return error e and variance C of scalars without their priors, each of one scalar and ``sigma``. All (k,).
+
+    ``residual`` and ``variance`` are those of the estimate. ``least_free``: 1 - h is no less, where rounding decides.
+    """
+    free = np.maximum(1.0 - variance / sigma**2, least_free)
+    return residual / free, variance / free
+
+
 def predicted(family: Family, states: States, covariance: Covariance) -> tuple[Array, Array]:
     """Return residuals (m, d) and the posterior covariance of the predicted measurements, (m, d, d)."""
     residual, jacobians = family.evaluated(family.values(states))
