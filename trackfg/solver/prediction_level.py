@@ -5,18 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import exceeds_chance, independent_number
+from trackfg.numerics.robust import robust_sd
 
 _GROSS_SIGMAS = 4.0
 """A prediction this far off, in the scale of the others, is a gross error of its own: 6e-5 of a normal distribution."""
 
 _CHANCE = 1e-3
 """Probability that predictions are as far off by chance, below which they are not: one run in a thousand."""
-
-_OF_MEDIAN = 0.6745
-"""Median of the absolute value of a normal variable of variance 1."""
 
 
 class Level(NamedTuple):
@@ -37,11 +35,11 @@ def level(sigmas: Array) -> Level:
     as fewer, by the correlation of neighbours.
     """
     size = np.sqrt(np.mean(sigmas**2, axis=1))
-    scale = float(np.median(np.abs(sigmas))) / _OF_MEDIAN if sigmas.size else 1.0
+    scale = robust_sd(sigmas) if sigmas.size else 1.0
     used = sigmas[size <= _GROSS_SIGMAS * max(scale, 1.0)]
     if len(used) < 2:
         return Level(1.0, len(used), far=False)
     square = float(np.mean(used**2))
     correlation = float(np.clip(np.mean(used[1:] * used[:-1]) / square, 0.0, 0.99))
-    degrees = max(1.0, used.size * (1.0 - correlation) / (1.0 + correlation))
-    return Level(square**0.5, len(used), far=bool(square > chdtri(degrees, _CHANCE) / degrees))
+    degrees = independent_number(used.size, correlation)
+    return Level(square**0.5, len(used), far=bool(exceeds_chance(square, degrees, _CHANCE)))

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from scipy.special import chdtri
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import exceeds_chance, independent_number
 from trackfg.output.trajectory import QUANTITIES
 from trackfg.results.events import Event
 from trackfg.results.verdict import Quantity
@@ -91,9 +91,9 @@ class SigmaTest:
         if number < 2.0 or squares <= 0.0:
             return 1.0
         correlation = min(max(products / squares, 0.0), _LASTING)
-        degrees = max(1.0, number * (1.0 - correlation) / (1.0 + correlation))
+        degrees = independent_number(number, correlation)
         mean = squares / number
-        return float(np.sqrt(mean)) if mean > chdtri(degrees, _CHANCE) / degrees else 1.0
+        return float(np.sqrt(mean)) if exceeds_chance(mean, degrees, _CHANCE) else 1.0
 
 
 def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:

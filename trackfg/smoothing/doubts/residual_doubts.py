@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import KEYFRAME_DIM
+from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import SolvedRun
@@ -151,14 +151,16 @@ def self_test(run: SolvedRun) -> SelfTest:
         factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
         tested = tuple(_NAMES[one.group] for one in found if one.share > _LEAST_SHARE)
         for quantity in function.quantities:
-            if factor > max(_LEAST_WIDENING, worst[quantity].factor if quantity in worst else 1.0):
+            if factor > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
                 worst[quantity] = _doubt(quantity, factor, max(causes, key=lambda one: one.share * one.ratio))
             checked[quantity] = tuple(dict.fromkeys((*checked.get(quantity, ()), *tested)))
     for group, quantities in _PREDICTED.values():
-        for quantity in quantities if group in levels else ():
-            seen = levels[group]
-            checked[quantity] = (*checked.get(quantity, ()), f"{seen.number} predictions of {_NAMES[group]}")
-            if seen.far and seen.ratio > max(_LEAST_WIDENING, worst[quantity].factor if quantity in worst else 1.0):
+        seen = levels.get(group)
+        if seen is None:
+            continue
+        for quantity in quantities:
+            checked[quantity] = (*checked[quantity], f"{seen.number} predictions of {_NAMES[group]}")
+            if seen.far and seen.ratio > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
                 worst[quantity] = Doubt((quantity,), _or_lost(seen.ratio), _missed(group, seen), _HINTS[group])
     return SelfTest(tuple(worst.values()), checked)
 
@@ -188,7 +190,7 @@ def _columns(run: SolvedRun, function: _Function) -> Columns:
 
 def _cause(misfit: Misfit, predicted: Level | None) -> _Cause | None:
     """Return by how much a group's errors are larger than the model has them; None where that may be chance."""
-    far = misfit.ratio > chdtri(misfit.degrees, _CHANCE) / misfit.degrees
+    far = exceeds_chance(misfit.ratio, misfit.degrees, _CHANCE)
     ratios = np.where(far, misfit.ratio, 1.0)
     ratio, block_s = float(ratios.max()), _BLOCKS_S[int(ratios.argmax())]
     if predicted is not None and predicted.far and predicted.ratio**2 > ratio:

@@ -1,0 +1,21 @@
+"""Chi-square tests of mean squares, with fewer degrees of freedom where neighbours are correlated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtri
+
+from trackfg.numerics.arrays import Array
+
+
+def exceeds_chance(mean_square: Array | float, degrees: Array | float, probability: float) -> np.ndarray:
+    """Return whether mean squares of variables of variance 1 are larger than by chance of that ``probability``."""
+    return np.asarray(mean_square > chdtri(degrees, probability) / degrees)
+
+
+def independent_number(number: float, correlation: float) -> float:
+    """Return as how many independent values so many of an AR(1) process count, whose neighbours have ``correlation``.
+
+    It is at least 1.
+    """
+    return max(1.0, number * (1.0 - correlation) / (1.0 + correlation))
