@@ -35,8 +35,8 @@ _ARC_SD_M = 2e-4
 _ARC_SD_RELATIVE = 1e-5
 """The same, in proportion to the distance."""
 
-_MOVED_SD_M = 1e4
-"""For an interval in which the wheel says nothing: any distance."""
+ANY_DISTANCE_SD_M = 1e4
+"""Sigma of the distance of an interval in which the wheel says nothing, m: any distance."""
 
 
 def odometer(inputs: GraphInputs) -> list[Family]:
@@ -63,14 +63,14 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
         loss = SwitchChain(config.robust_width, inputs.config.keyframes.interval_s)
     if inputs.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
-        return [tach_distance(k, nothing, np.full((k.size, 1), _MOVED_SD_M), loss)]
+        return [tach_distance(k, nothing, np.full((k.size, 1), ANY_DISTANCE_SD_M), loss)]
     variance = creep_variance(inputs)
     if inputs.wheel.integrates_speed:
         moving = _moving(inputs)
         variance = variance + inputs.wheel.speed_variance(inputs.t, config.speed_noise_mps) * moving
     silent = ~(inputs.wheel.covers(inputs.t[:-1]) & inputs.wheel.covers(inputs.t[1:]))
     unknown = ~inputs.wheel.counts(inputs.t) | (silent & inputs.wheel.integrates_speed)
-    variance = np.where(unknown, _MOVED_SD_M**2, variance)
+    variance = np.where(unknown, ANY_DISTANCE_SD_M**2, variance)
     sigma = np.sqrt(variance)[:, None] * inputs.config.noise.tach
     response = response_of_wheels(inputs, offset=inputs.wheel.integrates_speed)
     assert inputs.rolling is not None

@@ -26,6 +26,9 @@ _FEWEST = 4
 _MOVING_MPS = 0.3
 """At rest a tachometer that is wrong by a factor agrees, and so does any direction of travel."""
 
+_NO_WEIGHT_SD = 1e3
+"""A sigma from here on, m or m/s, marks a measurement without information, as of a tach in a gap."""
+
 _UNIT = 0.05
 """A ratio of speeds this near to that of two units is due to them: wheels wear by 5 % of their diameter at most."""
 
@@ -88,11 +91,11 @@ def _share_unheard(family: Family, states: States) -> float:
 
 
 def _moving(family: Family, speed: np.ndarray) -> np.ndarray:
-    """Return which factors lie in motion, and, as a tach's in a gap, are not given a sigma beyond any distance."""
+    """Return which factors lie in motion with a sigma that gives them a weight; of fixes all."""
     if family.type is FactorType.ABSOLUTE_FIX:
         return np.ones(len(family), dtype=bool)
     slow = np.minimum(speed[family.first_keyframe], speed[family.last_keyframe])
-    return np.asarray((slow > _MOVING_MPS) & (family.sigma[:, 0] < 1e3))
+    return np.asarray((slow > _MOVING_MPS) & (family.sigma[:, 0] < _NO_WEIGHT_SD))
 
 
 def _ratio(family: Family, states: States) -> str:

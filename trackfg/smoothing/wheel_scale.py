@@ -27,6 +27,7 @@ from trackfg.factors.linear import LinearFactors
 from trackfg.factors.odometry import followed_fix
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
+from trackfg.graph.odometry import ANY_DISTANCE_SD_M
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.smoothing.wrong_fixes import with_fixes
@@ -48,9 +49,6 @@ curve (Polach, "Creep forces in simulations of traction vehicles running on adhe
 
 _NOISE_SIGMAS = 3.0
 """What else an interval of the wheel may be off by, in its sigmas."""
-
-_ANY_M = 1e4
-"""Sigma of a distance of which the wheel says nothing, m: any."""
 
 _NAMED = 1e-3
 """A change of the scale below this is none worth a finding."""
@@ -118,7 +116,7 @@ def _without_slips(tach: Family, states: States) -> Family:
     first = tach.slots[0].index
     way = np.abs(states.odo.distance[first + 1] - states.odo.distance[first])
     creeps = np.abs(tach.residual(states)[:, 0]) <= _CREEPS * way + _NOISE_SIGMAS * tach.sigma[:, 0]
-    return replace(tach, sigma=np.where(creeps[:, None], tach.sigma, _ANY_M))
+    return replace(tach, sigma=np.where(creeps[:, None], tach.sigma, ANY_DISTANCE_SD_M))
 
 
 def _log_likelihood(rows: list[LinearFactors], chain: Family, keyframes: int, run: SolvedRun) -> float:
