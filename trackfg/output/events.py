@@ -23,7 +23,7 @@ POSITIONS = (
     FactorType.LANDMARK,
     FactorType.GNSS_POSITION,
 )
-"""Families whose measurements are told one by one, or as runs of outliers."""
+"""Families whose measurements are reported one by one, or as runs of outliers."""
 
 REPORTED_TYPES = (FactorType.TACH_DISTANCE, *POSITIONS)
 """The types of all families that events report; none of them has a label."""

@@ -19,7 +19,7 @@ from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 
 _LEAST_S = 0.5
-"""Shorter holes are not looked into, s: two clocks are told apart to some tenths of a second."""
+"""Shorter holes are not looked into, s: the offset of two clocks shows to some tenths of a second."""
 _MOST = 20
 """So many holes, the longest ones: a record with more has gaps, not a clock that is set."""
 _SIDE_S = 300.0

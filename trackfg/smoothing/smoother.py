@@ -7,9 +7,10 @@ recording -> graph and initial values -> Gauss-Newton -> covariances -> reassess
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -275,16 +276,21 @@ def _run_facts(recording: Recording) -> RunFacts:
     )
 
 
-def _mounting(smoothed: SmoothedStates) -> Mounting:
-    mount = smoothed.solution.states.mount[0].tolist()
-    sd = np.sqrt(np.diagonal(smoothed.covariance.of(Kind.MOUNT)[0])).tolist()
-    known = sd if smoothed.solution.converged else [None] * len(sd)
+def _scalar(solution: Solution, value: float, sd: float) -> Estimate:
+    return Estimate(value=value, sd=sd if solution.converged else None)
+
+
+def _vector(solution: Solution, values: Sequence[float], sd: Sequence[float]) -> VectorEstimate:
+    return VectorEstimate(value=tuple(values), sd=tuple(sd) if solution.converged else None)
+
+
+def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
+    mount = solution.states.mount[0].tolist()
+    sd = np.sqrt(np.diagonal(covariance.of(Kind.MOUNT)[0])).tolist()
     return Mounting(
-        pitch_rad=Estimate(value=mount[0], sd=known[0]),
-        yaw_rad=Estimate(value=mount[1], sd=known[1]),
-        tracking_point_m=VectorEstimate(
-            value=tuple(mount[2:]), sd=tuple(sd[2:]) if smoothed.solution.converged else None
-        ),
+        pitch_rad=_scalar(solution, mount[0], sd[0]),
+        yaw_rad=_scalar(solution, mount[1], sd[1]),
+        tracking_point_m=_vector(solution, mount[2:], sd[2:]),
     )
 
 
@@ -295,13 +301,11 @@ def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCor
     clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
     has_tach, factor = problem.wheel is not None, correction.factor
 
-    def scalar(value: float, sd: float) -> Estimate:
-        return Estimate(value=value, sd=sd if solution.converged else None)
+    scalar = partial(_scalar, solution)
 
-    def vector(name: str) -> VectorEstimate:
+    def bias(name: str) -> VectorEstimate:
         columns = [name.format(axis=axis) for axis in "xyz"]
-        sd = tuple(last[[f"{c}_sd" for c in columns]]) if solution.converged else None
-        return VectorEstimate(value=tuple(last[columns]), sd=sd)
+        return _vector(solution, last[columns].tolist(), last[[f"{column}_sd" for column in columns]].tolist())
 
     return Summary(
         recording_id=recording.description.id,
@@ -322,9 +326,9 @@ def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCor
         noise_ratios=smoothed.noise_ratios,
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
         clock_offset_s=scalar(correction.clock_s + float(solution.states.clock[0, 0]), clock_sd) if has_tach else None,
-        mounting=_mounting(smoothed),
-        gyro_bias_radps=vector("gyro_bias_{axis}_radps"),
-        accel_bias_mps2=vector("accel_bias_{axis}_mps2"),
+        mounting=_mounting(solution, covariance),
+        gyro_bias_radps=bias("gyro_bias_{axis}_radps"),
+        accel_bias_mps2=bias("accel_bias_{axis}_mps2"),
         geometry=problem.run.conventions,
         findings=(
             *recording.findings,

@@ -22,8 +22,8 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import linearize_imu_factors
-from trackfg.factors.linear import LinearFactors, first_keyframe
-from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
+from trackfg.factors.linear import LinearFactors, Slot, first_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, offset_in_keyframe
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import times_covariance
@@ -170,24 +170,29 @@ def _applied(linear: LinearFactors, columns: Columns) -> Array:
     """Return A x of the factors, shape (f, r, m)."""
     total = np.zeros((*linear.b.shape, columns.shared.shape[1]))
     for slot, jacobian in zip(linear.slots, linear.jacobians, strict=True):
-        total += jacobian @ _of_slot(columns, slot.kind, slot.index)
+        total += jacobian @ _of_slot(columns, slot)
     return total
 
 
-def _of_slot(columns: Columns, kind: Kind, index: np.ndarray) -> Array:
-    start = offset_in_keyframe(kind)
-    if not kind.shared:
-        return columns.keyframes[index, start : start + kind.dim]
-    at = start - KEYFRAME_DIM + kind.dim * index[:, None] + np.arange(kind.dim)
-    return np.asarray(columns.shared[at])
+def _of_slot(columns: Columns, slot: Slot) -> Array:
+    if slot.kind.shared:
+        return np.asarray(columns.shared[_shared_rows(slot)])
+    start = offset_in_keyframe(slot.kind)
+    return columns.keyframes[slot.index, start : start + slot.kind.dim]
+
+
+def _shared_rows(slot: Slot) -> np.ndarray:
+    """Return the rows of a slot's variables among the shared ones, (f, dim)."""
+    start = offset_in_keyframe(slot.kind) - KEYFRAME_DIM
+    return np.asarray(start + slot.kind.dim * slot.index[:, None] + np.arange(slot.kind.dim))
 
 
 def _add_transposed(columns: Columns, linear: LinearFactors, errors: Array) -> None:
     """Add A' e of the factors, e of shape (f, r, m)."""
     for slot, jacobian in zip(linear.slots, linear.jacobians, strict=True):
-        start, part = offset_in_keyframe(slot.kind), np.swapaxes(jacobian, 1, 2) @ errors
+        part = np.swapaxes(jacobian, 1, 2) @ errors
         if slot.kind.shared:
-            at = start - KEYFRAME_DIM + slot.kind.dim * slot.index[:, None] + np.arange(slot.kind.dim)
-            np.add.at(columns.shared, at, part)
+            np.add.at(columns.shared, _shared_rows(slot), part)
         else:
+            start = offset_in_keyframe(slot.kind)
             np.add.at(columns.keyframes[:, start : start + slot.kind.dim], slot.index, part)
