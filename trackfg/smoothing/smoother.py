@@ -281,7 +281,8 @@ def _scalar(solution: Solution, value: float, sd: float) -> Estimate:
 
 
 def _vector(solution: Solution, values: Sequence[float], sd: Sequence[float]) -> VectorEstimate:
-    return VectorEstimate(value=tuple(values), sd=tuple(sd) if solution.converged else None)
+    x, y, z = values
+    return VectorEstimate(value=(x, y, z), sd=(sd[0], sd[1], sd[2]) if solution.converged else None)
 
 
 def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
