@@ -8,7 +8,8 @@ however few pulses the wheel has. A count that goes to and fro over the edge at 
 not move.
 
 **Speeds.** A speed signal may have noise at rest. It is at rest where its mean over a second is what its own noise
-there makes of zero: the sigma s of a row is that of second differences, in which no constant acceleration is left.
+there makes of zero: the sigma s of a row is that of second differences, in which no constant acceleration is left,
+of that second or of all such seconds, the larger.
 Where the signal has a sign the mean of the noise is far less than s; where it has none it is 1.3 s, the mean of a
 folded normal distribution over its standard deviation. Such a span begins before the speed is zero: it is trimmed by
 the time that the speed takes to fall by the noise, or by one step of the signal, with half the slope that it had (so it
@@ -151,9 +152,13 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
         bend[lag:-lag] = speed[2 * lag :] - 2.0 * speed[lag:-lag] + speed[: -2 * lag]
     # A speed between two rows is their mean: bends of neighbours hold the variance of a row once, of others 3 times.
     variance = uniform_filter1d(bend**2 / (1.0 if lag == 1 else 3.0), window, mode="nearest")
-    noise = np.sqrt(np.maximum(variance, 0.0))
+    variance = np.maximum(variance, 0.0)
     mean = np.abs(uniform_filter1d(speed, window, mode="nearest"))
-    zero = np.maximum((_OF_SIGNED if speed.min() < 0.0 else _OF_UNSIGNED) * noise, _CRAWL_MPS)
+    bound = _OF_SIGNED if speed.min() < 0.0 else _OF_UNSIGNED
+    zero = np.maximum(bound * np.sqrt(variance), _CRAWL_MPS)
+    # A second of rows tells their noise to a quarter, all rests together tell it well.
+    at_rest = variance[mean <= zero]
+    zero = np.maximum(zero, bound * np.sqrt(at_rest.mean() if at_rest.size else 0.0))
     runs = true_runs(maximum_filter1d(mean <= zero, window))
     edges = t[runs]
     moving = np.abs(speed[np.abs(speed) > _NO_MPS])
