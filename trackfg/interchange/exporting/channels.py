@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.km_notation import written_places
 
 BUILT_IN = "channels.toml"
 """The template that is used unless another is given."""
@@ -69,18 +70,8 @@ def _values(located: pd.DataFrame, channel: Channel) -> Array | list[str]:
     if channel.column == "text":
         return [channel.text] * len(located)
     if channel.column == "km+m":
-        return kilometrage(located["chainage_m"].to_numpy())
+        return written_places(located["chainage_m"].to_numpy(), digits=4)
     if channel.column not in located:
         return np.full(len(located), np.nan)
     values = located[channel.column].to_numpy(dtype=np.float64)
     return np.asarray(np.round((values - channel.offset) * channel.factor, channel.decimals))
-
-
-def kilometrage(chainage_m: Array) -> list[str]:
-    """Return chainages (n,), m, as kilometres and metres: ``12+0345.25``; before the zero ``-0+0050.00``."""
-    centimetres = np.round(np.abs(chainage_m) * 100.0).astype(np.int64)
-    km, rest = np.divmod(centimetres, 100_000)
-    signs = np.where(chainage_m < 0.0, "-", "")
-    return [
-        f"{sign}{k}+{r // 100:04d}.{r % 100:02d}" for sign, k, r in zip(signs, km.tolist(), rest.tolist(), strict=True)
-    ]

@@ -18,12 +18,13 @@ from lxml import etree
 from trackfg.datasets.line.landxml import read_landxml
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError, OutputError
-from trackfg.interchange.exporting.channels import kilometrage, read_template
+from trackfg.interchange.exporting.channels import read_template
 from trackfg.interchange.exporting.export import export_result
 from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry
 from trackfg.interchange.exporting.registry import result_format, result_formats
 from trackfg.interchange.exporting.result_format import ExportOptions
 from trackfg.numerics.geodesy import geodetic_to_enu
+from trackfg.numerics.km_notation import written_places
 from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
@@ -125,7 +126,7 @@ def test_a_template_that_is_none_is_refused(tmp_path, text, message):
     [(12_345.25, "12+0345.25"), (0.0, "0+0000.00"), (-50.0, "-0+0050.00"), (999.996, "1+0000.00")],
 )
 def test_kilometrage_is_written_as_offices_do(chainage, text):
-    assert kilometrage(np.array([chainage])) == [text]
+    assert written_places(np.array([chainage]), digits=4) == [text]
 
 
 def test_geojson_has_the_path_and_the_events(result, tmp_path):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.column_meaning import axis_of, meaning
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.stations import metres_of, read_stations
+from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of
 from trackfg.interchange.importing.text_table import read_text
 from trackfg.interchange.importing.times import TimeNotation, read_times, spread_stamps, unwrapped
@@ -174,25 +174,6 @@ def test_stamps_that_repeat_are_spread_to_where_the_samples_were(rate_hz, quantu
         assert np.abs(read - true).max() <= 1.01 * quantum
         error = read - true
         assert np.std(error[100:2900]) < 0.1 * quantum + 1e-4
-
-
-@pytest.mark.parametrize(
-    ("cell", "metres"),
-    [
-        ("12+345", 12345.0),
-        ("12 + 345,6", 12345.6),
-        ("km 12+345.6", 12345.6),
-        ("km 12,345", 12345.0),
-        ("12.345 km", 12345.0),
-        ("12345 m", 12345.0),
-        ("12345", 12345.0),
-        ("-0+050", -50.0),
-        ("twelve", None),
-        ("", None),
-    ],
-)
-def test_places_as_people_write_them(cell, metres):
-    assert metres_of(cell) == metres
 
 
 def test_a_cell_that_is_no_place_is_named_with_its_row():

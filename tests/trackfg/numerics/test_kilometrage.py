@@ -1,0 +1,140 @@
+"""Official kilometrage: one to one with chainage but for its jumps."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trackfg.numerics.kilometrage import Kilometrage, KmPost, Stretch, between_posts
+
+CENTIMETRE = 0.01
+
+
+@st.composite
+def kilometrages(draw):
+    """Lines with up to six equations: gaps, overlaps, changes of direction, kilometrage in plan, both notations."""
+    lengths = draw(st.lists(st.integers(1, 5_000_000), min_size=1, max_size=7))
+    edges = draw(st.integers(-1_000_000, 50_000_000)) + np.cumsum([0, *lengths])
+    stretches = [
+        Stretch(
+            float(1e-3 * edge),
+            float(1e-3 * edge),
+            1e-3 * draw(st.integers(-5_000_000, 500_000_000)),
+            draw(st.sampled_from((1.0, -1.0, 0.9995, -0.9998))),
+        )
+        for edge in edges[:-1]
+    ]
+    return Kilometrage(tuple(stretches), float(1e-3 * edges[-1]), draw(st.sampled_from(("km+m", "km"))))
+
+
+def within(kilometrage, share):
+    """Return a chainage on the line or up to a tenth of it beyond."""
+    start, end = kilometrage.stretches[0].from_m, kilometrage.end_m
+    return start + share * (end - start)
+
+
+@given(kilometrages(), st.floats(-0.1, 1.1))
+def test_chainage_is_one_to_one_with_place_and_part(kilometrage, share):
+    x = within(kilometrage, share)
+    place, part = kilometrage.official_m(np.array(x)), int(kilometrage.part(np.array(x)))
+
+    assert kilometrage.chainages(float(place), part) == pytest.approx((x,), abs=1e-6)
+
+
+@given(kilometrages(), st.floats(-0.1, 1.1))
+def test_a_written_place_leads_back_to_its_chainage(kilometrage, share):
+    x = within(kilometrage, share)
+    (text,) = kilometrage.written(np.array([x]))
+
+    assert kilometrage.read(text) == pytest.approx(x, abs=1.01 * CENTIMETRE)
+
+
+@given(kilometrages(), st.floats(0.0, 1.0, exclude_max=True))
+def test_a_place_without_a_part_is_no_other_parts_place(kilometrage, share):
+    x = within(kilometrage, share)
+    (text,) = kilometrage.written(np.array([x]))
+    others = [
+        at
+        for at in kilometrage.chainages(float(kilometrage.official_m(np.array(x))))
+        if kilometrage.part(np.array(at)) != kilometrage.part(np.array(x)) and abs(at - x) > 3 * CENTIMETRE
+    ]
+
+    assert "(" in text or not others
+
+
+@given(st.integers(0, 100_000_000), st.integers(-400_000, 400_000).filter(lambda jump: abs(jump) > 100), st.booleans())
+def test_an_equation_makes_a_gap_or_an_overlap_of_its_size(at_mm, jump_mm, ascending):
+    sense, at, jump = 1.0 if ascending else -1.0, 1e-3 * at_mm, 1e-3 * jump_mm
+    line = Kilometrage((Stretch(at - 1e3, at, 50_000.0, sense), Stretch(at, at, 50_000.0 + jump, sense)), at + 1e3)
+    (found,) = line.jumps
+    middle = 50_000.0 + 0.5 * jump
+
+    assert (found.chainage_m, found.ahead_m - found.back_m) == pytest.approx((at, jump))
+    assert found.kind == ("gap" if (jump > 0) == ascending else "overlap")
+    assert len(line.chainages(middle)) == (0 if found.kind == "gap" else 2)
+
+
+@given(st.lists(st.integers(900_000, 1_100_000), min_size=1, max_size=6), st.booleans(), st.floats(-0.2, 1.2))
+def test_metres_count_from_the_smaller_of_two_posts(lengths_mm, ascending, share):
+    at = 1e-3 * np.cumsum([77, *lengths_mm])
+    count = np.arange(len(at))
+    km = 40 + (count if ascending else -count)
+    posts = [KmPost(float(x), 1000.0 * k) for x, k in zip(at, km, strict=True)]
+    line = Kilometrage(between_posts(posts))
+    x = at[0] + share * (at[-1] - at[0])
+    (text,) = line.written(np.array([x]), decimals=3)
+
+    assert line.read(text) == pytest.approx(x, abs=0.51e-3)
+    for post, number in zip(at, km, strict=True):
+        assert line.read(str(number)) == pytest.approx(post)
+    if 0.0 < share < 1.0 and x not in at:
+        behind = at[at < x].max() if ascending else at[at > x].min()
+        metres = abs(x - behind)
+        assert text.startswith(f"{km[list(at).index(behind)]}+")
+        assert float(text.partition("+")[2]) == pytest.approx(metres, abs=0.51e-3)
+
+
+def test_a_line_that_descends_counts_down():
+    line = Kilometrage((Stretch(1000.0, 1000.0, 85_000.0, -1.0),))
+
+    assert line.written(np.array([1000.0, 1345.6, 2000.5])) == ["85+000.00", "84+654.40", "83+999.50"]
+    assert line.read("84+654.4") == pytest.approx(1345.6)
+
+
+def test_only_places_of_an_overlap_carry_their_part():
+    line = Kilometrage((Stretch(0.0, 0.0, 12_000.0), Stretch(500.0, 500.0, 12_400.0)), 2000.0)
+
+    assert line.written(np.array([399.0, 450.0, 550.0, 601.0])) == [
+        "12+399.00", "12+450.00 (1)", "12+450.00 (2)", "12+501.00",
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match=r"is there 2 times, .* 450.00 m, 550.00 m: expected 12\+450.00 \(1\)"):
+        line.read("12+450")
+
+
+def test_a_place_in_a_gap_is_none():
+    line = Kilometrage((Stretch(0.0, 0.0, 12_000.0), Stretch(500.0, 500.0, 13_000.0)))
+
+    with pytest.raises(ValueError, match="in a gap"):
+        line.read("12,750")
+    assert line.read("12+500") == line.read("13+000") == 500.0
+
+
+def test_what_is_no_place_is_empty_or_refused():
+    line = Kilometrage((Stretch(0.0, 0.0, 0.0),))
+
+    assert line.written(np.array([math.nan, 1.0])) == ["", "0+001.00"]
+    with pytest.raises(ValueError, match="no place"):
+        line.read("bridge")
+    with pytest.raises(ValueError, match="no part 2"):
+        line.read("0+100 (2)")
+
+
+def test_stretches_must_be_in_order():
+    with pytest.raises(ValueError, match="expected ascending chainages"):
+        Kilometrage((Stretch(10.0, 10.0, 0.0), Stretch(5.0, 5.0, 0.0)))
+    with pytest.raises(ValueError, match="expected where kilometrage begins"):
+        Kilometrage(())
+    with pytest.raises(ValueError, match="ascends or descends"):
+        Stretch(0.0, 0.0, 0.0, 0.0)
