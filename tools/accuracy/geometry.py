@@ -31,8 +31,8 @@ from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.line.truth_geometry import OperatorLengths, truth_geometry
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.evaluation.repeatability import section_repeatability
 from trackfg.evaluation.scores import quantities, score_bands, score_run, score_runs
+from trackfg.geometry.repeatability import section_repeatability
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.smoothing.smoother import smooth_states
 

@@ -2,7 +2,7 @@
 
 A case is a scenario with a seed, which has a truth, a recording, or a drive of a car on a road (tyre friction).
 Recordings without a truth are held against each other: the first of them is the reference of the rest
-(:mod:`trackfg.evaluation.repeatability`). Of a single one a part of the measurements is withheld
+(:mod:`trackfg.geometry.repeatability`). Of a single one a part of the measurements is withheld
 (:mod:`trackfg.comparison.withholding`). Runs go into processes of their own; a run of one seed is the same for every
 estimator, so that differences are paired.
 """
@@ -27,8 +27,8 @@ from trackfg.comparison.withheld_case import run_withheld_case
 from trackfg.comparison.withholding import FOLDS, divisible
 from trackfg.datasets.scenarios import scenario
 from trackfg.errors import BadInputError
-from trackfg.evaluation.repeatability import section_repeatability
 from trackfg.evaluation.scores import STATISTICS
+from trackfg.geometry.repeatability import section_repeatability
 from trackfg.io.reader import read_recording
 from trackfg.io.truth import has_truth
 

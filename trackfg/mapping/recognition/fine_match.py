@@ -12,23 +12,23 @@ the robust sigma of its residuals in all sections, but no less than what the tab
 versines (those of the cross-level are mostly of its constant).
 
 **Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the derivatives ``J_i`` of a
-row by (m, e), less their weighted mean over the section, the transform ``G(W)`` of ``w_i J_i / sigma`` and the pooled
+row by (m, e), less their weighted mean over the section, the transform ``G(W)`` of ``J_i / sigma`` and the pooled
 periodogram ``P`` of ``w_i residual_i / sigma`` of all sections (times ``(sigma / their robust sigma)^2`` where the
-tables claim more), it is
+tables claim more), it is that of an M-estimator (Huber and Ronchetti, Robust Statistics, section 7.6),
 
-    C = A^-1 B A^-1,    A = sum w_i J_i J_i^T / sigma^2 + prior,    B = mean over frequencies of G G* P + prior,
+    C = A^-1 B A^-1,    A = k sum w_i J_i J_i^T / sigma^2 + prior,    B = mean over frequencies of G G* P + prior,
 
-summed over the features. It has the form of White's covariance (Econometrica 48, 1980) for stationary noise but is not
-that of an M-estimator: A is the matrix of the last weighted Gauss-Newton step, where that has the derivative of the
-score, and the weight stands twice in B, in G and in the residuals, where the score ``sum J_i w_i residual_i`` has it
-once. The three agree where all weights are one.
+summed over the features. ``k`` is the mean derivative of the score ``w_i residual_i`` by the residual, over the mean
+weight, of all sections: with Cauchy's loss a row that is far off moves the score less than its weight says.
 
 The variance is raised where a section's own residuals are larger than the others', and, with r' the run's slopes, by
 ``(sum f'^2 / sum f' r')^2`` where that exceeds one: slopes of the reference that the run does not share are no
 information.
 
 **Acceptance.** There is no match, and no sigma, where ``sum f' r' < 0.7 sum f'^2``, where half of the rows
-or more are unknown, where the iteration has not converged, or where it went too far from where it began.
+or more are unknown, where the iteration has not converged, or where it went too far from where it began. Slopes of raw
+rows are mostly those of the shortest waves. Recording cars do not repeat these, so a section that is not accepted is
+matched once more with both profiles low-passed at 4 m, where runs become coherent; the same rule holds then.
 
 **Mean and middle.** Least squares gives about the mean over the section of the shift between the two chainages; it is
 reported as the shift at the middle. Where the wheel's scale is a random walk, the shift is an integrated one. Let ``d``
@@ -80,6 +80,8 @@ _CURVES_SD = 1.3
 Assumptions in docs/engine.md."""
 _LEAST_SHARED = 0.7
 """Least ``sum f' r' / sum f'^2`` of a match. Chosen on simulated lines; see Assumptions in docs/engine.md."""
+_LEAST_SOFTNESS = 0.5
+"""Least mean derivative of the score over the mean weight: of normal residuals it is 0.84."""
 _LEAST_KNOWN = 0.5
 """Least share of a section's rows that a match needs."""
 _LEAST_NOISE = 1e-4
@@ -117,6 +119,11 @@ class Sections:
     about_m: Array
     scale: Array
     unchanged: NDArray[np.bool_]
+
+    def __getitem__(self, which: NDArray[np.int64]) -> Sections:
+        return Sections(
+            self.middle_m[which], self.length_m, self.about_m[which], self.scale[which], self.unchanged[which]
+        )
 
 
 @dataclass(frozen=True)
@@ -199,13 +206,23 @@ class _Linearised:
         matrix = np.einsum("akm,bkm,km->kab", J, J, w) / self.sigma**2
         return matrix, np.einsum("akm,km,km->ka", J, w, self.residual) / self.sigma**2
 
+    @property
+    def softness(self) -> float:
+        """The mean derivative of the score by the residual, over the mean weight."""
+        square = (self.residual[self.known] / (_FAR_SIGMAS * self.sigma)) ** 2
+        if not square.size:
+            return 1.0
+        return max(
+            float(np.mean((1.0 - square) / (1.0 + square) ** 2) / np.mean(1.0 / (1.0 + square))), _LEAST_SOFTNESS
+        )
+
     def coloured(self) -> Array:
         """Return B without the prior: the variance of the right-hand side under coloured noise, (k, 2, 2)."""
         u = self.weight * self.residual / self.sigma
         spectrum = _periodogram(u, self.known) * max(
             1.0, (self.sigma / max(self.spread, self.feature.least_sigma)) ** 2
         )
-        G = np.fft.rfft(self.jacobian * self.weight / self.sigma, 2 * (len(spectrum) - 1), axis=2)
+        G = np.fft.rfft(self.jacobian * self.known / self.sigma, 2 * (len(spectrum) - 1), axis=2)
         return _mean_over_frequencies(np.real(G[:, None] * np.conj(G[None])) * spectrum).transpose(2, 0, 1)
 
     def slopes(self) -> tuple[Array, Array]:
@@ -234,30 +251,54 @@ class _Fit:
 def match_sections(run: FeatureProfile, reference: FeatureProfile, sections: Sections, scale_sd: float) -> Matches:
     """Match sections of the run. ``scale_sd``: prior sigma of their scale errors.
 
-    Sections on unchanged track are matched by all features on every row, from within 2 m; the others by their curves
-    alone, the means of curvature over 20 m.
+    Sections on unchanged track are matched by all features on every row, from within 2 m: those that share no slopes
+    with the reference once more, without the waves in which runs of recording cars are not coherent. The others are
+    matched by their curves alone, the means of curvature over 20 m.
     """
-    count, step = len(sections.middle_m), run.step_m
     rows = sections.length_m * run.rows_per_cell
-    first = np.rint((sections.middle_m - 0.5 * sections.length_m) / step).astype(np.int64) - run.first
-    x: Array = step * np.arange(rows, dtype=np.float64) - 0.5 * sections.length_m
+    x: Array = run.step_m * np.arange(rows, dtype=np.float64) - 0.5 * sections.length_m
+    count = len(sections.middle_m)
     place, sd, scale = sections.about_m.copy(), np.full(count, np.nan), sections.scale.copy()
-    for which, by_curves in ((np.flatnonzero(sections.unchanged), False), (np.flatnonzero(~sections.unchanged), True)):
-        names = [name for name in run.features if not by_curves or name == CURVATURE]
-        if which.size and names:
-            features = [_feature(run, reference, name, first[which], rows, by_curves=by_curves) for name in names]
-            section_scale_sd = min(scale_sd, _CURVES_SCALE) if by_curves else scale_sd
-            about, about_scale = sections.about_m[which], sections.scale[which]
-            fit = _fit(features, x, about, about_scale, section_scale_sd, searched=not by_curves)
-            place[which], scale[which] = fit.place, fit.scale
-            sd[which] = fit.sd * (_CURVES_SD if by_curves else 1.0)
+    for coherent in (False, True):
+        which = np.flatnonzero(sections.unchanged & np.isnan(sd))
+        if which.size:
+            of_run, of_reference = _low_passed(run, reference, sections[which]) if coherent else (run, reference)
+            first = _first_rows(of_run, sections[which])
+            features = [_feature(of_run, of_reference, name, first, rows, by_curves=False) for name in run.features]
+            fit = _fit(features, x, sections.about_m[which], sections.scale[which], scale_sd, searched=True)
+            place[which], sd[which], scale[which] = fit.place, fit.sd, fit.scale
+    which = np.flatnonzero(~sections.unchanged)
+    if which.size and CURVATURE in run.features:
+        features = [_feature(run, reference, CURVATURE, _first_rows(run, sections[which]), rows, by_curves=True)]
+        curves_sd = min(scale_sd, _CURVES_SCALE)
+        fit = _fit(features, x, sections.about_m[which], sections.scale[which], curves_sd, searched=False)
+        place[which], sd[which], scale[which] = fit.place, _CURVES_SD * fit.sd, fit.scale
     sd = np.hypot(sd, _mean_to_middle_sd(place - sections.middle_m, sd))
     bias, bias_sd = np.full(count, np.nan), np.full(count, np.nan)
     matched = np.flatnonzero(np.isfinite(sd))
     if CROSS_LEVEL in run.features and matched.size:
-        feature = _feature(run, reference, CROSS_LEVEL, first[matched], rows, by_curves=False)
+        first = _first_rows(run, sections[matched])
+        feature = _feature(run, reference, CROSS_LEVEL, first, rows, by_curves=False)
         bias[matched], bias_sd[matched] = _bias(feature, x, _Fit(place[matched], sd[matched], scale[matched]))
     return Matches(place, sd, bias, bias_sd)
+
+
+def _low_passed(
+    run: FeatureProfile, reference: FeatureProfile, sections: Sections
+) -> tuple[FeatureProfile, FeatureProfile]:
+    """Return both profiles about the sections without the waves in which runs are not coherent."""
+    around = 0.5 * sections.length_m + _REACH_BY_CURVES_M
+    of_run, of_reference = (
+        profile.between(float(places.min()) - around, float(places.max()) + around).low_passed()
+        for profile, places in ((run, sections.middle_m), (reference, sections.about_m))
+    )
+    return of_run, of_reference
+
+
+def _first_rows(run: FeatureProfile, sections: Sections) -> NDArray[np.int64]:
+    """Return the rows of the run at which the sections begin, (k,)."""
+    first = np.rint((sections.middle_m - 0.5 * sections.length_m) / run.step_m).astype(np.int64)
+    return np.asarray(first - run.first)
 
 
 def _feature(
@@ -308,14 +349,13 @@ def _fit(
         places = place[:, None] + (1.0 + scale[:, None]) * x
         linearised = [_Linearised.of(feature, places, x, w) for feature, w in zip(features, weights, strict=True)]
         A, b = _normal_equations(linearised, prior, about_scale - scale)
-        inverse: Array = np.linalg.inv(A).astype(np.float64, copy=False)
-        step = np.einsum("kab,kb->ka", inverse, b)
+        step = np.linalg.solve(A, b[..., None])[..., 0]
         place = place + np.clip(step[:, 0], -_GREATEST_STEP_M, _GREATEST_STEP_M)
         scale = scale + np.clip(step[:, 1], -_GREATEST_SCALE_STEP, _GREATEST_SCALE_STEP)
         weights = [part.cauchy_weight for part in linearised]
     reach = _REACH_M if searched else _REACH_BY_CURVES_M
     accepted = _is_match(linearised) & (np.abs(step[:, 0]) < _CONVERGED_M) & (np.abs(place - about) < reach)
-    sd = np.sqrt(_variance(linearised, inverse, prior), where=accepted, out=np.full(len(about), np.nan))
+    sd = np.sqrt(_variance(linearised, prior), where=accepted, out=np.full(len(about), np.nan))
     return _Fit(np.where(accepted, place, about), sd, scale)
 
 
@@ -332,18 +372,22 @@ def _normal_equations(linearised: Sequence[_Linearised], prior: float, pull: Arr
     return A, b
 
 
-def _variance(linearised: Sequence[_Linearised], inverse: Array, prior: float) -> Array:
-    """Return the variances of the places, m^2 (k,), under coloured noise; ``inverse`` (k, 2, 2) is that of A."""
-    B = np.zeros_like(inverse)
-    B[:, 1, 1] = prior
-    shared, slopes, squares, rows = (np.zeros(len(inverse)) for _ in range(4))
+def _variance(linearised: Sequence[_Linearised], prior: float) -> Array:
+    """Return the variances of the places, m^2 (k,), under coloured noise."""
+    count = len(linearised[0].residual)
+    A, B = np.zeros((count, 2, 2)), np.zeros((count, 2, 2))
+    A[:, 1, 1] = B[:, 1, 1] = prior
+    A[:, 0, 0] += np.finfo(np.float64).tiny
+    shared, slopes, squares, rows = (np.zeros(count) for _ in range(4))
     for part in linearised:
+        A += part.softness * part.normal()[0]
         B += part.coloured()
         with_run, of_reference = part.slopes()
         shared += with_run
         slopes += of_reference
         squares += part.squares()
         rows += part.known.sum(axis=1)
+    inverse = np.linalg.inv(A)
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = (inverse @ B @ inverse)[:, 0, 0] * np.maximum(slopes / shared, 1.0) ** 2
     per_value = _VALUE_M / linearised[0].feature.step_m

@@ -14,7 +14,7 @@ search both profiles are condensed to cells of 1 m, the mean of the rows in it:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -29,14 +29,27 @@ CELL_M = 1
 """Length of a cell of the search, m. The accuracy is that of the fine match, which works on the rows."""
 CURVATURE, CROSS_LEVEL = "curvature_1pm", "cross_level_mm"
 FEATURES = (CURVATURE, CROSS_LEVEL, "versine_level_mm")
-"""Columns that are compared. They are independent of each other; at short waves the versine of alignment has the same
-information as curvature."""
+"""Columns that are compared with a map. They are independent of each other; at short waves the versine of alignment has
+the same information as curvature."""
+KINDS = (
+    (CURVATURE, "versine_alignment_mm", "alignment_mm"),
+    (CROSS_LEVEL, "twist_mm", "level_difference_mm"),
+    ("versine_level_mm", "level_mm"),
+    ("gauge_mm", "alignment_difference_mm"),
+)
+"""Columns that are compared of any two tables: of each kind the first that both have. The kinds, the rails' middle and
+their difference, sideways and upwards, are independent of each other; columns of one kind have the same information."""
 SECTION_M = 100
 """Usual length of a section, m: its short waves differ from those of other places, and its scale hardly
 changes within it."""
 LONG_M = 20
 """Base of the mean of curvature, m: twice the usual base of curvature itself."""
 
+COHERENT_M = 4.0
+"""Wavelength, m, from which on two runs of recording cars are coherent: two public runs over one line, 34 days apart,
+have a magnitude-squared coherence of 0.5 there, 0.9 at 8 m and 0.2 at 3 m (docs/overlay.md)."""
+_KERNEL_REACH = 3.0
+"""Reach of the low-pass in its own sigmas: 0.3 % of a Gaussian is beyond."""
 _DETREND_M = 25
 """Base of the mean that short waves are free of, m: the longest wavelength of the band D1 of EN 13848-1."""
 _FILL_M = 2
@@ -79,6 +92,26 @@ class FeatureProfile:
         """Return the means of a feature over the cells, NaN where a row is missing. Shape (n / rows per cell,)."""
         return cell_means(self.features[name], self.rows_per_cell)
 
+    def low_passed(self) -> FeatureProfile:
+        """Return the profile without what is shorter than :data:`COHERENT_M`, where its gain is a half.
+
+        The low-pass is a Gaussian, ``exp(-(W s)^2 / 2)``, NaN where it reaches into a hole or over an end.
+        """
+        s = np.sqrt(2.0 * np.log(2.0)) * COHERENT_M / (2.0 * np.pi) / self.step_m
+        reach = int(np.ceil(_KERNEL_REACH * s))
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / s) ** 2)
+        kernel /= kernel.sum()
+        padded = {name: np.pad(values, reach, constant_values=np.nan) for name, values in self.features.items()}
+        return replace(self, features={name: np.convolve(x, kernel, mode="valid") for name, x in padded.items()})
+
+    def between(self, begin_m: float, end_m: float) -> FeatureProfile:
+        """Return the rows from the cell of ``begin_m`` to that of ``end_m``, as far as there are any."""
+        first = int(np.clip(np.floor(begin_m) - self.first_cell, 0, self.rows // self.rows_per_cell - 1))
+        stop = int(np.clip(np.ceil(end_m) - self.first_cell, first + 1, self.rows // self.rows_per_cell))
+        rows = slice(first * self.rows_per_cell, stop * self.rows_per_cell)
+        features, sigmas = ({name: x[rows] for name, x in of.items()} for of in (self.features, self.sigmas))
+        return FeatureProfile(self.step_m, self.first + rows.start, features, sigmas)
+
     def claimed_variance(self, name: str) -> float:
         """Return the square of the median sigma that the table gives for a feature; 0 where it gives none."""
         known = self.sigmas[name][np.isfinite(self.sigmas[name])]
@@ -106,12 +139,18 @@ def common_step(run: pd.DataFrame, reference: pd.DataFrame) -> float:
 
 
 def common_features(run: pd.DataFrame, reference: pd.DataFrame) -> tuple[str, ...]:
-    """Return those of :data:`FEATURES` that both tables know anywhere. Raises ``BadInputError`` if there are none."""
-    names = tuple(
-        name for name in FEATURES if all(name in table and table[name].notna().any() for table in (run, reference))
-    )
+    """Return of each of :data:`KINDS` the first column that both tables know anywhere.
+
+    Raises ``BadInputError`` if there are none.
+    """
+    common = [
+        [name for name in kind if all(name in table and table[name].notna().any() for table in (run, reference))]
+        for kind in KINDS
+    ]
+    names = tuple(kind[0] for kind in common if kind)
     if not names:
-        raise BadInputError(f"run and reference have no feature in common; expected one of {', '.join(FEATURES)}")
+        expected = ", ".join(name for kind in KINDS for name in kind)
+        raise BadInputError(f"run and reference have no feature in common; expected one of {expected}")
     return names
 
 

@@ -116,7 +116,7 @@ def recognise(
     """Find a run on a reference.
 
     ``run``, ``reference``: tables with ``chainage_m`` ascending on whole multiples of one step, which is a whole part
-    of 1 m (rows may be missing, values NaN), and any of ``curvature_1pm``, ``cross_level_mm``, ``versine_level_mm``,
+    of 1 m (rows may be missing, values NaN), and any columns of :data:`~trackfg.mapping.recognition.profiles.KINDS`,
     with ``_sd`` or without.
     ``place_sd_m``: prior sigma of reference chainage minus run chainage at every row of the run, (n,); None: anywhere.
     ``rate_sd``: prior sigma of the scale error of the run's chainage. ``direction``: +1 or -1, order of travel.

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.evaluation.repeatability import ALIGNED_BY, best_shift, section_repeatability
+from trackfg.errors import BadInputError
+from trackfg.geometry.repeatability import ALIGNED_BY, best_shift, section_repeatability
 from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
@@ -96,3 +97,25 @@ def test_a_shift_per_section_takes_out_the_wheel(measure: Measure) -> None:
     np.testing.assert_allclose(each["shift_m"], 3.0 + 4e-4 * (middle - 1000.0), atol=0.03)
     assert whole["twist_mm"].max() > 1.5 * each["twist_mm"].max()
     assert each["twist_mm"].max() < 0.2
+
+
+def test_falling_chainage_is_the_same_run(measure: Measure) -> None:
+    reference, run = measure(0.0, 1000.0, seed=1), measure(0.0, 1000.0, late_m=0.37, seed=2)
+    falling = run.iloc[::-1].reset_index(drop=True)
+    expected = section_repeatability(reference, run, ALIGNED_BY, each_section=True)
+    pd.testing.assert_frame_equal(section_repeatability(reference, falling, ALIGNED_BY, each_section=True), expected)
+    falling.loc[5, "chainage_m"] = falling.loc[4, "chainage_m"]
+    with pytest.raises(BadInputError, match="is there twice"):
+        section_repeatability(reference, falling, ALIGNED_BY, each_section=True)
+
+
+def test_runs_with_the_rails_alone_are_laid_over_each_other(measure: Measure) -> None:
+    names = dict(zip(ALIGNED_BY, ("level_left_mm", "level_right_mm"), strict=True))
+    reference = measure(0.0, 1000.0, seed=1).rename(columns=names)
+    run = measure(0.0, 1000.0, late_m=-1.33, seed=2).rename(columns=names)
+    sections = section_repeatability(reference, run, list(names.values()), each_section=False)
+    assert sections["shift_m"].iloc[0] == pytest.approx(-1.33, abs=0.02)
+    with pytest.raises(BadInputError, match="run: no column 'gauge_mm'"):
+        section_repeatability(reference.assign(gauge_mm=1435.0), run, ["gauge_mm"], each_section=False)
+    with pytest.raises(BadInputError, match="no column in common"):
+        best_shift(reference, run.rename(columns={name: f"{name}_of_b" for name in names.values()}), within_m=5.0)
