@@ -20,20 +20,29 @@ import numpy as np
 import pandas as pd
 from benchmark import add_seed_arguments, seeds_of, side_by_side
 
+from accuracy.changes import compared, defects, near_defects
+from accuracy.curves import LAWS, TRACKS, designed_curves, profile, straight_line, value, value_of, with_half_sines
 from trackfg.config import SmoothConfig
-from trackfg.datasets.catalogue import scenario
+from trackfg.curves import find_curves
+from trackfg.datasets.catalogue import MAIN_LINE, scenario
+from trackfg.datasets.line.line_design import random_line
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.vehicle.vehicle import CarBody
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.slip_scores import score_slips
 from trackfg.mapping import build_map
+from trackfg.mapping.recognition.conventions import recognised_near
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.results.result import Result
+from trackfg.smoothing.localisation import SURE
 from trackfg.smoothing.smoother import smooth
 
 FACTORS = (0.5, 1.0, 2.0)
 COLUMNS = ("lower", "as it is", "higher")
 Figures = dict[str, float]
+
+_DEFECT_M, _DEFECT_MM = 10.0, 2.0
+_SCALE_SD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -122,6 +131,76 @@ def located_on_springs(seed: int, config: SmoothConfig) -> Figures:
     return _on_map(seed, config, rigid=False)
 
 
+def curves(seed: int, _: SmoothConfig) -> Figures:
+    """Measure the curves found on 40 km of good and worn track, and on as much straight track."""
+    missed = false = wrong_law = 0
+    middles: list[Figures] = []
+    for model in TRACKS.values():
+        for law in LAWS:
+            line = random_line(MAIN_LINE, 10e3, np.random.default_rng(seed))
+            designed = designed_curves(line)
+            found = find_curves(profile(with_half_sines(line) if law == "half-sine" else line, model, seed))
+            false += len(found)
+            for row in designed:
+                here = [c for c in found if c.bcc_m < row[2] and c.ecc_m > row[1] and c.curvature_1pm * row[4] > 0.0]
+                missed += len(here) != 1
+                if len(here) == 1:
+                    (curve,) = here
+                    false -= 1
+                    wrong_law += (curve.law_in != law) + (curve.law_out != law)
+                    error = np.array([value(curve, name) - value_of(row, name) for name in ("middle_in_m", "btc_m")])
+                    sd = np.array([curve.sd("middle_in_m"), curve.sd("btc_m")])
+                    middles.append(_mean_squares("start of a curve, m", error, sd))
+        false += len(find_curves(profile(straight_line(20e3), model, seed)))
+    counts = {"curves missed": missed, "curves that are none": false, "laws that are wrong": wrong_law}
+    return {name: float(np.mean([m[name] for m in middles])) for name in middles[0]} | {
+        name: float(count) ** 2 for name, count in counts.items()
+    }
+
+
+@cache
+def _smoothed(seed: int, run: int, *, defective: bool = False) -> tuple[Simulation, Result]:
+    placed = defects(seed, _DEFECT_M, _DEFECT_MM) if defective else ()
+    simulation = simulate(replace(scenario("shuttle"), defects=placed), seed=seed, run=run)
+    return simulation, smooth(simulation.recording)
+
+
+def _true_chainage(simulation: Simulation, result: Result, chainage_m: np.ndarray) -> np.ndarray:
+    estimate = result.trajectory.sort_values("chainage_m")
+    true = np.interp(estimate["t_s"], simulation.truth["t_s"], simulation.truth["chainage_m"])
+    return np.asarray(np.interp(chainage_m, estimate["chainage_m"], true))
+
+
+def recognised(seed: int, _: SmoothConfig) -> Figures:
+    """Measure the places of a run on another one of the line, without a fix, and of one on a foreign line."""
+    (base, reference), (later, run) = _smoothed(seed, 0), _smoothed(seed, 6)
+    foreign, grid = _smoothed(seed + 1000, 6)[1], reference.geometry.assign(observations=1)
+    figures: Figures = {}
+    for name, result in (("sections unsure, %", run), ("foreign sections sure, %", foreign)):
+        assert result.summary.run is not None
+        match = recognised_near(
+            result.geometry, grid, None, rate_sd=_SCALE_SD, direction=result.summary.run.direction
+        ).sections
+        sure = (match["probability"] >= SURE).to_numpy()
+        figures[name] = (100.0 * float(np.mean(sure if result is foreign else ~sure))) ** 2
+        if result is run:
+            there, here = (match[column].to_numpy()[sure] for column in ("reference_m", "run_m"))
+            error = _true_chainage(base, reference, there) - _true_chainage(later, run, here)
+            figures |= _mean_squares("place, m", error, match["match_sd_m"].to_numpy()[sure])
+    return figures
+
+
+def changed(seed: int, _: SmoothConfig) -> Figures:
+    """Measure the share of 18 defects of 10 m and 2 mm that is found, and what is found besides."""
+    reference = _smoothed(seed, 0)[1]
+    shown, _ = compared(reference, _smoothed(seed, 6, defective=True)[1])
+    near = near_defects(shown.table, defects(seed, _DEFECT_M, _DEFECT_MM))
+    false = np.sum(~near.any(axis=1))
+    return {"defects missed": float(np.sum(~near.any(axis=0))) ** 2, "changes that are none": float(false) ** 2}
+
+
+_CURVES, _RECOGNITION, _CHANGES = "trackfg.curves", "trackfg.mapping.recognition", "trackfg.mapping.changes"
+
 ASSUMPTIONS = (
     Assumption("tach.creep_m_per_sqrt_m", "how much a rolling wheel creeps at random", line),
     Assumption("tach.creep_per_traction", "how much a wheel creeps per force", line),
@@ -143,6 +222,31 @@ ASSUMPTIONS = (
     Assumption(
         "trackfg.smoothing.localisation:_ON_SPRINGS_SD_M", "place of what a body on springs shows", located_on_springs
     ),
+    Assumption(f"{_CURVES}.structure:_PER_PLACE", "price of a curve's place", curves),
+    Assumption(f"{_CURVES}.structure:_PER_LEVEL", "price of a curve", curves),
+    Assumption(f"{_CURVES}.structure:_USUAL_SCALE", "scale of residuals above which they are no noise", curves),
+    Assumption(f"{_CURVES}.segments:_PER_CONSTANT", "price of a constant piece", curves),
+    Assumption(f"{_CURVES}.segments:_PER_LINEAR", "price of a linear piece", curves),
+    Assumption(f"{_CURVES}.structure:PER_DISTURBANCE", "price of a disturbance", curves),
+    Assumption(f"{_CURVES}.fit:_PRIOR_CELLS", "weight of the whole line's noise", curves),
+    Assumption(f"{_CURVES}.cells:_LEAST_TURN_RAD", "least turn of a defect", curves),
+    Assumption(f"{_RECOGNITION}.curve_likelihood:_RADIUS_CHANGE", "what maintenance does to a radius", recognised),
+    Assumption(f"{_RECOGNITION}.short_wave_likelihood:_FLOOR", "residuals that are equally good", recognised),
+    Assumption(f"{_RECOGNITION}.short_wave_likelihood:_TEMPERING", "weight of short waves", recognised),
+    Assumption(f"{_RECOGNITION}.short_wave_likelihood:_LEAST_NOISE", "noise of short waves", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_TO_CHANGED", "how often track has changed", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_CREEP", "how often a place creeps", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_SLIP", "how often a slip was not seen", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_LEAVE", "how often a run leaves the reference", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_RETURN", "how often it returns", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_TO_OTHER", "how often a foreign line is alike another place", recognised),
+    Assumption(f"{_RECOGNITION}.place_hmm:_GREATEST_LOG_RATIO", "what one section can say at most", recognised),
+    Assumption(f"{_RECOGNITION}.fine_match:_CURVES_SCALE", "scale error of a match by curves", recognised),
+    Assumption(f"{_RECOGNITION}.fine_match:_WALK_REST", "walk of the wheel within a section", recognised),
+    Assumption(f"{_RECOGNITION}.fine_match:_LEAST_SHARED", "least agreement of a match", recognised),
+    Assumption(f"{_CHANGES}.changes:_SLOW_M", "window of the slow difference", changed),
+    Assumption(f"{_CHANGES}.changes:_SMOOTHED_M", "smoothing of the slow difference", changed),
+    Assumption(f"{_CHANGES}.change_noise:_FREEDOM", "residuals from which a sigma is known", changed),
 )
 
 

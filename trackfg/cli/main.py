@@ -7,6 +7,7 @@ command needs is imported when it runs, so that ``--help`` and ``--version`` ans
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ from trackfg import __version__
 from trackfg.cli.exporting import export
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
+from trackfg.cli.options import with_options
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import progress_bar, show
 from trackfg.errors import BadInputError, TrackfgError
@@ -240,12 +242,14 @@ def estimators() -> None:
     show(tables.estimators(all_estimators()))
 
 
-@app.command(epilog="Example: trackfg compare run1 -o comparison")
-def compare(  # noqa: PLR0913  (a parameter is an option of the command)
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")],
+@dataclass(frozen=True)
+class CompareOptions:
+    """The options of ``trackfg compare``."""
+
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")]
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="[REC...]", help="Folders of recordings.", show_default=False)
-    ] = None,
+    ] = None
     scenarios: Annotated[
         list[str] | None,
         typer.Option(
@@ -254,20 +258,24 @@ def compare(  # noqa: PLR0913  (a parameter is an option of the command)
             help="A scenario to simulate, or j-turn; may be given again. A standard set if there is no REC either.",
             show_default=False,
         ),
-    ] = None,
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3,
+    ] = None
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3
     duration: Annotated[
         float | None,
         typer.Option(metavar="S", help="Length of every simulated run, s.", show_default=False),
-    ] = None,
+    ] = None
     jobs: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.", show_default=False)
-    ] = None,
+    ] = None
     peers: Annotated[
         bool, typer.Option("--peers", help="Run other packages too, where they are installed: some are slow.")
-    ] = False,
-    json: Json = False,
-) -> None:
+    ] = False
+    json: Json = False
+
+
+@app.command(epilog="Example: trackfg compare run1 -o comparison")
+@with_options(CompareOptions)
+def compare(options: CompareOptions) -> None:
     """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
 
     Against the truth where there is one; recordings without are held against the first of them. Of a single one, a part
@@ -281,21 +289,23 @@ def compare(  # noqa: PLR0913  (a parameter is an option of the command)
     from trackfg.comparison.run import compare as run_comparison
     from trackfg.comparison.table import COMPARISON_FOLDER
 
-    COMPARISON_FOLDER.refuse_foreign(out)
-    cases = cases_of(recordings or (), scenarios or (), seeds=seeds, duration_s=duration)
+    COMPARISON_FOLDER.refuse_foreign(options.out)
+    cases = cases_of(
+        options.recordings or (), options.scenarios or (), seeds=options.seeds, duration_s=options.duration
+    )
     withheld = sum(case.kind == "withheld" for case in cases)
     if withheld:
         note = f"no truth: every estimator runs {withheld + 1} times, with a part of the measurements withheld"
         print(f"trackfg: note: {note}", file=sys.stderr)
     with progress_bar() as progress:
-        result = run_comparison(cases, peers=peers, jobs=jobs or os.cpu_count() or 1, progress=progress)
-    result.write(out)
-    if json:
+        result = run_comparison(cases, peers=options.peers, jobs=options.jobs or os.cpu_count() or 1, progress=progress)
+    result.write(options.out)
+    if options.json:
         print(result.about.model_dump_json(indent=2))
         return
     for table in tables.comparison(result.about):
         show(table)
-    print(f"comparison: {out}")
+    print(f"comparison: {options.out}")
 
 
 @app.command(epilog="Example: trackfg plot out1 --from 12000 --to 14000 -o chart.html")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfg.cli.options import with_options
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -20,29 +22,32 @@ _STANDARD = "-"
 _CHECKPOINT = "checkpoint"
 
 
-def stream(  # noqa: PLR0913  (a parameter is an option of the command)
+@dataclass(frozen=True)
+class StreamOptions:
+    """The options of ``trackfg stream``."""
+
     source: Annotated[
         str,
         typer.Argument(
             metavar="SOURCE", help="Folder of a recording, an MCAP file, or - for JSON lines.", show_default=False
         ),
-    ],
+    ]
     out: Annotated[
         str, typer.Option("-o", "--out", metavar="OUT", help="Folder for Parquet parts, or - for JSON lines.")
-    ],
+    ]
     lag: Annotated[
         float, typer.Option(metavar="S", help="Smoothed estimates come this much later than the newest rows.")
-    ] = 10.0,
+    ] = 10.0
     config: Annotated[
         Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
-    ] = None,
+    ] = None
     map_location: Annotated[
         str | None,
         typer.Option("--map", metavar="MAP", help="A map to be located on: its newest version.", show_default=False),
-    ] = None,
+    ] = None
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Replay a recording as fast as it was made, not as fast as it can be.")
-    ] = False,
+    ] = False
     checkpoint_every: Annotated[
         float | None,
         typer.Option(
@@ -50,11 +55,14 @@ def stream(  # noqa: PLR0913  (a parameter is an option of the command)
             help="Seconds of the stream from one checkpoint in OUT to the next: 60 unless given.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the unfinished stream in OUT, from its last checkpoint.")
-    ] = False,
-) -> None:
+    ] = False
+
+
+@with_options(StreamOptions)
+def stream(options: StreamOptions) -> None:
     """Estimate while rows arrive: at once, and smoothed once the lag is over.
 
     In OUT are the tables filtered, smoothed, geometry and events, in parts. A stream that was killed goes on with
@@ -65,26 +73,26 @@ def stream(  # noqa: PLR0913  (a parameter is an option of the command)
     from trackfg.streaming.run import Stream
     from trackfg.streaming.sinks.sink import JsonLines
 
-    settings = SmoothConfig.from_toml(config) if config else None
+    settings = SmoothConfig.from_toml(options.config) if options.config else None
     feature_map = None
-    if map_location is not None:
+    if options.map_location is not None:
         from trackfg.maps import read_map
 
-        feature_map = read_map(map_location)
+        feature_map = read_map(options.map_location)
 
     def opened(saved: Checkpoint | None) -> Stream:
-        rows = _source(source, real_time=real_time, position=saved.position if saved else 0)
-        smoother = FixedLagSmoother(rows.description, settings, lag_s=lag, feature_map=feature_map)
+        rows = _source(options.source, real_time=options.real_time, position=saved.position if saved else 0)
+        smoother = FixedLagSmoother(rows.description, settings, lag_s=options.lag, feature_map=feature_map)
         return Stream.of(rows, smoother, saved)
 
-    if out != _STANDARD:
-        counts = _into_folder(Path(out), opened, every_s=checkpoint_every, resume=resume)
-    elif resume or checkpoint_every is not None:
+    if options.out != _STANDARD:
+        counts = _into_folder(Path(options.out), opened, every_s=options.checkpoint_every, resume=options.resume)
+    elif options.resume or options.checkpoint_every is not None:
         raise BadInputError("-o -: expected a folder: what was written to standard output cannot be taken back")
     else:
         counts = opened(None).run(JsonLines(sys.stdout))
     if counts is None:
-        print(f"{out}: the stream in it is finished", file=sys.stderr)
+        print(f"{options.out}: the stream in it is finished", file=sys.stderr)
         return
     events = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.events.items())) or "no events"
     print(
