@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg import __version__
+from trackfg.cli.batch import batch
 from trackfg.cli.exporting import export
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(maps, name="map")
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
+app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
 app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
 app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 app.command(epilog="Example: trackfg export out1 --to gpkg")(export)

@@ -16,11 +16,11 @@ from rich.text import Text
 from trackfg.cli.tables import named_values, titled
 from trackfg.errors import printable
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
-from trackfg.numerics.arrays import Array
 
 if TYPE_CHECKING:
     from trackfg.mapping.changes.changes import Changes
     from trackfg.mapping.changes.difference import Difference
+    from trackfg.numerics.arrays import Array
 
 _SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
 """Factor and unit in which a column is shown, by its suffix."""

@@ -13,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase, Difference, Row
-from trackfg.recording.findings import Finding
 from trackfg.report.flatten import leaves
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, VectorEstimate
@@ -22,6 +21,7 @@ from trackfg.results.verdict import opinions
 if TYPE_CHECKING:
     from trackfg.comparison.estimators import Estimator
     from trackfg.io.check import CheckReport
+    from trackfg.recording.findings import Finding
 
 _BEATING = "bold yellow"
 _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}

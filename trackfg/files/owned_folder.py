@@ -87,15 +87,16 @@ def refuse_used(path: Path, why: str) -> None:
 
 
 @contextmanager
-def sole_writer(folder: Path) -> Iterator[None]:
+def sole_writer(folder: Path, *, wait: bool = False) -> Iterator[None]:
     """Keep other processes from writing to a folder, until the block ends or this one does, however it does.
 
-    Raises :class:`BadInputError` while another process does. A file system without locks excludes no other process.
+    While another process does, ``wait`` for it, or raise :class:`BadInputError`. A file system without locks excludes
+    no other process.
     """
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
             raise BadInputError(f"{folder}: another process is writing to it") from None
         except OSError as error:

@@ -17,6 +17,7 @@ from trackfg.checks import plausibility
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
+from trackfg.io.content import files_sha256, tables_of
 from trackfg.io.description_reader import ReadDescription, locate, read_description
 from trackfg.io.formats.gnss import GnssConverter
 from trackfg.io.formats.registry import format_of, sensors_of
@@ -71,6 +72,7 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     read = read_description(path)
     findings = list(read.findings)
     sensors = read.sensors
+    digest = files_sha256(folder, (toml.name, *tables_of(sensors.values())))
     reader = Tables(folder, sensors.values())
     tables: dict[str, pd.DataFrame] = {}
     gnss_origin = None
@@ -87,7 +89,8 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     for name, table in tables.items():
         findings += format_of(sensors[name]).doubts(sensors[name], Section(toml.name, name), table, limits)
     distinct = tuple(dict.fromkeys(findings))
-    return LoadedRecording(distinct, _assemble(read, tables, gnss_origin, folder, distinct))
+    recording = _assemble(read, tables, gnss_origin, folder, distinct)
+    return LoadedRecording(distinct, recording and replace(recording, files_sha256=digest))
 
 
 def _assemble(

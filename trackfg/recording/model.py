@@ -65,6 +65,8 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     others: dict[str, pd.DataFrame] = field(default_factory=dict)
     """Tables of further sensors by name."""
+    files_sha256: str | None = None
+    """Digest of the files that it was read from (:mod:`trackfg.io.content`)."""
 
     @property
     def tables(self) -> dict[str, pd.DataFrame]:

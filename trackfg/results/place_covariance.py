@@ -8,11 +8,13 @@ between are their linear interpolation, to a few mm. A map needs it beside the r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from trackfg.numerics.arrays import Array
+if TYPE_CHECKING:
+    from trackfg.numerics.arrays import Array
 
 APART_M = 250.0
 """Distance of the places whose covariance a result holds, m: in between, errors are linear to a few mm."""

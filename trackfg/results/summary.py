@@ -72,7 +72,8 @@ class GeometryConventions(_ResultModel):
 class RunFacts(_ResultModel):
     """What joining runs into a map needs to know of the recording.
 
-    ``content_sha256`` tells the same measurements again, whatever the recording is called. ``anchored``: fixes told
+    ``content_sha256`` tells the same measurements again, whatever the recording is called; ``files_sha256`` the same
+    files, byte by byte (:mod:`trackfg.io.content`), null where it was not read from files. ``anchored``: fixes told
     where on the line the run was; else chainage counts from its start. ``imu_id``: which sensor in which mounting, and
     ``mount_roll_sd_rad`` how well the roll of that is known. ``origin``: of east, north, up: WGS 84 latitude (deg),
     longitude (deg) and height (m), if GNSS told.
@@ -80,6 +81,7 @@ class RunFacts(_ResultModel):
 
     start: str | None = None
     content_sha256: str
+    files_sha256: str | None = None
     direction: Literal[1, -1]
     anchored: bool
     imu_id: str | None = None
@@ -88,12 +90,13 @@ class RunFacts(_ResultModel):
 
 
 class MapUse(_ResultModel):
-    """The map that the run was located on: its name and version, the share of the run that was recognised, and the
-    probability that the place is right. Nothing of the map was used where ``sections`` is 0.
+    """The map that the run was located on: its name and version, when that was written, the share of the run that was
+    recognised, and the probability that the place is right. Nothing of the map was used where ``sections`` is 0.
     """
 
     name: str
     version: int | None
+    written_at: str | None = None
     sections: int
     recognised_m: float
     probability: float
@@ -103,7 +106,8 @@ class MapUse(_ResultModel):
 class Summary(_ResultModel):
     """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
-    ``configuration`` is what was used, adapted noise levels included; ``noise_ratios`` says, per group of factors, how
+    ``settings`` is what was asked for, defaults included, ``configuration`` what was used in the end, adapted noise
+    levels included; ``noise_ratios`` says, per group of factors, how
     large the residuals are against what its sigmas lead to expect (1 is right; see
     :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be believed;
     results of versions before it have none.
@@ -114,6 +118,7 @@ class Summary(_ResultModel):
     run: RunFacts | None = None
     map: MapUse | None = None
     versions: dict[str, str] = Field(default_factory=lambda: versions())
+    settings: dict[str, JsonValue] | None = None
     configuration: dict[str, JsonValue]
     solver: Solver
     timings_s: dict[str, float]

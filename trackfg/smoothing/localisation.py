@@ -116,6 +116,7 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
     use = MapUse(
         name=feature_map.name,
         version=feature_map.version,
+        written_at=feature_map.written_at,
         sections=len(used),
         recognised_m=float(np.median(np.diff(recognition.sections["run_m"])) * len(used)) if len(used) > 1 else 0.0,
         probability=float(recognition.probability),

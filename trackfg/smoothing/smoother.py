@@ -23,6 +23,7 @@ from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.blas_threads import one_thread
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
 from trackfg.output.events import event_table
@@ -100,6 +101,7 @@ class SmoothedStates(SolvedRun):
     located: Located | None = None
 
 
+@one_thread()
 def smooth(
     recording: Recording,
     config: SmoothConfig | None = None,
@@ -112,8 +114,9 @@ def smooth(
 
     ``limits`` are those of the checks of the recording, as of :func:`~trackfg.io.check.check_recording`.
     ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "check", "output", "geometry"
-    and "map" go on. Raises ``UnsolvableError`` where the recording does not determine the run; the message says what is
-    missing.
+    and "map" go on. Linear algebra runs on one thread, so that the result is the same to the last bit wherever and
+    beside whatever else it is computed. Raises ``UnsolvableError`` where the recording does not determine the run; the
+    message says what is missing.
     """
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))
@@ -125,7 +128,7 @@ def smooth(
         widened(smoothed.trajectory, smoothed.verdicts),
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
-        _summary(replace(recording, findings=(*measured.findings, *correction.findings)), smoothed, correction),
+        _summary(replace(recording, findings=(*measured.findings, *correction.findings)), config, smoothed, correction),
         widened_places(smoothed.places, smoothed.verdicts),
     )
 
@@ -268,6 +271,7 @@ def _run_facts(recording: Recording) -> RunFacts:
     return RunFacts(
         start=None if description.start is None else description.start.isoformat(),
         content_sha256=recording.content_sha256(),
+        files_sha256=recording.files_sha256,
         direction=description.track.direction,
         anchored=fixes is not None and len(fixes) > 0,
         imu_id=description.imu.id,
@@ -295,7 +299,9 @@ def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
     )
 
 
-def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCorrection) -> Summary:
+def _summary(
+    recording: Recording, settings: SmoothConfig, smoothed: SmoothedStates, correction: TachCorrection
+) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
     path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
@@ -312,6 +318,7 @@ def _summary(recording: Recording, smoothed: SmoothedStates, correction: TachCor
         recording_id=recording.description.id,
         run=_run_facts(recording),
         map=None if smoothed.located is None else smoothed.located.use,
+        settings=settings.model_dump(mode="json"),
         configuration=smoothed.config.model_dump(mode="json"),
         solver=Solver(
             converged=solution.converged,

@@ -28,6 +28,7 @@ COMMANDS = (
     "simulate",
     "check",
     "smooth",
+    "batch",
     "stream",
     "estimators",
     "baseline",

@@ -21,7 +21,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from trackfg._version import __version__
+from trackfg import __version__
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.atomic_file import write_whole
 from trackfg.streaming.checkpoint.snapshot import Snapshot

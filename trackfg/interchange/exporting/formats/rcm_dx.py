@@ -14,7 +14,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from trackfg._version import __version__
+from trackfg import __version__
 from trackfg.errors import BadInputError
 from trackfg.interchange.exporting.located import direction_of, located_geometry, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from trackfg.errors import BadInputError
+from trackfg.fleet.catalogue import Run, read_catalogue
+
+
+def write(folder: Path, text: str) -> str:
+    (folder / "runs.csv").write_text(text)
+    return str(folder / "runs.csv")
+
+
+def test_a_table_names_runs_with_paths_relative_to_it(tmp_path: Path) -> None:
+    text = "recording,line,map,settings,tags,run\nrecs/a,7,line.gpkg,fast.toml,winter,first\n/recs/b,,,,,\n"
+    first, second = read_catalogue([write(tmp_path, text)])
+    assert first == Run(
+        name="first",
+        recording=str(tmp_path / "recs/a"),
+        line="7",
+        map=str(tmp_path / "line.gpkg"),
+        settings=str(tmp_path / "fast.toml"),
+        tags="winter",
+    )
+    assert (second.recording, second.line, second.map, second.settings) == ("/recs/b", "unknown", None, None)
+    assert second.name.startswith("b-")
+
+
+def test_what_a_row_leaves_out_comes_from_the_defaults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    place = write(tmp_path, "recording,settings\na,own.toml\nb,\n")
+    own, given = read_catalogue([place], {"settings": "all.toml", "line": "7"})
+    assert own.settings == str(tmp_path / "own.toml")
+    assert given.settings == str(tmp_path / "elsewhere" / "all.toml")
+    assert own.line == given.line == "7"
+
+
+def test_a_parquet_table_is_read_as_its_csv(tmp_path: Path) -> None:
+    rows = pd.DataFrame({"recording": ["a", "b"], "line": [7, 8], "tags": [None, "winter"]})
+    rows.to_parquet(tmp_path / "runs.parquet")
+    rows.to_csv(tmp_path / "runs.csv", index=False)
+    assert read_catalogue([str(tmp_path / "runs.parquet")]) == read_catalogue([str(tmp_path / "runs.csv")])
+
+
+def test_a_database_and_a_url_stay_as_they_are(tmp_path: Path) -> None:
+    text = "recording,map\ns3://bucket/a.zip,postgresql://me@host/maps\n"
+    (run,) = read_catalogue([write(tmp_path, text)])
+    assert (run.recording, run.map) == ("s3://bucket/a.zip", "postgresql://me@host/maps")
+
+
+def test_a_pattern_names_folders_and_leaves_other_files_out(tmp_path: Path) -> None:
+    for name in ("b", "a", "other"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+    (tmp_path / "runs" / "notes.txt").touch()
+    runs = read_catalogue([str(tmp_path / "runs" / "[ab]"), str(tmp_path / "runs" / "other")], {"line": "7"})
+    assert [Path(run.recording).name for run in runs] == ["a", "b", "other"]
+    assert {run.line for run in runs} == {"7"}
+
+
+def test_names_depend_on_the_place_alone(tmp_path: Path) -> None:
+    text = "recording\nmay/run1\njune/run1\nmay/run2/recording.toml\n"
+    names = [run.name for run in read_catalogue([write(tmp_path, text)])]
+    assert len(set(names)) == 3
+    assert [name.rpartition("-")[0] for name in names] == ["run1", "run1", "run2"]
+    (alone,) = read_catalogue([write(tmp_path, "recording\njune/run1\n")])
+    assert alone.name == names[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("recording,setting\na,b\n", r"column 'setting': expected .* Hint: did you mean 'settings'"),
+        ("line\n7\n", "no column 'recording'"),
+        ("recording,line\na,7\n,7\n", "row 2: no recording"),
+        ("recording,run\na,../b\n", r"row 1: run '\.\./b': expected letters"),
+        ("recording\na\n./a\n", "is there 2 times: expected one row for each"),
+        ("recording,run\na,x\nb,x\n", "run 'x' is there 2 times"),
+        ("", "not a readable table of runs"),
+    ],
+)
+def test_a_table_at_fault_is_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(BadInputError, match=message):
+        read_catalogue([write(tmp_path, text)])
+
+
+def test_a_pattern_that_nothing_fits_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="no recording is there"):
+        read_catalogue([str(tmp_path / "*")])

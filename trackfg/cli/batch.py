@@ -1,0 +1,127 @@
+"""``trackfg batch``: many runs, each in a process of its own, into one store."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from trackfg.fleet.isolated_run import Outcome
+    from trackfg.fleet.planning import PlannedRun
+
+_FAILED = 1
+"""Exit status where a run failed."""
+
+
+def batch(  # noqa: PLR0913  (a parameter is an option of the command)
+    places: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="CATALOGUE...", help="A table of runs, recordings, or a pattern in quotes.", show_default=False
+        ),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="STORE", help="Folder for results and their catalogue.")],
+    line: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of runs whose row names no line.", show_default=False)
+    ] = None,
+    map_location: Annotated[
+        str | None, typer.Option("--map", metavar="MAP", help="For runs whose row names no map.", show_default=False)
+    ] = None,
+    config: Annotated[
+        str | None,
+        typer.Option(metavar="C.toml", help="Settings of runs whose row names none.", show_default=False),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Runs at a time. As many as cores and memory allow if absent.", show_default=False
+        ),
+    ] = None,
+    timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run.")] = 14400.0,
+    memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run.")] = 4.0,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what is to be computed and why, and stop.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of text.")] = False,
+) -> None:
+    """Smooth many runs, each in a process of its own, and list them in the store's catalogue with their key figures.
+
+    A result that is there and fresh is kept: the same recording, settings, version of the map and algorithm. A run that
+    crashes, hangs or takes too much memory becomes a row with the reason; exit status 1 if there is one.
+    """
+    from trackfg.fleet.batch import Limits, run_batch
+    from trackfg.fleet.catalogue import read_catalogue
+    from trackfg.fleet.known_content import KnownContent
+    from trackfg.fleet.planning import plan
+    from trackfg.fleet.store import Store
+
+    defaults = {"line": line, "map": map_location, "settings": config}
+    runs = read_catalogue(places, {name: text for name, text in defaults.items() if text})
+    store = Store(out, create=not dry_run)
+    known = KnownContent(store.known_content)
+    planned = plan(runs, store, known)
+    if dry_run:
+        sys.stdout.writelines(_planned_line(each, json) for each in planned)
+        return
+    wanted = sum(not each.fresh for each in planned)
+    limits = Limits(timeout_s=timeout or None, memory_bytes=round(memory * 1e9), jobs=jobs)
+    with _progress(wanted) as progress:
+        outcomes = run_batch(planned, store, known, limits, progress)
+    failed = [outcome for outcome in outcomes if outcome.reason is not None]
+    if json:
+        sys.stdout.writelines(_outcome_line(outcome) for outcome in outcomes)
+    else:
+        print(f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}")
+        print(f"store: {out}")
+    if failed:
+        raise typer.Exit(_FAILED)
+
+
+def _planned_line(each: PlannedRun, json: bool) -> str:
+    if json:
+        page = {"run": each.run.name, "recording": each.run.recording, "fresh": each.fresh, "why": each.why}
+        return json_text.dumps(page) + "\n"
+    return f"{each.run.name}: {'fresh' if each.fresh else f'compute: {each.why}'}\n"
+
+
+def _outcome_line(outcome: Outcome) -> str:
+    status = "done" if outcome.reason is None else "failed"
+    return json_text.dumps({"run": outcome.name, "status": status, "reason": outcome.reason}) + "\n"
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
+    """Name each run that fails; on a terminal show how many are done and how fast, the time left, and failures."""
+    from trackfg.errors import printable
+
+    def name_failure(outcome: Outcome) -> None:
+        if outcome.reason is not None:
+            print(f"trackfg: warning: run {outcome.name} failed: {printable(outcome.reason)}", file=sys.stderr)
+
+    if not sys.stderr.isatty() or total == 0:
+        yield name_failure
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    rate, failures = TextColumn("{task.fields[rate]}"), TextColumn("[red]{task.fields[failures]}")
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(), failures)
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("runs", total=total, rate="", failures="")
+        failed = 0
+
+        def update(outcome: Outcome) -> None:
+            nonlocal failed
+            failed += outcome.reason is not None
+            if outcome.reason is not None:
+                bar.console.print(f"run {outcome.name} failed: {printable(outcome.reason)}", markup=False, style="red")
+            bar.advance(task)
+            elapsed = bar.tasks[0].elapsed or 0.0
+            rate = 60.0 * bar.tasks[0].completed / elapsed if elapsed else 0.0
+            bar.update(task, rate=f"{rate:.3g} a minute", failures=f"{failed} failed" if failed else "")
+
+        yield update

@@ -1,0 +1,133 @@
+"""A run's row in the store's catalogue: what it is, how it ended, and the key figures and verdicts of its result."""
+
+from __future__ import annotations
+
+import tomllib
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from trackfg.fleet.catalogue import Run
+from trackfg.fleet.freshness import Inputs
+from trackfg.results.summary import Estimate, Summary
+from trackfg.results.verdict import QUANTITIES
+
+UNKNOWN_MONTH = "unknown"
+"""The month of a run whose recording does not say when it was."""
+
+EVENT_COUNTS = {"slips": "slip", "slides": "slide", "standstills": "standstill", "imu_gaps": "imu gap"}
+"""Columns that count the events of a kind."""
+
+_TEXT, _NUMBER, _COUNT, _FLAG = pa.string(), pa.float64(), pa.int64(), pa.bool_()
+
+PARTITIONS = ("line", "month")
+"""Columns that are the names of the catalogue's folders, not in its files: ``line=7/month=2026-05``."""
+
+SCHEMA = pa.schema(
+    [
+        ("run", _TEXT),
+        ("status", _TEXT),
+        ("reason", _TEXT),
+        ("log", _TEXT),
+        ("recording", _TEXT),
+        ("recording_id", _TEXT),
+        ("result", _TEXT),
+        ("start", pa.timestamp("us", tz="UTC")),
+        ("tags", _TEXT),
+        ("duration_s", _NUMBER),
+        ("distance_m", _NUMBER),
+        ("from_chainage_m", _NUMBER),
+        ("to_chainage_m", _NUMBER),
+        ("direction", _COUNT),
+        ("anchored", _FLAG),
+        ("converged", _FLAG),
+        *((name, _COUNT) for name in EVENT_COUNTS),
+        ("warnings", _COUNT),
+        ("wheel_scale", _NUMBER),
+        ("wheel_scale_sd", _NUMBER),
+        ("clock_offset_s", _NUMBER),
+        ("clock_offset_s_sd", _NUMBER),
+        *((f"verdict_{name}", _TEXT) for name in QUANTITIES),
+        ("map_recognised_m", _NUMBER),
+        ("map_probability", _NUMBER),
+        *((name, _TEXT) for name in Inputs._fields),
+    ]
+)
+"""Columns of the files. ``status`` is ``done`` or ``failed``; only those have a ``reason`` and the last lines of a
+``log``."""
+
+
+def done_row(run: Run, folder: Path, result: str) -> dict[str, Any]:
+    """Return the row of a run whose result lies in ``folder``; ``result`` is its place in the store.
+
+    Raises ``OSError`` and ``ValueError`` where that is no result.
+    """
+    summary = Summary.model_validate_json((folder / "summary.json").read_bytes())
+    events = pd.read_csv(folder / "events.csv", usecols=["kind"], dtype=str)["kind"].value_counts()
+    chainage = _chainage(folder / "geometry.parquet")
+    facts, use = summary.run, summary.map
+    start = None if facts is None or facts.start is None else _time(facts.start)
+    return {
+        **_head(run, "done", start),
+        "recording_id": summary.recording_id,
+        "result": result,
+        "duration_s": summary.duration_s,
+        "distance_m": summary.distance_m,
+        "from_chainage_m": chainage[0],
+        "to_chainage_m": chainage[1],
+        "direction": None if facts is None else facts.direction,
+        "anchored": None if facts is None else facts.anchored,
+        "converged": summary.solver.converged,
+        **{name: int(events.get(kind, 0)) for name, kind in EVENT_COUNTS.items()},
+        "warnings": sum(finding.level == "warning" for finding in summary.findings),
+        **_estimate("wheel_scale", summary.wheel_scale),
+        **_estimate("clock_offset_s", summary.clock_offset_s),
+        **{f"verdict_{verdict.quantity}": verdict.status for verdict in summary.verdicts},
+        "map_recognised_m": None if use is None else use.recognised_m,
+        "map_probability": None if use is None else use.probability,
+        **Inputs.of_summary(summary.model_dump(mode="json"))._asdict(),
+    }
+
+
+def failed_row(run: Run, reason: str, log: str) -> dict[str, Any]:
+    """Return the row of a run without a result."""
+    return {**_head(run, "failed", _start_of(run.recording)), "reason": reason, "log": log}
+
+
+def _head(run: Run, status: str, start: datetime | None) -> dict[str, Any]:
+    month = UNKNOWN_MONTH if start is None else f"{start:%Y-%m}"
+    head = {"run": run.name, "status": status, "recording": run.recording, "line": run.line}
+    return {**dict.fromkeys(SCHEMA.names), **head, "month": month, "start": start, "tags": run.tags}
+
+
+def _estimate(name: str, estimate: Estimate | None) -> dict[str, float | None]:
+    return {} if estimate is None else {name: estimate.value, f"{name}_sd": estimate.sd}
+
+
+def _chainage(geometry: Path) -> tuple[float | None, float | None]:
+    """Return the first and the last chainage of a table of geometry, from what its file says of itself."""
+    metadata = pq.read_metadata(geometry)
+    column = metadata.schema.names.index("chainage_m")
+    parts = [metadata.row_group(group).column(column).statistics for group in range(metadata.num_row_groups)]
+    spans = [(part.min, part.max) for part in parts if part is not None and part.has_min_max]
+    return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else (None, None)
+
+
+def _time(text: str) -> datetime:
+    """Return the time of a text of ISO 8601 in UTC, which it is in unless it says otherwise."""
+    time = datetime.fromisoformat(text)
+    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+
+
+def _start_of(recording: str) -> datetime | None:
+    """Return when a recording says that it began; None where it cannot be read."""
+    path = Path(recording)
+    try:
+        start = tomllib.loads((path if path.suffix == ".toml" else path / "recording.toml").read_text("utf-8"))["start"]
+        return _time(start if isinstance(start, str) else start.isoformat())
+    except (OSError, ValueError, KeyError, AttributeError, RecursionError):
+        return None

@@ -1,0 +1,136 @@
+"""A plan says of each run whether its result is fresh, or why it is to be computed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from trackfg.config import SmoothConfig
+from trackfg.fleet.catalogue import Run
+from trackfg.fleet.freshness import (
+    Inputs,
+    algorithm,
+    changed_settings,
+    changes,
+    newest_map,
+    settings_sha256,
+)
+from trackfg.fleet.known_content import KnownContent, Sight, sight
+from trackfg.fleet.store import Store
+from trackfg.io.content import content_files, files_sha256
+from trackfg.maps import read_versions
+from trackfg.results.result import RESULT_FOLDER
+
+_SUMMARY = "summary.json"
+_COLUMNS = ("run", "status", "reason", "recording", "tags", *Inputs._fields)
+"""Columns of the store's catalogue that a plan looks at."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run and why it is to be computed; ``why`` is empty where its result is fresh.
+
+    ``inputs`` are those of that result, ``listed``: the store's catalogue has it as it is.
+    """
+
+    run: Run
+    settings: SmoothConfig
+    why: str
+    listed: bool = False
+
+    @property
+    def fresh(self) -> bool:
+        """Return whether the result is there as it would be computed."""
+        return not self.why
+
+
+def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[PlannedRun]:
+    """Return the runs in their order, each with what is to be done.
+
+    Raises :class:`~trackfg.errors.BadInputError` for settings or a map that cannot be read.
+    """
+    settings = {path: SmoothConfig.from_toml(path) if path else SmoothConfig() for path in _distinct(runs, "settings")}
+    digests = {path: settings_sha256(values) for path, values in settings.items()}
+    maps = {place: newest_map(read_versions(place)) if place else "" for place in _distinct(runs, "map")}
+    software = algorithm()
+    listed = {row["run"]: row for row in store.read(_COLUMNS)}
+    with_result = store.names()
+    there = [run for run in runs if run.name in with_result]
+    before = {run.name: _inputs(store.result(run.name), known) for run in there}
+    contents = _contents([run.recording for run in there if before[run.name] is not None], known)
+    known.save()
+    planned = []
+    for run in runs:
+        row, inputs = listed.get(run.name), before.get(run.name)
+        if inputs is None:
+            planned.append(PlannedRun(run, settings[run.settings], _no_result(row)))
+            continue
+        now = Inputs(contents[run.recording], digests[run.settings], maps[run.map], software)
+        reasons = list(changes(inputs, now))
+        if inputs.settings_sha256 != now.settings_sha256:
+            page = _page(store.result(run.name)) or {}
+            reasons.append(changed_settings(page, settings[run.settings]))
+        as_it_is = row is not None and _is_listed(row, run, inputs)
+        planned.append(PlannedRun(run, settings[run.settings], "; ".join(reasons), as_it_is))
+    return planned
+
+
+def _distinct(runs: Iterable[Run], field: str) -> list[str | None]:
+    return list(dict.fromkeys(getattr(run, field) for run in runs))
+
+
+def _no_result(row: Mapping[str, Any] | None) -> str:
+    return f"failed before: {row['reason']}" if row is not None and row["status"] == "failed" else "no result yet"
+
+
+def _is_listed(row: Mapping[str, Any], run: Run, inputs: Inputs) -> bool:
+    as_now = (row["status"], row["line"], row["recording"], row["tags"]) == ("done", run.line, run.recording, run.tags)
+    return as_now and Inputs(*(row[name] for name in Inputs._fields)) == inputs
+
+
+def _page(result: Path) -> dict[str, Any] | None:
+    """Return the summary of a result as JSON; None where there is none."""
+    try:
+        page = json.loads((result / _SUMMARY).read_bytes())
+    except (OSError, ValueError):
+        return None
+    return page if isinstance(page, dict) else None
+
+
+def _inputs(result: Path, known: KnownContent) -> Inputs | None:
+    """Return what a result was computed from; None where a file is missing or its summary cannot be read."""
+    if (text := known.recall(result)) is not None:
+        return Inputs(*json.loads(text))
+    seen = sight(result, result, RESULT_FOLDER.files)
+    if not all((result / name).is_file() for name in RESULT_FOLDER.files):
+        return None
+    try:
+        page = _page(result)
+        inputs = None if page is None else Inputs.of_summary(page)
+    except (AttributeError, KeyError, TypeError):
+        return None
+    if inputs is not None:
+        known.remember(seen, json.dumps(inputs))
+    return inputs
+
+
+def _contents(recordings: Sequence[str], known: KnownContent) -> dict[str, str]:
+    """Return the digest of each recording's files, several at a time; an empty text where they cannot be read."""
+    contents = {place: known.recall(place) or "" for place in recordings}
+    unknown = [place for place, digest in contents.items() if not digest]
+
+    def read(place: str) -> tuple[Sight, str | None]:
+        seen = sight(place, *content_files(place))
+        return seen, files_sha256(Path(seen.folder), seen.names)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for seen, digest in pool.map(read, unknown):
+            if digest is not None:
+                known.remember(seen, digest)
+                contents[seen.place] = digest
+    return contents

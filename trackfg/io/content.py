@@ -1,0 +1,41 @@
+"""A recording's content is its description and the tables that it names, byte by byte.
+
+Its digest tells whether a result would come out the same again. Truth is no part of it: estimators never see it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+from trackfg.io.description_reader import locate, read_description
+from trackfg.io.table_file import resolve_inside
+from trackfg.recording.description import Table
+
+
+def tables_of(sensors: Iterable[Table]) -> tuple[str, ...]:
+    """Return the names of the files that sensors are read from, each once, in the order of the alphabet."""
+    return tuple(sorted({sensor.file for sensor in sensors}))
+
+
+def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
+    """Return the folder of a recording, and the names in it of its description and of the tables that this names."""
+    folder, toml = locate(path)
+    return folder, (toml.name, *tables_of(read_description(path).sensors.values()))
+
+
+def files_sha256(folder: Path, names: Iterable[str]) -> str | None:
+    """Return a digest of files of a folder and of their names; None where one is outside it or cannot be read."""
+    digest = hashlib.sha256()
+    for name in names:
+        path, _ = resolve_inside(folder, name)
+        if path is None:
+            return None
+        try:
+            with path.open("rb") as file:
+                content = hashlib.file_digest(file, "sha256").digest()
+        except OSError:
+            return None
+        digest.update(hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest() + content)
+    return digest.hexdigest()
