@@ -316,8 +316,8 @@ _SOLVER = (
         (
             _one(
                 "residuals are held against their number",
-                "weights(states)[:, None] - spread)",
-                "weights(states)[:, None] + 0 * spread)",
+                "weights(states)[:, None] - _spread(",
+                "weights(states)[:, None] + 0 * _spread(",
             ),
         ),
     ),

@@ -16,6 +16,7 @@ import typer
 from trackfg import __version__
 from trackfg.cli.batch import batch
 from trackfg.cli.exporting import export
+from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.options import with_options
@@ -51,6 +52,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables
 
 def main() -> None:
     """Run the command line; errors that the user can act on become one line on standard error."""
+    keep_freed_memory()
     try:
         app(prog_name="trackfg")
     except BadInputError as error:

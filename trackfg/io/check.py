@@ -10,6 +10,7 @@ from typing import Any
 from trackfg.checks.contradictions import diagnose
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.reader import load
+from trackfg.numerics.blas_threads import one_thread
 from trackfg.recording.findings import Finding, errors
 
 __all__ = ["CheckLimits", "CheckReport", "check_recording"]
@@ -30,6 +31,7 @@ class CheckReport:
         return not errors(self.findings)
 
 
+@one_thread()
 def check_recording(path: Path | str, limits: CheckLimits | None = None) -> CheckReport:
     """Check the recording in the folder ``path``, or described by the file ``path``. Never raises for bad input."""
     limits = limits or CheckLimits()

@@ -14,7 +14,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile
 from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
 from trackfg.results.place_covariance import APART_M, PlaceCovariance
-from trackfg.solver.covariance import Functions, joint_covariance
+from trackfg.solver.covariance import Covariance, Functions, joint_covariance
 from trackfg.solver.square_root import SquareRoot
 
 _ROWS = [QUANTITIES.index(name) for name in ("chainage_m", "roll_rad")]
@@ -25,6 +25,7 @@ def place_covariance(
     passes: Sequence[Profile],
     states: States,
     root: SquareRoot,
+    covariance: Covariance,
 ) -> PlaceCovariance:
     """Return the covariance at whole multiples of :data:`APART_M` and at the ends of the passes.
 
@@ -37,7 +38,7 @@ def place_covariance(
     order = np.argsort(keyframe, kind="stable")
     facing = run.direction * np.array([1.0, 1e3 * run.conventions.cross_level_base_m])
     rows = keyframe_jacobian(states, run.lever_arm)[:, _ROWS] * facing[:, None]
-    matrix = joint_covariance(root, place_functions(rows, keyframe[order], fraction[order]))
+    matrix = joint_covariance(root, place_functions(rows, keyframe[order], fraction[order]), covariance)
     by_place = np.argsort(cell[order], kind="stable")
     wanted = np.concatenate([2 * by_place, 2 * by_place + 1])
     return PlaceCovariance(cell[order][by_place] * step_m, matrix[np.ix_(wanted, wanted)])

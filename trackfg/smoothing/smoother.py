@@ -203,7 +203,7 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         if _speed_is_measured(recording):
             passes = seen_profiles(recording.description, views, run, motion, states)
         geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
-        places = place_covariance(run, passes, states, solved.solution.root)
+        places = place_covariance(run, passes, states, solved.solution.root, covariance)
     return SmoothedStates(
         **{part.name: getattr(solved, part.name) for part in fields(SolvedRun)},
         trajectory=trajectory,

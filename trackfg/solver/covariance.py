@@ -8,7 +8,7 @@ states together. Forwards, with all conditionals stacked as ``R x = e``, the cov
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,12 +18,16 @@ from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.solver.square_root import SquareRoot
 
+_PLACES_AT_A_TIME = 8
+"""Places whose functions are carried together: two each are as many rows as a fifth of those of y, beside them."""
+
 
 @dataclass(frozen=True)
 class Covariance:
     """The covariance of a chain consists of marginals and of regressions of each keyframe on the next one.
 
-    ``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, d, d): regression of z_k on z_{k+1}.
+    ``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, KEYFRAME_DIM, d): regression of x_k on
+    z_{k+1}, which has the same s.
 
     d is KEYFRAME_DIM + SHARED_DIM, in elimination order, and the dimension of each further sensor.
     """
@@ -61,7 +65,7 @@ class Covariance:
         """
         out: Array = self.marginal[j]
         for k in range(j - 1, i - 1, -1):
-            out = self.gain[k] @ out
+            out = np.concatenate([self.gain[k] @ out, out[KEYFRAME_DIM:]])
         return out
 
 
@@ -94,12 +98,12 @@ def _windows(root: SquareRoot) -> Iterator[_Window]:
 def posterior_covariance(root: SquareRoot) -> Covariance:
     """Run the recursion. Cost is linear in the number of keyframes."""
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
-    marginal, cross = np.empty((n, size, size)), np.empty((n, size, size)) if root.ahead.any() else None
+    marginal, cross = np.empty((n, size, size)), np.empty((n, dim, size)) if root.ahead.any() else None
     for window in _windows(root):
         if cross is not None:
-            cross[window.k, :dim], cross[window.k, dim:] = window.cross[:, :size], window.ahead[dim:size, :size]
+            cross[window.k] = window.cross[:, :size]
         marginal[window.k] = window.whole[:size, :size]
-    return Covariance(marginal, _chain_gain(root) if cross is None else _gain(marginal, cross))
+    return Covariance(marginal, root.regression[:-1] if cross is None else _gain(marginal, cross))
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
@@ -129,38 +133,59 @@ class Functions:
     by_shared: Array
 
 
-def joint_covariance(root: SquareRoot, functions: Functions) -> Array:
+def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covariance) -> Array:
     """Return the covariance of functions with each other, however far apart they are. Shape (m, m).
 
-    Cost is linear in the number of keyframes. With the functions of one keyframe ``f = F_x x_k + F_y y_k`` and
+    ``covariance`` is that of the root. With the functions of one keyframe ``f = F_x x_k + F_y y_k`` and
     ``x_k = A_k y_k + e_k``, ``f = D y_k + F_x e_k`` with ``D = F_x A_k + F_y``. Functions of earlier keyframes are
-    ``B y_{k-1}`` and what is independent of it; from place to place B is multiplied by the gains of y_{k-1} on y_k.
+    ``B y_{k-1}`` and what is independent of it, B multiplied by the gains of y_{k-1} on y_k from place to place: of
+    some places at a time, and for what is before these y at their start stands in. So the cost is linear in the number
+    of keyframes, but for one product of matrices that has the size of the result.
     """
     total = np.empty((len(functions.keyframe), len(functions.keyframe)))
-    places, first = np.unique(functions.keyframe, return_index=True)
-    wanted = set(places.tolist())
-    ahead = {window.k: window.ahead for window in _windows(root) if window.k in wanted}
-    B, last = np.zeros((0, 0)), None
-    for k, start, stop in zip(places.tolist(), first, [*first[1:], len(functions.keyframe)], strict=True):
-        own, earlier, width = slice(start, stop), slice(0, start), root.parents(k)
-        F_x, inverse = functions.by_first[own], root.inverse[k]
-        D = F_x @ root.regression[k, :, :width]
-        D[:, :KEYFRAME_DIM] += functions.by_second[own]
-        D[:, KEYFRAME_DIM : KEYFRAME_DIM + functions.by_shared.shape[1]] += functions.by_shared[own]
-        noise = F_x @ inverse
-        if last is not None:
-            gain = np.eye(B.shape[1])
+    places, starts = np.unique(functions.keyframe, return_index=True)
+    ends = np.append(starts[1:], len(functions.keyframe)).tolist()
+    ahead = _ahead(root, covariance, places)
+    B, last = np.zeros((0, 0)), int(places[0]) - 1 if places.size else 0
+    for begin in range(0, len(places), _PLACES_AT_A_TIME):
+        some = slice(begin, begin + _PLACES_AT_A_TIME)
+        earlier, own = slice(0, starts[begin]), slice(starts[begin], ends[some][-1])
+        width = KEYFRAME_DIM + root.kept(last + 1).size
+        carried = np.eye(width)
+        cross = np.zeros((width + own.stop - own.start, own.stop - own.start))
+        for k, start, stop in zip(places[some].tolist(), starts[some], ends[some], strict=True):
+            D, noise = _given_parents(root, functions, k, slice(start, stop))
             for between in range(last + 1, k):
-                gain = _carried(root, gain, between)
-            B = B @ gain
-            before = B[:, :KEYFRAME_DIM] @ inverse
-            B = _carried(root, B, k)
-            total[earlier, own] = B @ (ahead[k] @ D.T) + before @ noise.T
+                carried = _carried(root, carried, between)
+            before = carried[:, :KEYFRAME_DIM] @ root.inverse[k]
+            carried = np.concatenate([_carried(root, carried, k), D])
+            part = cross[: len(carried), start - own.start : stop - own.start]
+            part[:] = carried @ (ahead[k] @ D.T) + np.concatenate([before, noise]) @ noise.T
+            last = k
+        between_own = np.triu(cross[width:])
+        total[own, own] = between_own + np.triu(between_own, 1).T
+        if begin:
+            total[earlier, own] = B @ cross[:width]
             total[own, earlier] = total[earlier, own].T
-        total[own, own] = D @ ahead[k] @ D.T + noise @ noise.T
-        B = np.concatenate([B, D]) if len(B) else D
-        last = k
+        B = np.concatenate([B @ carried[:width], carried[width:]]) if begin else carried[width:]
     return total
+
+
+def _given_parents(root: SquareRoot, functions: Functions, k: int, own: slice) -> tuple[Array, Array]:
+    """Return D and ``F_x R_k^-1`` of functions of keyframe k, which are ``D y_k + F_x R_k^-1 e``."""
+    F_x = functions.by_first[own]
+    D = F_x @ root.regression[k, :, : root.parents(k)]
+    D[:, :KEYFRAME_DIM] += functions.by_second[own]
+    D[:, KEYFRAME_DIM : KEYFRAME_DIM + functions.by_shared.shape[1]] += functions.by_shared[own]
+    return D, F_x @ root.inverse[k]
+
+
+def _ahead(root: SquareRoot, covariance: Covariance, keyframes: np.ndarray) -> Mapping[int, Array]:
+    """Return the covariances of y_k of some keyframes but the last: along a chain those of z_{k+1}."""
+    if not root.ahead.any():
+        return {k: covariance.marginal[k + 1] for k in keyframes.tolist()}
+    wanted = set(keyframes.tolist())
+    return {window.k: window.ahead for window in _windows(root) if window.k in wanted}
 
 
 def _carried(root: SquareRoot, B: Array, k: int) -> Array:
@@ -196,13 +221,6 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
     carried[:dim, last] += functions.by_second[last].T
     carried[dim : dim + functions.by_shared.shape[1]] += functions.by_shared.T  # what is behind is not touched
     return total, carried[:size]
-
-
-def _chain_gain(root: SquareRoot) -> Array:
-    gain = np.zeros((len(root.regression) - 1, root.size, root.size))
-    gain[:, :KEYFRAME_DIM] = root.regression[:-1]
-    gain[:, KEYFRAME_DIM:, KEYFRAME_DIM:] = np.eye(root.size - KEYFRAME_DIM)
-    return gain
 
 
 def _gain(marginal: Array, cross: Array) -> Array:
