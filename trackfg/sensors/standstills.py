@@ -28,7 +28,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import Span, true_runs
 from trackfg.numerics.units import STANDARD_GRAVITY
-from trackfg.recording.model import Recording
+from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.sensors.tach_rests import Candidates, tach_rests
 
 SHORTEST_S = 1.0
@@ -104,40 +104,44 @@ def find_standstills(
 
 @dataclass(frozen=True)
 class _Samples:
-    """Inertial samples at ``t`` (n,), s: the integrals of rates and forces (n, 6) and of their squares, over samples,
-    both less the run's median, which keeps the digits of a variance.
-    """
+    """Inertial samples at ``t`` (n,), s, and what the tach shows are looked at only where a rest may be."""
 
     t: Array
-    level: Array
-    total: Array
-    square: Array
+    recording: Recording
 
     @classmethod
     def of(cls, recording: Recording) -> _Samples:
-        t = recording.imu["t_s"].to_numpy()
-        speed = np.zeros(len(t))
-        if recording.tach is not None and len(recording.tach) > 1 and len(t) > 1:
-            edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
-            speed = np.diff(np.interp(edges, *recording.tach[["t_s", "distance_m"]].to_numpy().T)) / np.diff(edges)
-        signals = np.column_stack([recording.gyro, recording.accel, speed])
-        level = np.median(signals, axis=0)
-        signals -= level
-        nothing = np.zeros((1, len(level)))
-        total, square = (np.vstack([nothing, np.cumsum(x, axis=0)]) for x in (signals, signals**2))
-        return cls(t, level, total, square)
+        return cls(recording.imu["t_s"].to_numpy(), recording)
 
     def means(self, times: Array) -> tuple[Array, Array]:
-        """Return mean and variance (m - 1, 6) of the samples between neighbouring times (m,), s.
+        """Return mean and variance (m - 1, 7) of rate, force and the tach's speed between neighbouring times (m,), s.
 
         Where there are no samples between two, those of the next.
         """
         at = np.searchsorted(self.t, times)
         at[1:] = np.maximum(at[1:], at[:-1] + 1)
         at = np.minimum(at, len(self.t))
-        count = np.maximum(np.diff(at), 1)[:, None]
-        mean, square = (np.diff(x[at], axis=0) / count for x in (self.total, self.square))
-        return mean + self.level, np.maximum(square - mean**2, 0.0)
+        signals = self._signals(slice(at[0], at[-1]))
+        level = signals.mean(axis=0) if len(signals) else np.zeros(7)
+        signals -= level  # keeps the digits of a variance
+        count, begins, nothing = np.diff(at)[:, None], at[:-1] - at[0], np.zeros((1, 7))
+        total, square = (np.add.reduceat(np.concatenate([x, nothing]), begins) for x in (signals, signals**2))
+        total, square = (np.where(count > 0, x, 0.0) / np.maximum(count, 1) for x in (total, square))
+        return total + level, np.maximum(square - total**2, 0.0)
+
+    def _signals(self, rows: slice) -> Array:
+        """Return rates, forces and the tach's speed of some samples, (m, 7)."""
+        t, tach, imu = self.t, self.recording.tach, self.recording.imu
+        signals = np.zeros((len(t[rows]), 7))
+        for column, name in enumerate(IMU_COLUMNS[1:]):
+            signals[:, column] = imu[name].to_numpy()[rows]
+        if tach is not None and len(tach) > 1 and len(t) > 1 and len(signals):
+            near = t[max(rows.start - 1, 0) : rows.stop + 1]
+            edges = np.concatenate([near[:1], 0.5 * (near[1:] + near[:-1]), near[-1:]])
+            first = min(rows.start, 1)
+            edges = edges[first : first + len(signals) + 1]
+            signals[:, 6] = np.diff(np.interp(edges, *tach[["t_s", "distance_m"]].to_numpy().T)) / np.diff(edges)
+        return signals
 
 
 @dataclass(frozen=True)
