@@ -100,7 +100,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         speed_distance(
             first, 0, {"distance": normal(f), "swing": normal(f), "across": normal(f)}, sigma(f, 1), loss, "speed/1"
         ),
-        nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9)),
+        nav_prior(all_k, Nav(so3_exp(normal(n, 3)), normal(n, 3), normal(n, 3)), sigma(n, 9), lever),
     ]
 
 

@@ -24,7 +24,7 @@ from trackfg.output.trajectory import QUANTITIES
 from trackfg.smoothing.smoother import smooth_states
 
 NOISE_FREE = ("mainline", "mainline-gnss", "trolley", "shunting")
-COVERED = ("mainline", "mainline-gnss", "trolley")
+COVERED = ("mainline", "mainline-gnss", "trolley", "measuring-car")
 STATES = (
     *QUANTITIES,
     "wheel_scale",

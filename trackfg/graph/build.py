@@ -324,8 +324,9 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
+    start = replace(states.nav[:1], p=states.nav.p[:1] - states.nav.R[0] @ inputs.lever_arm)
     return [
-        nav_prior(first, states.nav[:1], nav_sd),
+        nav_prior(first, start, nav_sd, inputs.lever_arm),
         prior(Kind.BIAS, first, bias[None], bias_sd[None]),
         prior(Kind.ODO, first, states.odo.array[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
         prior(Kind.MOUNT, first, np.zeros((1, Kind.MOUNT.dim)), mount_sd),

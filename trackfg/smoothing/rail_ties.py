@@ -117,7 +117,7 @@ def _rail_factors(
     sightings = RailSightings(
         first=k,
         start=j,
-        across=_across(at.nav.p - states.nav.p[k]),
+        across=_across(at.nav.p - states.nav.p[k]) @ states.nav.R[k],
         lead=matches.lead - arm,
         trail=matches.trail - arm,
         fraction=h,
@@ -144,7 +144,7 @@ def _rail_factors_at_rest(problem: Problem, states: States, view: RailView, conf
     seen = RailSightings(
         first=k,
         start=k,
-        across=_across(start.R[:, :, 0]),
+        across=_across(start.R[:, :, 0]) @ start.R,
         lead=points[k] - problem.run.lever_arm,
         trail=points[k + 1] - problem.run.lever_arm,
         fraction=np.ones(m),

@@ -39,7 +39,7 @@ def one_keyframe(distance: float, *measured: Family) -> Any:
         native=gtsam.NonlinearFactorGraph(),
         families=(
             *priors,
-            nav_prior(index, nav, np.ones((1, 9))),
+            nav_prior(index, nav, np.ones((1, 9)), np.zeros(3)),
             prior(Kind.ODO, index, odo, np.array([[VAGUE, 1.0, 1.0, 1.0]])),
             *measured,
         ),
