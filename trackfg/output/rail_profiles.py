@@ -7,6 +7,7 @@ chainage, which is the vehicle's plus its place along the vehicle. Where several
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,8 +19,10 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, profiles
-from trackfg.recording.description import RecordingDescription
 from trackfg.sensors.displacement import SIDES, RailView, Side
+
+if TYPE_CHECKING:
+    from trackfg.recording.description import RecordingDescription
 
 _KEPT = 0.78
 """Variance of resampled independent readings times their number per step, as measured: the low-pass has 0.81 of the
