@@ -45,6 +45,12 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
     ] = None,
     timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run.")] = 14400.0,
     memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run.")] = 4.0,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="Compute on a running dask.distributed cluster: tcp://HOST:8786.", show_default=False
+        ),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what is to be computed and why, and stop.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of text.")] = False,
 ) -> None:
@@ -68,7 +74,7 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
         sys.stdout.writelines(_planned_line(each, json) for each in planned)
         return
     wanted = sum(not each.fresh for each in planned)
-    limits = Limits(timeout_s=timeout or None, memory_bytes=round(memory * 1e9), jobs=jobs)
+    limits = Limits(timeout_s=timeout or None, memory_bytes=round(memory * 1e9), jobs=jobs, scheduler=scheduler)
     with _progress(wanted) as progress:
         outcomes = run_batch(planned, store, known, limits, progress)
     failed = [outcome for outcome in outcomes if outcome.reason is not None]

@@ -1,30 +1,29 @@
 """A batch computes what a plan says is missing or stale, and keeps the store's catalogue up to date meanwhile.
 
-Each run is a job for an executor of :mod:`concurrent.futures`, here a thread that waits for the run's own process. The
-catalogue is written run by run. A batch that is killed loses nothing but the runs under way, and the next one lists
-what the catalogue lacks.
+Each run is a job for the workers of :mod:`trackfg.fleet.workers`. The catalogue is written run by run. A batch that is
+killed loses nothing but the runs under way, and the next one lists what the catalogue lacks.
 """
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any
 
 import tomli_w
 
 from trackfg.errors import first_line
 from trackfg.fleet.catalogue import Run
-from trackfg.fleet.isolated_run import Job, Outcome, run_isolated
+from trackfg.fleet.isolated_run import Job, Outcome
 from trackfg.fleet.key_figures import done_row, failed_row
-from trackfg.fleet.known_content import KnownContent, Sight, sight
+from trackfg.fleet.known_content import KnownContent
 from trackfg.fleet.machine import processes
 from trackfg.fleet.planning import PlannedRun
 from trackfg.fleet.store import Store
-from trackfg.io.content import content_files
+from trackfg.fleet.workers import Submit, cluster, local_processes
 
 Progress = Callable[[Outcome], None]
 """Called with the outcome of each run that was computed."""
@@ -32,11 +31,15 @@ Progress = Callable[[Outcome], None]
 
 @dataclass(frozen=True)
 class Limits:
-    """What a run may take at most, and how many run at a time here; as many as cores and memory allow for None."""
+    """What a run may take at most, and where it is computed.
+
+    That is on a cluster, or so many ``jobs`` at a time here; None for as many as cores and memory allow.
+    """
 
     timeout_s: float | None
     memory_bytes: int
     jobs: int | None = None
+    scheduler: str | None = None
 
 
 def run_batch(
@@ -53,24 +56,24 @@ def run_batch(
     store.write(_row(store, each.run, Outcome(each.run.name)) for each in planned if each.fresh and not each.listed)
     wanted = {each.run.name: each for each in planned if not each.fresh}
     outcomes: list[Outcome] = []
-    with _executor(limits, len(wanted)) as (executor, stop):
-        seen: dict[str, Sight] = {}
-
-        def work(each: PlannedRun) -> Outcome:
-            seen[each.run.name] = sight(each.run.recording, *content_files(each.run.recording))
-            return run_isolated(_job(each, store, limits), stop)
-
-        for finished in _in_groups({executor.submit(work, each): name for name, each in wanted.items()}):
+    with _workers(store, limits, len(wanted)) as submit:
+        for finished in _in_groups({submit(_job(each, store, limits)): name for name, each in wanted.items()}):
             rows = [_row(store, wanted[outcome.name].run, outcome) for outcome in finished]
             store.write(rows)
-            for row in rows:
-                if digest := row["files_sha256"]:
-                    known.remember(seen[row["run"]], digest)
+            for row, outcome in zip(rows, finished, strict=True):
+                if row["files_sha256"] and outcome.recording is not None:
+                    known.remember(outcome.recording, row["files_sha256"])
             known.save()
             outcomes += finished
             for outcome in finished:
                 progress(outcome)
     return outcomes
+
+
+def _workers(store: Store, limits: Limits, runs: int) -> AbstractContextManager[Submit]:
+    if limits.scheduler is not None:
+        return cluster(limits.scheduler, store.folder)
+    return local_processes(max(1, min(limits.jobs or processes(limits.memory_bytes), runs)))
 
 
 def _job(each: PlannedRun, store: Store, limits: Limits) -> Job:
@@ -95,26 +98,18 @@ def _row(store: Store, run: Run, outcome: Outcome) -> dict[str, Any]:
         return failed_row(run, f"the result cannot be read: {first_line(error)}", "")
 
 
-@contextmanager
-def _executor(limits: Limits, runs: int) -> Iterator[tuple[Executor, threading.Event]]:
-    """Give threads that each wait for one process; with an exception, Ctrl-C included, all processes are ended."""
-    stop = threading.Event()
-    workers = max(1, min(limits.jobs or processes(limits.memory_bytes), runs))
-    with ThreadPoolExecutor(workers, thread_name_prefix="run") as pool:
-        try:
-            yield pool, stop
-        except BaseException:
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _in_groups(names: Mapping[Future[Outcome], str]) -> Iterator[list[Outcome]]:
-    """Yield outcomes as they come, those that came meanwhile together."""
-    pending = set(names)
-    while pending:
-        done, pending = wait(pending, return_when="FIRST_COMPLETED")
-        yield sorted((_outcome(future, names[future]) for future in done), key=lambda outcome: outcome.name)
+def _in_groups(futures: Mapping[Future[Outcome], str]) -> Iterator[list[Outcome]]:
+    """Yield outcomes as they come, those that came meanwhile together; the name of each future's run is known."""
+    done: SimpleQueue[Future[Outcome]] = SimpleQueue()
+    for future in futures:
+        future.add_done_callback(done.put)
+    left = len(futures)
+    while left:
+        finished = [done.get()]
+        while not done.empty():
+            finished.append(done.get())
+        left -= len(finished)
+        yield sorted((_outcome(future, futures[future]) for future in finished), key=lambda outcome: outcome.name)
 
 
 def _outcome(future: Future[Outcome], name: str) -> Outcome:

@@ -21,6 +21,8 @@ from pathlib import Path
 
 from trackfg.errors import OutputError
 from trackfg.files.atomic_folder import replaced_folder
+from trackfg.fleet.known_content import Sight, sight
+from trackfg.io.content import content_files
 
 ATTEMPTS = 3
 """A run is begun so often at most, if others killed its process: the first time, and twice again."""
@@ -59,7 +61,7 @@ class Job:
 class Outcome:
     """How a job ended: ``reason`` and the last lines of its ``log`` where it failed, else None and nothing.
 
-    ``killed``: another process killed it, ``stopped``: it was called off; both say nothing of the run.
+    ``killed``: another process killed it. ``recording`` is what its recording's files looked like before.
     """
 
     name: str
@@ -67,7 +69,7 @@ class Outcome:
     log: str = ""
     seconds: float = 0.0
     killed: bool = False
-    stopped: bool = False
+    recording: Sight | None = None
 
 
 class _FailedError(Exception):
@@ -79,13 +81,12 @@ def run_isolated(job: Job, stop: threading.Event | None = None) -> Outcome:
 
     The result is there whole or not at all.
     """
-    for attempt in range(1, ATTEMPTS + 1):
+    seen = sight(job.recording, *content_files(job.recording))
+    for _ in range(ATTEMPTS):
         outcome = _attempt(job, stop or threading.Event())
         if not outcome.killed:
-            return outcome
-        if attempt == ATTEMPTS:
-            return replace(outcome, reason=f"{outcome.reason}, {ATTEMPTS} times")
-    raise AssertionError("a last attempt returns")
+            return replace(outcome, recording=seen)
+    return replace(outcome, reason=f"{outcome.reason}, {ATTEMPTS} times")
 
 
 def _attempt(job: Job, stop: threading.Event) -> Outcome:
@@ -141,7 +142,7 @@ def _smoothed(job: Job, result: Path, scratch: Path, stop: threading.Event) -> O
     text = _ESCAPES.sub("", log.read_bytes()[-10 * _LOG_LETTERS :].decode("utf-8", "replace"))
     tail = "\n".join(text.strip().splitlines()[-_LOG_LINES:])[-_LOG_LETTERS:]
     if reason is not None:
-        return Outcome(job.name, reason, tail, stopped=stop.is_set())
+        return Outcome(job.name, reason, tail)
     if process.returncode < 0:
         name = _signal_name(-process.returncode)
         if -process.returncode in _OTHERS_SIGNALS:
