@@ -213,7 +213,7 @@ ASSUMPTIONS = (
         slips,
         (0.7, 1.0, 1.4),
     ),
-    Assumption("trackfg.graph.wheel_slip:_ACCELERATION_SD", "accelerometer's error before the graph", slips),
+    Assumption("trackfg.graph.forward_force:_ACCELERATION_SD", "accelerometer's error before the graph", slips),
     Assumption("trackfg.graph.wheel_slip:_ERROR_WALK", "walk of that error", slips),
     Assumption("trackfg.output.slip_events:_RELEASE_S", "how long slide protection releases a brake", slips),
     Assumption("trackfg.output.slip_events:_EDGE_CREEP", "creep at the edges of an event", slips),

@@ -243,10 +243,20 @@ _GRAPH = (
         ),
     ),
     Part(
+        "trackfg/graph/forward_force.py",
+        ("tests/trackfg/graph/test_wheel_slip.py",),
+        (
+            _one(
+                "gravity pulls uphill",
+                "acceleration = force[:, 0] + gravity",
+                "acceleration = force[:, 0] - gravity",
+            ),
+        ),
+    ),
+    Part(
         "trackfg/graph/wheel_slip.py",
         ("tests/trackfg/graph/test_wheel_slip.py",),
         (
-            _one("gravity pulls uphill", "acceleration = force + gravity", "acceleration = force - gravity"),
             _one(
                 "a filter that goes on without what it measured",
                 "v += with_v / variance * innovation",

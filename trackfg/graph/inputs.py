@@ -183,6 +183,7 @@ class GraphInputs:
         p = self.path.position(self.t) + R @ self.lever_arm
         bias = np.zeros((n, 6))
         bias[:, 3:] = self.path.bias(self.t)
+        bias[:, :3] = 0.0 if self.path.start is None else self.path.start.accel
         distance = np.concatenate([[0.0], np.cumsum(self.distance)])
         count = distance if self.wheel is None else self.wheel.at(self.t)
         start = self._start_distance(distance)

@@ -27,18 +27,17 @@ from scipy.linalg import solveh_banded
 from trackfg.config import SmoothConfig
 from trackfg.factors.odometry import creep_sd
 from trackfg.factors.switching import Chain, first_state_probability
+from trackfg.graph.forward_force import ForwardForce, forward_force
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.dead_reckoning import InitialPath
-from trackfg.sensors.imu_intervals import Intervals, means_around
+from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.tach import Wheel
 
 _STEP_S = 0.5
 """Step of the grid, s: slips last longer, and a minute of slip is 120 steps."""
 
-_ACCELERATION_SD = 0.02
-"""m/s in 1 s: noise, vibration, the body on its springs; at least."""
 _ERROR_WALK = 1e-3
 """m/s^2 in 1 s: pitch from the gyro."""
 _SCALE_SD = 0.01
@@ -90,23 +89,6 @@ class Rolling:
         return found
 
 
-class _Sensed(NamedTuple):
-    """The inertial sensor's means over each step, ``force`` (n, 3) m/s^2 and ``rate`` (n, 3) rad/s.
-
-    ``noise`` (n,), m/s in 1 s, is that of the force forwards.
-    """
-
-    force: Array
-    rate: Array
-    noise: Array
-
-    @classmethod
-    def between(cls, t: Array, data: Intervals, floor: NoiseFloor) -> _Sensed:
-        middle = 0.5 * (t[1:] + t[:-1])
-        force, rate = (means_around(middle, _STEP_S, data.edges, samples) for samples in (data.accel, data.gyro))
-        return cls(force, rate, floor.between(t, _ACCELERATION_SD, _ACCELERATION_SD).accel[:, 0])
-
-
 class _Evidence(NamedTuple):
     """The evidence of each step is a forward acceleration (m/s^2) and a rolled distance with its sigma (m).
 
@@ -145,7 +127,8 @@ def rolling(
     t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
     if len(t) < _FEWEST:
         return Rolling(t, np.zeros(len(t)), np.ones(len(t) - 1, dtype=bool), wheel)
-    evidence = _evidence(t, wheel, _Sensed.between(t, data, floor), path, rests, gravity, config)
+    felt = forward_force(t, wheel, data, floor, path, gravity, config)
+    evidence = _evidence(t, wheel, felt, rests, gravity, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
     weight = np.where(credible, 1.0, _LEAST_WEIGHT)
     resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
@@ -160,33 +143,22 @@ def rolling(
 
 
 def _evidence(
-    t: Array, wheel: Wheel, sensed: _Sensed, path: InitialPath, rests: Array, gravity: float, config: SmoothConfig
+    t: Array, wheel: Wheel, felt: ForwardForce, rests: Array, gravity: float, config: SmoothConfig
 ) -> _Evidence:
-    force = sensed.force[:, 0]
-    acceleration = force + gravity * np.sin(_pitch(0.5 * (t[1:] + t[:-1]), sensed.rate, path))
     rolled = np.diff(wheel.at(t))
-    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled, force / gravity))
+    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled, felt.force / gravity))
     if wheel.integrates_speed:
         noise = wheel.speed_variance(t, config.tach.speed_noise_mps)
     else:
         rounding = wheel.reading_sd(t)
         noise = rounding[1:] ** 2 + rounding[:-1] ** 2
-    sigma = np.sqrt(creep**2 + noise) * config.noise.tach
+    late = config.tach.clock_offset_sd_s * felt.acceleration * _STEP_S
+    sigma = np.sqrt(creep**2 + noise + late**2) * config.noise.tach
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M
-    walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * np.diff(acceleration, append=acceleration[-1]))
+    change = np.diff(felt.acceleration, append=felt.acceleration[-1])
+    walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * change)
     resting = within(t, rests)
-    return _Evidence(acceleration, sensed.noise, rolled, sigma, walk, resting[:-1], resting[1:])
-
-
-def _pitch(t: Array, gyro: Array, path: InitialPath) -> Array:
-    """Return the pitch by the gyro alone, up to a constant, at times (n,), rad.
-
-    Track rises and falls alike, so the rate's median is bias.
-    """
-    w = gyro - path.bias(t)
-    roll = np.interp(t, path.t, path.rpy[:, 0])
-    rate = w[:, 1] * np.cos(roll) - w[:, 2] * np.sin(roll)
-    return np.asarray(np.cumsum(rate - np.median(rate)) * _STEP_S)
+    return _Evidence(felt.acceleration, felt.noise, rolled, sigma, walk, resting[:-1], resting[1:])
 
 
 def _passed(evidence: _Evidence) -> np.ndarray:

@@ -1,10 +1,17 @@
-"""Standard deviations come from the data alone: one that outliers do not change, and the jackknife's."""
+"""Standard deviations and least squares that outliers do not change, and the jackknife's standard deviation."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+
+_CAUCHY = 2.385
+"""Residual, in sigmas, at which Cauchy's weight is a half: it has 95 % of the efficiency of plain squares (Zhang,
+*Parameter estimation techniques* (1997))."""
+
+_ROUNDS = 20
+"""Rounds of least squares and weights: these settle to 1 % within ten."""
 
 SD_PER_MAD = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation, 1/Phi^-1(3/4), to four digits (Hampel,
@@ -24,3 +31,23 @@ def jackknife_sd(others: Array, value: float) -> float:
     (Efron, "The jackknife, the bootstrap and other resampling plans", 1982, ch. 3).
     """
     return float(np.sqrt((others.size - 1) / others.size * np.sum((others - value) ** 2)))
+
+
+def cauchy_fit(
+    rows: Array, right: Array, prior_sd: Array, least_sd: float, per_value: float = 1.0
+) -> tuple[Array, Array]:
+    """Return the coefficients (c,) with which ``rows`` (n, c) make ``right`` (n,), and their standard deviations (c,).
+
+    Least squares with Cauchy's weights. Coefficients are about 0 within ``prior_sd`` (c,), infinite where they may be
+    anything. Residuals have their own level, ``least_sd`` at least, in the unit of ``right``; ``per_value`` of them
+    that follow each other are one independent value.
+    """
+    found, weight = np.zeros(rows.shape[1]), np.ones(len(rows))
+    precision = np.diag(1.0 / np.square(prior_sd))
+    for _ in range(_ROUNDS):
+        off = right - rows @ found
+        level = max(robust_sd(off - np.median(off)), least_sd)
+        weighted = rows.T * weight / (per_value * level**2)
+        found = np.linalg.solve(weighted @ rows + precision, weighted @ right)
+        weight = 1.0 / (1.0 + np.square((right - rows @ found) / (_CAUCHY * level)))
+    return found, np.sqrt(np.diagonal(np.linalg.inv(weighted @ rows + precision)))

@@ -78,7 +78,7 @@ def initial_path(
     motion = GridMotion(t, gyro, accel, *_speed(recording, wheel, t))
     bias = starting_bias(motion, rests, earth_rate, recording.description.imu.noise, recording.gnss)
     w = gyro - bias.gyro
-    slow = _low_pass(motion.tilt(bias.gyro))
+    slow = _low_pass(motion.tilt(bias.gyro, bias.accel))
     rp = slow
     dt = np.gradient(t)[:, None]
     for _ in range(2):  # the rates of roll and pitch depend on roll and pitch themselves

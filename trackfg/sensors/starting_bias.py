@@ -5,8 +5,13 @@ from one to the next it walks. So the means of rests are smoothed by
 
     sum (b_i - mean_i)^2 T_i / density^2 + sum (b_i+1 - b_i)^2 / (walk^2 dt_i)
 
+The accelerometer's bias across tilts the vertical, and a turn of the vehicle by psi about a vertical that is off by e
+looks to the gyro like a tilt by psi e across e: by that error the integrated rates of roll and pitch, less the tilt of
+the specific force, change with the heading. It is believed as far as the declared sigma allows; beyond three sigmas,
+its own size is its sigma.
+
 **Without any rest** the bias across is what makes the integrated gyro run away from gravity: the slope, over the run,
-of the integrated rates of roll and pitch less the tilt of the specific force. Kinematic accelerations spoil single
+of the same difference. Kinematic accelerations spoil single
 tilts by 0.01 rad; over a minute that leaves 2e-4 rad/s.
 
 The vertical part follows from GNSS positions in the same way, as the slope of the integrated yaw rate less the heading
@@ -20,13 +25,14 @@ are held against their level.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from scipy.linalg import solve_banded
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.robust import SD_PER_MAD
+from trackfg.numerics.robust import SD_PER_MAD, cauchy_fit
 from trackfg.numerics.spans import median_interval, within
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import ImuNoise
@@ -35,6 +41,15 @@ from trackfg.sensors.tilt import euler_rates, force_tilt
 
 _ROUNDS = 3
 """The tilt depends on the yaw rate, and so on the bias: each round leaves some per cent of the error."""
+
+_KINEMATIC_S = 5.0
+"""Tilts by the specific force err for so long, s: accelerations that the speed does not show, gradients that change."""
+
+_TILT_SD = 0.1
+"""Sigma of the tilt by the bias of any accelerometer, rad: a sensor of a few euros is off by 50 to 100 mg."""
+
+_LEAST_TILT_SD = 1e-3
+"""Tilts by the specific force err by so much at least, rad: 0.01 m/s^2."""
 
 _CURVE_LASTS_S = 10.0
 """A curve or a straight lasts so long, s: yaw rates are as many independent ones as there are such times in a run."""
@@ -60,14 +75,16 @@ _LONGEST_CHORD_S = 60.0
 
 @dataclass(frozen=True)
 class StartingBias:
-    """``gyro`` (n, 3) is its bias over time, rad/s. ``gyro_level``, rad/s, and ``accel_level``, m/s^2, are how large
-    biases of the sensor are at least, by what shows of them.
+    """``gyro`` (n, 3) is its bias over time, rad/s; ``accel`` (3,), m/s^2, is the accelerometer's across the vertical,
+    as far as turns show it. ``gyro_level``, rad/s, and ``accel_level``, m/s^2, are how large biases of the sensor are
+    at least, by what shows of them.
 
     ``vertical_sd``, rad/s: sigma of the gyro's vertical part where it follows from what tracks are like; None where
     rests or positions measure it.
     """
 
     gyro: Array
+    accel: Array
     gyro_level: float
     accel_level: float
     vertical_sd: float | None = None
@@ -88,9 +105,9 @@ class GridMotion:
         w = self.gyro - bias
         return np.stack([self.acceleration, self.speed * w[:, 2], -self.speed * w[:, 1]], axis=1)
 
-    def tilt(self, bias: Array) -> Array:
-        """Return roll and pitch (n, 2), rad, by the specific force less its kinematic part."""
-        return force_tilt(self.accel - self.kinematic(bias))
+    def tilt(self, bias: Array, accel_bias: Array) -> Array:
+        """Return roll and pitch (n, 2), rad, by the specific force less its kinematic part and its bias (3,)."""
+        return force_tilt(self.accel - accel_bias - self.kinematic(bias))
 
 
 def starting_bias(
@@ -103,12 +120,42 @@ def starting_bias(
     if len(rests):
         gyro, vertical_sd = rest_bias(motion.t, motion.gyro, rests, earth_rate, noise.gyro_bias_walk), None
     else:
-        start, vertical_sd = _without_rests(motion, earth_rate, noise.gyro_bias_sd, gnss)
+        start, vertical_sd = _without_rests(motion, earth_rate, noise, gnss)
         gyro = np.tile(start, (len(motion.t), 1))
+    across = _Across.of(motion, gyro, noise.accel_bias_sd)
     force = motion.accel - motion.kinematic(gyro)
     resting = within(motion.t, rests) if len(rests) else np.ones(len(motion.t), dtype=bool)
     excess = float(np.linalg.norm(np.median(force[resting], axis=0))) - STANDARD_GRAVITY
-    return StartingBias(gyro, float(np.abs(gyro[0]).max()), abs(excess), vertical_sd)
+    level = max(abs(excess), across.accel_level)
+    return StartingBias(gyro, across.accel, float(np.abs(gyro[0]).max()), level, vertical_sd)
+
+
+@dataclass(frozen=True)
+class _Across:
+    """What turns and time make of roll and pitch by the gyro (:attr:`turned`, (n, 3), rad, with the heading) less that
+    by the specific force: ``gyro`` (2,), rad/s, is what is left of its bias, ``accel`` (3,), m/s^2, the bias that
+    tilts, ``accel_level``, m/s^2, how large such a bias is at least.
+    """
+
+    gyro: Array
+    accel: Array
+    accel_level: float
+    turned: Array
+
+    @classmethod
+    def of(cls, motion: GridMotion, bias: Array, declared_sd: float) -> _Across:
+        """Return them for a gyro's bias (3,) or (n, 3), rad/s, with the declared sigma of the accelerometer's."""
+        step, since = np.gradient(motion.t), motion.t - motion.t[0]
+        error = np.zeros(2)
+        for _ in range(_ROUNDS):
+            # A pitch that is off makes a turn look like rolling, a roll that is off like pitching downhill.
+            tilt = motion.tilt(bias, -STANDARD_GRAVITY * np.append(error, 0.0))
+            turned = np.cumsum(euler_rates(motion.gyro - bias, tilt) * step[:, None], axis=0)
+            terms = np.stack([np.ones_like(since), since, turned[:, 2]], axis=1)
+            off = turned[:, :2] - tilt + error * turned[:, 2:]
+            fits = [_drift_and_error(terms, y, declared_sd / STANDARD_GRAVITY) for y in off.T]
+            drift, error, level = np.array(fits).T
+        return cls(drift, -STANDARD_GRAVITY * np.append(error, 0.0), STANDARD_GRAVITY * float(level.max()), turned)
 
 
 def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array, walk: float = np.inf) -> Array:
@@ -133,21 +180,31 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array, walk: floa
     return interpolate_columns(t, middle, np.asarray(solve_banded((1, 1), band, mean * duration[:, None])))
 
 
+def _drift_and_error(terms: Array, off: Array, declared_sd: float) -> tuple[float, float, float]:
+    """Return a drift, rad/s, and an error of the tilt, rad, by which ``terms`` (n, 3) make ``off`` (n,), rad, and how
+    large the error is at least: 0 where it is within three sigmas ``declared_sd``, rad.
+    """
+    per_value = max(1.0, _KINEMATIC_S / median_interval(terms[:, 1]))
+    fit = partial(cauchy_fit, terms, off, least_sd=_LEAST_TILT_SD, per_value=per_value)
+    (_, _, error), sd = fit(prior_sd=np.array([np.inf, np.inf, _TILT_SD]))
+    level = abs(error) if abs(error) > _OUTLIER_SIGMAS * np.hypot(declared_sd, sd[2]) else 0.0
+    (_, drift, error), _ = fit(prior_sd=np.array([np.inf, np.inf, max(level, declared_sd)]))
+    return drift, error, level
+
+
 def _without_rests(
-    motion: GridMotion, earth_rate: Array, declared_sd: float, gnss: pd.DataFrame | None
+    motion: GridMotion, earth_rate: Array, noise: ImuNoise, gnss: pd.DataFrame | None
 ) -> tuple[Array, float | None]:
     """Return the gyro's bias (3,), rad/s, and the sigma of its vertical part where that is assumed."""
-    step = np.gradient(motion.t)[:, None]
     bias, vertical_sd = np.median(motion.gyro, axis=0) * [1.0, 1.0, 0.0], None
     for _ in range(_ROUNDS):
-        tilt = motion.tilt(bias)
-        rates = euler_rates(motion.gyro - bias, tilt)
-        turned = np.cumsum(rates * step, axis=0)
-        bias[:2] += _slope(motion.t, turned[:, :2] - tilt)
-        level = max(declared_sd, float(np.abs(bias[:2]).max()))
-        middle, sd = _shorth(_yaw_rates(motion, rates[:, 2] + bias[2] - earth_rate[2]))
+        across = _Across.of(motion, bias, noise.accel_bias_sd)
+        bias[:2] += across.gyro
+        level = max(noise.gyro_bias_sd, float(np.abs(bias[:2]).max()))
+        rate = np.gradient(across.turned[:, 2], motion.t)
+        middle, sd = _shorth(_yaw_rates(motion, rate + bias[2] - earth_rate[2]))
         sd = max(sd, abs(middle) - 2.0 * level)
-        headings = _headings(motion, turned[:, 2], gnss)
+        headings = _headings(motion, across.turned[:, 2], gnss)
         if headings is not None and _slope_sd(headings[:, 0]) < sd:
             bias[2] += _slope(headings[:, 0], headings[:, 1:])[0] - earth_rate[2]
             vertical_sd = None

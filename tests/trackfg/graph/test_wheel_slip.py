@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets import slip_wheel
-from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.catalogue import YARD, scenario
+from trackfg.datasets.effects.inertial import LowCost
+from trackfg.datasets.effects.mounting import Tilt
+from trackfg.datasets.effects.vibration import Vibration
+from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.units import STANDARD_GRAVITY
@@ -85,3 +90,16 @@ def test_a_mended_wheel_goes_by_the_speed_where_it_did_not_roll() -> None:
     mended = wheel.with_speed(grid, np.full(grid.size, 1.0), rolls)
     expected = np.interp(t, [0.0, 4.0, 6.0, 10.0], [0.0, 8.0, 10.0, 18.0])
     np.testing.assert_allclose(mended.at(t), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_sensor_of_a_few_euros_in_sharp_curves_shows_no_slip(seed: int) -> None:
+    line = replace(YARD, radius_m=(40.0, 120.0), straight_m=(20.0, 100.0), max_turn_rad=2.0, transition_min_m=10.0)
+    run = simulate(
+        replace(scenario("mainline"), line=line, balises=None, effects=(LowCost(0.5), Tilt(3.0), Vibration(0.5))),
+        seed=seed,
+        duration_s=150.0,
+    )
+    found, wheel = found_in(run.recording)
+    assert found.rolls.mean() > 0.95
+    assert found.wheel.distance[-1] == pytest.approx(wheel.distance[-1], rel=0.01)

@@ -38,12 +38,11 @@ def yaw_error(run: Simulation, path: InitialPath) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_attitude_is_within_5_mrad(simulated: Callable[..., Simulation], seed: int) -> None:
-    """The accelerometer's bias of 0.02 m/s^2 (1 sigma) is 2 mrad of it, at rest too: that part is taken off."""
+    """The accelerometer's bias of 0.02 m/s^2 (1 sigma) is 2 mrad in each of both, if curves do not show it."""
     run = simulated("mainline", seed=seed, duration_s=400.0)
     path = path_of(run)
-    bias = run.truth[["accel_bias_x_mps2", "accel_bias_y_mps2"]].iloc[0].to_numpy() / 9.80665
-    error = tilt_error(run, path) - [bias[1], -bias[0]]
-    assert np.sqrt(np.mean(error**2, axis=0)).max() < 1.5e-3
+    error = tilt_error(run, path)
+    assert np.sqrt(np.mean(error**2, axis=0)).max() < 2e-3
     assert np.quantile(np.abs(error), 0.99) < 5e-3
     assert np.abs(error).max() < 8e-3
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -49,6 +51,15 @@ def test_without_rests_tilt_and_straights_tell_the_bias() -> None:
     assert start.gyro_level == pytest.approx(0.02, rel=0.05)
     assert start.vertical_sd is not None
     assert abs(start.gyro[0, 2] - BIAS[2]) < 3.0 * start.vertical_sd
+
+
+def test_curves_tell_the_accelerometers_bias_from_a_tilt() -> None:
+    motion, _ = ride(curves(2400))
+    bias = np.array([0.4, -0.6, 0.3])
+    start = starting_bias(replace(motion, accel=motion.accel + bias), NO_RESTS, np.zeros(3), ImuNoise(), None)
+    np.testing.assert_allclose(start.accel[:2], bias[:2], atol=0.05)
+    assert start.accel_level == pytest.approx(0.6, abs=0.05)
+    np.testing.assert_allclose(start.gyro[0, :2], BIAS[:2], atol=1e-3)
 
 
 @pytest.mark.parametrize("rate", [0.2, -0.2])

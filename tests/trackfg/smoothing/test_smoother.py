@@ -270,23 +270,23 @@ def test_one_second_is_enough(simulated: Callable[..., Simulation]) -> None:
     assert np.isfinite(result.trajectory.to_numpy()).all()
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_beats_dead_reckoning(
-    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], seed: int
-) -> None:
-    """Against the cheap pass that it starts from: attitude in rms, and speed."""
-    run, result = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
-    recording = run.recording
-    path = initial_path(
-        recording, intervals(recording), read_wheel(recording, 5.0), result.problem.rests, np.zeros(3), 0.0
-    )
-    t = result.trajectory["t_s"].to_numpy()
-    rough = np.stack([np.interp(t, path.t, path.rpy[:, c]) for c in range(2)], axis=1) - run.ride.rpy(t)[:, :2]
-    fine = errors(run, result.trajectory)[["roll_rad", "pitch_rad"]].to_numpy()
-    assert np.sqrt(np.mean(fine**2)) < 0.8 * np.sqrt(np.mean(rough**2))
-    place = np.stack([np.interp(t, path.t, path.p[:, c]) for c in range(3)], axis=1) - run.ride.position(t)
-    smooth_place = errors(run, result.trajectory)[list(PLACE)].to_numpy()
-    assert np.sqrt(np.mean(smooth_place[:, 2] ** 2)) < np.sqrt(np.mean(place[:, 2] ** 2))
+def test_beats_dead_reckoning(simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates]) -> None:
+    """Against the cheap pass that it starts from: attitude in rms on each run, height over five."""
+    heights = []
+    for seed in range(5):
+        run, result = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
+        recording = run.recording
+        path = initial_path(
+            recording, intervals(recording), read_wheel(recording, 5.0), result.problem.rests, np.zeros(3), 0.0
+        )
+        t = result.trajectory["t_s"].to_numpy()
+        rough = np.stack([np.interp(t, path.t, path.rpy[:, c]) for c in range(2)], axis=1) - run.ride.rpy(t)[:, :2]
+        fine = errors(run, result.trajectory)[["roll_rad", "pitch_rad"]].to_numpy()
+        assert np.sqrt(np.mean(fine**2)) < 0.8 * np.sqrt(np.mean(rough**2))
+        place = np.interp(t, path.t, path.p[:, 2]) - run.ride.position(t)[:, 2]
+        heights.append([np.mean(errors(run, result.trajectory)[PLACE[2]] ** 2), np.mean(place**2)])
+    smoother, reckoned = np.sqrt(np.mean(heights, axis=0))
+    assert smoother < 0.5 * reckoned
 
 
 def test_result_survives_the_folder(simulated: Callable[..., Simulation], tmp_path: Path) -> None:
