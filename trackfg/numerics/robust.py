@@ -42,7 +42,8 @@ def cauchy_fit(
     anything. Residuals have their own level, ``least_sd`` at least, in the unit of ``right``; ``per_value`` of them
     that follow each other are one independent value.
     """
-    found, weight = np.zeros(rows.shape[1]), np.ones(len(rows))
+    found: Array = np.zeros(rows.shape[1])
+    weight: Array = np.ones(len(rows))
     precision = np.diag(1.0 / np.square(prior_sd))
     for _ in range(_ROUNDS):
         off = right - rows @ found
