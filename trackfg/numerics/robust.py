@@ -42,13 +42,12 @@ def cauchy_fit(
     anything. Residuals have their own level, ``least_sd`` at least, in the unit of ``right``; ``per_value`` of them
     that follow each other are one independent value.
     """
-    found: Array = np.zeros(rows.shape[1])
-    weight: Array = np.ones(len(rows))
+    found, weight = np.zeros(rows.shape[1]), np.ones(len(rows))
     precision = np.diag(1.0 / np.square(prior_sd))
     for _ in range(_ROUNDS):
         off = right - rows @ found
         level = max(robust_sd(off - np.median(off)), least_sd)
         weighted = rows.T * weight / (per_value * level**2)
-        found = np.linalg.solve(weighted @ rows + precision, weighted @ right)
-        weight = 1.0 / (1.0 + np.square((right - rows @ found) / (_CAUCHY * level)))
+        found = np.asarray(np.linalg.solve(weighted @ rows + precision, weighted @ right), dtype=np.float64)
+        weight = np.asarray(1.0 / (1.0 + np.square((right - rows @ found) / (_CAUCHY * level))), dtype=np.float64)
     return found, np.sqrt(np.diagonal(np.linalg.inv(weighted @ rows + precision)))
