@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from trackfg.errors import BadInputError
+from trackfg.files.small_file import read_model
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -198,15 +197,4 @@ class SmoothConfig(_Section):
     @classmethod
     def from_toml(cls, path: str | Path) -> SmoothConfig:
         """Read a configuration file. Raises ``BadInputError`` that names the file, the key and what was expected."""
-        path = Path(path)
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise BadInputError(f"{path}: cannot be read: {error}") from error
-        try:
-            return cls.model_validate(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
-            raise BadInputError(f"{path}: not valid TOML: {error}") from error
-        except ValidationError as error:
-            problems = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-            raise BadInputError(f"{path}: " + "; ".join(problems)) from error
+        return read_model(Path(path), cls)

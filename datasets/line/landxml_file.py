@@ -5,6 +5,7 @@ A file is data from anywhere: no document type, no entities, no network, and a l
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Any
 from lxml import etree
 
 from trackfg.errors import BadInputError
+from trackfg.files.small_file import read_small
 
 NAMESPACE = "http://www.landxml.org/schema/LandXML-1.2"
 _MOST_BYTES = 256 * 2**20
@@ -103,12 +105,11 @@ def open_landxml(path: Path | str) -> Node:
     """
     path = Path(path)
     try:
-        size = path.stat().st_size
-        if size > _MOST_BYTES:
-            wish = f"expected at most {_MOST_BYTES // 2**20} MiB: leave out surfaces and points"
-            raise BadInputError(f"{path}: it has {size / 2**20:.0f} MiB: {wish}")
-        content = path.read_bytes()
+        content = read_small(path, _MOST_BYTES)
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            wish = f"expected at most {_MOST_BYTES // 2**20} MiB: leave out surfaces and points"
+            raise BadInputError(f"{path}: it has {path.stat().st_size / 2**20:.0f} MiB: {wish}") from error
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a LandXML file") from error
     parser = etree.XMLParser(
         resolve_entities=False, load_dtd=False, no_network=True, dtd_validation=False, huge_tree=False,

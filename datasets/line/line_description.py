@@ -8,7 +8,6 @@ chainage of its gradient point.
 from __future__ import annotations
 
 import itertools
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,15 +19,22 @@ from trackfg.datasets.line.alignment import LONGEST_M, SMALLEST_RADIUS_M, Elemen
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.vertical_profile import STEEPEST
 from trackfg.errors import BadInputError
+from trackfg.files.small_file import read_toml
 from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Model, Positive
+from trackfg.recording.description import Angle, Length, Model
 
 FORMAT = "trackfg-line/1"
 _SMALLEST_VERTICAL_RADIUS_M = 100.0
 """A smaller radius of a vertical curve is taken for an error, m."""
 
 TransitionLaw = Literal["clothoid", "half-sine", "sine", "bloss", "helmert", "cubic-parabola"]
+
+
+Chainage = Annotated[float, Field(strict=True, ge=-1e7, le=1e7)]
+"""m: longer than any railway."""
+ElementLength = Annotated[float, Field(strict=True, gt=0)]
+"""m."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +53,17 @@ class Straight(Model):
     """A straight, without cant."""
 
     type: Literal["straight"]
-    length_m: Positive
+    length_m: ElementLength
 
 
 class CurveElement(Model):
     """A circle. Its side is the radius's sign (left positive) or ``turn``. ``cant_mm`` raises the outer rail."""
 
     type: Literal["curve"]
-    length_m: Positive
+    length_m: ElementLength
     radius_m: float
     turn: Literal["left", "right"] | None = None
-    cant_mm: float = 0.0
+    cant_mm: Annotated[float, Field(strict=True, ge=-1000, le=1000)] = 0.0
 
     @model_validator(mode="after")
     def _radius_is_usable(self) -> CurveElement:
@@ -82,14 +88,14 @@ class Transition(Model):
     """A transition leads between its neighbours' curvatures and cants."""
 
     type: Literal["transition"]
-    length_m: Positive
+    length_m: ElementLength
     law: TransitionLaw = "clothoid"
 
 
 class Gradient(Model):
     """The track climbs from ``chainage_m`` on, by ``permille``; a circle of ``vertical_radius_m`` leads to it."""
 
-    chainage_m: float
+    chainage_m: Chainage
     permille: Annotated[float, Field(ge=-1e3 * STEEPEST, le=1e3 * STEEPEST)]
     vertical_radius_m: Annotated[float, Field(ge=_SMALLEST_VERTICAL_RADIUS_M)] | None = None
 
@@ -97,15 +103,15 @@ class Gradient(Model):
 class SpeedLimit(Model):
     """The limit holds from ``chainage_m`` on."""
 
-    chainage_m: float
-    kmh: Positive
+    chainage_m: Chainage
+    kmh: Annotated[float, Field(strict=True, gt=0, le=1000)]
 
 
 class Station(Model):
     """A stopping place."""
 
     name: str
-    chainage_m: float
+    chainage_m: Chainage
 
 
 class LineDescription(Model):
@@ -113,10 +119,10 @@ class LineDescription(Model):
 
     format: Literal["trackfg-line/1"]
     id: str
-    gauge_m: Positive = 1.435
-    cross_level_base_m: Positive = 1.5
-    start_chainage_m: float = 0.0
-    heading_deg: float = 90.0
+    gauge_m: Length = 1.435
+    cross_level_base_m: Length = 1.5
+    start_chainage_m: Chainage = 0.0
+    heading_deg: Angle = 90.0
     speed_limit: Annotated[tuple[SpeedLimit, ...], Field(min_length=1)]
     station: tuple[Station, ...] = ()
     element: Annotated[
@@ -133,13 +139,9 @@ def read_line(path: Path | str) -> DescribedLine:
     """
     path = Path(path)
     try:
-        description = LineDescription.model_validate(tomllib.loads(path.read_bytes().decode("utf-8")))
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a line description") from error
+        description = LineDescription.model_validate(read_toml(path))
     except ValidationError as error:
         raise BadInputError(f"{path}: " + "; ".join(_sentence(dict(detail)) for detail in error.errors())) from error
-    except (ValueError, RecursionError) as error:
-        raise BadInputError(f"{path}: not valid TOML in UTF-8: {error}") from error
     try:
         return line_from(description)
     except ValueError as error:

@@ -105,7 +105,7 @@ def specific_force_blocks(imu: pd.DataFrame) -> Array:
     """Specific force averaged over blocks of about half a second, m/s^2. Shape (blocks, 3)."""
     accel = imu[list(IMU_COLUMNS[4:7])].to_numpy()
     interval = float(np.median(np.diff(imu["t_s"])))
-    size = max(1, min(round(0.5 / interval), accel.shape[0] // 4))
+    size = max(1, round(min(0.5 / max(interval, np.finfo(np.float64).tiny), accel.shape[0] // 4)))
     return np.asarray(accel[: accel.shape[0] // size * size].reshape(-1, size, 3).mean(axis=1), dtype=np.float64)
 
 

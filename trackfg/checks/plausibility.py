@@ -35,6 +35,8 @@ def findings(
     """All of them. ``toml`` is the name of the description's file."""
     found: list[Finding] = []
     imu, imu_table, tach_table = parts.get("imu"), tables.get("imu"), tables.get("tach")
+    if tach_table is not None:
+        tach_table = of_this_run(imu_table, tach_table, limits)
     track = parts.get("track")
     if isinstance(track, Track):
         found += _track(track, toml, gnss_origin)
@@ -272,11 +274,13 @@ def _overlaps(
             continue
         t = table["t_s"].to_numpy()
         share = float(np.mean((t >= begin) & (t <= end)))
+        near = _near(imu, table, limits)
+        if not near.all():
+            found.append(_far_rows(part, t, near, begin, end))
         if share >= limits.overlap_warning:
-            found += _far_rows(part, t, begin, end, limits)
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
-        is_error = share == 0.0 and (t[0] > end or t[-1] < begin)
+        is_error = (share == 0.0 and (t[0] > end or t[-1] < begin)) or not near.any()
         section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
         found.append(
             Finding(
@@ -292,19 +296,29 @@ def _overlaps(
     return found
 
 
-def _far_rows(part: Table, t: Array, begin: float, end: float, limits: CheckLimits) -> list[Finding]:
-    """Single rows whose time is far outside of the IMU's: garbled, or of another clock."""
+def of_this_run(imu: pd.DataFrame | None, table: pd.DataFrame, limits: CheckLimits) -> pd.DataFrame:
+    """Return a table without the rows far from the IMU's time: garbled, or of another clock. One without any other row
+    is an error by itself, and stays.
+    """
+    if imu is None:
+        return table
+    near = _near(imu, table, limits)
+    return table if near.all() or not near.any() else table[near].reset_index(drop=True)
+
+
+def _near(imu: pd.DataFrame, table: pd.DataFrame, limits: CheckLimits) -> np.ndarray:
+    begin, end = imu["t_s"].iloc[[0, -1]]
     apart_s = max(end - begin, limits.far_row_s)
-    far = np.flatnonzero((t < begin - apart_s) | (t > end + apart_s))
-    if far.size == 0:
-        return []
-    message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s" + (
+    return table["t_s"].between(begin - apart_s, end + apart_s).to_numpy()
+
+
+def _far_rows(part: Table, t: Array, near: np.ndarray, begin: float, end: float) -> Finding:
+    far = np.flatnonzero(~near)
+    message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s: left out" + (
         f" ({far.size} such rows)" if far.size > 1 else ""
     )
     place = ColumnPlace(part.file, part.time, t)
     hint = "remove the rows, or write their times on the recording's clock"
-    return [
-        place.at_row(
-            "warning", "clocks-apart", message, int(far[0]), expected="times within those of the IMU", hint=hint
-        )
-    ]
+    return place.at_row(
+        "warning", "clocks-apart", message, int(far[0]), expected="times within those of the IMU", hint=hint
+    )

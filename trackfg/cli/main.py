@@ -6,6 +6,7 @@ command needs is imported when it runs, so that ``--help`` and ``--version`` ans
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,8 @@ from trackfg.cli.maps import maps
 from trackfg.cli.options import with_options
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import progress_bar, show
-from trackfg.errors import BadInputError, TrackfgError
+from trackfg.errors import BadInputError, TrackfgError, first_line, printable
+from trackfg.files.atomic_folder import real_path
 
 if TYPE_CHECKING:
     from trackfg.geometry.limits import LimitChoice
@@ -53,16 +55,50 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables
 def main() -> None:
     """Run the command line; errors that the user can act on become one line on standard error."""
     keep_freed_memory()
+    _open_closed_streams()
     try:
-        app(prog_name="trackfg")
+        try:
+            app(prog_name="trackfg")
+        finally:
+            _flush_output()
     except BadInputError as error:
         _fail(error, status=2)
-    except (TrackfgError, OSError) as error:
+    except TrackfgError as error:
         _fail(error, status=1)
+    except OSError as error:
+        _fail(_sentence(error), status=1)
+    except MemoryError as error:
+        _fail(f"out of memory ({first_line(error)}). Hint: {_LESS_MEMORY}", status=1)
 
 
-def _fail(error: Exception, status: int) -> None:
-    print(f"trackfg: {error}", file=sys.stderr)
+_LESS_MEMORY = "free memory, or cut the recording into parts (docs/performance.md says what a run takes)"
+
+
+def _open_closed_streams() -> None:
+    """Give standard streams that were closed by the caller (``2>&-``) a place where nothing is kept."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (for as long as the process runs)
+
+
+def _flush_output() -> None:
+    """Write what standard output still holds; where it cannot be written (a full disk), nothing is left to be tried."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
+
+
+def _sentence(error: OSError) -> str:
+    """Return the file and what the system said of it."""
+    if error.strerror is None:
+        return str(error)
+    return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
+
+
+def _fail(error: Exception | str, status: int) -> None:
+    print(f"trackfg: {printable(str(error))}", file=sys.stderr)
     raise SystemExit(status)
 
 
@@ -286,8 +322,6 @@ def compare(options: CompareOptions) -> None:
     of the fixes, GNSS positions or tachometer rows is withheld at a time, and predicted. An earlier comparison in OUT
     is replaced in one step.
     """
-    import os
-
     from trackfg.cli import tables
     from trackfg.comparison.run import cases_of
     from trackfg.comparison.run import compare as run_comparison
@@ -336,7 +370,7 @@ def plot(
     from trackfg.plots.strip_chart import plot_geometry
     from trackfg.results.result import Result
 
-    folder = result.resolve()
+    folder = real_path(result)
     path = picture_path(out or folder.parent / f"{folder.name}.png")
     _refuse_inside(result, path)
     content = Result.read(result)
@@ -400,14 +434,14 @@ def report(
     """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
     from trackfg.report import write_report
 
-    whole = folder.resolve()
+    whole = real_path(folder)
     page = out or whole.parent / f"{whole.name}.html"
     choice = _limit_choice(limits, level, line_speed)
     print(f"report: {write_report(folder, page, recording=recording, limits=choice)}")
 
 
 def _refuse_inside(result: Path, path: Path) -> None:
-    if path.resolve().parent == result.resolve():
+    if real_path(path).parent == real_path(result):
         raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
 
 

@@ -23,12 +23,16 @@ import errno
 import fcntl
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
+_CONTENT = {_LOCK, _NEW, _OLD, _DISCARDED}
+LONGER_BY = len(".") + len(".trackfg-") + 8
+"""Letters by which the name of a workspace is longer than that of its target."""
 _AT_FDCWD = -100
 """Paths are relative to the working directory (Linux, fcntl.h)."""
 
@@ -48,7 +52,7 @@ def replaced_folder(target: Path) -> Iterator[Path]:
     the target held before is deleted: whether that is allowed is for the caller to decide. Raises ``OSError`` where the
     parent cannot be written or the target is a file or a mount point.
     """
-    target = target.resolve()
+    target = real_path(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     recover(target)
     _remove_leftovers(target)
@@ -66,9 +70,14 @@ def replaced_folder(target: Path) -> Iterator[Path]:
         os.close(lock)
 
 
+def real_path(path: Path) -> Path:
+    """Return the absolute path without links; a loop of links stays as it is, for whatever opens it to say so."""
+    return Path(os.path.realpath(path))
+
+
 def recover(target: Path) -> None:
     """Put back a folder whose replacement was cut short between moving it away and moving the new one in."""
-    target = target.resolve()
+    target = real_path(target)
     if target.exists():
         return
     for workspace in _workspaces(target):
@@ -134,7 +143,24 @@ def _workspaces(target: Path) -> list[Path]:
     prefix = _prefix(target)
     if not target.parent.is_dir():
         return []
-    return sorted(path for path in target.parent.iterdir() if path.name.startswith(prefix))
+    return sorted(path for path in target.parent.iterdir() if path.name.startswith(prefix) and _is_workspace(path))
+
+
+def _is_workspace(path: Path) -> bool:
+    """Return whether this user's trackfg made it: a folder, no link, with nothing but what a workspace holds.
+
+    A name alone is not enough: in a shared folder others can make any.
+    """
+    try:
+        status = path.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
+            return False
+        names = {entry.name for entry in path.iterdir()}
+        if _LOCK not in names:  # killed before it was locked, or while it was taken apart
+            return names <= {_NEW, _DISCARDED}
+        return names <= _CONTENT and stat.S_ISREG((path / _LOCK).lstat().st_mode)
+    except OSError:
+        return False
 
 
 def _prefix(target: Path) -> str:
@@ -159,7 +185,7 @@ def _lock(workspace: Path, *, wait: bool) -> int | None:
     """
     path = workspace / _LOCK
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return None
     try:

@@ -10,8 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from trackfg.errors import BadInputError
-from trackfg.files.atomic_folder import CANNOT_LOCK, recover
+from trackfg.errors import BadInputError, first_line
+from trackfg.files.atomic_folder import CANNOT_LOCK, LONGER_BY, real_path, recover
+from trackfg.files.small_file import read_small
+
+_MOST_BYTES = 8 * 2**30
+"""Size of a table: geometry takes 150 bytes a row in the file, so this is a run of 14,000 km."""
+_MOST_HEAD_BYTES = 64 * 2**20
+"""Size of the file that says what a folder is: a summary has some kB, and more with thousands of findings."""
 
 
 @dataclass(frozen=True)
@@ -28,16 +34,18 @@ class FolderKind:
     def holds(self, folder: Path) -> bool:
         """Return whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
         try:
-            content = json.loads((folder / self.head).read_bytes())
-        except (OSError, ValueError):
+            content = json.loads(read_small(folder / self.head, _MOST_HEAD_BYTES))
+        except (OSError, ValueError, RecursionError):
             return False
         return isinstance(content, dict) and str(content.get("format", "")).startswith(self.format)
 
     def refuse_foreign(self, folder: Path) -> None:
         """Raise :class:`BadInputError` unless ``folder`` may be replaced: absent, empty or of this kind.
 
-        One with the user's own files beside is refused too, because they would be lost with it.
+        One with the user's own files beside is refused too, because they would be lost with it; and so is a place where
+        no folder can be made, before hours of work rather than after.
         """
+        refuse_unwritable(folder)
         if not folder.exists():
             return
         if not folder.is_dir():
@@ -70,18 +78,47 @@ class FolderKind:
                     f"{folder}: expected a folder with a trackfg {self.what}: {error.strerror}"
                 ) from error
             try:
-                return {name: _read_in(descriptor, name) for name in self.files}
+                return {name: read_small(name, _MOST_BYTES, folder=descriptor) for name in self.files}
             except FileNotFoundError as error:
                 if _still_there(folder, descriptor):
                     raise BadInputError(
                         f"{folder}: {error.filename} is missing; expected a trackfg {self.what}"
                     ) from error
+            except OSError as error:
+                raise BadInputError(
+                    f"{folder}: {error.filename} cannot be read: {error.strerror}; expected a trackfg {self.what}"
+                ) from error
             finally:
                 os.close(descriptor)
 
 
+def refuse_unwritable(folder: Path) -> None:
+    """Raise :class:`BadInputError` where ``folder`` cannot be made or replaced: names, links, rights and parents."""
+    try:
+        target = real_path(folder)
+        parent = target.parent
+        while not parent.exists():
+            parent = parent.parent
+        name_max = os.pathconf(parent, "PC_NAME_MAX")
+    except (OSError, ValueError) as error:  # a name too long, a null byte
+        reason = (error.strerror if isinstance(error, OSError) else None) or first_line(error)
+        raise BadInputError(f"{folder}: {reason}; expected a place for a folder") from error
+    if target.is_symlink():
+        raise BadInputError(f"{folder}: is a link that leads in a circle; expected a place for a folder")
+    if not parent.is_dir():
+        raise BadInputError(f"{folder}: {parent} is a file; expected a folder to write into")
+    if len(os.fsencode(target.name)) + LONGER_BY > name_max:
+        raise BadInputError(f"{folder}: its name is too long; expected at most {name_max - LONGER_BY} bytes")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise BadInputError(f"{folder}: {parent} cannot be written to; expected a folder of yours")
+
+
 def refuse_used(path: Path, why: str) -> None:
-    """Raise :class:`BadInputError` unless ``path`` is absent or an empty folder; ``why`` ends the message."""
+    """Raise :class:`BadInputError` unless ``path`` is absent or an empty folder, and a folder can be made there.
+
+    ``why`` ends the message.
+    """
+    refuse_unwritable(path)
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise BadInputError(f"{path}: exists; {why}: choose another folder")
 
@@ -105,11 +142,6 @@ def sole_writer(folder: Path, *, wait: bool = False) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
-
-
-def _read_in(folder: int, name: str) -> bytes:
-    with open(os.open(name, os.O_RDONLY, dir_fd=folder), "rb") as file:
-        return file.read()
 
 
 def _still_there(folder: Path, descriptor: int) -> bool:

@@ -16,8 +16,7 @@ which class a line has follows from more than its speed, so no speed stands in t
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -27,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 from trackfg.errors import BadInputError, did_you_mean
+from trackfg.files.small_file import read_toml, toml_of
 
 CFR_213 = "cfr-213"
 """The name of the built-in table of 49 CFR 213."""
@@ -122,17 +122,13 @@ class _LimitFile(BaseModel):
 def read_limits(path: Path | str) -> tuple[Limit, ...]:
     """Read the limits of a TOML file. Raises ``BadInputError`` that names file, entry, key and what was expected."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path}: cannot be read: {error}") from error
-    return _parse(text, str(path))
+    return _validated(read_toml(path), str(path))
 
 
 def cfr_213() -> tuple[Limit, ...]:
     """Return the limits of track surface of classes 1 to 5 (49 CFR 213.63), of alinement of 6 to 9 (213.327)."""
     resource = files("trackfg.geometry").joinpath("cfr_213.toml")
-    return _parse(resource.read_text(encoding="utf-8"), resource.name)
+    return _validated(toml_of(resource.read_bytes()), resource.name)
 
 
 def at_level(limits: Iterable[Limit], level: str) -> tuple[Limit, ...]:
@@ -194,11 +190,9 @@ class LimitChoice:
         return ("--limits", self.source, *level, *speed)
 
 
-def _parse(text: str, file: str) -> tuple[Limit, ...]:
+def _validated(content: Mapping[str, Any], file: str) -> tuple[Limit, ...]:
     try:
-        return _LimitFile.model_validate(tomllib.loads(text)).limits
-    except tomllib.TOMLDecodeError as error:
-        raise BadInputError(f"{file}: not valid TOML: {error}") from error
+        return _LimitFile.model_validate(content).limits
     except ValidationError as error:
         raise BadInputError("; ".join(_sentence(detail, file) for detail in error.errors())) from error
 

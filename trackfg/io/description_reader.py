@@ -7,7 +7,6 @@ is then checked too, while nothing that depends on the doubtful keys (units, pla
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +16,18 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackfg.errors import did_you_mean
+from trackfg.files.small_file import MOST_TOML_BYTES, read_small, toml_of
 from trackfg.io.formats.registry import FORMATS
-from trackfg.recording.description import FurtherTach, Imu, Model, RecordingDescription, Table, Track, Truth
+from trackfg.recording.description import (
+    MOST_OF_A_KIND,
+    FurtherTach,
+    Imu,
+    Model,
+    RecordingDescription,
+    Table,
+    Track,
+    Truth,
+)
 from trackfg.recording.findings import Finding
 
 FILE_NAME = "recording.toml"
@@ -39,6 +48,8 @@ _BOUNDS = {
     "less_than": "below",
     "less_than_equal": "at most",
 }
+_MOST_FAULTS = 50
+"""Faults that are told of one part: a file of a hundred thousand unknown keys is no description."""
 _LENGTH_ERRORS = ("too_long", "too_short", "tuple_type", "list_type")
 
 
@@ -74,7 +85,7 @@ def read_description(path: Path | str) -> ReadDescription:
     """Read and validate the ``recording.toml`` that is ``path``, or lies in the folder ``path``. Never raises."""
     folder, toml = locate(path)
     try:
-        data = tomllib.loads(toml.read_bytes().decode("utf-8"))
+        data = toml_of(read_small(toml, MOST_TOML_BYTES))
     except FileNotFoundError:
         what = "no such folder" if not folder.exists() else f"{folder} has no {toml.name}"
         return _only(Finding("error", "no-recording", what, file=str(toml), expected="a folder with recording.toml"))
@@ -85,8 +96,6 @@ def read_description(path: Path | str) -> ReadDescription:
         return _only(
             Finding("error", "toml-syntax", str(error), file=toml.name, expected="TOML 1.0 in UTF-8", hint=hint)
         )
-    except RecursionError:
-        return _only(Finding("error", "toml-syntax", "nested too deeply", file=toml.name, expected="TOML 1.0"))
     return validated(data, toml.name)
 
 
@@ -122,7 +131,7 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
         try:
             description = RecordingDescription.model_validate(data)
         except ValidationError as error:
-            findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()]
+            findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()[:_MOST_FAULTS]]
     return ReadDescription(tuple(findings), description, parts, frozenset(doubtful))
 
 
@@ -170,11 +179,11 @@ def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
     try:
         RecordingDescription.model_validate({**rest, "imu": _ANY_IMU} if "imu" in data else rest)
     except ValidationError as error:
-        findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()]
+        findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()[:_MOST_FAULTS]]
     return findings
 
 
-_ANY_IMU = Imu(file="-", gyro=("-", "-", "-"), accel=("-", "-", "-"))
+_ANY_IMU = Imu(file="-", gyro=("x", "y", "z"), accel=("x", "y", "z"))
 
 
 def _not_a_table(key: str, file: str, expected: str) -> Finding:
@@ -186,7 +195,7 @@ def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple
     try:
         return model.model_validate(raw), []
     except ValidationError as error:
-        details = error.errors()
+        details = error.errors()[:_MOST_FAULTS]
     findings = [_finding(detail, model, key, file) for detail in details]
     wrong = {str(detail["loc"][0]) for detail in details if detail["loc"]}
     if model is Track or not wrong.isdisjoint(_STRUCTURE_KEYS):
@@ -218,10 +227,13 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
         choices = re.findall(r"'([^']*)'", str(context["expected"]))
         return finding(code, f"is {given!r}", str(context["expected"]), did_you_mean(str(given), choices))
     if kind in _BOUNDS:
-        limit = next(iter(context.values()))
-        is_sigma = _SIGMA_KEY.search(name) is not None
-        message = f"is {given!r}" + (", a sigma that is zero or negative" if is_sigma and limit == 0 else "")
-        return finding("bad-sigma" if is_sigma else "bad-value", message, f"a number {_BOUNDS[kind]} {limit:g}")
+        limit, is_sigma = next(iter(context.values())), _SIGMA_KEY.search(name) is not None
+        not_positive = is_sigma and isinstance(given, int | float) and given <= 0
+        message = f"is {given!r}" + (", a sigma that is zero or negative" if not_positive else "")
+        expected = f"a number {_BOUNDS[kind]} {limit:g}{_unit(name)}" if not not_positive else "a number above 0"
+        return finding("bad-sigma" if is_sigma else "bad-value", message, expected)
+    if kind == "too_long" and name in (*_LISTS, "further_tach"):
+        return finding("bad-value", f"has {context['actual_length']} entries", f"at most {MOST_OF_A_KIND}")
     if kind in _LENGTH_ERRORS or kind == "missing":
         return finding("wrong-size", f"is {_shown(given)}", _expected_list(model, loc))
     if kind == "value_error":
@@ -229,6 +241,15 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
         message, _, expected = text.partition(": expected ")
         return finding("bad-value", message, expected or None)
     return finding("bad-value", f"is {_shown(given)}", detail["msg"].removeprefix("Input should be "))
+
+
+_UNITS = {"m": "m", "mps": "m/s", "s": "s", "deg": "deg", "rad": "rad", "rev": "per revolution"}
+
+
+def _unit(name: str) -> str:
+    """Return the unit that a key ends in, with a space before it; nothing where it names none."""
+    unit = _UNITS.get(name.rpartition("_")[2])
+    return "" if unit is None else f" {unit}"
 
 
 _EXAMPLES = {
@@ -254,7 +275,7 @@ def _keys_at(model: type[Model], loc: list[str]) -> list[str]:
 def _expected_list(model: type[Model], loc: list[str]) -> str:
     name = next((step for step in loc if step in model.model_fields), "")
     annotation = str(model.model_fields[name].annotation) if name else ""
-    return "a list of three names" if "str" in annotation else "a list of three numbers"
+    return "a list of three names" if "tuple[str" in annotation else "a list of three numbers"
 
 
 def _shown(value: object) -> str:

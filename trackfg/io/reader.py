@@ -86,6 +86,7 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     if isinstance(truth := read.parts.get("truth"), Truth):
         findings += _truth_files(folder, truth)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
+    tables = {name: plausibility.of_this_run(tables.get("imu"), table, limits) for name, table in tables.items()}
     for name, table in tables.items():
         findings += format_of(sensors[name]).doubts(sensors[name], Section(toml.name, name), table, limits)
     distinct = tuple(dict.fromkeys(findings))

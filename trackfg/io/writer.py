@@ -17,7 +17,7 @@ import pyarrow.csv
 import tomli_w
 
 from trackfg.errors import BadInputError
-from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.atomic_folder import real_path, replaced_folder
 from trackfg.files.parquet import write_parquet
 from trackfg.io.description_reader import FILE_NAME, read_description
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
@@ -166,7 +166,7 @@ def _without_none(value: Any) -> Any:
 
 
 def _refuse_to_destroy(folder: Path, recording: Recording) -> None:
-    if recording.folder is not None and recording.folder.resolve() == folder.resolve():
+    if recording.folder is not None and real_path(recording.folder) == real_path(folder):
         raise BadInputError(
             f"{folder}: the recording was read from here, and raw input is never changed; choose another"
         )

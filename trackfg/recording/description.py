@@ -12,10 +12,32 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from trackfg.numerics import rotations
 
+Name = Annotated[str, Field(pattern=r"^[^\x00]*$", max_length=1000)]
+"""Of a recording or a sensor: databases store no null character."""
 Vector3 = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Latitude = Annotated[float, Field(ge=-90, le=90)]
-Longitude = Annotated[float, Field(ge=-180, le=360)]
+Flag = Annotated[bool, Field(strict=True)]
+Latitude = Annotated[float, Field(strict=True, ge=-90, le=90)]
+Longitude = Annotated[float, Field(strict=True, ge=-180, le=360)]
+Height = Annotated[float, Field(strict=True, ge=-1e7, le=1e7)]
+"""m. Here as below, a number is refused that no railway, vehicle or sensor has, in the wrong unit or not: bounds are
+orders of magnitude away from what there is, and exclude what would overflow in the equations."""
+Seconds = Annotated[float, Field(strict=True, ge=-1e10, le=1e10)]
+"""An offset of a clock, s: 300 years."""
+Length = Annotated[float, Field(strict=True, ge=1e-3, le=1e4)]
+"""Of a vehicle's or a track's part, m; also in mm, which the checks then tell."""
+Place = Annotated[float, Field(strict=True, ge=-100, le=100)]
+"""On a vehicle, from its reference point, m: a car is 20 to 30 m long."""
+Angle = Annotated[float, Field(strict=True, ge=-720, le=720)]
+"""deg."""
+Pulses = Annotated[float, Field(strict=True, ge=1e-3, le=1e7)]
+"""Per revolution: encoders have 1 to 10,000, and a gear may be between."""
+Sd = Annotated[float, Field(strict=True, ge=1e-12, le=1e3)]
+"""A sigma or a density in SI units."""
+Share = Annotated[float, Field(strict=True, ge=1e-12, le=10)]
+"""A sigma of a factor about 1, or of a small angle in rad."""
+SdDegrees = Annotated[float, Field(strict=True, ge=1e-9, le=180)]
+MOST_OF_A_KIND = 100
+"""Sensors of one kind: measuring trains have a dozen lasers."""
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 
@@ -25,13 +47,19 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+def _three_columns(names: tuple[str, str, str]) -> tuple[str, str, str]:
+    if len(set(names)) < len(names):
+        raise ValueError(f"is {list(names)}, one column twice: expected three different columns")
+    return names
+
+
 class Table(Model):
     """A table's file, its time column, and how that becomes seconds on the recording's clock."""
 
     file: str
     time: str = "t"
     time_unit: TimeUnit = "s"
-    time_offset_s: float = 0.0
+    time_offset_s: Seconds = 0.0
 
 
 class Track(Model):
@@ -41,11 +69,11 @@ class Track(Model):
     lets its horizontal part be modelled where no GNSS gives the heading.
     """
 
-    gauge_m: Positive = 1.435
-    cross_level_base_m: Positive = 1.5
+    gauge_m: Length = 1.435
+    cross_level_base_m: Length = 1.5
     direction: Literal[1, -1] = 1
     latitude_deg: Latitude | None = None
-    heading_deg: float | None = None
+    heading_deg: Angle | None = None
 
 
 class ImuNoise(Model):
@@ -54,17 +82,17 @@ class ImuNoise(Model):
     vibration. SI (see the recording format).
     """
 
-    gyro_white: Positive = 1e-4
-    accel_white: Positive = 2e-3
-    gyro_bias_walk: Positive = 2e-6
-    accel_bias_walk: Positive = 1e-5
-    gyro_bias_sd: Positive = 1e-3
-    accel_bias_sd: Positive = 0.03
-    gyro_scale_sd: Positive = 1e-3
-    accel_scale_sd: Positive = 1e-3
-    misalignment_sd_rad: Positive = 6e-4
-    g_sensitivity_sd: Positive = 2e-5
-    rectification_sd: Positive = 5e-4
+    gyro_white: Sd = 1e-4
+    accel_white: Sd = 2e-3
+    gyro_bias_walk: Sd = 2e-6
+    accel_bias_walk: Sd = 1e-5
+    gyro_bias_sd: Sd = 1e-3
+    accel_bias_sd: Sd = 0.03
+    gyro_scale_sd: Share = 1e-3
+    accel_scale_sd: Share = 1e-3
+    misalignment_sd_rad: Share = 6e-4
+    g_sensitivity_sd: Share = 2e-5
+    rectification_sd: Share = 5e-4
 
 
 TAPE_SD_M = (0.05, 0.02, 0.05)
@@ -90,18 +118,18 @@ class Imu(Table):
     :data:`ANYWHERE_SD_M`.
     """
 
-    id: Annotated[str, Field(min_length=1)] | None = None
+    id: Annotated[Name, Field(min_length=1)] | None = None
     stamp: Literal["start", "centre", "end"] = "centre"
     gyro: tuple[str, str, str]
     gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
     accel: tuple[str, str, str]
     accel_unit: Literal["m/s^2", "g"] = "m/s^2"
     axes: str = "FLU"
-    rigid: bool = True
-    mount_rpy_deg: Vector3 = (0.0, 0.0, 0.0)
-    mount_roll_sd_deg: Annotated[float, Field(ge=0)] = 0.0
-    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
-    lever_arm_sd_m: tuple[Positive, Positive, Positive] | None = None
+    rigid: Flag = True
+    mount_rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    mount_roll_sd_deg: Annotated[float, Field(strict=True, ge=0, le=180)] = 0.0
+    lever_arm_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
+    lever_arm_sd_m: tuple[Sd, Sd, Sd] | None = None
     noise: ImuNoise = ImuNoise()
 
     @property
@@ -112,6 +140,11 @@ class Imu(Table):
         if not any(self.lever_arm_m):
             return ANYWHERE_SD_M
         return TAPE_SD_M if self.rigid else ON_SPRINGS_SD_M
+
+    @field_validator("gyro", "accel")
+    @classmethod
+    def _columns_differ(cls, value: tuple[str, str, str]) -> tuple[str, str, str]:
+        return _three_columns(value)
 
     @field_validator("axes")
     @classmethod
@@ -129,11 +162,11 @@ class Tach(Table):
     column: str
     kind: Literal["pulses", "distance", "speed"]
     unit: Literal["1", "m", "mm", "m/s", "km/h"] = "1"
-    pulses_per_rev: Positive | None = None
-    wheel_diameter_m: Positive | None = None
-    scale_sd: Positive = 0.01
-    signed: bool = False
-    integrated: bool = False
+    pulses_per_rev: Pulses | None = None
+    wheel_diameter_m: Length | None = None
+    scale_sd: Share = 0.01
+    signed: Flag = False
+    integrated: Flag = False
 
     @property
     def integrates_speed(self) -> bool:
@@ -171,8 +204,13 @@ class Gnss(Table):
     position: tuple[str, str, str]
     sd: tuple[str, str, str]
     frame: Literal["geodetic", "local"] = "geodetic"
-    origin: tuple[Latitude, Longitude, float] | None = None
-    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+    origin: tuple[Latitude, Longitude, Height] | None = None
+    lever_arm_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
+
+    @field_validator("position")
+    @classmethod
+    def _columns_differ(cls, value: tuple[str, str, str]) -> tuple[str, str, str]:
+        return _three_columns(value)
 
 
 class Speed(Table):
@@ -184,12 +222,12 @@ class Speed(Table):
 
     column: str
     unit: Literal["m/s", "km/h"] = "m/s"
-    sd_mps: Positive = 0.05
-    scale_sd: Positive = 0.01
-    yaw_sd_deg: Positive = 0.5
-    lowest_mps: Annotated[float, Field(ge=0)] = 0.0
-    signed: bool = False
-    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+    sd_mps: Sd = 0.05
+    scale_sd: Share = 0.01
+    yaw_sd_deg: SdDegrees = 0.5
+    lowest_mps: Annotated[float, Field(strict=True, ge=0, le=200)] = 0.0
+    signed: Flag = False
+    lever_arm_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
 
 
 class Laser(Table):
@@ -198,10 +236,10 @@ class Laser(Table):
     name: str
     column: str
     unit: Literal["m", "mm"] = "m"
-    position_m: Vector3
+    position_m: tuple[Place, Place, Place]
     axis: Literal["y", "z"]
     rail: Literal["left", "right"]
-    sd_m: Positive
+    sd_m: Sd
 
 
 class Truth(Table):
@@ -214,16 +252,16 @@ class RecordingDescription(Model):
     """All of ``recording.toml``. Of a list ``[[tach]]`` the first is ``tach``, the others are ``further_tach``."""
 
     format: Literal["trackfg-recording/1"] = "trackfg-recording/1"
-    id: str
+    id: Name
     start: datetime | None = None
     track: Track = Track()
     imu: Imu
     tach: Tach | None = None
-    further_tach: tuple[FurtherTach, ...] = ()
+    further_tach: Annotated[tuple[FurtherTach, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     fixes: Fixes | None = None
     gnss: Gnss | None = None
-    speed: tuple[Speed, ...] = ()
-    laser: tuple[Laser, ...] = ()
+    speed: Annotated[tuple[Speed, ...], Field(max_length=MOST_OF_A_KIND)] = ()
+    laser: Annotated[tuple[Laser, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     truth: Truth | None = None
 
     @field_validator("laser")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
+from trackfg.files.atomic_folder import real_path
 from trackfg.files.owned_folder import FolderKind
 from trackfg.geometry.limits import LimitChoice
 from trackfg.report.comparison_page import comparison_page
@@ -51,7 +52,7 @@ def write_report(
     if path.is_dir():
         raise BadInputError(f"{path}: is a folder; expected a file for the page")
     source = _source_of(folder)
-    if path.resolve().parent == folder.resolve():
+    if real_path(path).parent == real_path(folder):
         what = source.folder.what
         raise BadInputError(f"{path}: lies in the {what}, which holds nothing but its own files: choose another place")
     given = [] if recording is None else ["--recording", os.fspath(recording)]

@@ -11,6 +11,7 @@ import pytest
 
 from trackfg.checks import plausibility
 from trackfg.checks.contradictions import diagnose
+from trackfg.checks.diagnosis_silence import is_moving
 from trackfg.checks.limits import CheckLimits
 from trackfg.datasets.catalogue import scenario, scenarios
 from trackfg.datasets.scenarios import simulate
@@ -203,3 +204,25 @@ def test_a_row_far_away_in_time_is_told(sound: Recording) -> None:
     found = plausibility.findings(parts, {"imu": sound.imu, "fixes": fixes}, "recording.toml", CheckLimits())
     assert [finding.code for finding in found] == ["clocks-apart"]
     assert f"data row {len(fixes)} (t = 1e+09 s): far from the IMU's time" in str(found[0])
+
+
+def test_a_row_far_away_in_time_is_left_out(sound: Recording) -> None:
+    assert sound.fixes is not None
+    fixes = sound.fixes.copy()
+    fixes.loc[len(fixes) - 1, "t_s"] = 1e300
+    left = plausibility.of_this_run(sound.imu, fixes, CheckLimits())
+    pd.testing.assert_frame_equal(left, sound.fixes.iloc[:-1])
+    assert plausibility.of_this_run(sound.imu, fixes.iloc[-1:], CheckLimits()).shape == (1, fixes.shape[1])
+
+
+def test_a_short_start_is_seen_where_the_tach_shows_none() -> None:
+    """80 s of rest, 3 s of 0.3 m/s^2, and then constant speed: only the start shows. A knock shows nothing."""
+    t = np.arange(0.0, 120.0, 0.01)
+    rows = 1e-3 * np.random.default_rng(0).standard_normal((t.size, 6))
+    rows[(t > 80.0) & (t < 83.0), 3] += 0.3
+    assert is_moving(t, rows)
+    knocked = rows.copy()
+    knocked[(t > 79.0) & (t < 84.0), 3] = 0.0
+    knocked[(t > 30.0) & (t < 30.1), 3] += 5.0
+    knocked[(t > 30.1) & (t < 30.2), 3] -= 5.0
+    assert not is_moving(t, knocked)

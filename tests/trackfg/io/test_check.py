@@ -244,6 +244,23 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "list too long": (
         declare("imu", "lever_arm_m", value=[0, 0, 0, 0]), "wrong-size",
         ["key imu.lever_arm_m", "a list of three numbers"]),
+    "a clock years off": (
+        declare("imu", "time_offset_s", value=1e300), "bad-value",
+        ["key imu.time_offset_s: is 1e+300; expected a number at most 1e+10 s"]),
+    "a lever arm across the country": (
+        declare("imu", "lever_arm_m", value=[1e9, 0, 0]), "bad-value", ["expected a number at most 100 m"]),
+    "a wheel without pulses": (
+        declare("tach", "pulses_per_rev", value=5e-324), "bad-value", ["at least 0.001 per revolution"]),
+    "a sigma without bounds": (
+        declare("imu", "noise", value={"gyro_white": 1e300}), "bad-sigma", ["key imu.noise.gyro_white: is 1e+300"]),
+    "true for a number": (
+        declare("imu", "noise", value={"gyro_white": True}), "bad-value", ["key imu.noise.gyro_white: is True"]),
+    "a number in quotation marks": (
+        declare("tach", "pulses_per_rev", value="90"), "bad-value", ["key tach.pulses_per_rev: is '90'"]),
+    "one column for three": (
+        declare("imu", "gyro", value=["wx", "wx", "wx"]), "bad-value", ["expected three different columns"]),
+    "an id that databases refuse": (
+        declare("id", value="a\0b"), "bad-value", ["key id"]),
     "text for a number": (
         declare("tach", "pulses_per_rev", value="many"), "bad-value", ["key tach.pulses_per_rev: is 'many'"]),
     "axes twice": (

@@ -8,7 +8,6 @@ that the run does not have, such as the rails' without lasers, are left empty.
 
 from __future__ import annotations
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +17,7 @@ import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trackfg.errors import BadInputError
+from trackfg.files.small_file import read_toml, toml_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.km_notation import written_places
 
@@ -42,15 +42,9 @@ def read_template(path: Path | None) -> tuple[Channel, ...]:
     """Read a template, or the built-in one. Raises :class:`BadInputError` with file, key and what was expected."""
     name = BUILT_IN if path is None else str(path)
     try:
-        if path is None:
-            text = resources.files("trackfg.interchange.exporting").joinpath(BUILT_IN).read_text(encoding="utf-8")
-        else:
-            text = path.read_text(encoding="utf-8")
-        channels = tuple(Channel.model_validate(entry) for entry in tomllib.loads(text).get("channel", ()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{name}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise BadInputError(f"{name}: not valid TOML: {error}") from error
+        built_in = resources.files("trackfg.interchange.exporting").joinpath(BUILT_IN)
+        content = toml_of(built_in.read_bytes()) if path is None else read_toml(path)
+        channels = tuple(Channel.model_validate(entry) for entry in content.get("channel", ()))
     except ValidationError as error:
         problems = (f"channel, key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise BadInputError(f"{name}: " + "; ".join(problems)) from error

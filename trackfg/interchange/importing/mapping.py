@@ -6,7 +6,6 @@ A mapping is a ``recording.toml`` whose tables are the source's, with a few more
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trackfg.errors import BadInputError
+from trackfg.files.small_file import read_toml
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
 from trackfg.io.formats.registry import FORMATS
@@ -99,13 +99,7 @@ class Mapping:
 
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping. Raises :class:`BadInputError` that names the file, the key and what was expected."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise BadInputError(f"{path}: not valid TOML: {error}") from error
-    return mapping_of(data, path.name)
+    return mapping_of(read_toml(path), path.name)
 
 
 def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:

@@ -62,7 +62,10 @@ class _Table:
         columns = {name: np.concatenate(parts) for name, parts in self.pending.items()}
         if self.schema is None:
             self.schema = pa.table(columns).schema
-        return pa.table(columns, schema=self.schema)
+        try:
+            return pa.table(columns, schema=self.schema)
+        except (pa.ArrowException, KeyError, ValueError) as error:
+            raise BadInputError(f"{_place(self)}: has other columns than the stream ({first_line(error)})") from error
 
     def keep(self, rows: pa.Table) -> None:
         self.pending = {name: [rows[name].to_numpy()] for name in rows.column_names} if rows.num_rows else {}
@@ -84,6 +87,8 @@ class ParquetParts:
         self._tables: dict[str, _Table] = {}
         for name in TABLES:
             table = _Table(Path(folder) / name)
+            if table.folder.is_symlink():
+                raise BadInputError(f"{table.folder}: is a link; expected a folder of this stream alone")
             try:
                 table.folder.mkdir(parents=True, exist_ok=True)
                 for left in table.folder.glob(f"{UNFINISHED}*"):
@@ -157,8 +162,11 @@ def _counted(state: Mapping[str, Any], name: str) -> tuple[int, int]:
 def _go_back(table: _Table, part: int, rows: int) -> None:
     """Go back to where ``part`` had so many ``rows``."""
     table.number = part
-    if missing := sorted(set(range(1, part + (rows > 0))) - set(_numbers(table.folder))):
+    numbers = sorted(_numbers(table.folder))
+    if missing := sorted(set(range(1, part + (rows > 0))) - set(numbers)):
         raise BadInputError(f"{table.folder}: part-{missing[0]:06d}.parquet is missing; the checkpoint knows of it")
+    if numbers and numbers[-1] > max(part, len(numbers)):
+        raise BadInputError(f"{table.folder}: part-{numbers[-1]:06d}.parquet is not this stream's: move it away")
     if rows:
         there = _read(_place(table))
         if there.num_rows < rows:

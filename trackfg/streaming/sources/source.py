@@ -62,8 +62,8 @@ class RecordingSource:
     """A recording as a stream: each batch holds the rows of ``batch_s`` seconds, of all tables.
 
     As fast as they are taken, or at ``speed`` times real time: then a batch comes when its last row would have. Batches
-    that were not taken in time come at once, until the stream has caught up. ``position`` counts milliseconds from the
-    first row.
+    that were not taken in time come at once, until the stream has caught up. A time without rows has no batch.
+    ``position`` counts milliseconds from the first row.
     """
 
     canonical = True
@@ -88,9 +88,7 @@ class RecordingSource:
 
     def __iter__(self) -> Iterator[Batch]:
         start = min(rows[0, 0] for rows in self._tables.values())
-        end = max(rows[-1, 0] for rows in self._tables.values())
-        began, step = self._clock(), max(round(1e3 * self._batch_s), 1)
-        positions = np.arange(self._position, 1e3 * (end - start) + step, step)
+        began, positions = self._clock(), self._positions(start)
         edges = start + 1e-3 * positions
         cuts = {name: np.searchsorted(rows[:, 0], edges, side="left") for name, rows in self._tables.items()}
         for i in range(1, len(edges)):
@@ -100,7 +98,17 @@ class RecordingSource:
                 if last > first:
                     tables[name] = rows[first:last]
             if self._speed is not None:
-                wait = i * self._batch_s / self._speed - (self._clock() - began)
+                wait = 1e-3 * (positions[i] - positions[0]) / self._speed - (self._clock() - began)
                 if wait > 0.0:
                     self._sleep(wait)
             yield Batch(tables, position=int(positions[i]))
+
+    def _positions(self, start: float) -> Array:
+        """Return where the first batch begins and where each one ends, ms from the first row at ``start``, s.
+
+        There is a batch only where there are rows: a row of another clock may be years away.
+        """
+        step = max(round(1e3 * self._batch_s), 1)
+        t = 1e3 * (np.concatenate([rows[:, 0] for rows in self._tables.values()]) - start) - self._position
+        number = np.unique(np.minimum(np.floor(t / step), np.ceil(t.max() / step) - 1.0))
+        return self._position + step * np.append(0.0, number[number >= 0.0] + 1.0)

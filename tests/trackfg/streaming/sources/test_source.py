@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from trackfg.io.reader import read_recording
@@ -65,3 +67,12 @@ def test_real_time_waits_for_the_last_row_of_a_batch(recording: Recording) -> No
         now[0] += 0.53 if batch.position == 10_000 else 0.01  # one batch takes as long as five
     assert now[0] == pytest.approx(100.0 + 1e-4 * batch.position, abs=0.02)
     assert len(slept) == batch.position / 1000 - 5  # it caught up
+
+
+def test_a_row_years_away_is_one_more_batch(recording: Recording) -> None:
+    tach = recording.tach
+    assert tach is not None
+    later = pd.DataFrame({"t_s": [1e12], "distance_m": tach["distance_m"].iloc[-1:]})
+    batches = list(RecordingSource(replace(recording, tach=pd.concat([tach, later], ignore_index=True))))
+    assert len(batches) == len(list(RecordingSource(recording))) + 1
+    assert batches[-1].tables["tach"][0, 0] == 1e12

@@ -1,0 +1,72 @@
+"""Small files are read whole: regular files only, up to a size, and TOML of no absurd depth."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from trackfg.errors import BadInputError, first_line
+
+Content = TypeVar("Content", bound=BaseModel)
+
+MOST_TOML_BYTES = 1_048_576
+"""Size of a TOML file, bytes: a description with a hundred sensors has 50 kB, and tomllib needs 2 s for this much."""
+_MOST_DOTS = 30
+"""Dots of one key: tomllib takes time and memory with the square of them. Nothing here is nested deeper than 3."""
+_BETWEEN_KEYS = re.compile(r"[,=\[\]{}#\n]")
+
+
+def read_small(path: str | os.PathLike[str], most_bytes: int, *, folder: int | None = None) -> bytes:
+    """Return the content of a regular file; ``folder`` is the open folder that a relative ``path`` is in.
+
+    Raises ``OSError`` where it cannot be read, is larger than ``most_bytes``, or is a folder, a pipe or a device, which
+    are not waited for.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
+    with open(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "is no regular file", os.fspath(path))
+        if status.st_size > most_bytes:
+            raise OSError(errno.EFBIG, f"is larger than {most_bytes / 2**20:g} MiB", os.fspath(path))
+        return file.read(status.st_size)
+
+
+def toml_of(content: bytes) -> dict[str, Any]:
+    """Return the content of a TOML file, with or without a byte order mark. Raises ``ValueError`` for others."""
+    text = content.decode("utf-8-sig")
+    if any(part.count(".") > _MOST_DOTS for part in _BETWEEN_KEYS.split(text)):
+        raise ValueError(f"a key with more than {_MOST_DOTS} dots")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the content of a small TOML file. Raises :class:`BadInputError` that names the file."""
+    try:
+        return toml_of(read_small(path, MOST_TOML_BYTES))
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:  # undecodable bytes and TOML syntax alike
+        raise BadInputError(f"{path}: not valid TOML in UTF-8: {first_line(error)}") from error
+
+
+def read_model(path: Path, model: type[Content]) -> Content:
+    """Return the content of a small TOML file as ``model`` has it.
+
+    Raises :class:`BadInputError` that names the file, every key at fault, and what was expected.
+    """
+    try:
+        return model.model_validate(read_toml(path))
+    except ValidationError as error:
+        problems = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise BadInputError(f"{path}: " + "; ".join(problems)) from error
