@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.datasets import tables
+from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.scenario import Scenario, TableName
 from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning
@@ -90,6 +91,7 @@ def measure(
     description = RecordingDescription(
         id=name if streams else f"{name}-noise-free",
         track=_track_description(plan, track, ride),
+        kilometrage=plan.line.kilometrage if isinstance(plan.line, GivenLine) else None,
         imu=tables.imu_description(
             plan.imu.declared_noise,
             plan.imu.lever_arm_m,

@@ -1,7 +1,8 @@
-"""The alignment of one track from LandXML 1.2: plan, cant and profile.
+"""The alignment of one track from LandXML: plan, cant, profile and kilometrage.
 
 * Plan: ``CoordGeom`` (:mod:`trackfg.datasets.line.landxml_plan`). Stations are lengths along the plan from
-  ``staStart``; station equations are not applied.
+  ``staStart``.
+* Kilometrage: ``StaEquation`` (:mod:`trackfg.datasets.line.landxml_kilometrage`).
 * Cant: ``Cant`` (:mod:`trackfg.datasets.line.landxml_cant`).
 * Profile: the first ``ProfAlign``: gradients between its points; ``CircCurve`` by its radius, ``ParaCurve`` by its
   length. Heights are taken for the centre line's, whatever the point that cant turns about.
@@ -19,13 +20,15 @@ import numpy as np
 
 from trackfg.datasets.line.alignment import piecewise
 from trackfg.datasets.line.landxml_cant import read_cant
-from trackfg.datasets.line.landxml_file import Node, Units, open_landxml, read_units
+from trackfg.datasets.line.landxml_file import Node, Units, is_inframodel, open_landxml, read_units, version_remarks
+from trackfg.datasets.line.landxml_kilometrage import read_kilometrage
 from trackfg.datasets.line.landxml_plan import read_coord_geom
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.plan_alignment import PlanAlignment
 from trackfg.datasets.line.vertical_profile import ProfilePiece, Vertex, profile
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.recording.line_kilometrage import LineKilometrage
 
 _SAME_PLACE_M = 0.01
 """Places of a file that differ by less are one, m: files give centimetres."""
@@ -40,7 +43,8 @@ class LandXmlLine:
     """``line`` begins at its own origin, which is ``start_m`` (east, north, up) in the file's coordinates.
 
     ``plan`` has the same over the length in plan; the station of a place ``p`` of it is ``station_start_m + p``.
-    ``gauge_m`` is that of the file's ``Cant``.
+    ``gauge_m`` is that of the file's ``Cant``. Chainage is ``station_start_m`` plus the length along the line;
+    ``kilometrage`` leads from it to the stations with the file's equations.
     """
 
     name: str
@@ -50,12 +54,13 @@ class LandXmlLine:
     start_m: Array
     gauge_m: float | None
     remarks: tuple[str, ...]
+    kilometrage: LineKilometrage
 
 
 def read_landxml(
     path: Path | str, *, name: str | None = None, speed_limit_mps: float, cross_level_base_m: float | None = None
 ) -> LandXmlLine:
-    """Return the alignment ``name``, or the only one, of a LandXML 1.2 file.
+    """Return the alignment ``name``, or the only one, of a LandXML file.
 
     The file says nothing reliable about speed limits; ``speed_limit_mps`` holds for the whole line. Cant refers to
     ``cross_level_base_m``, or else to the gauge that the file's ``Cant`` names (1.5 m where it has none). Raises
@@ -69,22 +74,18 @@ def read_landxml(
         raise node.error("has no CoordGeom: expected the elements of the plan")
     geometry = read_coord_geom(geometry_node.named(f"{node.what}, CoordGeom"), units.length_m)
     length = float(np.sum([element.length_m for element in geometry.elements]))
-    remarks = list(geometry.remarks)
+    remarks = [*version_remarks(root), *geometry.remarks]
     station = (node.optional_number("staStart") or 0.0) * units.length_m
     header = node.optional_number("length")
     if header is not None and abs(header * units.length_m - length) > _LENGTH_OFF_M:
         given = header * units.length_m
         remarks.insert(0, f"the header's length is {given:.3f} m, that of its elements {length:.3f} m: these are used")
-    equations = len(list(node.children("StaEquation")))
-    if equations:
-        remarks.append(
-            f"{equations} station equation(s) (StaEquation) not applied: stations are lengths along the plan"
-        )
-
     cant = read_cant(node, units, geometry.elements, station)
     remarks += cant.remarks
     pieces = _read_profile(node, units, station, length, remarks)
-    plan = PlanAlignment(piecewise(geometry.elements), piecewise(cant.elements), pieces, length)
+    plan = PlanAlignment(piecewise(geometry.elements), cant.over_plan(), pieces, length)
+    kilometrage = read_kilometrage(node, units, plan, station, inframodel=is_inframodel(root))
+    remarks += kilometrage.remarks
     base = cross_level_base_m or cant.gauge_m or _DEFAULT_BASE_M
     highest = max(max(abs(element.start), abs(element.end)) for element in cant.elements)
     if highest >= 0.5 * base:
@@ -97,13 +98,15 @@ def read_landxml(
         stations_m=np.zeros(0),
     )
     start = np.array([geometry.start_m[1], geometry.start_m[0], pieces[0].height_m])
-    return LandXmlLine(node.text("name") or "", line, plan, station, start, cant.gauge_m, tuple(remarks))
+    return LandXmlLine(
+        node.text("name") or "", line, plan, station, start, cant.gauge_m, tuple(remarks), kilometrage.line
+    )
 
 
 def _chosen(root: Node, name: str | None) -> Node:
     found = [node for group in root.children("Alignments") for node in group.children("Alignment")]
     names = [node.text("name") or "" for node in found]
-    chosen = [node for node, its in zip(found, names, strict=True) if name is None or its == name]
+    chosen = [node for node, its in zip(found, names, strict=True) if name is None or its == name.strip()]
     if len(chosen) != 1:
         what = "has no Alignment" if not found else f"has {len(found)} alignments: " + ", ".join(map(repr, names))
         wish = "exactly one, or a choice by name" if name is None else f"exactly one named {name!r}"

@@ -3,7 +3,8 @@
 ``appliedCant`` (millimetres, or inches in Imperial files) raises the outer rail of the ``curvature`` that the station
 names; with ``adverse`` the inner one. Between stations cant follows the ``transitionType`` of the first; without one,
 the law of the spiral that spans the same stretch; else it is linear. Beyond the stations it stays as it is at the
-nearest. ``equilibriumCant``, deficiencies, rates and speeds are not used.
+nearest; stations beyond the plan count for what lies on it. ``equilibriumCant``, deficiencies, rates and speeds are not
+used.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import PPoly
 
-from trackfg.datasets.line.alignment import Element, Law, ramp_law
+from trackfg.datasets.line.alignment import Element, Law, piecewise, ramp_law
 from trackfg.datasets.line.landxml_file import Node, Units
 from trackfg.datasets.line.landxml_plan import SPIRALS
 from trackfg.numerics.arrays import Array
@@ -28,11 +30,19 @@ _WIDEST_GAUGE_M = 10.0
 
 @dataclass(frozen=True)
 class Cant:
-    """``elements`` (m over plan, left rail higher positive) span the plan; ``gauge_m`` is None without ``Cant``."""
+    """``elements`` (m over plan, left rail higher positive) span the plan from ``from_m`` on, which is 0 unless
+    stations lie before the plan; ``gauge_m`` is None without ``Cant``.
+    """
 
     elements: tuple[Element, ...]
     gauge_m: float | None
     remarks: tuple[str, ...]
+    from_m: float = 0.0
+
+    def over_plan(self) -> PPoly:
+        """Return the cant as a function of the length along the plan."""
+        function = piecewise(self.elements)
+        return PPoly(function.c, function.x + self.from_m, extrapolate=True)
 
 
 @dataclass(frozen=True)
@@ -68,13 +78,28 @@ def read_cant(alignment: Node, units: Units, plan: tuple[Element, ...], station_
     if last.plan_m < length:
         elements.append(Element("constant", length - last.plan_m, last.cant_m, last.cant_m))
 
-    remarks = []
+    remarks = _beyond(stations, length)
     if (first.plan_m > _SAME_PLACE_M and first.cant_m) or (last.plan_m < length - _SAME_PLACE_M and last.cant_m):
         remarks.append("cant is not zero at the first or last CantStation: it is kept to the end of the alignment")
     if node.text("rotationPoint") not in (None, "center"):
         point = node.text("rotationPoint")
         remarks.append(f"cant turns about {point}: heights of the profile are taken for the centre line's all the same")
-    return Cant(tuple(elements), gauge, tuple(remarks))
+    return Cant(tuple(elements), gauge, tuple(remarks), min(first.plan_m, 0.0))
+
+
+def _beyond(stations: list[_Station], length: float) -> list[str]:
+    """Return the remark on stations beyond the plan.
+
+    Raises :class:`trackfg.errors.BadInputError` where all are and yet say that the plan has cant.
+    """
+    off = [max(-station.plan_m, station.plan_m - length, 0.0) for station in stations]
+    number = sum(distance > 0.0 for distance in off)
+    if number == 0:
+        return []
+    if number == len(stations) and any(station.cant_m for station in stations):
+        wish = f"expected some on the plan, 0 to {length:.3f} m"
+        raise stations[0].node.error(f"its station is {stations[0].plan_m:.3f} m from the start of the plan: {wish}")
+    return [f"{number} CantStation(s) beyond the plan, by up to {max(off):.3f} m: the cant on the plan is used"]
 
 
 def _stations(node: Node, alignment: str, units: Units, station_start_m: float, length: float) -> list[_Station]:
@@ -83,9 +108,8 @@ def _stations(node: Node, alignment: str, units: Units, station_start_m: float, 
     for number, child in enumerate(node.children("CantStation"), start=1):
         at = child.named(f"{alignment}, CantStation {number}")
         place = at.number("station") * units.length_m - station_start_m
-        if not -_SAME_PLACE_M <= place <= length + _SAME_PLACE_M:
-            raise at.error(f"its station is {place:.3f} m from the start of the plan: expected 0 to {length:.3f} m")
-        place = min(max(place, 0.0), length)
+        for edge in (0.0, length):
+            place = edge if abs(place - edge) <= _SAME_PLACE_M else place
         cant = _signed_cant(at, units)
         ahead = place - stations[-1].plan_m if stations else np.inf
         if ahead < -_SAME_PLACE_M:

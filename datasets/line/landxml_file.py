@@ -1,4 +1,4 @@
-"""LandXML 1.2 files: opened safely, and read attribute by attribute with messages that say where.
+"""LandXML files, Inframodel among them: opened safely, and read attribute by attribute with messages that say where.
 
 A file is data from anywhere: no document type, no entities, no network, and a limit on the size.
 """
@@ -17,7 +17,12 @@ from lxml import etree
 from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_small
 
-NAMESPACE = "http://www.landxml.org/schema/LandXML-1.2"
+NAMESPACES = {
+    **{f"http://www.landxml.org/schema/LandXML-{version}": version for version in ("1.1", "1.2", "2.0")},
+    "http://www.inframodel.fi/inframodel": "1.2",
+    "http://buildingsmart.fi/inframodel/404": "1.2",
+}
+"""Namespaces that are read, and the version of LandXML that each is; Inframodel 4 is a subset of 1.2."""
 _MOST_BYTES = 256 * 2**20
 """Largest file that is read, bytes. Chosen here, so that a wrong file does not fill the memory."""
 
@@ -35,13 +40,18 @@ class Node:
         """Return the element's name without the namespace."""
         return str(etree.QName(self.element).localname)
 
+    @property
+    def namespace(self) -> str:
+        """Return the element's namespace."""
+        return str(etree.QName(self.element).namespace)
+
     def error(self, problem: str) -> BadInputError:
         """Return the error that names file, line, element and ``problem``."""
         return BadInputError(f"{self.file}, line {self.element.sourceline}: {self.what}: {problem}")
 
     def children(self, *tags: str) -> Iterator[Node]:
         """Return its child elements with one of these names; all of them where none is given."""
-        for child in self.element.iterchildren(f"{{{NAMESPACE}}}*"):
+        for child in self.element.iterchildren(f"{{{self.namespace}}}*"):
             name = str(etree.QName(child).localname)
             if not tags or name in tags:
                 yield Node(child, self.file, f"{self.what}, {name}")
@@ -84,6 +94,10 @@ class Node:
             raise self.error(f"{attribute} is {text!r}: expected {_bounded(above)}")
         return value
 
+    def is_zero(self, attribute: str) -> bool:
+        """Return whether an attribute is there and is the number 0."""
+        return _finite(self.text(attribute) or "") == 0.0
+
     def curvature(self, attribute: str) -> float:
         """Return a required attribute that is a radius above zero, or INF, as curvature in its own unit."""
         return 0.0 if (self.text(attribute) or "").upper() == "INF" else 1.0 / self.number(attribute, above=0.0)
@@ -98,10 +112,10 @@ class Node:
 
 
 def open_landxml(path: Path | str) -> Node:
-    """Return the root of a LandXML 1.2 file.
+    """Return the root of a file of one of the :data:`NAMESPACES`.
 
     Raises :class:`BadInputError` for a file that cannot be read, is larger than 256 MiB, is not well-formed XML, has a
-    document type, or is not LandXML 1.2.
+    document type, or is of no such namespace.
     """
     path = Path(path)
     try:
@@ -118,17 +132,27 @@ def open_landxml(path: Path | str) -> Node:
     try:
         root = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
-        raise BadInputError(f"{path}: not well-formed XML: {error.msg}: expected a LandXML 1.2 file") from error
+        raise BadInputError(f"{path}: not well-formed XML: {error.msg}: expected a LandXML file") from error
     if root.getroottree().docinfo.doctype:
         raise BadInputError(f"{path}: has a document type (DOCTYPE), which may define entities: remove it")
-    if root.tag != f"{{{NAMESPACE}}}LandXML":
-        name = etree.QName(root)
-        wish = f"expected LandXML of namespace {NAMESPACE!r}"
+    name = etree.QName(root)
+    if name.localname != "LandXML" or name.namespace not in NAMESPACES:
+        wish = f"expected LandXML of namespace {', '.join(NAMESPACES)}"
         raise BadInputError(f"{path}: its root is {name.localname} of namespace {name.namespace!r}: {wish}")
-    node = Node(root, str(path), "LandXML")
-    if node.text("version") != "1.2":
-        raise node.error(f"version is {node.text('version')!r}: expected '1.2'")
-    return node
+    return Node(root, str(path), "LandXML")
+
+
+def version_remarks(root: Node) -> list[str]:
+    """Return what is to be said of a version that is not the namespace's."""
+    declared, expected = root.text("version"), NAMESPACES[root.namespace]
+    if declared == expected:
+        return []
+    return [f"its version is {declared!r}, its namespace that of {expected}: it is read as {expected}"]
+
+
+def is_inframodel(root: Node) -> bool:
+    """Return whether a file is Inframodel, whose station equations are kilometre posts."""
+    return "inframodel" in root.namespace
 
 
 @dataclass(frozen=True)

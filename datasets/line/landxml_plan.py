@@ -1,7 +1,8 @@
 """``CoordGeom`` of LandXML: lines, curves and spirals, and what the coordinates in the file say against them.
 
 The elements' types, lengths and radii make the alignment; of the coordinates only the first point and the direction of
-the first element are used. Where the others disagree with the elements by more than 1 cm, a remark says so.
+the first element are used. Where the others disagree with the elements by more than 1 cm, a remark says so. A centre
+counts by what it does to the arc: that of a flat one is far away, and a file gives it to few digits.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ SPIRALS: dict[str, Law] = {
 _NEAR = {"sineHalfWave": "half-sine", "biquadraticParabola": "Helmert"}
 """Types whose law holds over the tangent; here it is taken over the arc."""
 
+_ELEMENTS = ("Line", "Curve", "Spiral")
 _OFF_M = 0.01
 """By how much points of the file may be off the elements before that is remarked on, m."""
 
@@ -61,18 +63,25 @@ def read_coord_geom(node: Node, scale: float) -> CoordGeom:
     points: list[_Points] = []
     names: list[str] = []
     remarks: list[str] = []
+    near: dict[str, list[str]] = {}
     for number, child in enumerate(node.children(), start=1):
         if child.tag == "Feature":
             continue
         place = child.named(f"{node.what} element {number} ({child.tag})")
         at = _Points(*(_point(place, tag, scale) for tag in ("Start", "End", "Center", "PI")))
+        if child.tag in _ELEMENTS and place.is_zero("length"):
+            remarks.append(f"element {number} ({child.tag}): its length is 0: it is left out")
+            continue
         elements.append(_element(place, at, scale))
         points.append(at)
         names.append(f"element {number} ({child.tag})")
         if (kind := child.text("spiType")) in _NEAR:
-            remarks.append(f"{names[-1]}: {kind} is read as the {_NEAR[kind]} curve: its law over the arc")
+            near.setdefault(kind, []).append(names[-1])
+    for kind, those in near.items():
+        more = f", here and {len(those) - 1} times more" if len(those) > 1 else ""
+        remarks.append(f"{those[0]}: {kind} is read as the {_NEAR[kind]} curve: its law over the arc{more}")
     if not elements:
-        raise node.error("has no elements: expected Line, Curve or Spiral")
+        raise node.error("has no elements: expected Line, Curve or Spiral with a length")
     total = sum(element.length_m for element in elements)
     if total > LONGEST_M:
         raise node.error(f"its elements are {1e-3 * total:g} km long: expected at most {1e-3 * LONGEST_M:g} km")
@@ -91,7 +100,7 @@ def _element(node: Node, at: _Points, scale: float) -> Element:
         if length is None and at.start is not None and at.end is not None:
             length = abs(at.end - at.start) / scale
         return _checked(node, "constant", length, 0.0, 0.0, scale)
-    if node.tag not in ("Curve", "Spiral"):
+    if node.tag not in _ELEMENTS:
         raise node.error("cannot be read: expected Line, Curve or Spiral")
     side = 1.0 if node.choice("rot", ("cw", "ccw")) == "ccw" else -1.0
     if node.tag == "Spiral":
@@ -168,13 +177,15 @@ def _disagreements(
             if abs(chord) > _OFF_M:
                 remarks.append(f"{name}: its Start and End are {chord:+.3f} m further apart than its length says")
         expected = [(at.start, places[i]), (at.end, places[i + 1])]
-        if element.law == "constant" and element.start != 0.0:
-            expected.append((at.centre, places[i] + 1j * np.exp(1j * headings[i]) / element.start))
-            if at.centre is not None and at.start is not None:
-                radius = abs(at.start - at.centre) - 1.0 / abs(element.start)
-                if abs(radius) > _OFF_M:
-                    remarks.append(f"{name}: its Start is {radius:+.3f} m further from its Center than its radius says")
         off = max([abs(point - origin - place) for point, place in expected if point is not None], default=0.0)
+        if element.law == "constant" and element.start != 0.0 and at.centre is not None and at.start is not None:
+            centre = (at.centre - at.start) * np.exp(-1j * headings[i]) * element.start
+            turn = abs(element.start) * element.length_m
+            radius = (abs(centre) - 1.0) / abs(element.start)
+            # A longer radius flattens the arc, a turned one turns it: what either moves at its end.
+            if abs(radius) * 0.5 * turn**2 > _OFF_M:
+                remarks.append(f"{name}: its Start is {radius:+.3f} m further from its Center than its radius says")
+            off = max(off, float(abs(np.angle(centre / 1j))) * element.length_m)
         if off > _OFF_M and not first_off:
             first_off = name
         worst = max(worst, float(off))

@@ -22,7 +22,9 @@ from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_toml
 from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Angle, Length, Model
+from trackfg.recording.description import Angle, Length
+from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.recording.strict_model import Model
 
 FORMAT = "trackfg-line/1"
 _SMALLEST_VERTICAL_RADIUS_M = 100.0
@@ -39,7 +41,10 @@ ElementLength = Annotated[float, Field(strict=True, gt=0)]
 
 @dataclass(frozen=True)
 class DescribedLine:
-    """``line`` begins at chainage ``chainage_origin_m``. ``station_names`` are those of ``line.stations_m``."""
+    """``line`` begins at chainage ``chainage_origin_m``. ``station_names`` are those of ``line.stations_m``.
+
+    ``kilometrage`` ends with the line; its line is the description's id where it names none.
+    """
 
     id: str
     line: Line
@@ -47,6 +52,7 @@ class DescribedLine:
     gauge_m: float
     station_names: tuple[str, ...]
     remarks: tuple[str, ...]
+    kilometrage: LineKilometrage | None = None
 
 
 class Straight(Model):
@@ -129,6 +135,7 @@ class LineDescription(Model):
         tuple[Annotated[Straight | CurveElement | Transition, Field(discriminator="type")], ...], Field(min_length=1)
     ]
     gradient: tuple[Gradient, ...] = ()
+    kilometrage: LineKilometrage | None = None
 
 
 def read_line(path: Path | str) -> DescribedLine:
@@ -183,7 +190,21 @@ def line_from(description: LineDescription) -> DescribedLine:
         if before.end != after.start
     )
     names = tuple(station.name for station in description.station)
-    return DescribedLine(description.id, line, origin, description.gauge_m, names, remarks)
+    kilometrage = _kilometrage(description, origin + length)
+    return DescribedLine(description.id, line, origin, description.gauge_m, names, remarks, kilometrage)
+
+
+def _kilometrage(description: LineDescription, end: float) -> LineKilometrage | None:
+    given = description.kilometrage
+    if given is None:
+        return None
+    last = max((entry.chainage_m for entry in (*given.equation, *given.post)), default=-np.inf)
+    if last >= end:
+        raise ValueError(f"kilometrage: chainage_m is {last:g}: expected one before the line's end, {end:g}")
+    changes = {"line": given.line or description.id}
+    if given.end_chainage_m is None:
+        return given.model_copy(update={**changes, "end_chainage_m": end})
+    return given.model_copy(update=changes)
 
 
 def _plan(description: LineDescription) -> tuple[list[Element], list[Element]]:

@@ -21,6 +21,7 @@ from trackfg.datasets.line.line_description import read_line
 from trackfg.errors import BadInputError
 from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
+from trackfg.recording.line_kilometrage import LineKilometrage
 
 UNCOMPENSATED_MPS2 = 0.65
 """Acceleration in the plane of the track that speed limits allow, m/s^2: a cant deficiency of 100 mm on 1.5 m."""
@@ -42,29 +43,38 @@ class GivenLine:
     gauge_m: float
     chainage_origin_m: float = 0.0
     remarks: tuple[str, ...] = ()
+    kilometrage: LineKilometrage | None = None
 
 
-def read_line_file(path: Path | str) -> GivenLine:
-    """Return the line of a ``.toml`` or ``.xml`` file.
+def read_line_file(path: Path | str, alignment: str | None = None) -> GivenLine:
+    """Return the line of a ``.toml`` or ``.xml`` file; ``alignment`` is the name of one of several in LandXML.
 
     Chainage is that of the description, or begins with the station of a LandXML alignment; its gauge is 1.435 m where
     it names none. Raises :class:`~trackfg.errors.BadInputError` for another suffix and a file that cannot be used.
     """
     path = Path(path)
     match path.suffix.lower():
+        case ".toml" if alignment is not None:
+            raise BadInputError(f"{path}: holds one line: expected LandXML (.xml) to choose {alignment!r} from")
         case ".toml":
             described = read_line(path)
             return GivenLine(
-                described.id, described.line, described.gauge_m, described.chainage_origin_m, described.remarks
+                described.id,
+                described.line,
+                described.gauge_m,
+                described.chainage_origin_m,
+                described.remarks,
+                described.kilometrage,
             )
         case ".xml":
-            designed = read_landxml(path, speed_limit_mps=np.inf)
+            designed = read_landxml(path, name=alignment, speed_limit_mps=np.inf)
             return GivenLine(
                 designed.name,
                 with_curve_limits(designed.line),
                 designed.gauge_m or _DEFAULT_GAUGE_M,
                 designed.station_start_m,
                 designed.remarks,
+                designed.kilometrage,
             )
     raise BadInputError(f"{path}: expected a line description (.toml) or LandXML (.xml)")
 

@@ -18,8 +18,9 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
 from trackfg.recording.canonical import imu_rotation
-from trackfg.recording.description import Imu, Laser, Model, Speed, Table, Tach, Track
+from trackfg.recording.description import Imu, Laser, Speed, Table, Tach, Track
 from trackfg.recording.findings import Finding, Level, Section
+from trackfg.recording.strict_model import Model
 from trackfg.sensors.averages import Motion, averaged
 
 _STEP_S = 0.5

@@ -161,6 +161,9 @@ def simulate(
             metavar="FILE", help="Run on this line: a description (.toml) or LandXML (.xml).", show_default=False
         ),
     ] = None,
+    alignment: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The alignment, of several in LandXML.", show_default=False)
+    ] = None,
 ) -> None:
     """Write the recording that a simulated vehicle would make, with the truth beside it."""
     from trackfg.datasets.line.line_file import read_line_file
@@ -171,8 +174,10 @@ def simulate(
 
     refuse_used(out, "recordings are never overwritten")
     plan = named(scenario)
+    if alignment is not None and line is None:
+        raise BadInputError("--alignment chooses one of a LandXML file: expected --line too")
     if line is not None:
-        given = read_line_file(line)
+        given = read_line_file(line, alignment)
         for remark in given.remarks:
             print(f"trackfg: note: {line}: {remark}", file=sys.stderr)
         plan = plan.on(given)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -22,18 +22,19 @@ from trackfg.recording.description import (
     MOST_OF_A_KIND,
     FurtherTach,
     Imu,
-    Model,
     RecordingDescription,
     Table,
     Track,
     Truth,
 )
 from trackfg.recording.findings import Finding
+from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.recording.strict_model import Model
 
 FILE_NAME = "recording.toml"
 FORMAT = "trackfg-recording/1"
 
-_OTHER_PARTS: dict[str, type[Model]] = {"track": Track, "truth": Truth}
+_OTHER_PARTS: dict[str, type[Model]] = {"track": Track, "kilometrage": LineKilometrage, "truth": Truth}
 """Besides the sensors."""
 _LISTS = tuple(sensor.key for sensor in FORMATS if sensor.several)
 _PARTS = {**_OTHER_PARTS, **{sensor.key: sensor.model for sensor in FORMATS}}
@@ -198,7 +199,7 @@ def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple
         details = error.errors()[:_MOST_FAULTS]
     findings = [_finding(detail, model, key, file) for detail in details]
     wrong = {str(detail["loc"][0]) for detail in details if detail["loc"]}
-    if model is Track or not wrong.isdisjoint(_STRUCTURE_KEYS):
+    if model in (Track, LineKilometrage) or not wrong.isdisjoint(_STRUCTURE_KEYS):
         return None, findings
     usable = {name: value for name, value in raw.items() if name in model.model_fields and name not in wrong}
     usable = {name: tuple(value) if isinstance(value, list) else value for name, value in usable.items()}
@@ -267,6 +268,7 @@ def _keys_at(model: type[Model], loc: list[str]) -> list[str]:
     """The keys of the model itself, or of the part of it that ``loc`` names."""
     for step in loc:
         annotation = model.model_fields[step].annotation if step in model.model_fields else None
+        annotation = next(iter(get_args(annotation)), annotation)  # of a list, what it holds
         if isinstance(annotation, type) and issubclass(annotation, Model):
             model = annotation
     return [name for name in model.model_fields if name != "further_tach"]  # which is written [[tach]]

@@ -287,3 +287,28 @@ def between_posts(posts: Sequence[KmPost], *, ascending: bool = True) -> tuple[S
         stretches.append(Stretch(before.chainage_m, lower.chainage_m, lower.official_m, rate, km))
     beginning = last.chainage_m if stretches else -math.inf
     return (*stretches, Stretch(beginning, last.chainage_m, last.official_m, rate))
+
+
+def rescaled(stretches: Sequence[Stretch], scales: Sequence[tuple[float, float]]) -> tuple[Stretch, ...]:
+    """Return stretches whose kilometrage is not measured along the track: from each chainage of ``scales`` on, it has
+    so many metres to one of chainage.
+
+    What lies before the first of them has its scale. A place that a stretch counts from keeps its kilometrage.
+    """
+    knots, scale = (np.array(column, dtype=np.float64) for column in zip(*scales, strict=True))
+    measured = np.concatenate([[0.0], np.cumsum(scale[:-1] * np.diff(knots))])
+
+    def at(x: float) -> tuple[float, float]:
+        j = max(int(np.searchsorted(knots, x, side="right")) - 1, 0)
+        return float(measured[j] + scale[j] * (x - knots[j])), float(scale[j])
+
+    pieces = []
+    for stretch, end in zip(stretches, [*(s.from_m for s in stretches[1:]), math.inf], strict=True):
+        origin, _ = at(stretch.chainage_m)
+        inner = knots[(knots > stretch.from_m) & (knots < end)].tolist()
+        for edge in [stretch.from_m, *inner]:
+            x = edge if math.isfinite(edge) else min([stretch.chainage_m, *inner])
+            length, factor = at(x)
+            official = stretch.official_m + stretch.rate * (length - origin)
+            pieces.append(Stretch(edge, x, official, stretch.rate * factor, stretch.post_km))
+    return tuple(pieces)

@@ -8,9 +8,11 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from trackfg.numerics import rotations
+from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.recording.strict_model import Model
 
 Name = Annotated[str, Field(pattern=r"^[^\x00]*$", max_length=1000)]
 """Of a recording or a sensor: databases store no null character."""
@@ -39,12 +41,6 @@ SdDegrees = Annotated[float, Field(strict=True, ge=1e-9, le=180)]
 MOST_OF_A_KIND = 100
 """Sensors of one kind: measuring trains have a dozen lasers."""
 TimeUnit = Literal["s", "ms", "us", "ns"]
-
-
-class Model(BaseModel):
-    """What all parts share: unknown keys and non-finite numbers are refused, and nothing changes afterwards."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def _three_columns(names: tuple[str, str, str]) -> tuple[str, str, str]:
@@ -255,6 +251,7 @@ class RecordingDescription(Model):
     id: Name
     start: datetime | None = None
     track: Track = Track()
+    kilometrage: LineKilometrage | None = None
     imu: Imu
     tach: Tach | None = None
     further_tach: Annotated[tuple[FurtherTach, ...], Field(max_length=MOST_OF_A_KIND)] = ()

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
 from trackfg.recording.findings import Finding
+from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.results.verdict import Verdict
 
 
@@ -76,7 +77,7 @@ class RunFacts(_ResultModel):
     files, byte by byte (:mod:`trackfg.io.content`), null where it was not read from files. ``anchored``: fixes told
     where on the line the run was; else chainage counts from its start. ``imu_id``: which sensor in which mounting, and
     ``mount_roll_sd_rad`` how well the roll of that is known. ``origin``: of east, north, up: WGS 84 latitude (deg),
-    longitude (deg) and height (m), if GNSS told.
+    longitude (deg) and height (m), if GNSS told. ``kilometrage``: that of the line, if the recording has it.
     """
 
     start: str | None = None
@@ -87,6 +88,7 @@ class RunFacts(_ResultModel):
     imu_id: str | None = None
     mount_roll_sd_rad: float
     origin: tuple[float, float, float] | None = None
+    kilometrage: LineKilometrage | None = None
 
 
 class MapUse(_ResultModel):

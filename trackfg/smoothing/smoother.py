@@ -277,6 +277,7 @@ def _run_facts(recording: Recording) -> RunFacts:
         imu_id=description.imu.id,
         mount_roll_sd_rad=float(np.radians(description.imu.mount_roll_sd_deg)),
         origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
+        kilometrage=description.kilometrage,
     )
 
 

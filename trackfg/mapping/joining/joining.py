@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pandas as pd
+from pydantic import JsonValue
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.joining.anchors import (
@@ -120,8 +121,17 @@ def joined(survey: Survey, result: Result) -> Survey:
         level={**survey.level, **level},
         information={**survey.information, run_id: information},
         runs={**survey.runs, run_id: SurveyedRun(result.summary.recording_id, facts)},
-        configuration={**survey.configuration, run_id: dict(result.summary.configuration)},
+        configuration={**survey.configuration, run_id: _configuration(survey, result, facts)},
     )
+
+
+def _configuration(survey: Survey, result: Result, facts: RunFacts) -> dict[str, JsonValue]:
+    """Return the settings of a run, with its kilometrage where its chainage is the map's."""
+    settings = dict(result.summary.configuration)
+    shared = survey.grid is None or (facts.anchored and survey.anchored)
+    if shared and facts.kilometrage is not None:
+        settings["kilometrage"] = facts.kilometrage.model_dump(mode="json")
+    return settings
 
 
 def _sensor(survey: Survey, run_id: str, facts: RunFacts, cross_level_base_m: float) -> Sensor | None:
