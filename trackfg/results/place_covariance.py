@@ -20,6 +20,8 @@ APART_M = 250.0
 """Distance of the places whose covariance a result holds, m: in between, errors are linear to a few mm."""
 
 
+_ROUNDING = 1e-6
+"""Asymmetry and negative eigenvalues of a matrix of correlations that are rounding of the smoother's elimination."""
 _OF = ("chainage_m", "cross_level_mm")
 
 
@@ -38,6 +40,21 @@ class PlaceCovariance:
         p = len(self.chainage_m)
         if self.matrix.shape != (2 * p, 2 * p) or np.any(np.diff(self.chainage_m) <= 0.0):
             raise ValueError(f"covariance {self.matrix.shape} of {p} places: expected ascending places, {2 * p} rows")
+
+    def refuse_unsound(self) -> None:
+        """Raise ``ValueError`` unless this is a covariance: finite, symmetric, without a negative variance."""
+        if not (np.isfinite(self.chainage_m).all() and np.isfinite(self.matrix).all()):
+            raise ValueError("covariance: expected finite numbers")
+        if not np.allclose(self.matrix, self.matrix.T, rtol=_ROUNDING, atol=0.0):
+            raise ValueError("covariance: expected a symmetric matrix")
+        variance = np.diag(self.matrix)
+        if np.any(variance <= 0.0):
+            raise ValueError("covariance: expected variances above 0")
+        correlation = self.matrix / np.sqrt(np.outer(variance, variance))
+        try:
+            np.linalg.cholesky(correlation + _ROUNDING * np.eye(len(variance)))
+        except np.linalg.LinAlgError:
+            raise ValueError("covariance: expected a positive definite matrix") from None
 
     @classmethod
     def none(cls) -> PlaceCovariance:

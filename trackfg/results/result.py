@@ -24,14 +24,16 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, TrackfgError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.place_covariance import PlaceCovariance
+from trackfg.results.soundness import refuse_unsound
 from trackfg.results.summary import Summary
 
+_REPORT = "this is an error of trackfg: please report it, with the recording if you can"
 _EVENT_TEXT = ("kind", "detail")
 _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
     "trajectory.parquet",
@@ -71,14 +73,30 @@ class Result:
         """Return whether the geometry has each rail by itself and the gauge."""
         return RAIL_COLUMNS[0] in self.geometry
 
+    def refuse_unsound(self) -> None:
+        """Raise ``ValueError`` for numbers that are none (:mod:`trackfg.results.soundness`) and for a joint covariance
+        that is none.
+        """
+        refuse_unsound(_TRAJECTORY, self.trajectory, ascending="t_s", complete=True)
+        refuse_unsound(_GEOMETRY, self.geometry, ascending="chainage_m", complete=False)
+        refuse_unsound(_EVENTS, self.events.drop(columns=list(_EVENT_TEXT)), ascending=None, complete=False)
+        self.covariance.refuse_unsound()
+
     def write(self, folder: str | os.PathLike[str]) -> Path:
         """Write the result, replacing an earlier one in one step (:mod:`trackfg.files.atomic_folder` says how).
 
         Killed at any moment, it leaves the old result, whole, or none where there was none. Raises
-        :class:`BadInputError` if ``folder`` holds anything but a result.
+        :class:`BadInputError` if ``folder`` holds anything but a result, and :class:`TrackfgError` for numbers that
+        nobody should get: NaN, infinity, a sigma of 0.
         """
         folder = Path(folder)
         RESULT_FOLDER.refuse_foreign(folder)
+        try:
+            self.refuse_unsound()
+        except ValueError as error:
+            raise TrackfgError(
+                f"{folder}: nothing is written, for it would be wrong: {error}. Hint: {_REPORT}"
+            ) from error
         with replaced_folder(folder) as new:
             write_parquet(self.trajectory, new / _TRAJECTORY)
             write_parquet(self._geometry_file(), new / _GEOMETRY)
@@ -98,7 +116,7 @@ class Result:
         folder = Path(folder)
         content = RESULT_FOLDER.read(folder)
         try:
-            return cls(
+            result = cls(
                 trajectory=pd.read_parquet(io.BytesIO(content[_TRAJECTORY])),
                 geometry=pd.read_parquet(io.BytesIO(content[_GEOMETRY])),
                 events=pd.read_csv(
@@ -110,5 +128,7 @@ class Result:
                 summary=Summary.model_validate_json(content[_SUMMARY]),
                 covariance=PlaceCovariance.from_frame(pd.read_parquet(io.BytesIO(content[_COVARIANCE]))),
             )
-        except (ValueError, OSError) as error:
+            result.refuse_unsound()
+        except (ValueError, TypeError, KeyError, ArithmeticError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error
+        return result

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import platform
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
 from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.results.verdict import Verdict
+
+Sigma = Annotated[float, Field(gt=0)]
+Length = Annotated[float, Field(ge=1e-3, le=1e4)]
+"""m."""
 
 
 class _ResultModel(BaseModel):
@@ -21,14 +25,14 @@ class Estimate(_ResultModel):
     """An estimated scalar and its 1-sigma, in the unit of the field that holds it; null where no sigma is right."""
 
     value: float
-    sd: float | None
+    sd: Sigma | None
 
 
 class VectorEstimate(_ResultModel):
     """An estimated vector in the body axes x, y, z and the 1-sigma of each; null where no sigma is right."""
 
     value: tuple[float, float, float]
-    sd: tuple[float, float, float] | None
+    sd: tuple[Sigma, Sigma, Sigma] | None
 
 
 class Mounting(_ResultModel):
@@ -60,14 +64,14 @@ class GeometryConventions(_ResultModel):
     """
 
     facing: Literal["increasing chainage"] = "increasing chainage"
-    gauge_m: float
-    cross_level_base_m: float
-    step_m: float
-    twist_base_m: float
-    chord_m: float
-    band_m: tuple[float, float]
-    curvature_base_m: float
-    gradient_base_m: float
+    gauge_m: Length
+    cross_level_base_m: Length
+    step_m: Length
+    twist_base_m: Length
+    chord_m: Length
+    band_m: tuple[Length, Length]
+    curvature_base_m: Length
+    gradient_base_m: Length
 
 
 class RunFacts(_ResultModel):

@@ -1,0 +1,38 @@
+"""Tables of a result hold numbers that can be gone on with; anything else is refused on reading and on writing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+_GREATEST = 1e12
+"""Greatest magnitude of a value or a sigma, in the columns' units: its square, and sums of squares, stay finite."""
+
+
+def refuse_unsound(what: str, table: pd.DataFrame, ascending: str | None, complete: bool) -> None:
+    """Raise ``ValueError``, naming table, column and row, unless the numbers of a table are sound.
+
+    All are at most :data:`_GREATEST` in magnitude, sigmas above 0; column ``ascending`` rises from row to row. Where
+    the table is ``complete`` every number is there; else a value may be NaN where it is not known, and its sigma with
+    it.
+    """
+    for name in table.columns:
+        if table[name].dtype.kind not in "fiu":
+            raise ValueError(f"{what}: column {name!r} is {table[name].dtype}: expected numbers")
+        values = table[name].to_numpy(dtype=np.float64)
+        missing = np.isnan(values)
+        if complete or name == ascending:
+            _refuse(what, name, values, missing, "a number")
+        _refuse(what, name, values, ~missing & ~(np.abs(values) <= _GREATEST), f"at most {_GREATEST:g}")
+        if name.endswith("_sd"):
+            _refuse(what, name, values, ~missing & ~(values > 0.0), "a sigma above 0")
+            value_missing = table[name.removesuffix("_sd")].isna().to_numpy()
+            _refuse(what, name, values, missing & ~value_missing, "a sigma beside every value")
+        if name == ascending:
+            _refuse(what, name, values, np.diff(values, prepend=-np.inf) <= 0.0, "more than in the row before")
+
+
+def _refuse(what: str, name: str, values: np.ndarray, wrong: np.ndarray, expected: str) -> None:
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ValueError(f"{what}: column {name!r}, row {row + 1}: is {values[row]:g}: expected {expected}")
