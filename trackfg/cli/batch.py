@@ -6,7 +6,6 @@ import json as json_text
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -26,7 +25,9 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
             metavar="CATALOGUE...", help="A table of runs, recordings, or a pattern in quotes.", show_default=False
         ),
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="STORE", help="Folder for results and their catalogue.")],
+    out: Annotated[
+        str, typer.Option("-o", "--out", metavar="STORE", help="Folder or URL for results and their catalogue.")
+    ],
     line: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of runs whose row names no line.", show_default=False)
     ] = None,

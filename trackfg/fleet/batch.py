@@ -21,9 +21,11 @@ from trackfg.fleet.isolated_run import Job, Outcome
 from trackfg.fleet.key_figures import done_row, failed_row
 from trackfg.fleet.known_content import KnownContent
 from trackfg.fleet.machine import processes
+from trackfg.fleet.places import PlaceError, local_files
 from trackfg.fleet.planning import PlannedRun
 from trackfg.fleet.store import Store
 from trackfg.fleet.workers import Submit, cluster, local_processes
+from trackfg.results.result import RESULT_FOLDER
 
 Progress = Callable[[Outcome], None]
 """Called with the outcome of each run that was computed."""
@@ -53,48 +55,47 @@ def run_batch(
 
     Nothing is raised for a run that fails: its outcome and its row in the catalogue have the reason.
     """
-    store.write(_row(store, each.run, Outcome(each.run.name)) for each in planned if each.fresh and not each.listed)
+    store.write(_listed(store, each.run) for each in planned if each.fresh and not each.listed)
     wanted = {each.run.name: each for each in planned if not each.fresh}
     outcomes: list[Outcome] = []
     with _workers(store, limits, len(wanted)) as submit:
         for finished in _in_groups({submit(_job(each, store, limits)): name for name, each in wanted.items()}):
-            rows = [_row(store, wanted[outcome.name].run, outcome) for outcome in finished]
-            store.write(rows)
-            for row, outcome in zip(rows, finished, strict=True):
-                if row["files_sha256"] and outcome.recording is not None:
-                    known.remember(outcome.recording, row["files_sha256"])
+            store.write(_row(wanted[outcome.name].run, outcome) for outcome in finished)
+            for outcome in finished:
+                if outcome.row is not None and outcome.recording is not None:
+                    known.remember(outcome.recording, outcome.row["files_sha256"])
+                progress(outcome)
             known.save()
             outcomes += finished
-            for outcome in finished:
-                progress(outcome)
     return outcomes
 
 
 def _workers(store: Store, limits: Limits, runs: int) -> AbstractContextManager[Submit]:
     if limits.scheduler is not None:
-        return cluster(limits.scheduler, store.folder)
+        return cluster(limits.scheduler, store.place)
     return local_processes(max(1, min(limits.jobs or processes(limits.memory_bytes), runs)))
 
 
 def _job(each: PlannedRun, store: Store, limits: Limits) -> Job:
     return Job(
-        name=each.run.name,
-        recording=each.run.recording,
-        result=str(store.result(each.run.name)),
+        run=each.run,
+        result=store.result(each.run.name),
         settings=tomli_w.dumps(each.settings.model_dump(mode="json")),
-        map=each.run.map,
         timeout_s=limits.timeout_s,
         memory_bytes=limits.memory_bytes,
     )
 
 
-def _row(store: Store, run: Run, outcome: Outcome) -> dict[str, Any]:
-    if outcome.reason is not None:
-        return failed_row(run, outcome.reason, outcome.log)
-    folder = store.result(run.name)
+def _row(run: Run, outcome: Outcome) -> dict[str, Any]:
+    return outcome.row or failed_row(run, outcome.reason or "", outcome.log)
+
+
+def _listed(store: Store, run: Run) -> dict[str, Any]:
+    """Return the row of a run whose result is there."""
     try:
-        return done_row(run, folder, str(folder.relative_to(store.folder)))
-    except (OSError, ValueError) as error:
+        with local_files(store.result(run.name), RESULT_FOLDER.files) as folder:
+            return done_row(run, folder)
+    except (OSError, ValueError, PlaceError) as error:
         return failed_row(run, f"the result cannot be read: {first_line(error)}", "")
 
 

@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError, did_you_mean, first_line, printable
+from trackfg.fleet.places import is_url
 
 COLUMNS = ("recording", "line", "map", "settings", "tags", "run")
 """Columns of a table; all but the first may be absent or empty."""
@@ -31,8 +32,6 @@ UNKNOWN_LINE = "unknown"
 
 TABLE_SUFFIXES = (".csv", ".parquet")
 
-_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://|[A-Za-z][A-Za-z0-9+.-]*::")
-"""What a URL begins with; ``zip::`` and the like stand before the URL of what they open (fsspec)."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 """The name of a run is the name of a folder on every system."""
 _HASH_DIGITS = 8
@@ -52,11 +51,6 @@ class Run:
     map: str | None = None
     settings: str | None = None
     tags: str = ""
-
-
-def is_url(place: str) -> bool:
-    """Return whether a place is a URL, not a path."""
-    return _URL.match(place) is not None
 
 
 def read_catalogue(places: Sequence[str], defaults: Mapping[str, str] | None = None) -> list[Run]:
@@ -132,6 +126,7 @@ def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
 
 
 def _place(text: str, folder: str) -> str:
+    text = text.removeprefix("file://")
     return text if is_url(text) else os.path.abspath(os.path.join(folder, text))
 
 

@@ -7,22 +7,23 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
 
-from trackfg.errors import OutputError
-from trackfg.files.atomic_folder import replaced_folder
+from trackfg.errors import OutputError, first_line
+from trackfg.fleet.catalogue import Run
+from trackfg.fleet.key_figures import done_row
 from trackfg.fleet.known_content import Sight, sight
-from trackfg.io.content import content_files
+from trackfg.fleet.places import PlaceError, content_of, local_recording, new_folder
+from trackfg.results.result import RESULT_FOLDER
 
 ATTEMPTS = 3
 """A run is begun so often at most, if others killed its process: the first time, and twice again."""
@@ -43,23 +44,21 @@ _OTHERS_SIGNALS = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be smoothed. ``settings`` is TOML, ``result`` the folder to write.
+    """A run that is to be smoothed with settings, as TOML, into the folder ``result``.
 
-    At most ``timeout_s`` and ``memory_bytes`` (resident) are allowed; None for no limit of time.
+    At most ``timeout_s`` and ``memory_bytes`` (resident) are allowed; None for no limit.
     """
 
-    name: str
-    recording: str
+    run: Run
     result: str
     settings: str
-    map: str | None = None
     timeout_s: float | None = None
     memory_bytes: int | None = None
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended: ``reason`` and the last lines of its ``log`` where it failed, else None and nothing.
+    """How a job ended: ``reason`` and the last lines of its ``log`` where it failed, else its ``row`` of the catalogue.
 
     ``killed``: another process killed it. ``recording`` is what its recording's files looked like before.
     """
@@ -70,6 +69,7 @@ class Outcome:
     seconds: float = 0.0
     killed: bool = False
     recording: Sight | None = None
+    row: dict[str, Any] | None = None
 
 
 class _FailedError(Exception):
@@ -81,49 +81,52 @@ def run_isolated(job: Job, stop: threading.Event | None = None) -> Outcome:
 
     The result is there whole or not at all.
     """
-    seen = sight(job.recording, *content_files(job.recording))
-    for _ in range(ATTEMPTS):
-        outcome = _attempt(job, stop or threading.Event())
-        if not outcome.killed:
-            return replace(outcome, recording=seen)
-    return replace(outcome, reason=f"{outcome.reason}, {ATTEMPTS} times")
-
-
-def _attempt(job: Job, stop: threading.Event) -> Outcome:
-    started = time.monotonic()
+    stop, started = stop or threading.Event(), time.monotonic()
     try:
-        outcome = _published(job, stop)
-    except _FailedError as failure:
-        (outcome,) = failure.args
-    except (OSError, OutputError) as error:
-        outcome = Outcome(job.name, f"the result cannot be written: {error}")
+        seen = sight(job.run.recording, *content_of(job.run.recording))
+        with local_recording(job.run.recording) as recording:
+            outcome = replace(_attempts(job, recording, stop), recording=seen)
+    except PlaceError as error:
+        outcome = Outcome(job.run.name, str(error))
     return replace(outcome, seconds=time.monotonic() - started)
 
 
-def _published(job: Job, stop: threading.Event) -> Outcome:
-    """Put the result in its place in one step. Raises :class:`_FailedError` where there is none; all stays then."""
-    with replaced_folder(Path(job.result)) as new, _scratch() as scratch:
-        outcome = _smoothed(job, new, scratch, stop)
+def _attempts(job: Job, recording: Path, stop: threading.Event) -> Outcome:
+    for _ in range(ATTEMPTS):
+        outcome = _attempt(job, recording, stop)
+        if not outcome.killed:
+            return outcome
+    return replace(outcome, reason=f"{outcome.reason}, {ATTEMPTS} times")
+
+
+def _attempt(job: Job, recording: Path, stop: threading.Event) -> Outcome:
+    try:
+        return _published(job, recording, stop)
+    except _FailedError as failure:
+        (outcome,) = failure.args
+    except (OSError, OutputError, PlaceError) as error:
+        return Outcome(job.run.name, f"the result cannot be written: {error}")
+    return cast(Outcome, outcome)
+
+
+def _published(job: Job, recording: Path, stop: threading.Event) -> Outcome:
+    """Put the result in its place as a whole. Raises :class:`_FailedError` where there is none; all stays then."""
+    with new_folder(job.result, RESULT_FOLDER.head) as new, TemporaryDirectory(prefix="trackfg-") as scratch:
+        outcome = _smoothed(job, recording, new, Path(scratch), stop)
         if outcome.reason is not None:
             raise _FailedError(outcome)
-        return outcome
+        try:
+            return replace(outcome, row=done_row(job.run, new))
+        except ValueError as error:
+            raise _FailedError(replace(outcome, reason=f"the result is none: {first_line(error)}")) from error
 
 
-@contextmanager
-def _scratch() -> Iterator[Path]:
-    folder = Path(tempfile.mkdtemp(prefix="trackfg-"))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _smoothed(job: Job, result: Path, scratch: Path, stop: threading.Event) -> Outcome:
+def _smoothed(job: Job, recording: Path, result: Path, scratch: Path, stop: threading.Event) -> Outcome:
     """Run ``trackfg smooth`` and watch it until it has ended."""
     settings, log = scratch / "settings.toml", scratch / "log"
     settings.write_text(job.settings, encoding="utf-8")
-    command = [sys.executable, "-m", "trackfg", "smooth", job.recording, "-o", str(result), "--config", str(settings)]
-    command += [] if job.map is None else ["--map", job.map]
+    command = [sys.executable, "-m", "trackfg", "smooth", str(recording), "-o", str(result), "--config", str(settings)]
+    command += [] if job.run.map is None else ["--map", job.run.map]
     with log.open("wb") as file:
         process = subprocess.Popen(
             [sys.executable, "-I", "-S", str(_LAUNCHER), str(os.getpid()), *command],
@@ -138,17 +141,17 @@ def _smoothed(job: Job, result: Path, scratch: Path, stop: threading.Event) -> O
         finally:
             _end(process)
     if reason is None and process.returncode in (0, NOT_TO_BE_TRUSTED):
-        return Outcome(job.name)
+        return Outcome(job.run.name)
     text = _ESCAPES.sub("", log.read_bytes()[-10 * _LOG_LETTERS :].decode("utf-8", "replace"))
     tail = "\n".join(text.strip().splitlines()[-_LOG_LINES:])[-_LOG_LETTERS:]
     if reason is not None:
-        return Outcome(job.name, reason, tail)
+        return Outcome(job.run.name, reason, tail)
     if process.returncode < 0:
         name = _signal_name(-process.returncode)
         if -process.returncode in _OTHERS_SIGNALS:
-            return Outcome(job.name, f"killed from outside by {name}", tail, killed=True)
-        return Outcome(job.name, f"crashed with {name}", tail)
-    return Outcome(job.name, _message(tail) or f"ended with status {process.returncode}", tail)
+            return Outcome(job.run.name, f"killed from outside by {name}", tail, killed=True)
+        return Outcome(job.run.name, f"crashed with {name}", tail)
+    return Outcome(job.run.name, _message(tail) or f"ended with status {process.returncode}", tail)
 
 
 def _watched(process: subprocess.Popen[bytes], job: Job, stop: threading.Event) -> str | None:

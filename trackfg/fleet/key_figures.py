@@ -19,6 +19,9 @@ from trackfg.results.verdict import QUANTITIES
 UNKNOWN_MONTH = "unknown"
 """The month of a run whose recording does not say when it was."""
 
+RESULTS = "results"
+"""The folder of a store that holds the folders of results."""
+
 EVENT_COUNTS = {"slips": "slip", "slides": "slide", "standstills": "standstill", "imu_gaps": "imu gap"}
 """Columns that count the events of a kind."""
 
@@ -61,11 +64,8 @@ SCHEMA = pa.schema(
 ``log``."""
 
 
-def done_row(run: Run, folder: Path, result: str) -> dict[str, Any]:
-    """Return the row of a run whose result lies in ``folder``; ``result`` is its place in the store.
-
-    Raises ``OSError`` and ``ValueError`` where that is no result.
-    """
+def done_row(run: Run, folder: Path) -> dict[str, Any]:
+    """Return the row of a run whose result lies in ``folder``. Raises ``OSError``, ``ValueError`` where it is none."""
     summary = Summary.model_validate_json((folder / "summary.json").read_bytes())
     events = pd.read_csv(folder / "events.csv", usecols=["kind"], dtype=str)["kind"].value_counts()
     chainage = _chainage(folder / "geometry.parquet")
@@ -74,7 +74,7 @@ def done_row(run: Run, folder: Path, result: str) -> dict[str, Any]:
     return {
         **_head(run, "done", start),
         "recording_id": summary.recording_id,
-        "result": result,
+        "result": f"{RESULTS}/{run.name}",
         "duration_s": summary.duration_s,
         "distance_m": summary.distance_m,
         "from_chainage_m": chainage[0],
@@ -124,7 +124,7 @@ def _time(text: str) -> datetime:
 
 
 def _start_of(recording: str) -> datetime | None:
-    """Return when a recording says that it began; None where it cannot be read."""
+    """Return when a recording of this machine says that it began; None where it cannot be read."""
     path = Path(recording)
     try:
         start = tomllib.loads((path if path.suffix == ".toml" else path / "recording.toml").read_text("utf-8"))["start"]

@@ -1,6 +1,7 @@
 """What is known of the content of files, so that those that did not change are not read again.
 
-Files count as unchanged while names, sizes, times and inodes are. A time of change, which no program can set, is among
+Files count as unchanged while names, sizes, times and inodes are, those at a URL while what their server says of them
+is. A time of change, which no program can set, is among
 them, so that a file that was replaced by one of the same size and date is seen. Two changes in one tick of a file
 system's clock are not told apart, hence nothing is kept of a file that changed just now. All of this is a cache: where
 it is lost or cannot be written, files are read.
@@ -16,6 +17,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from trackfg.fleet.places import is_url, signature
 
 _TICK_S = 2.0
 """Longest tick of the clock of a file system in use, s (FAT)."""
@@ -44,6 +47,8 @@ def sight(place: str | Path, folder: str | Path, names: Sequence[str]) -> Sight:
 
 
 def _signature(folder: str, names: Sequence[str]) -> str | None:
+    if is_url(folder):
+        return signature(folder, names)
     now, parts = time.time(), []
     for name in names:
         try:

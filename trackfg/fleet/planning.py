@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from trackfg.config import SmoothConfig
@@ -21,12 +20,12 @@ from trackfg.fleet.freshness import (
     settings_sha256,
 )
 from trackfg.fleet.known_content import KnownContent, Sight, sight
+from trackfg.fleet.places import PlaceError, content_of, exists, joined, local_recording, read
 from trackfg.fleet.store import Store
 from trackfg.io.content import content_files, files_sha256
 from trackfg.maps import read_versions
 from trackfg.results.result import RESULT_FOLDER
 
-_SUMMARY = "summary.json"
 _COLUMNS = ("run", "status", "reason", "recording", "tags", *Inputs._fields)
 """Columns of the store's catalogue that a plan looks at."""
 
@@ -93,21 +92,21 @@ def _is_listed(row: Mapping[str, Any], run: Run, inputs: Inputs) -> bool:
     return as_now and Inputs(*(row[name] for name in Inputs._fields)) == inputs
 
 
-def _page(result: Path) -> dict[str, Any] | None:
+def _page(result: str) -> dict[str, Any] | None:
     """Return the summary of a result as JSON; None where there is none."""
     try:
-        page = json.loads((result / _SUMMARY).read_bytes())
-    except (OSError, ValueError):
+        page = json.loads(read(joined(result, RESULT_FOLDER.head)))
+    except (OSError, ValueError, PlaceError):
         return None
     return page if isinstance(page, dict) else None
 
 
-def _inputs(result: Path, known: KnownContent) -> Inputs | None:
+def _inputs(result: str, known: KnownContent) -> Inputs | None:
     """Return what a result was computed from; None where a file is missing or its summary cannot be read."""
     if (text := known.recall(result)) is not None:
         return Inputs(*json.loads(text))
     seen = sight(result, result, RESULT_FOLDER.files)
-    if not all((result / name).is_file() for name in RESULT_FOLDER.files):
+    if not all(exists(joined(result, name)) for name in RESULT_FOLDER.files):
         return None
     try:
         page = _page(result)
@@ -124,13 +123,19 @@ def _contents(recordings: Sequence[str], known: KnownContent) -> dict[str, str]:
     contents = {place: known.recall(place) or "" for place in recordings}
     unknown = [place for place, digest in contents.items() if not digest]
 
-    def read(place: str) -> tuple[Sight, str | None]:
-        seen = sight(place, *content_files(place))
-        return seen, files_sha256(Path(seen.folder), seen.names)
-
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for seen, digest in pool.map(read, unknown):
-            if digest is not None:
+        for seen, digest in pool.map(_content, unknown):
+            if seen is not None and digest is not None:
                 known.remember(seen, digest)
                 contents[seen.place] = digest
     return contents
+
+
+def _content(recording: str) -> tuple[Sight | None, str | None]:
+    """Return what a recording's files look like and their digest; None where they cannot be read."""
+    try:
+        seen = sight(recording, *content_of(recording))
+        with local_recording(recording) as folder:
+            return seen, files_sha256(*content_files(folder))
+    except PlaceError:
+        return None, None

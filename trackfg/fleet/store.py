@@ -9,16 +9,18 @@ catalogue           Parquet, ``line=7/month=2026-05/runs.parquet``: a row per ru
 .known.sqlite       what is known of files that need not be read again (:mod:`trackfg.fleet.known_content`)
 ==================  ==========================================================================================
 
-A result is replaced in one step, and so is each file of the catalogue. Several processes may write: one at a time
-writes to the catalogue.
+A result is there whole or not at all, and so is each file of the catalogue. Several processes may write: one at a time
+writes to the catalogue. A store may be at a URL (:mod:`trackfg.fleet.places`).
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import shutil
+import os
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -28,10 +30,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError
-from trackfg.files.atomic_file import write_whole
 from trackfg.files.owned_folder import sole_writer
 from trackfg.files.parquet import write_parquet
-from trackfg.fleet.key_figures import PARTITIONS, SCHEMA
+from trackfg.fleet.key_figures import PARTITIONS, RESULTS, SCHEMA
+from trackfg.fleet.places import exists, is_url, joined, matching, read, remove, write
+from trackfg.results.result import RESULT_FOLDER
 
 FORMAT = "trackfg-store/1"
 _HEAD = "store.json"
@@ -42,45 +45,43 @@ Partition = tuple[str, str]
 
 
 class Store:
-    """A folder with results and their catalogue; made where there is none, unless it is only to be read."""
+    """A place with results and their catalogue; made where there is none, unless it is only to be read."""
 
-    def __init__(self, folder: Path, *, create: bool = True) -> None:
+    def __init__(self, place: str | Path, *, create: bool = True) -> None:
         """Raise :class:`BadInputError` where something else is."""
-        self.folder = folder.absolute()
-        head = self.folder / _HEAD
-        if not head.exists():
-            if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-                raise BadInputError(f"{folder}: exists and is not a trackfg store: choose another folder")
+        text = str(place).removeprefix("file://")
+        self.place = text.rstrip("/") if is_url(text) else os.path.abspath(text)
+        head = joined(self.place, _HEAD)
+        if not exists(head):
+            if matching(self.place, "*") or os.path.isfile(self.place):
+                raise BadInputError(f"{place}: exists and is not a trackfg store: choose another folder")
             if create:
-                self.catalogue.mkdir(parents=True)
-                self.results.mkdir()
-                write_whole(head, json.dumps({"format": FORMAT}).encode() + b"\n")
-        elif not self._is_store(head):
+                write(head, json.dumps({"format": FORMAT}).encode() + b"\n")
+        elif not _is_store(head):
             raise BadInputError(f"{head}: expected the format {FORMAT!r}")
         self._places: dict[str, set[Partition]] = defaultdict(set)
 
     @property
-    def results(self) -> Path:
-        """The folder of the results."""
-        return self.folder / "results"
-
-    @property
-    def catalogue(self) -> Path:
-        """The folder of the catalogue."""
-        return self.folder / "catalogue"
-
-    @property
     def known_content(self) -> Path:
-        """The file of what is known of other files."""
-        return self.folder / ".known.sqlite"
+        """The file of what is known of other files: in the store, or for one at a URL among the user's caches."""
+        if not is_url(self.place):
+            return Path(self.place) / ".known.sqlite"
+        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trackfg"
+        caches.mkdir(parents=True, exist_ok=True)
+        return caches / f"{hashlib.sha256(self.place.encode()).hexdigest()}.sqlite"
 
-    def result(self, run: str) -> Path:
+    @property
+    def _catalogue(self) -> str:
+        return joined(self.place, "catalogue")
+
+    def result(self, run: str) -> str:
         """Return the folder of a run's result."""
-        return self.results / run
+        return joined(self.place, RESULTS, run)
 
     def names(self) -> set[str]:
         """Return the runs that have a result."""
-        return {path.name for path in self.results.glob("[!.]*")} if self.results.is_dir() else set()
+        found = matching(joined(self.place, RESULTS), f"*/{RESULT_FOLDER.head}")
+        return {path.partition("/")[0] for path in found}
 
     def read(self, columns: Sequence[str]) -> list[dict[str, Any]]:
         """Return columns of the catalogue, ``line`` and ``month`` with them, as a list of rows."""
@@ -108,33 +109,41 @@ class Store:
             self._places[row["run"]] = {place}
         if not gone:
             return
-        with sole_writer(self.catalogue, wait=True):
+        with self._sole_writer():
             for place, runs in gone.items():
                 _replace_rows(self._file(place), runs, added.get(place, []))
 
-    def _files(self) -> list[tuple[Partition, Path]]:
+    def _sole_writer(self) -> AbstractContextManager[None]:
+        """Keep other processes from writing; at a URL nothing can. What two lost to each other, the next plan lists."""
+        if is_url(self.place):
+            return nullcontext()
+        folder = Path(self._catalogue)
+        folder.mkdir(exist_ok=True)
+        return sole_writer(folder, wait=True)
+
+    def _files(self) -> list[tuple[Partition, str]]:
         places = []
-        for path in sorted(self.catalogue.glob(f"line=*/month=*/{_RUNS}")):
-            line, month = (unquote(part.partition("=")[2]) for part in path.parts[-3:-1])
-            places.append(((line, month), path))
+        for path in matching(self._catalogue, f"line=*/month=*/{_RUNS}"):
+            line, month = (unquote(part.partition("=")[2]) for part in path.split("/")[:2])
+            places.append(((line, month), joined(self._catalogue, path)))
         return places
 
-    def _file(self, place: Partition) -> Path:
+    def _file(self, place: Partition) -> str:
         folders = (f"{name}={quote(value, safe='')}" for name, value in zip(PARTITIONS, place, strict=True))
-        return self.catalogue.joinpath(*folders, _RUNS)
-
-    @staticmethod
-    def _is_store(head: Path) -> bool:
-        try:
-            content = json.loads(head.read_bytes())
-        except (OSError, ValueError):
-            return False
-        return isinstance(content, dict) and content.get("format") == FORMAT
+        return joined(self._catalogue, *folders, _RUNS)
 
 
-def _table(path: Path) -> pa.Table:
+def _is_store(head: str) -> bool:
+    try:
+        content = json.loads(read(head))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT
+
+
+def _table(path: str) -> pa.Table:
     """Return a file of the catalogue, with the columns of this version; those that it lacks are empty."""
-    table = pq.read_table(path, partitioning=None)
+    table = pq.read_table(pa.BufferReader(read(path)))
     columns = [
         table[field.name].cast(field.type) if field.name in table.column_names else pa.nulls(len(table), field.type)
         for field in SCHEMA
@@ -142,16 +151,14 @@ def _table(path: Path) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=SCHEMA)
 
 
-def _replace_rows(path: Path, gone: set[str], added: list[dict[str, Any]]) -> None:
+def _replace_rows(path: str, gone: set[str], added: list[dict[str, Any]]) -> None:
     table = pa.Table.from_pylist(added, SCHEMA)
-    if path.exists():
+    if exists(path):
         before = _table(path)
         table = pa.concat_tables([before.filter(pc.invert(pc.is_in(before["run"], pa.array(sorted(gone))))), table])
     if len(table) == 0:
-        path.unlink(missing_ok=True)
-        shutil.rmtree(path.parent, ignore_errors=True)
+        remove(path)
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
     sink = pa.BufferOutputStream()
     write_parquet(table.sort_by("run"), sink)
-    write_whole(path, memoryview(sink.getvalue()))
+    write(path, sink.getvalue().to_pybytes())

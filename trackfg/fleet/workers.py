@@ -6,16 +6,16 @@ Both take jobs and give futures; what a job does is the same (:mod:`trackfg.flee
 from __future__ import annotations
 
 import shutil
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from pathlib import Path
+from uuid import uuid4
 
 from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.fleet.freshness import algorithm
 from trackfg.fleet.isolated_run import ATTEMPTS, Job, Outcome, run_isolated
+from trackfg.fleet.places import exists, is_url, joined, read, remove, write
 
 Submit = Callable[[Job], "Future[Outcome]"]
 
@@ -37,8 +37,8 @@ def local_processes(number: int) -> Iterator[Submit]:
 
 
 @contextmanager
-def cluster(address: str, scratch: Path) -> Iterator[Submit]:
-    """Give the workers of a running cluster, which see this machine's files; ``scratch`` is a folder for them.
+def cluster(address: str, store: str) -> Iterator[Submit]:
+    """Give the workers of a running cluster, which see what this machine sees, for runs into a store.
 
     Raises :class:`BadInputError` where there is no scheduler, and where a worker has other versions of what computes.
     """
@@ -50,27 +50,30 @@ def cluster(address: str, scratch: Path) -> Iterator[Submit]:
         client = Client(address, timeout=_CONNECTING_S)
     except (OSError, ValueError) as error:
         raise BadInputError(f"{address}: no scheduler of dask.distributed answers: {first_line(error)}") from error
-    tallies = Path(tempfile.mkdtemp(prefix=".begun-", dir=scratch))
+    tallies = joined(store, f".begun-{uuid4().hex}")
     try:
         for worker, versions in client.run(algorithm).items():
             if versions != algorithm():
                 raise BadInputError(f"worker {worker} has {versions}, this is {algorithm()}: expected the same")
         with client.get_executor(pure=False) as executor:
-            yield lambda job: executor.submit(run_on_worker, job, str(tallies / job.name))
+            yield lambda job: executor.submit(run_on_worker, job, joined(tallies, job.run.name))
     finally:
         client.close()
-        shutil.rmtree(tallies, ignore_errors=True)
+        if not is_url(tallies):
+            shutil.rmtree(tallies, ignore_errors=True)
 
 
 def run_on_worker(job: Job, tally: str) -> Outcome:
     """Smooth a run on a worker, unless workers that had begun it were lost as often as it may be begun.
 
-    ``tally`` is a file with a letter for each time that it was: a scheduler does not tell, and would count the runs
-    that only waited on a lost worker too.
+    ``tally`` is a file with a letter for each time that it was, until it ends: a scheduler does not tell, and would
+    count the runs that only waited on a lost worker too.
     """
-    with Path(tally).open("ab") as file:
-        file.write(b".")
-        begun = file.tell()
-    if begun > ATTEMPTS:
-        return Outcome(job.name, f"its worker was lost {ATTEMPTS} times")
-    return run_isolated(job)
+    begun = read(tally) if exists(tally) else b""
+    if len(begun) >= ATTEMPTS:
+        outcome = Outcome(job.run.name, f"its worker was lost {ATTEMPTS} times")
+    else:
+        write(tally, begun + b".")
+        outcome = run_isolated(job)
+    remove(tally)
+    return outcome

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from trackfg.io.description_reader import locate, read_description
 from trackfg.io.table_file import resolve_inside
-from trackfg.recording.description import Table
+from trackfg.recording.description import Table, Truth
 
 
 def tables_of(sensors: Iterable[Table]) -> tuple[str, ...]:
@@ -23,6 +23,13 @@ def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
     """Return the folder of a recording, and the names in it of its description and of the tables that this names."""
     folder, toml = locate(path)
     return folder, (toml.name, *tables_of(read_description(path).sensors.values()))
+
+
+def named_files(path: Path | str) -> tuple[str, ...]:
+    """Return the names of all files that a recording is read with: its content, and those of its truth."""
+    _, names = content_files(path)
+    truth = read_description(path).parts.get("truth")
+    return (*names, *filter(None, (truth.file, truth.geometry))) if isinstance(truth, Truth) else names
 
 
 def files_sha256(folder: Path, names: Iterable[str]) -> str | None:

@@ -95,11 +95,12 @@ def worker_of(recording: str) -> int:
 
 
 def test_a_run_that_lost_its_workers_is_named(tmp_path: Path) -> None:
+    from trackfg.fleet.catalogue import Run
     from trackfg.fleet.isolated_run import Job
     from trackfg.fleet.workers import run_on_worker
 
     (tmp_path / "tally").write_bytes(b"...")
-    job = Job("a", str(tmp_path / "none"), str(tmp_path / "result"), "")
+    job = Job(Run("a", str(tmp_path / "none")), str(tmp_path / "result"), "")
     assert run_on_worker(job, str(tmp_path / "tally")).reason == "its worker was lost 3 times"
 
 
@@ -111,6 +112,6 @@ def test_no_scheduler_is_said_in_a_line(tmp_path: Path, stand_in: StandIn, monke
     monkeypatch.setattr(workers, "_CONNECTING_S", 0.5)
     with (
         pytest.raises(BadInputError, match=r"tcp://127\.0\.0\.1:9: no scheduler"),
-        workers.cluster("tcp://127.0.0.1:9", tmp_path),
+        workers.cluster("tcp://127.0.0.1:9", str(tmp_path)),
     ):
         pass
