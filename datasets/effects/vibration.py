@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
+import scipy  # its signal, which takes 0.5 s, when it is first used
 
 from trackfg.datasets.effects.samples import Samples, described
 from trackfg.datasets.scenario import Effect
@@ -91,20 +91,20 @@ class Vibration(Effect):
         parts = max(1, int(np.ceil(_PER_HIGHEST * place.band_hz[1] * interval)))
         rate = parts / interval
         low, high = place.band_hz
-        band = butter(2, (low, min(high, 0.45 * rate)), "bandpass", fs=rate, output="sos")
+        band = scipy.signal.butter(2, (low, min(high, 0.45 * rate)), "bandpass", fs=rate, output="sos")
         # The sum of the squares of its impulse response is what the filter leaves of white noise's variance.
-        loss = np.sqrt(np.sum(sosfilt(band, np.eye(1, round(20.0 * rate / low))[0]) ** 2))
+        loss = np.sqrt(np.sum(scipy.signal.sosfilt(band, np.eye(1, round(20.0 * rate / low))[0]) ** 2))
         decay = np.exp(-2.0 * np.pi * low / rate)
 
         def sampled(fine: Array) -> Array:
             return _sampled(fine, parts, self.sampling)
 
         def noise(stream: np.random.Generator) -> Array:
-            return np.asarray(sosfilt(band, stream.standard_normal(n * parts)) / loss)
+            return np.asarray(scipy.signal.sosfilt(band, stream.standard_normal(n * parts)) / loss)
 
         streams = rng.spawn(6)
         accel = np.column_stack([sampled(noise(stream)) for stream in streams[:3]]) * np.array(place.axes)
-        turning = [lfilter([1.0 / rate], [1.0, -decay], noise(stream)) for stream in streams[3:]]
+        turning = [scipy.signal.lfilter([1.0 / rate], [1.0, -decay], noise(stream)) for stream in streams[3:]]
         gyro = np.column_stack([sampled(rate_of_turn) for rate_of_turn in turning]) / place.arm_m
         return gyro * level, accel * level
 
@@ -122,7 +122,7 @@ class Idling(Effect):
         hunt_rng, shape_rng = rng.spawn(2)
         kept = np.exp(-samples.interval_s / _HUNTING_S)
         driven = hunt_rng.standard_normal(len(samples.t_s)) * np.sqrt(1.0 - kept * kept)
-        hunting = 1.0 + _HUNTING * lfilter([1.0], [1.0, -kept], driven)
+        hunting = 1.0 + _HUNTING * scipy.signal.lfilter([1.0], [1.0, -kept], driven)
         frequency = shape_rng.uniform(*_ENGINE_HZ)
         turns = 2.0 * np.pi * np.cumsum(frequency * hunting) * samples.interval_s
         order = np.arange(1, _HARMONICS + 1)
@@ -210,7 +210,7 @@ def _sampled(fine: Array, parts: int, sampling: Sampling) -> Array:
     if sampling == "average":
         return np.asarray(fine.reshape(-1, parts).mean(axis=1))
     if sampling == "filtered":
-        fine = sosfiltfilt(butter(2, 2.0 * _PASSED / parts, output="sos"), fine)
+        fine = scipy.signal.sosfiltfilt(scipy.signal.butter(2, 2.0 * _PASSED / parts, output="sos"), fine)
     return np.asarray(fine[parts // 2 :: parts])
 
 

@@ -29,7 +29,8 @@ from math import factorial
 from typing import Literal
 
 import numpy as np
-from scipy import fft, signal
+import scipy  # its signal, which takes 0.5 s, when it is first used
+from scipy import fft
 from scipy.interpolate import PPoly, make_interp_spline
 
 from trackfg.datasets.line.defects import Defect
@@ -131,7 +132,7 @@ def draw_irregularities(
     s = KNOT_M * np.arange(int(np.ceil(length_m / KNOT_M)) + 1, dtype=np.float64)
     kernels = _kernels(model)
     noise = np.stack([stream.standard_normal(len(s) + len(kernels) - 1) for stream in rng.spawn(4)], axis=-1)
-    values = np.asarray(signal.oaconvolve(noise, kernels, mode="valid", axes=0)) * _fade(s, length_m)[:, None]
+    values = np.asarray(scipy.signal.oaconvolve(noise, kernels, mode="valid", axes=0)) * _fade(s, length_m)[:, None]
     for defect in defects:
         first, last = np.searchsorted(s, defect.extent_m)
         values[first:last] += defect.deviations(s[first:last])

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.signal import lfilter
+import scipy  # its signal, which takes 0.5 s, when it is first used
 
 from trackfg.datasets import tables
 from trackfg.datasets.vehicle.random_spans import random_spans
@@ -114,7 +114,7 @@ def gauss_markov(n: int, phi: float, rng: np.random.Generator) -> Array:
     """
     driven = rng.standard_normal((n, 3))
     driven[1:] *= np.sqrt(1.0 - phi * phi)
-    return np.asarray(lfilter([1.0], [1.0, -phi], driven, axis=0))
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -phi], driven, axis=0))
 
 
 def _outliers(model: GnssModel, n: int, rng: np.random.Generator) -> Array:

@@ -25,7 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy  # its signal, which takes 0.5 s, when it is first used
 
 from trackfg.numerics.arrays import Array
 
@@ -63,7 +63,7 @@ class LinearSystem:
             after = ramp * by_value[i] + constant / dt_s * by_rate[i]
             before = (constant - ramp) * by_value[i] - constant / dt_s * by_rate[i]
             decay = np.exp(rates[i] * dt_s)
-            eta, _ = lfilter(
+            eta, _ = scipy.signal.lfilter(
                 [1.0], [1.0, -decay], _times(drive[1:], after) + _times(drive[:-1], before), zi=[decay * eta_0[i]]
             )
             pair = 2.0 if rates[i].imag > 0.0 else 1.0

@@ -122,13 +122,13 @@ def demo(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder to write.")] = Path("trackfg-demo"),
 ) -> None:
     """Simulate a measuring car, smooth its recording, and compare the published systems with it, against the truth."""
-    from trackfg.cli import tables
+    from trackfg.cli import comparison_tables, tables
     from trackfg.cli.demo import CONTENT, run_demo
 
     with progress_bar() as progress:
         done = run_demo(out, progress=progress)
     _warn_unless_converged(done.result)
-    for table in tables.comparison(done.comparison.about):
+    for table in comparison_tables.of_comparison(done.comparison.about):
         show(table)
     show(tables.summary(done.result))
     for name in CONTENT:
@@ -327,7 +327,7 @@ def compare(options: CompareOptions) -> None:
     of the fixes, GNSS positions or tachometer rows is withheld at a time, and predicted. An earlier comparison in OUT
     is replaced in one step.
     """
-    from trackfg.cli import tables
+    from trackfg.cli import comparison_tables
     from trackfg.comparison.run import cases_of
     from trackfg.comparison.run import compare as run_comparison
     from trackfg.comparison.table import COMPARISON_FOLDER
@@ -346,7 +346,7 @@ def compare(options: CompareOptions) -> None:
     if options.json:
         print(result.about.model_dump_json(indent=2))
         return
-    for table in tables.comparison(result.about):
+    for table in comparison_tables.of_comparison(result.about):
         show(table)
     print(f"comparison: {options.out}")
 
