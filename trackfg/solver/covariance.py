@@ -70,28 +70,30 @@ class Covariance:
 
 
 class _Window(NamedTuple):
-    """Covariances at keyframe k: of y_k (p, p), of x_k with y_k (K, p), of y_{k-1} = (x_k, what it keeps of y_k)."""
+    """Covariances at keyframe k are those of y_k (p, p), and of x_k with y_k (K, p)."""
 
     k: int
     ahead: Array
     cross: Array
-    whole: Array
 
 
-def _windows(root: SquareRoot) -> Iterator[_Window]:
-    """Go backwards from the last keyframe. Cost is linear in the number of keyframes."""
+def _windows(root: SquareRoot, marginal: Array) -> Iterator[_Window]:
+    """Go backwards from the last keyframe, and fill in ``marginal``. Cost is linear in the number of keyframes."""
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
     spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
     ahead = np.zeros((root.parents(n - 1), root.parents(n - 1)))
     ahead[dim:size, dim:size] = root.shared_inverse @ root.shared_inverse.T
     for k in range(n - 1, -1, -1):
-        A, kept = root.regression[k, :, : len(ahead)], root.kept(k)
+        width, kept = root.parents(k - 1), root.kept(k)
+        whole = marginal[k] if width == size else np.empty((width, width))
+        A = root.regression[k, :, : len(ahead)]
         cross = A @ ahead
         own, both = cross @ A.T + spread[k], cross[:, kept]
-        whole = np.empty((dim + kept.size, dim + kept.size))
         whole[:dim, :dim] = 0.5 * (own + own.T)
-        whole[:dim, dim:], whole[dim:, :dim], whole[dim:, dim:] = both, both.T, ahead[kept[:, None], kept]
-        yield _Window(k, ahead, cross, whole)
+        whole[:dim, dim:], whole[dim:, :dim], whole[dim:, dim:] = both, both.T, ahead[kept][:, kept]
+        if width > size:
+            marginal[k] = whole[:size, :size]
+        yield _Window(k, ahead, cross)
         ahead = whole
 
 
@@ -99,10 +101,9 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     """Run the recursion. Cost is linear in the number of keyframes."""
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
     marginal, cross = np.empty((n, size, size)), np.empty((n, dim, size)) if root.ahead.any() else None
-    for window in _windows(root):
+    for window in _windows(root, marginal):
         if cross is not None:
             cross[window.k] = window.cross[:, :size]
-        marginal[window.k] = window.whole[:size, :size]
     return Covariance(marginal, root.regression[:-1] if cross is None else _gain(marginal, cross))
 
 
@@ -150,7 +151,7 @@ def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covaria
     for begin in range(0, len(places), _PLACES_AT_A_TIME):
         some = slice(begin, begin + _PLACES_AT_A_TIME)
         earlier, own = slice(0, starts[begin]), slice(starts[begin], ends[some][-1])
-        width = KEYFRAME_DIM + root.kept(last + 1).size
+        width = root.parents(last)
         carried = np.eye(width)
         cross = np.zeros((width + own.stop - own.start, own.stop - own.start))
         for k, start, stop in zip(places[some].tolist(), starts[some], ends[some], strict=True):
@@ -184,8 +185,8 @@ def _ahead(root: SquareRoot, covariance: Covariance, keyframes: np.ndarray) -> M
     """Return the covariances of y_k of some keyframes but the last: along a chain those of z_{k+1}."""
     if not root.ahead.any():
         return {k: covariance.marginal[k + 1] for k in keyframes.tolist()}
-    wanted = set(keyframes.tolist())
-    return {window.k: window.ahead for window in _windows(root) if window.k in wanted}
+    wanted, marginal = set(keyframes.tolist()), np.empty_like(covariance.marginal)
+    return {window.k: window.ahead for window in _windows(root, marginal) if window.k in wanted}
 
 
 def _carried(root: SquareRoot, B: Array, k: int) -> Array:

@@ -43,7 +43,7 @@ class SquareRoot:
     d_shared: Array
     ahead: np.ndarray
 
-    @property
+    @cached_property
     def size(self) -> int:
         """The number of variables in (x_k, s)."""
         return KEYFRAME_DIM + len(self.R_shared)
@@ -71,12 +71,17 @@ class SquareRoot:
         return np.negative(product, out=product)
 
     def parents(self, k: int) -> int:
-        """Return the size of y_k as far as it is carried."""
-        return self.size + NAV_DIM * int(self.ahead[k])
+        """Return the size of y_k as far as it is carried; of y_{-1}, behind the first keyframe, that of (x_0, s)."""
+        return self.size + NAV_DIM * (self._reach[k] if k >= 0 else 0)
 
-    def kept(self, k: int) -> np.ndarray:
+    def kept(self, k: int) -> np.ndarray | slice:
         """Return which entries of y_k are in y_{k-1} behind x_k: s, and the navigation states from k + 1 on."""
-        return _kept(self.size, int(self.ahead[k - 1]) if k > 0 else 0)
+        count = self._reach[k - 1] if k > 0 else 0
+        return _kept(self.size, count) if count else slice(KEYFRAME_DIM, self.size)
+
+    @cached_property
+    def _reach(self) -> list[int]:
+        return [int(count) for count in self.ahead]
 
     def solution(self) -> Step:
         """Return the least-squares solution, backwards from the last keyframe."""
@@ -98,6 +103,5 @@ class SquareRoot:
 
 @lru_cache
 def _kept(size: int, count: int) -> np.ndarray:
-    nav = np.arange(NAV.start, NAV.stop)[: NAV_DIM * min(count, 1)]
-    later = size + np.arange(NAV_DIM * max(count - 1, 0))
-    return np.concatenate([np.arange(KEYFRAME_DIM, size), nav, later])
+    later = size + np.arange(NAV_DIM * (count - 1))
+    return np.concatenate([np.arange(KEYFRAME_DIM, size), np.arange(NAV.start, NAV.stop), later])

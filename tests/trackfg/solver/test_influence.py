@@ -44,7 +44,8 @@ class Dense:
         self.w = self.A @ gain / np.sqrt(np.sum(stacked * gain, axis=0))
         block = np.arange(n) // LENGTH
         rows = all_rows(problem, solution, np.random.default_rng(0))
-        self.found = {one.group: one for one in misfits(rows, gains(solution.root, columns), [np.arange(n), block])}
+        (found,) = misfits(rows, gains(solution.root, columns), [np.arange(n), block])
+        self.found = {one.group: one for one in found}
 
     def in_blocks(self, rows: Array, per_factor: int, keyframes: int) -> np.ndarray:
         """Return which block of some keyframes each of a group's rows is in."""

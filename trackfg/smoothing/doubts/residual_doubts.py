@@ -144,9 +144,7 @@ def self_test(run: SolvedRun) -> SelfTest:
     checked: dict[Quantity, tuple[str, ...]] = {}
     columns = [_columns(run, function) for function in _FUNCTIONS]
     gain = gains(run.solution.root, Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*columns, strict=True))))
-    each = zip(*(np.split(part, len(_FUNCTIONS), axis=-1) for part in gain), strict=True)
-    for function, of_function in zip(_FUNCTIONS, each, strict=True):
-        found = misfits(rows, Columns(*of_function), blocks)
+    for function, found in zip(_FUNCTIONS, misfits(rows, gain, blocks, len(_FUNCTIONS)), strict=True):
         causes = [cause for one in found if (cause := _cause(one, levels.get(one.group)))]
         factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
         tested = tuple(_NAMES[one.group] for one in found if one.share > _LEAST_SHARE)
