@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -142,14 +142,16 @@ class OutputConfig(_Section):
 
 
 class GeometryConfig(_Section):
-    """What the columns of the geometry table mean, m: grid, base of the twist, length of the chord of the versines,
-    wavelengths that level and alignment hold (the band D1), bases of curvature and gradient.
+    """What the columns of the geometry table mean, m: grid, base of the twist and where it lies from the place that the
+    twist is written at, length of the chord of the versines, wavelengths that level and alignment hold (the band D1),
+    bases of curvature and gradient.
 
-    Bases and half the chord are whole multiples of the grid's step.
+    Bases and half the chord are whole multiples of the grid's step; half the base of a centred twist is, too.
     """
 
     step_m: Positive = 0.25
     twist_base_m: Positive = 5.0
+    twist_anchor: Literal["behind", "centre", "ahead"] = "behind"
     chord_m: Positive = 10.0
     band_m: tuple[Positive, Positive] = (3.0, 25.0)
     curvature_base_m: Positive = 10.0
@@ -158,10 +160,12 @@ class GeometryConfig(_Section):
     @model_validator(mode="after")
     def _fits_the_grid(self) -> GeometryConfig:
         halves = {name: getattr(self, name) / 2 for name in ("chord_m", "curvature_base_m", "gradient_base_m")}
-        for name, length in {"twist_base_m": self.twist_base_m, **halves}.items():
+        whole = "" if self.twist_anchor == "centre" else "twist_base_m"
+        twist_m = self.twist_base_m if whole else self.twist_base_m / 2
+        for name, length in {"twist_base_m": twist_m, **halves}.items():
             steps = length / self.step_m
             if abs(steps - round(steps)) > 1e-9 * steps or round(steps) == 0:
-                what = "" if name == "twist_base_m" else "half of "
+                what = "" if name == whole else "half of "
                 raise ValueError(
                     f"{what}{name} is {length:g} m: expected a whole multiple of step_m, {self.step_m:g} m"
                 )

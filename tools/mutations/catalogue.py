@@ -425,8 +425,8 @@ _GEOMETRY = (
         (
             _one(
                 "twist has the other sign",
-                '{0: 1.0, -steps(base_m, step_m, "base_m"): -1.0}',
-                '{0: -1.0, -steps(base_m, step_m, "base_m"): 1.0}',
+                "ends = {0: 1.0, -base: -1.0}",
+                "ends = {0: -1.0, -base: 1.0}",
             ),
         ),
     ),

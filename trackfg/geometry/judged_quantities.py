@@ -17,8 +17,9 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS, D1, Band, band_pass
-from trackfg.geometry.grid import steps, weighted_neighbours
 from trackfg.geometry.limits import Limit
+from trackfg.geometry.twist import Anchor
+from trackfg.geometry.twist import twist as twist_of
 from trackfg.geometry.versines import uniformity_deviation, versine
 from trackfg.numerics.arrays import Array
 
@@ -29,11 +30,12 @@ _STEP_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class ColumnLengths:
-    """Band, chord and base of twist that the standard columns of a table have, m."""
+    """Band, chord and base of twist that the standard columns of a table have, m, and where that base lies."""
 
     band: Band = D1
     chord_m: float = 10.0
     twist_base_m: float = 5.0
+    twist_anchor: Anchor = "behind"
 
 
 @dataclass(frozen=True)
@@ -121,10 +123,10 @@ def quantities(
     if limit.parameter == "warp":
         return [JudgedQuantity("cross_level_mm", chainage, _range_within(cross_level, step, limit.base_m))]
     try:
-        base = steps(limit.base_m, step, "base_m")
+        value = twist_of(cross_level, step, limit.base_m, lengths.twist_anchor)
     except BadInputError as error:
         return str(error)
-    return [JudgedQuantity("cross_level_mm", chainage, weighted_neighbours(cross_level, {0: 1.0, -base: -1.0}))]
+    return [JudgedQuantity("cross_level_mm", chainage, value)]
 
 
 def _offsets(

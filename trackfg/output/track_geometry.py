@@ -118,7 +118,7 @@ class _Columns:
             "curvature_1pm": curvature(shapes.heading, step_m, meaning.curvature_base_m),
             "gradient_permille": 1e3 * gradient(shapes.height, step_m, meaning.gradient_base_m),
             "cross_level_mm": 1e3 * cross_level,
-            "twist_mm": 1e3 * twist(cross_level, step_m, meaning.twist_base_m),
+            "twist_mm": 1e3 * twist(cross_level, step_m, meaning.twist_base_m, meaning.twist_anchor),
             "versine_level_mm": 1e3 * versine(shapes.height, step_m, half, half),
             "versine_alignment_mm": 1e3 * versine(shapes.lateral, step_m, half, half),
         }

@@ -192,7 +192,7 @@ def _footer(conventions: GeometryConventions, table: pd.DataFrame, *, thinned: b
     c = conventions
     lines = [
         f"Left and right facing {c.facing}. Positive: up, to the left, left rail higher, uphill. "
-        f"Twist on {c.twist_base_m:g} m, versines on a chord of {c.chord_m:g} m, "
+        f"Twist on {c.twist_base}, versines on a chord of {c.chord_m:g} m, "
         f"level and alignment in the band {c.band_m[0]:g}-{c.band_m[1]:g} m,",
         f"curvature over {c.curvature_base_m:g} m, gradient over {c.gradient_base_m:g} m; "
         f"cross-level on {c.cross_level_base_m:g} m. Shaded: 95 % (1.96 sigma). "

@@ -211,7 +211,7 @@ def _geometry(result: Result, against: Against | None, judgement: Judgement | No
     sure = digits(float(result.geometry["chainage_m_sd"].max()))
     note = (
         f"Left and right facing {c.facing}. Positive: up, to the left, left rail higher, uphill. Level and alignment "
-        f"in the band {c.band_m[0]:g}-{c.band_m[1]:g} m, twist on {c.twist_base_m:g} m, versines on a chord of "
+        f"in the band {c.band_m[0]:g}-{c.band_m[1]:g} m, twist on {c.twist_base}, versines on a chord of "
         f"{c.chord_m:g} m, curvature over {c.curvature_base_m:g} m, gradient over {c.gradient_base_m:g} m, cross-level "
         f"on {c.cross_level_base_m:g} m. Bands: 95 % (1.96 sigma). 1 sigma of the chainage up to {sure} m. A wide view "
         "is drawn by its extremes, so that no peak is lost; a narrow one shows every row."

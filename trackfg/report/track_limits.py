@@ -36,7 +36,9 @@ def judge(result: Result, limits: Iterable[Limit], line_speed_kmh: float | None 
         at_line_speed(limits, line_speed_kmh),
         speed_kmh=np.nan if line_speed_kmh is None else line_speed_kmh,
         gauge_m=conventions.gauge_m,
-        lengths=ColumnLengths(Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m),
+        lengths=ColumnLengths(
+            Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m, conventions.twist_anchor
+        ),
     )
 
 

@@ -60,7 +60,8 @@ class Solver(_ResultModel):
 class GeometryConventions(_ResultModel):
     """What the geometry columns mean. Lengths in m; see docs/geometry.md for the formulas.
 
-    ``facing``: left is left when looking that way, whichever way the run went.
+    ``facing``: left is left when looking that way, whichever way the run went. ``twist_anchor``: where the base of the
+    twist lies, seen from the place that it is written at.
     """
 
     facing: Literal["increasing chainage"] = "increasing chainage"
@@ -68,10 +69,17 @@ class GeometryConventions(_ResultModel):
     cross_level_base_m: Length
     step_m: Length
     twist_base_m: Length
+    twist_anchor: Literal["behind", "centre", "ahead"] = "behind"
     chord_m: Length
     band_m: tuple[Length, Length]
     curvature_base_m: Length
     gradient_base_m: Length
+
+    @property
+    def twist_base(self) -> str:
+        """The base of the twist in words: ``5 m``, ``3 m ahead``, ``3 m centred``."""
+        where = {"behind": "", "centre": " centred", "ahead": " ahead"}[self.twist_anchor]
+        return f"{self.twist_base_m:g} m{where}"
 
 
 class RunFacts(_ResultModel):

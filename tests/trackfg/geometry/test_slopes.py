@@ -23,6 +23,8 @@ from trackfg.geometry.twist import twist, twist_response
 
 OPERATORS = {
     "twist": (lambda y: twist(y, 0.25, 5.0), lambda w: twist_response(w, 5.0)),
+    "twist ahead": (lambda y: twist(y, 0.25, 3.0, "ahead"), lambda w: twist_response(w, 3.0, "ahead")),
+    "centred twist": (lambda y: twist(y, 0.25, 3.0, "centre"), lambda w: twist_response(w, 3.0, "centre")),
     "gradient": (lambda y: gradient(y, 0.25, 25.0), lambda w: gradient_response(w, 25.0)),
     "curvature": (lambda y: curvature(y, 0.25, 10.0), lambda w: curvature_response(w, 10.0)),
     "heading": (lambda y: heading_of_lateral(y, 0.25), lambda w: heading_of_lateral_response(w, 0.25)),
@@ -45,6 +47,15 @@ def test_twist_is_blind_to_its_base_and_doubles_twice_it() -> None:
     np.testing.assert_allclose(twist(ramp, 0.25, 2.5)[10:], 2.5e-3 / 0.4)
     with pytest.raises(BadInputError, match=r"base_m is 2\.6 m"):
         twist(ramp, 0.25, 2.6)
+    with pytest.raises(BadInputError, match=r"half of base_m is 1\.125 m"):
+        twist(ramp, 0.25, 2.25, "centre")
+
+
+def test_twist_anchored_elsewhere_is_the_same_twist_shifted() -> None:
+    level = np.random.default_rng(5).standard_normal(200)
+    behind = twist(level, 0.25, 3.0)
+    np.testing.assert_array_equal(twist(level, 0.25, 3.0, "ahead")[:-12], behind[12:])
+    np.testing.assert_array_equal(twist(level, 0.25, 3.0, "centre")[6:-6], behind[12:])
 
 
 def test_a_slope_and_a_circle_are_read_exactly() -> None:

@@ -98,6 +98,7 @@ def changes(
         shift_sd_m=shift_sd_m,
         step_m=conventions.step_m,
         twist_base_m=conventions.twist_base_m,
+        twist_anchor=conventions.twist_anchor,
     )
     stated = stated_sigmas(over, conventions.chord_m)
     shift, shift_sd = residual_shift(over, stated)

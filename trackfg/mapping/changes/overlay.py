@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.geometry.twist import twist
+from trackfg.geometry.twist import Anchor, twist
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.splines import spline_through
 
@@ -75,6 +75,7 @@ def overlay(
     shift_sd_m: Array,
     step_m: float,
     twist_base_m: float,
+    twist_anchor: Anchor = "behind",
 ) -> Overlay:
     """Lay ``run``, a result's geometry, over ``grid``, a map's. ``shift_sd_m`` has a value per row of ``run``.
 
@@ -94,7 +95,7 @@ def overlay(
     every = np.arange(cells[0], cells[-1] + 1) if cells.size else both
     along = np.asarray(every * step_m, dtype=np.float64)
     whole = grid.set_index(cells).reindex(every).astype(np.float64)
-    whole["twist_mm"] = twist(whole["cross_level_mm"].to_numpy(), step_m, twist_base_m)
+    whole["twist_mm"] = twist(whole["cross_level_mm"].to_numpy(), step_m, twist_base_m, twist_anchor)
     places = np.asarray(both * step_m, dtype=np.float64)
     run_chainage = np.interp(places, on_map, chainage) if both.size else places
     return Overlay(
