@@ -71,9 +71,10 @@ def test_the_worked_example_of_adding_a_sensor_runs() -> None:
     assert "SleeperModel" in names
 
 
-def test_the_mapping_shown_is_accepted() -> None:
-    (block,) = blocks(ROOT / "docs" / "importing.md", "toml")
-    assert len(mapping_of(tomllib.loads(block), "importing.md").sensors) == 3
+def test_the_mappings_shown_are_accepted() -> None:
+    recording, geometry = blocks(ROOT / "docs" / "importing.md", "toml")
+    assert len(mapping_of(tomllib.loads(recording), "importing.md").sensors) == 3
+    assert mapping_of(tomllib.loads(geometry), "importing.md").geometry is not None
 
 
 def test_the_template_shown_is_accepted(tmp_path: Path) -> None:

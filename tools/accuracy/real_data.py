@@ -42,7 +42,7 @@ def score_kitti() -> None:
         print(f"\nKITTI, {label} [horizontal rms 1.4 m; straight lines 51 m]")
         scores = score_outages(result.trajectory, drive.gnss, OUTAGES)
         print(scores.to_string(index=False, float_format="{:.2f}".format))
-        print(f"solver: {result.summary.solver.reason}")
+        print(f"solver: {result.summary.reason}")
 
 
 def score_kingston(folder: Path) -> None:
@@ -95,7 +95,7 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
         f"  wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, "
         f"vertical gyro bias {np.degrees(bias) * 3600:.1f} +- {np.degrees(sd) * 3600:.1f} deg/h, "
         f"tach clock {summary.clock_offset_s.value:+.3f} s; {summary.solver.iterations} iterations, "
-        f"{summary.solver.reason}"
+        f"{summary.reason}"
     )
 
 

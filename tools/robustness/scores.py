@@ -65,7 +65,7 @@ def smoothed(run: Simulation) -> Estimate:
         result.trajectory,
         result.geometry,
         {verdict.quantity: verdict.status for verdict in summary.verdicts},
-        summary.solver.converged,
+        summary.converged,
         tuple(sorted({finding.code for finding in summary.findings if finding.level != "info"})),
     )
 

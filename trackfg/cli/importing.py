@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from trackfg.interchange.importing.proposal import Ask, Proposal, Question
     from trackfg.interchange.importing.source_format import DialectFor
     from trackfg.interchange.importing.source_table import SourceTable
+    from trackfg.results.result import Result
 
 Source = Annotated[
     Path, typer.Argument(metavar="SRC", help="File, folder or zip of the recording.", show_default=False)
@@ -34,21 +35,28 @@ def import_recording(
         typer.Option(metavar="M.toml", help="Which columns are what; by default it is guessed.", show_default=False),
     ] = None,
 ) -> None:
-    """Turn a recording of another system into one of trackfg.
+    """Turn a recording of another system into one of trackfg, or its track geometry into a result.
 
-    Without a mapping, columns are told by their names and values, and what nothing tells is assumed and listed.
+    Without a mapping, columns are told by their names and values, and what nothing tells is assumed and listed. A table
+    of track geometry by places, without inertial sensors, becomes a result without a trajectory.
     """
+    from trackfg.interchange.importing.channels.measured_geometry import measured_result
+    from trackfg.interchange.importing.channels.source_geometry import geometry_in
     from trackfg.interchange.importing.conversion import write_imported
     from trackfg.interchange.importing.mapping import read_mapping
 
-    if mapping is None:
+    plan = None if mapping is None else read_mapping(mapping)
+    measured = geometry_in(source, from_format, plan)
+    if measured is not None:
+        _report_geometry(measured_result(*measured), out)
+    elif plan is None:
         proposal, made = _proposed(source, out, from_format, _assume)
         for key, reason in proposal.reasons.items():
             print(f"trackfg: note: {key}: {reason}", file=sys.stderr)
+        _report(made)
     else:
-        plan = read_mapping(mapping)
-        made = write_imported(_tables(source, from_format or plan.source, plan.dialect), plan, out, run_id=source.stem)
-    _report(made)
+        tables = _tables(source, from_format or plan.source, plan.dialect)
+        _report(write_imported(tables, plan, out, run_id=source.stem))
 
 
 def init(
@@ -121,6 +129,18 @@ def _ask(question: Question) -> str:
         raise BadInputError(
             f"{question.key}: nobody answers ({question.text}). Hint: take the defaults by --yes"
         ) from None
+
+
+def _report_geometry(result: Result, out: Path) -> None:
+    """Write the result of a channel table, and print what it holds and what was assumed of it."""
+    from trackfg.cli import tables
+    from trackfg.cli.terminal import show
+
+    result.write(out)
+    show(tables.findings(result.summary.findings))
+    chainage = result.geometry["chainage_m"]
+    print(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
+    print(f"result: {out}")
 
 
 def _report(made: Imported) -> None:

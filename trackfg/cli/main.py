@@ -254,7 +254,7 @@ def smooth(
         if result.summary.findings:
             show(tables.findings(result.summary.findings))
         print(f"result: {out}")
-    if not result.summary.solver.converged:
+    if not result.summary.converged:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
 
 
@@ -472,8 +472,8 @@ def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
 
 
 def _warn_unless_converged(result: Result) -> None:
-    if not result.summary.solver.converged:
-        print(f"trackfg: warning: not converged: {result.summary.solver.reason}", file=sys.stderr)
+    if not result.summary.converged:
+        print(f"trackfg: warning: not converged: {result.summary.reason}", file=sys.stderr)
 
 
 def _warn_unless_located(result: Result) -> None:

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, Mounting, VectorEstimate
+from trackfg.results.summary import Estimate, Mounting, Summary, VectorEstimate
 from trackfg.results.verdict import opinions
 
 if TYPE_CHECKING:
@@ -87,8 +87,7 @@ def summary(result: Result) -> RenderableType:
     rows = {
         "recording": page.recording_id,
         "length": f"{page.duration_s:.1f} s, {_distance(page.distance_m)}",
-        "solver": f"{page.solver.reason} ({page.solver.iterations} iterations, {page.keyframes} keyframes)",
-        "cost": f"{page.solver.cost:.1f} at {page.solver.degrees_of_freedom} degrees of freedom",
+        **_solver(page),
         "wheel scale": _estimate(page.wheel_scale),
         "clock offset": _estimate(page.clock_offset_s, "s"),
         **_mounting(page.mounting),
@@ -99,6 +98,17 @@ def summary(result: Result) -> RenderableType:
         "time": ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in page.timings_s.items()),
     }
     return named_values("Summary", rows)
+
+
+def _solver(page: Summary) -> dict[str, str]:
+    """Return what the solver did, nothing where there was none."""
+    solver = page.solver
+    if solver is None:
+        return {}
+    return {
+        "solver": f"{solver.reason} ({solver.iterations} iterations, {page.keyframes} keyframes)",
+        "cost": f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom",
+    }
 
 
 def verdicts(result: Result) -> RenderableType:
@@ -154,7 +164,9 @@ def _with_sd(estimate: Estimate, scale: float, places: int) -> str:
     return f"{scale * estimate.value:.{places}f}{sd}"
 
 
-def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:
+def _vector(estimate: VectorEstimate | None, scale: float, unit: str) -> str:
+    if estimate is None:
+        return "-"
     sds = [""] * 3 if estimate.sd is None else [f" ± {scale * sd:.2f}" for sd in estimate.sd]
     pairs = zip(estimate.value, sds, strict=True)
     return ", ".join(f"{scale * value:.2f}{sd}" for value, sd in pairs) + f" {unit}"

@@ -128,5 +128,5 @@ def _mid_chord(title: str, method: mid_chord.Method) -> Estimator:
 
 def _smoothed(recording: Recording) -> BaselineResult:
     result = smooth(recording)
-    parameters: dict[str, float | str | bool] = {"converged": result.summary.solver.converged}
+    parameters: dict[str, float | str | bool] = {"converged": result.summary.converged}
     return BaselineResult(SMOOTHER, result.trajectory, result.geometry, result.events, parameters)

@@ -81,7 +81,7 @@ def done_row(run: Run, folder: Path) -> dict[str, Any]:
         "to_chainage_m": chainage[1],
         "direction": None if facts is None else facts.direction,
         "anchored": None if facts is None else facts.anchored,
-        "converged": summary.solver.converged,
+        "converged": summary.converged,
         **{name: int(events.get(kind, 0)) for name, kind in EVENT_COUNTS.items()},
         "warnings": sum(finding.level == "warning" for finding in summary.findings),
         **_estimate("wheel_scale", summary.wheel_scale),

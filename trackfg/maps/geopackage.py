@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from trackfg.maps.geometry_blob import geopackage_line, geopackage_point
 from trackfg.maps.layers import WGS_84, Layer
 from trackfg.maps.schema import Schema
+from trackfg.numerics.geometry_blob import geopackage_line, geopackage_point
 
 APPLICATION_ID = int.from_bytes(b"GPKG", "big")
 """SQLite's application id of a GeoPackage (OGC 12-128r14, 1.1.1)."""

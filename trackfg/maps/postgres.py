@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from trackfg.maps.geometry_blob import line_wkb, point_wkb
 from trackfg.maps.layers import WGS_84, Layer
 from trackfg.maps.schema import Schema
+from trackfg.numerics.geometry_blob import line_wkb, point_wkb
 
 _NO_SYSTEM = 0
 """PostGIS's number of no reference system."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,6 +60,11 @@ def centre_or_rails(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
     return RAILS if RAIL_COLUMNS[0] in table else CENTRE
 
 
+def measured_channels(table: pd.DataFrame, channels: Sequence[GeometryChannel]) -> tuple[GeometryChannel, ...]:
+    """Return those of the channels that the table knows anywhere."""
+    return tuple(channel for channel in channels if table[channel.column].notna().any())
+
+
 def base_of(channel: GeometryChannel, conventions: GeometryConventions) -> float:
     """Return where a line marks that nothing deviates, in the channel's unit."""
     return 1000.0 * conventions.gauge_m if channel.column == "gauge_mm" else 0.0
@@ -68,7 +74,8 @@ def channel_values(table: pd.DataFrame, channel: GeometryChannel) -> tuple[Array
     """Return values and sigmas in the channel's unit; a sigma of zero where the table has none."""
     values = channel.scale * table[channel.column].to_numpy()
     name = f"{channel.column}_sd"
-    sigmas = channel.scale * table[name].to_numpy() if name in table else np.zeros(len(values))
+    known = name in table and table[name].notna().any()
+    sigmas = channel.scale * table[name].to_numpy() if known else np.zeros(len(values))
     return values, sigmas
 
 

@@ -29,6 +29,7 @@ from trackfg.plots.geometry_channels import (
     centre_or_rails,
     channel_extent,
     channel_values,
+    measured_channels,
 )
 from trackfg.plots.scales import common_zero, symmetric, with_limits, with_margin
 from trackfg.plots.sheet import BAND, BLUE, ORANGE, Panel, Sheet, SheetCurve, SheetLimit
@@ -87,11 +88,12 @@ def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, lim
     unit, x_scale = ("km", 1e-3) if end - start > _LONG_M else ("m", 1.0)
     conventions = result.summary.geometry
     chart = _Chart(table, x_scale, conventions, tuple(limits))
-    channels = (*centre_or_rails(result.geometry), *COMMON)
+    channels = measured_channels(result.geometry, (*centre_or_rails(result.geometry), *COMMON))
+    foot = (chart.foot(),) if measured_channels(result.geometry, (CURVATURE,)) else ()
     thinned = len(table) > 2 * STRETCHES
     return Sheet(
         title=f"{result.summary.recording_id}   {_place(start, unit)} to {_place(end, unit)} {unit}",
-        panels=(*(chart.panel(channel) for channel in channels), chart.foot()),
+        panels=(*(chart.panel(channel) for channel in channels), *foot),
         x_label=f"chainage, {unit}",
         x_range=(x_scale * start, x_scale * end),
         footer=_footer(conventions, table, thinned=thinned),

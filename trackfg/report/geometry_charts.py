@@ -16,6 +16,7 @@ from trackfg.plots.geometry_channels import (
     centre_or_rails,
     channel_extent,
     channel_values,
+    measured_channels,
 )
 from trackfg.plots.scales import symmetric, with_margin
 from trackfg.plots.sheet import BAND, BLUE
@@ -36,7 +37,7 @@ _ROBUST = 0.998
 
 def channels(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
     """Return everything that a geometry table holds, in the order of the chart."""
-    return (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1])
+    return measured_channels(table, (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1]))
 
 
 def chainage_axis(chainage_m: Array) -> tuple[str, float]:

@@ -34,7 +34,7 @@ from trackfg.report.page import (
 )
 from trackfg.report.truth import Against
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, Summary, VectorEstimate
+from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import opinions
 
 _DEG_PER_HOUR = math.degrees(1.0) * 3600.0
@@ -52,15 +52,26 @@ def result_page(result: Result, command: str, against: Against | None, judgement
     exceeds limits, where any were given.
     """
     page = result.summary
-    sections = [_summary(result), _findings(result), *_geometry(result, against, judgement), _events(result)]
-    sections += [_motion(result, against), _consistency(result, against), _map(result, against), _made(result, command)]
     way = "distance not determined" if page.distance_m is None else length(page.distance_m)
+    if page.solver is None:
+        sections = [_measured_elsewhere(result), _findings(result), *_geometry(result, against, judgement)]
+        subtitle = f"{way}, measured by another system, imported by trackfg {_version(result)}"
+        return Page("result", page.recording_id, subtitle, (*sections, _made(result, command)))
+    sections = [_summary(result, page.solver), _findings(result), *_geometry(result, against, judgement)]
+    sections += [_events(result), _motion(result, against), _consistency(result, against), _map(result, against)]
+    sections.append(_made(result, command))
     subtitle = f"{way} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
     return Page("result", page.recording_id, subtitle, tuple(sections))
 
 
-def _summary(result: Result) -> PageSection:
-    page, solver = result.summary, result.summary.solver
+def _measured_elsewhere(result: Result) -> PageSection:
+    """Return the summary of a geometry that was not smoothed here."""
+    tile = Tile("length", length(result.summary.distance_m), _extent(result))
+    return PageSection("summary", "Summary", (Tiles((tile,)), _measured(result)))
+
+
+def _summary(result: Result, solver: Solver) -> PageSection:
+    page = result.summary
     squares = 2.0 * solver.cost / solver.degrees_of_freedom if solver.degrees_of_freedom > 0 else math.nan
     tiles = [
         Tile("length", length(page.distance_m), _extent(result)),
@@ -302,7 +313,7 @@ def _made(result: Result, command: str) -> PageSection:
     blocks: tuple[Block, ...] = (
         Text("This page was made by"),
         Code(command),
-        Text("from what trackfg smooth wrote with these versions:"),
+        Text(f"from what trackfg {'import' if page.solver is None else 'smooth'} wrote with these versions:"),
         versions,
         Text(said + "." if changed else said),
         Fold("All settings", (PageTable(("setting", "value", "default"), rows),)),
@@ -322,7 +333,9 @@ def _estimate(estimate: Estimate | None, unit: str = "") -> str:
     return NONE if estimate is None else with_sd(estimate.value, estimate.sd, unit)
 
 
-def _vector(estimate: VectorEstimate, scale: float, unit: str) -> str:
+def _vector(estimate: VectorEstimate | None, scale: float, unit: str) -> str:
+    if estimate is None:
+        return NONE
     sds: tuple[float | None, ...] = (None,) * 3 if estimate.sd is None else tuple(scale * sd for sd in estimate.sd)
     pairs = zip(estimate.value, sds, strict=True)
     return ", ".join(with_sd(scale * value, sd, "") for value, sd in pairs) + f" {unit}"

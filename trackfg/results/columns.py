@@ -37,6 +37,15 @@ RAIL_COLUMNS = tuple(name for quantity in _RAIL_GEOMETRY for name in (quantity, 
 """What lasers add: each rail by itself, and the gauge."""
 
 
+BAND_COLUMNS = tuple(
+    f"{quantity}{side}_{band}_mm"
+    for quantity in ("level", "alignment")
+    for side in ("", "_left", "_right")
+    for band in ("d0", "d1", "d2", "d3")
+)
+"""Level and alignment in the bands of EN 13848-1, as a geometry measured by another system may have them besides."""
+
+
 EVENT_COLUMNS = (
     "kind",
     "start_s",

@@ -5,7 +5,8 @@ file                content
 ==================  ==========================================================================================
 trajectory.parquet  one row per instant of a uniform clock, columns :data:`TRAJECTORY_COLUMNS`
 geometry.parquet    one row per 0.25 m of chainage, columns :data:`GEOMETRY_COLUMNS`, with lasers :data:`RAIL_COLUMNS`
-                    too; the file's metadata (key ``trackfg``) hold :class:`GeometryConventions`
+                    too, of another system perhaps some of :data:`BAND_COLUMNS`; the file's metadata (key ``trackfg``)
+                    hold :class:`GeometryConventions`
 covariance.parquet  joint covariance of the errors of chainage and cross-level (:mod:`trackfg.output.place_covariance`)
 events.csv          one row per event, columns :data:`EVENT_COLUMNS`
 summary.json        :class:`Summary`
@@ -28,7 +29,7 @@ from trackfg.errors import BadInputError, TrackfgError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
-from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import BAND_COLUMNS, EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.soundness import refuse_unsound
 from trackfg.results.summary import Summary
@@ -49,7 +50,10 @@ RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES)
 
 @dataclass(frozen=True)
 class Result:
-    """The smoothed run. Raises ``ValueError`` if a table has other columns than the contract's."""
+    """The smoothed run, or a geometry that another system measured, which has no trajectory and no solver.
+
+    Raises ``ValueError`` if a table has other columns than the contract's.
+    """
 
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
@@ -58,8 +62,8 @@ class Result:
     covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
 
     def __post_init__(self) -> None:
-        with_rails = len(self.geometry.columns) > len(GEOMETRY_COLUMNS)
-        geometry_columns = GEOMETRY_COLUMNS + RAIL_COLUMNS if with_rails else GEOMETRY_COLUMNS
+        bands = tuple(name for name in self.geometry if name in BAND_COLUMNS)
+        geometry_columns = GEOMETRY_COLUMNS + (RAIL_COLUMNS if self.has_rails else ()) + bands
         for table, columns in (
             (self.trajectory, TRAJECTORY_COLUMNS),
             (self.geometry, geometry_columns),
@@ -78,7 +82,8 @@ class Result:
         that is none.
         """
         refuse_unsound(_TRAJECTORY, self.trajectory, ascending="t_s", complete=True)
-        refuse_unsound(_GEOMETRY, self.geometry, ascending="chainage_m", complete=False)
+        smoothed = self.summary.solver is not None
+        refuse_unsound(_GEOMETRY, self.geometry, ascending="chainage_m", complete=False, sigmas=smoothed)
         refuse_unsound(_EVENTS, self.events.drop(columns=list(_EVENT_TEXT)), ascending=None, complete=False)
         self.covariance.refuse_unsound()
 

@@ -9,12 +9,14 @@ _GREATEST = 1e12
 """Greatest magnitude of a value or a sigma, in the columns' units: its square, and sums of squares, stay finite."""
 
 
-def refuse_unsound(what: str, table: pd.DataFrame, ascending: str | None, complete: bool) -> None:
+def refuse_unsound(
+    what: str, table: pd.DataFrame, ascending: str | None, complete: bool, *, sigmas: bool = True
+) -> None:
     """Raise ``ValueError``, naming table, column and row, unless the numbers of a table are sound.
 
     All are at most :data:`_GREATEST` in magnitude, sigmas above 0; column ``ascending`` rises from row to row. Where
     the table is ``complete`` every number is there; else a value may be NaN where it is not known, and its sigma with
-    it.
+    it. Without ``sigmas`` these may be NaN beside a value, too: nothing tells them.
     """
     for name in table.columns:
         if table[name].dtype.kind not in "fiu":
@@ -27,7 +29,8 @@ def refuse_unsound(what: str, table: pd.DataFrame, ascending: str | None, comple
         if name.endswith("_sd"):
             _refuse(what, name, values, ~missing & ~(values > 0.0), "a sigma above 0")
             value_missing = table[name.removesuffix("_sd")].isna().to_numpy()
-            _refuse(what, name, values, missing & ~value_missing, "a sigma beside every value")
+            if sigmas:
+                _refuse(what, name, values, missing & ~value_missing, "a sigma beside every value")
         if name == ascending:
             _refuse(what, name, values, np.diff(values, prepend=-np.inf) <= 0.0, "more than in the row before")
 

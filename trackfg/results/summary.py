@@ -124,7 +124,8 @@ class Summary(_ResultModel):
     levels included; ``noise_ratios`` says, per group of factors, how
     large the residuals are against what its sigmas lead to expect (1 is right; see
     :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be believed;
-    results of versions before it have none.
+    results of versions before it have none. ``solver`` and the biases are null where another system measured the
+    geometry: nothing was smoothed.
     """
 
     format: Literal["trackfg-result/1"] = "trackfg-result/1"
@@ -134,7 +135,7 @@ class Summary(_ResultModel):
     versions: dict[str, str] = Field(default_factory=lambda: versions())
     settings: dict[str, JsonValue] | None = None
     configuration: dict[str, JsonValue]
-    solver: Solver
+    solver: Solver | None = None
     timings_s: dict[str, float]
     duration_s: float
     distance_m: float | None
@@ -143,11 +144,21 @@ class Summary(_ResultModel):
     wheel_scale: Estimate | None = None
     clock_offset_s: Estimate | None = None
     mounting: Mounting | None = None
-    gyro_bias_radps: VectorEstimate
-    accel_bias_mps2: VectorEstimate
+    gyro_bias_radps: VectorEstimate | None = None
+    accel_bias_mps2: VectorEstimate | None = None
     geometry: GeometryConventions
     findings: tuple[Finding, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
+
+    @property
+    def converged(self) -> bool:
+        """Return whether the solver converged; true where there was none."""
+        return self.solver is None or self.solver.converged
+
+    @property
+    def reason(self) -> str:
+        """Return why the solver stopped, or that there was none."""
+        return "measured by another system" if self.solver is None else self.solver.reason
 
     @field_serializer("findings")
     def _as_json(self, findings: tuple[Finding, ...]) -> list[dict[str, Any]]:

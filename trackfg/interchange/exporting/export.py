@@ -22,6 +22,11 @@ def export_result(result: Result, form: ResultFormat, path: Path, options: Expor
             f"{result.summary.recording_id}: its recording has no GNSS, so that it has no positions on the Earth; "
             f"expected them for {form.key}. Hint: csv, channels, xlsx and tum need none"
         )
+    if form.needs_trajectory and result.trajectory.empty:
+        raise BadInputError(
+            f"{result.summary.recording_id}: its geometry was measured by another system, without a trajectory; "
+            f"expected one for {form.key}. Hint: csv, channels and xlsx need none"
+        )
     with replaced_file(path) as new:
         form.write(result, new, options or ExportOptions())
     return path

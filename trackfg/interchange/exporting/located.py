@@ -38,12 +38,14 @@ def located_geometry(result: Result) -> pd.DataFrame:
     """Return the geometry with :data:`PLACE_COLUMNS` and, with GNSS, :data:`GEODETIC_COLUMNS` after the chainage.
 
     A place that was passed more than once has the time and the position of its first pass; one that the trajectory does
-    not reach has NaN.
+    not reach, as all of a geometry that another system measured, has NaN.
     """
     trajectory, chainage = result.trajectory, result.geometry["chainage_m"].to_numpy()
     along = trajectory["chainage_m"].to_numpy() * direction_of(result)
     first = np.concatenate([[True], along[1:] > np.maximum.accumulate(along)[:-1]]) if len(along) else along > 0
     passed = trajectory[first].sort_values("chainage_m")
+    if passed.empty:
+        passed = pd.DataFrame({name: [np.nan] for name in passed.columns})
     places = {
         name: np.interp(chainage, passed["chainage_m"], passed[name], left=np.nan, right=np.nan)
         for name in PLACE_COLUMNS

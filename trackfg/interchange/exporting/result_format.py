@@ -29,13 +29,15 @@ class ExportOptions:
 class ResultFormat(ABC):
     """A format of results: ``key`` is its name on the command line, ``suffix`` that of its files, ``title`` what it is.
 
-    A class with ``needs_place`` writes positions on the Earth, which a result has where GNSS gave them.
+    A class with ``needs_place`` writes positions on the Earth, which a result has where GNSS gave them; one with
+    ``needs_trajectory`` what a geometry that another system measured has not.
     """
 
     key: ClassVar[str]
     suffix: ClassVar[str]
     title: ClassVar[str]
     needs_place: ClassVar[bool] = False
+    needs_trajectory: ClassVar[bool] = False
 
     @abstractmethod
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:

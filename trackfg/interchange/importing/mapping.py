@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_toml
+from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
 from trackfg.io.formats.registry import FORMATS
@@ -27,7 +28,7 @@ FORMAT = "trackfg-mapping/1"
 SENSORS = tuple(sensor.key for sensor in FORMATS if sensor.model is not FurtherTach)
 """The sections that are sensors, as a mapping has them: several tachs are a list."""
 
-_TOP = ("format", "id", "start", "source", "text", "track")
+_TOP = ("format", "id", "start", "source", "text", "track", "geometry")
 
 
 class _Reading(BaseModel):
@@ -91,6 +92,8 @@ class Mapping:
     sensors: tuple[MappedSensor, ...]
     top: dict[str, Any] = field(default_factory=dict)
     """``id``, ``start`` and ``track``, as far as they are given."""
+    geometry: GeometryReading | None = None
+    """How a channel table is read: the source is then no recording but a geometry, and has no sensors."""
 
     def dialect(self, file: str) -> DialectOptions | None:
         """Return what is stated of a text file's dialect: the first entry that matches."""
@@ -109,20 +112,26 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
     for key in data:
         if key not in (*_TOP, *SENSORS):
             raise BadInputError(f"{name}: unknown key {key!r}; expected one of {', '.join((*_TOP, *SENSORS))}")
-    if "imu" not in data:
-        raise BadInputError(f"{name}: no section [imu]; expected the columns of gyro and accelerometer")
+    if "imu" not in data and "geometry" not in data:
+        raise BadInputError(
+            f"{name}: no section [imu] and no [geometry]; expected the columns of gyro and accelerometer, or the "
+            "channels of a track geometry"
+        )
+    if "geometry" in data and (beside := [key for key in data if key in SENSORS]):
+        raise BadInputError(f"{name}: section [{beside[0]}] beside [geometry]; expected a recording or a geometry")
     start = data.get("start")
     if start is not None and not isinstance(start, datetime):
         raise BadInputError(f"{name}: key start is {start!r}; expected a date with time, such as 2026-05-01T03:12:00Z")
     try:
         text = tuple(DialectOptions.model_validate(entry) for entry in data.get("text", ()))
         sensors = tuple(_sensor(*part) for part in _sections(data))
+        geometry = GeometryReading.model_validate(data["geometry"]) if "geometry" in data else None
     except ValidationError as error:
         problems = (f"key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise BadInputError(f"{name}: " + "; ".join(problems)) from error
     top = {key: data[key] for key in ("id", "start", "track") if key in data}
     source = data.get("source")
-    return Mapping(name, None if source is None else str(source), text, sensors, top)
+    return Mapping(name, None if source is None else str(source), text, sensors, top, geometry)
 
 
 def _sections(data: Dictionary[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -113,8 +113,14 @@ def _encoding(sample: bytes, path: Path) -> str:
     try:
         sample[: sample.rfind(b"\n") + 1 or len(sample)].decode("utf-8")
     except UnicodeDecodeError:
-        return "cp1252"
+        return "gb18030" if _is_chinese(sample) else "cp1252"
     return "utf-8"
+
+
+def _is_chinese(sample: bytes) -> bool:
+    """Return whether bytes above 127 come in pairs of GB 2312, as single letters with accents do not."""
+    letters = re.findall(rb"[\x80-\xff]+", sample)
+    return bool(letters) and all(re.fullmatch(rb"([\xa1-\xf7][\xa1-\xfe])+", run) for run in letters)
 
 
 def _text(sample: bytes, encoding: str, path: Path) -> str:

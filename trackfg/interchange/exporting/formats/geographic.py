@@ -15,8 +15,8 @@ from lxml import etree
 from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_geometry, located_trajectory, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
-from trackfg.maps.geometry_blob import line_wkb, point_wkb
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.geometry_blob import line_wkb, point_wkb
 from trackfg.results.result import Result
 
 _GPX = "http://www.topografix.com/GPX/1/1"

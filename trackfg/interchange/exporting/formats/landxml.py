@@ -58,6 +58,7 @@ class LandXml(ResultFormat):
     key = "landxml"
     suffix = ".xml"
     title = "LandXML 1.2: the alignment of the curves found, with cant"
+    needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the alignment. Raises :class:`BadInputError` where the result has no geometry."""

@@ -32,6 +32,7 @@ class Mcap(ResultFormat):
     key = "mcap"
     suffix = ".mcap"
     title = "MCAP with Foxglove's schemas: pose, place, states with sigmas"
+    needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write one message a topic and instant; times count from the recording's start where that is known."""

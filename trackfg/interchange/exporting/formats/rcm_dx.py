@@ -36,6 +36,7 @@ class RcmDx(ResultFormat):
     key = "rcm-dx"
     suffix = ".rcmdx"
     title = "RCM-DX 2.0 (HDF5): positions, geometry with sigmas, events"
+    needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the file. Raises :class:`BadInputError` where the recording's start is not known."""

@@ -8,6 +8,7 @@ them, or with the system's prefix (``[PLATFORM].``, ``section.``), as recording 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,8 @@ class RcmDx(SourceFormat):
         return _is_hdf5(path) and (path.suffix.casefold() == ".rcmdx" or _has_root(path, "RCMDX"))
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
-        """Read the data sources of every session."""
-        return refuse_empty(_read(path, _data_sources), path, "data source with a timestamp")
+        """Read the data sources of every session, each with the run's place at its times."""
+        return _placed(refuse_empty(_read(path, _data_sources), path, "data source with a timestamp"))
 
 
 class TableHdf5(SourceFormat):
@@ -92,7 +93,7 @@ def _data_sources(h5py: Any, file: Any) -> Iterator[SourceTable]:
             continue
         columns: dict[str, Any] = {"timestamp": times[()].astype(np.int64)}
         units: dict[str, str] = {}
-        for name, item in own.items():
+        for name, item in _channels(h5py, own):
             data = item if isinstance(item, h5py.Dataset) else _data(h5py, item)
             if name == "timestamp" or data is None or data.shape != times.shape or data.dtype.kind not in "iufb":
                 continue
@@ -103,8 +104,38 @@ def _data_sources(h5py: Any, file: Any) -> Iterator[SourceTable]:
             yield SourceTable("/".join(parts[-2:]), pd.DataFrame(columns), units)
 
 
+def _placed(tables: Sequence[SourceTable]) -> list[SourceTable]:
+    """Return the tables with the positions of the run, ``lineoffset`` in km or ``trackoffset`` in m, at their times."""
+    for positions in tables:
+        for name, unit in (("lineoffset", "km"), ("trackoffset", "m")):
+            if name in positions.columns and positions.frame[name].notna().any():
+                at, place = positions.frame["timestamp"].to_numpy(), positions.numbers(name)
+                return [
+                    table
+                    if name in table.columns
+                    else replace(
+                        table,
+                        frame=table.frame.assign(**{name: np.interp(table.frame["timestamp"], at, place)}),
+                        units={**table.units, name: unit},
+                    )
+                    for table in tables
+                ]
+    return list(tables)
+
+
+def _channels(h5py: Any, own: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the members of a data source by name; of the positions' channel the arrays that it holds itself."""
+    for name, item in own.items():
+        if isinstance(item, h5py.Group) and _data(h5py, item) is None:
+            yield from ((_plain(part).casefold(), array) for part, array in item.items())
+        else:
+            yield name, item
+
+
 def _data(h5py: Any, item: Any) -> Any:
     """Return the array ``data`` of a channel's group; None where it has none."""
+    if not isinstance(item, h5py.Group):
+        return None
     found = [value for name, value in item.items() if _plain(name).casefold() == "data"]
     return found[0] if found and isinstance(found[0], h5py.Dataset) else None
 

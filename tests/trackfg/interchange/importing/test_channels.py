@@ -1,0 +1,214 @@
+"""Channel tables of recording cars become results without a trajectory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+from typer.testing import CliRunner
+
+from trackfg.cli.main import app
+from trackfg.errors import BadInputError
+from trackfg.geometry.twist import ANCHORS, Anchor, twist
+from trackfg.interchange.exporting.export import export_result
+from trackfg.interchange.exporting.registry import result_format
+from trackfg.interchange.importing.channels.channel_names import channel_of
+from trackfg.interchange.importing.channels.measured_geometry import measured_result
+from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry
+from trackfg.interchange.importing.channels.straight_offset import straight_offset
+from trackfg.interchange.importing.mapping import FORMAT, Mapping, mapping_of
+from trackfg.results.result import Result
+
+STEP = 0.25
+X = 12_000.0 + STEP * np.arange(2000)
+
+
+@pytest.fixture(scope="module")
+def waves() -> dict[str, np.ndarray]:
+    """Channels of a track as a car writes them: to a hundredth of a millimetre."""
+    rng = np.random.default_rng(17)
+    smooth = np.hanning(13) / np.hanning(13).sum()
+    names = ("level_left", "level_right", "alignment_left", "alignment_right", "cross_level", "gauge")
+    return {name: np.round(6.0 * np.convolve(rng.standard_normal(len(X)), smooth, mode="same"), 2) for name in names}
+
+
+def written(path: Path, table: pd.DataFrame, **options: object) -> Path:
+    table.to_csv(path, index=False, **options)  # type: ignore[call-overload]
+    return path
+
+
+def measured(path: Path, mapping: Mapping | None = None) -> Result:
+    found = geometry_in(path, None, mapping)
+    assert found is not None
+    return measured_result(*found)
+
+
+def kilometres(x: np.ndarray) -> pd.DataFrame:
+    km = np.floor(x / 1000.0)
+    return pd.DataFrame({"km": km.astype(int), "m": x - 1000.0 * km})
+
+
+def test_kilometres_metres_left_and_right(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = kilometres(X).assign(left=waves["level_left"], right=waves["level_right"])
+    rising = measured(written(tmp_path / "a.txt", table))
+    falling = measured(written(tmp_path / "b.txt", table.iloc[::-1]))
+    np.testing.assert_array_equal(rising.geometry["chainage_m"], X)
+    np.testing.assert_array_equal(rising.geometry["level_left_mm"], waves["level_left"])
+    np.testing.assert_allclose(rising.geometry["level_mm"], 0.5 * (waves["level_left"] + waves["level_right"]))
+    pd.testing.assert_frame_equal(falling.geometry, rising.geometry)
+    assert rising.summary.run is not None
+    assert falling.summary.run is not None
+    assert (rising.summary.run.direction, falling.summary.run.direction) == (1, -1)
+    assert rising.geometry["level_left_mm_sd"].isna().all()
+
+
+def test_facing_the_travel_the_rails_change_places(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = kilometres(X).assign(left=waves["level_left"], right=waves["level_right"], cant=waves["cross_level"])
+    path = written(tmp_path / "run.csv", table.iloc[::-1])
+    section = {"place": ["km", "m"], "facing": "travel"}
+    channels = {"level_left_mm": "left", "level_right_mm": "right", "cross_level_mm": "cant"}
+    mapping = mapping_of({"format": FORMAT, "geometry": {**section, "channels": channels}}, "m.toml")
+    geometry = measured(path, mapping).geometry
+    np.testing.assert_array_equal(geometry["level_left_mm"], waves["level_right"])
+    np.testing.assert_array_equal(geometry["cross_level_mm"], -waves["cross_level"])
+
+
+def test_an_office_file_of_finland(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    names = {
+        "TG Master.Raideleveyden Poikkeama [mm]": waves["gauge"],
+        "TG Master.Kallistus [mm]": waves["cross_level"],
+        "TG Master.Kallistuksen Poikkeama [mm]": 0.1 * waves["cross_level"],
+        "TG Master.Kierous [mm]": twist(waves["cross_level"], STEP, 3.0, "ahead"),
+        "TG Master.Kaarevuus [10000/m]": 0.0 * X + 12.5,
+        "TG Master.Vasen Korkeuspoikkeama D1 [mm]": waves["level_left"],
+        "TG Master.Vasen Korkeuspoikkeama D2 [mm]": 2.0 * waves["level_left"],
+        "TG Master.Oikea Korkeuspoikkeama D2 [mm]": 2.0 * waves["level_right"],
+        "TG Master.Oikea Nuolikorkeuspoikkeama D1 [mm]": waves["alignment_right"],
+        "TG Master.Vasen Korkeuspoikkeama D1 Keskihajonta [mm]": 0.0 * X,
+        "Ajonopeus [Km/h]": 0.0 * X + 72.0,
+    }
+    km = np.floor(X / 1000.0).astype(int)
+    places = [f"{k}+{m:07.2f}" for k, m in zip(km, X - 1000.0 * km, strict=True)]
+    table = pd.DataFrame({"SSCount": np.arange(len(X)), "Track": "003", "Location [km+m]": places} | names)
+    result = measured(written(tmp_path / "TG_003.csv", table, quoting=2))
+    geometry = result.geometry
+    np.testing.assert_allclose(geometry["chainage_m"], X)
+    np.testing.assert_allclose(geometry["gauge_mm"], 1435.0 + waves["gauge"])
+    np.testing.assert_array_equal(geometry["cross_level_mm"], waves["cross_level"])
+    np.testing.assert_allclose(geometry["curvature_1pm"], 1.25e-3)
+    np.testing.assert_allclose(geometry["speed_mps"], 20.0)
+    np.testing.assert_array_equal(geometry["level_left_mm"], waves["level_left"])
+    np.testing.assert_array_equal(geometry["level_right_d2_mm"], 2.0 * waves["level_right"])
+    np.testing.assert_allclose(geometry["level_d2_mm"], waves["level_left"] + waves["level_right"])
+    np.testing.assert_array_equal(geometry["alignment_right_mm"], waves["alignment_right"])
+    assert (result.summary.geometry.twist_base_m, result.summary.geometry.twist_anchor) == (3.0, "ahead")
+
+
+@pytest.mark.parametrize("anchor", ANCHORS)
+@pytest.mark.parametrize("base_m", [2.5, 3.0, 6.0])
+def test_a_recorded_twist_is_that_of_the_cross_level(
+    tmp_path: Path, waves: dict[str, np.ndarray], base_m: float, anchor: Anchor
+) -> None:
+    recorded = np.round(-twist(waves["cross_level"], STEP, base_m, anchor), 1)
+    table = pd.DataFrame({"chainage_m": X, "cant [mm]": waves["cross_level"], "twist [mm]": recorded})
+    result = measured(written(tmp_path / "run.csv", table))
+    meaning = result.summary.geometry
+    assert (meaning.twist_base_m, meaning.twist_anchor) == (base_m, anchor)
+    level, seen = (result.geometry[f"{name}_mm"].to_numpy() for name in ("cross_level", "twist"))
+    computed = twist(level, meaning.step_m, meaning.twist_base_m, meaning.twist_anchor)
+    both = np.isfinite(seen) & np.isfinite(computed)
+    assert both.sum() > 1900
+    assert np.abs(computed - seen)[both].max() <= 0.05 + 1e-9
+    assert "minus" in next(f.message for f in result.summary.findings if f.code == "twist-base")
+
+
+def test_a_versine_tells_the_curvature_without_its_offset(tmp_path: Path) -> None:
+    x = STEP * np.arange(12_000)
+    curvature = np.interp(x, [800, 860, 1300, 1360, 1900, 1950, 2400, 2450], [0, 2e-3, 2e-3, 0, 0, -1e-3, -1e-3, 0])
+    noise = 0.3 * np.random.default_rng(3).standard_normal(len(x))
+    table = pd.DataFrame({"chainage_m": x, "versine [mm]": np.round(-12_500.0 * curvature + 1.7 + noise, 2)})
+    result = measured(written(tmp_path / "run.csv", table))
+    off = (result.geometry["curvature_1pm"] - curvature).mean()
+    assert abs(off) < 0.05 / 12_500.0
+    assert straight_offset(np.full(500, np.nan), STEP) == 0.0
+
+
+def test_rows_off_the_grid_are_brought_to_it(tmp_path: Path) -> None:
+    x = 100.1 + STEP * np.arange(2000)
+    jittered = x + np.random.default_rng(1).uniform(-0.1, 0.1, len(x))
+
+    def wave(at: np.ndarray) -> np.ndarray:
+        return np.asarray(2.0 * np.sin(2.0 * np.pi * at / 8.0))
+
+    for places in (x, jittered):
+        result = measured(written(tmp_path / "run.csv", pd.DataFrame({"chainage_m": places, "level": wave(places)})))
+        rows = result.geometry.dropna(subset=["level_mm"])
+        assert len(rows) > 1950
+        assert np.allclose(rows["chainage_m"] % STEP, 0.0)
+        np.testing.assert_allclose(rows["level_mm"], wave(rows["chainage_m"].to_numpy()), atol=0.03)
+
+
+def test_what_is_no_profile_is_refused_with_its_row(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = kilometres(X).assign(left=waves["level_left"], right=waves["level_right"])
+    table.loc[700:, "m"] -= 3.0
+    with pytest.raises(BadInputError, match=r"run\.csv: column 'km' and 'm', row 702: .* expected places that rise"):
+        measured(written(tmp_path / "run.csv", table))
+    with pytest.raises(BadInputError, match="neither a result nor a table of track geometry"):
+        read_geometry(written(tmp_path / "other.csv", pd.DataFrame({"a": [1, 2], "b": [3, 4]})))
+    with pytest.raises(BadInputError, match="no column 'level_lefft_mm' of a geometry"):
+        mapping_of({"format": FORMAT, "geometry": {"place": "x", "channels": {"level_lefft_mm": "a"}}}, "m.toml")
+
+
+def test_what_names_mean() -> None:
+    meant = {
+        "Left level D1 [mm]": "level_left_mm",
+        "Cross-level sigma [mm]": "cross_level_mm_sd",
+        "Right alignment D2 [mm]": "alignment_right_d2_mm",
+        "LEVEL_LEFT": "level_left_mm",
+        "CROSS_LEVEL_SD": "cross_level_mm_sd",
+        "Gradient [permille]": "gradient_permille",
+        "左高低(mm)": "level_left_mm",
+        "右轨向": "alignment_right_mm",
+        "三角坑": "twist_mm",
+        "versine level [mm]": "versine_level_mm",
+        "SD left level [mm]": None,
+        "Curvature [1/furlong]": None,
+        "Row": None,
+    }
+    for name, column in meant.items():
+        channel = channel_of(name)
+        assert (None if channel is None else channel.column) == column, name
+
+
+def test_our_own_channel_file_comes_back(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = pd.DataFrame({"chainage_m": X} | {f"{name}_mm": values for name, values in waves.items()})
+    first = measured(written(tmp_path / "run.csv", table))
+    path = export_result(first, result_format("channels"), tmp_path / "channels.csv")
+    again = measured(path)
+    for name in ("chainage_m", "level_left_mm", "alignment_right_mm", "cross_level_mm", "twist_mm", "gauge_mm"):
+        np.testing.assert_allclose(again.geometry[name], first.geometry[name], atol=6e-4, err_msg=name)
+    assert again.summary.geometry == first.summary.geometry
+    with pytest.raises(BadInputError, match="without a trajectory"):
+        export_result(first, result_format("tum"), tmp_path / "run.tum")
+
+
+def test_the_command_line(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = kilometres(X).assign(left=5.0 * waves["level_left"], right=waves["level_right"])
+    source = written(tmp_path / "run.txt", table)
+    run, out = CliRunner(), tmp_path / "out"
+    done = run.invoke(app, ["import", str(source), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "geometry: 2000 rows from 12000.00 m to 12499.75 m" in done.output
+    result = Result.read(out)
+    assert result.summary.solver is None
+    assert result.trajectory.empty
+    rule = {"standard": "rule", "level": "alert", "parameter": "level", "band": "D1", "kind": "peak", "value_mm": 8.0}
+    (tmp_path / "rule.toml").write_text(tomli_w.dumps({"limits": [rule]}))
+    found = run.invoke(app, ["limits", str(out), "--limits", str(tmp_path / "rule.toml"), "--json"])
+    assert found.exit_code == 0, found.output
+    assert '"column": "level_left_mm"' in found.output
+    for command in (["plot", str(out), "-o", str(tmp_path / "a.png")], ["report", str(out)]):
+        assert run.invoke(app, command).exit_code == 0

@@ -1,0 +1,1 @@
+"""Channel tables of track geometry, as recording cars write them, become results without a trajectory."""

@@ -1,0 +1,86 @@
+"""The places of a channel table's rows: chainages that rise or fall, brought to whole multiples of one step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from trackfg.errors import BadInputError
+from trackfg.geometry.resampling import resample
+from trackfg.interchange.importing.geometry_reading import GeometryReading
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.stations import read_stations
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.splines import spline_at
+
+_ON_GRID = 0.02
+"""Share of a step within which a row counts as lying on the grid: rounding of places to 5 mm at 0.25 m."""
+_USUAL_STEP_M = 0.25
+"""Step that rows without a usable one of their own are brought to, m (EN 13848-1: 0.25 m or less)."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Chainages (n,), m, in the order of the rows, and the direction in which they go: 1 rising, -1 falling."""
+
+    chainage_m: Array
+    direction: Literal[1, -1]
+
+    def on_grid(self, values: Array, step_m: float | None) -> tuple[Array, Array, float]:
+        """Return channels (c, n) at whole multiples of a step: chainage (m,), values (c, m) and the step.
+
+        Rows that lie there stay what they are. Others are brought there by a spline, where they are evenly spaced,
+        or by averaging and a low-pass. ``step_m`` is that of the rows unless given; it is a whole part of 1 m.
+        """
+        x, values = self.chainage_m[:: self.direction], values[:, :: self.direction]
+        apart = float(np.median(np.diff(x)))
+        step = step_m or _whole_part(apart)
+        row = np.rint(x / step)
+        if np.all(np.abs(x / step - row) < _ON_GRID) and np.all(np.diff(row) >= 1.0):
+            return row * step, values, step
+        even = np.diff(x) / apart
+        if abs(apart - step) < _ON_GRID * step and np.all(np.abs(even - np.rint(even)) < _ON_GRID):
+            grid = np.arange(np.ceil(x[0] / step), np.floor(x[-1] / step) + 1.0) * step
+            return grid, np.stack([spline_at(x, row_values, grid) for row_values in values]), step
+        columns = [resample(x, row_values, step, max_hole_m=max(1.0, 2.0 * apart)) for row_values in values]
+        first, last = min(grid[0] for grid, _ in columns), max(grid[-1] for grid, _ in columns)
+        every = np.arange(round(first / step), round(last / step) + 1) * step
+        out = np.full((len(columns), len(every)), np.nan)
+        for i, (grid, column) in enumerate(columns):
+            begin = round((grid[0] - first) / step)
+            out[i, begin : begin + len(grid)] = column
+        return every, out, step
+
+
+def places_of(table: SourceTable, reading: GeometryReading) -> Places:
+    """Read the places of a table. Raises :class:`BadInputError` with the row that has none, or that turns back."""
+    if isinstance(reading.place, tuple):
+        km, m = (table.numbers(name) for name in reading.place)
+        chainage, what = 1000.0 * km + m, " and ".join(map(repr, reading.place))
+    else:
+        chainage, what = read_stations(table, reading.place, reading.chainage_unit), repr(reading.place)
+    missing = ~np.isfinite(chainage)
+    if missing.any():
+        row = table.first_row + int(np.argmax(missing))
+        raise BadInputError(f"{table.name}: column {what}, row {row}: is empty; expected a place in every row")
+    if len(chainage) < 2:
+        raise BadInputError(f"{table.name}: {len(chainage)} rows; expected a profile")
+    apart = np.diff(chainage)
+    direction: Literal[1, -1] = 1 if np.median(apart) > 0.0 else -1
+    wrong = direction * apart <= 0.0
+    if wrong.any():
+        row = int(np.argmax(wrong)) + 1
+        raise BadInputError(
+            f"{table.name}: column {what}, row {table.first_row + row}: {chainage[row]:.2f} m after "
+            f"{chainage[row - 1]:.2f} m; expected places that {'rise' if direction == 1 else 'fall'} from row to row, "
+            "as most do. Hint: give each pass a file of its own; where the kilometrage jumps, cut there"
+        )
+    return Places(chainage, direction)
+
+
+def _whole_part(apart_m: float) -> float:
+    """Return the whole part of 1 m that rows so far apart lie on, else the usual step."""
+    count = round(1.0 / apart_m) if apart_m > 0.0 else 0
+    return 1.0 / count if count and abs(1.0 / apart_m - count) < _ON_GRID * count else _USUAL_STEP_M

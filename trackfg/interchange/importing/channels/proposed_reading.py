@@ -1,0 +1,66 @@
+"""A channel table says by names and units which of its columns are which of the geometry's."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Literal
+
+from trackfg.interchange.importing.channels.channel_names import channel_of
+from trackfg.interchange.importing.geometry_reading import ChannelReading, GeometryReading
+from trackfg.interchange.importing.source_table import SourceTable
+
+_KM = re.compile(r"^(km|kilomet(er|re)s?|公里|里程)$", re.IGNORECASE)
+_M = re.compile(r"^(m|met(er|re)s?|米)$", re.IGNORECASE)
+_PLACE = re.compile(
+    r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|\bkm\b|里程|公里|covered.?distance|track.?offset",
+    re.IGNORECASE,
+)
+_LEAST_CHANNELS = 1
+"""A table with a place and so many channels of track geometry is one of track geometry."""
+
+
+def proposed_reading(tables: Sequence[SourceTable]) -> GeometryReading | None:
+    """Return how the first table that holds track geometry by places is to be read; None where none does."""
+    for table in tables:
+        place = _place(table)
+        channels = _channels(table, place)
+        if place is not None and len(channels) >= _LEAST_CHANNELS:
+            unit: Literal["m", "km"] = "m"
+            if isinstance(place, str) and _in_km(table, place):
+                unit = "km"
+            return GeometryReading(file=table.name, place=place, chainage_unit=unit, channels=channels)
+    return None
+
+
+def _place(table: SourceTable) -> str | tuple[str, str] | None:
+    """Return the column of the place, or those of kilometres and metres."""
+    names = table.columns
+    if "chainage_m" in names:
+        return "chainage_m"
+    km, m = (next((name for name in names if pattern.match(name.strip())), None) for pattern in (_KM, _M))
+    if km is not None and m is not None:
+        return km, m
+    return next((name for name in names if _PLACE.search(name)), None)
+
+
+def _in_km(table: SourceTable, place: str) -> bool:
+    """Return whether bare numbers of a place are kilometres, by its unit or its name."""
+    stated = table.units.get(place, "").casefold()
+    if stated in ("m", "km"):
+        return stated == "km"
+    return place != "chainage_m" and re.search(r"\bkm\b|kilomet", place.replace("_", " "), re.IGNORECASE) is not None
+
+
+def _channels(table: SourceTable, place: str | tuple[str, str] | None) -> dict[str, ChannelReading]:
+    """Return the channels by the geometry's column: of two of one column the one that is no deviation, or the first."""
+    found: dict[str, ChannelReading] = {}
+    for name in table.columns:
+        if place is not None and name in (place if isinstance(place, tuple) else (place,)):
+            continue
+        channel = channel_of(name, table.units.get(name, ""))
+        if channel is None or channel.column == "chainage_m":
+            continue
+        if channel.column not in found or (found[channel.column].deviation and not channel.deviation):
+            found[channel.column] = ChannelReading(name=name, factor=channel.factor, deviation=channel.deviation)
+    return found

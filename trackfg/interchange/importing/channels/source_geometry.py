@@ -1,0 +1,53 @@
+"""The track geometry in a source: as a mapping says, or as names and units of its channels do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.channels.measured_geometry import measured_result
+from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
+from trackfg.interchange.importing.column_meaning import meaning
+from trackfg.interchange.importing.conversion import table_named
+from trackfg.interchange.importing.geometry_reading import GeometryReading
+from trackfg.interchange.importing.mapping import Mapping
+from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.results.result import RESULT_FOLDER, Result
+
+
+def geometry_in(
+    path: Path, from_format: str | None, mapping: Mapping | None
+) -> tuple[SourceTable, GeometryReading, str] | None:
+    """Return the table of track geometry in a source, how it is read, and the run's name.
+
+    None where the source is none: by the mapping, or because it has a gyro or no channel of track geometry. Raises
+    :class:`BadInputError` for a source that cannot be read, and for a mapping whose table is missing.
+    """
+    if mapping is not None and mapping.geometry is None:
+        return None
+    named = from_format or (None if mapping is None else mapping.source)
+    tables = source_format(path, named).tables(path, (lambda _: None) if mapping is None else mapping.dialect)
+    if mapping is not None:
+        assert mapping.geometry is not None
+        table = table_named(tables, mapping.geometry.file, "geometry")
+        return table, mapping.geometry, str(mapping.top.get("id", path.stem))
+    if any(meaning(name) == "gyro" for table in tables for name in table.columns):
+        return None
+    reading = proposed_reading(tables)
+    if reading is None:
+        return None
+    return table_named(tables, reading.file, "geometry"), reading, path.stem
+
+
+def read_geometry(path: Path) -> Result:
+    """Read a result, or another system's channel table as one. Raises :class:`BadInputError` where it is neither."""
+    if RESULT_FOLDER.holds(path):
+        return Result.read(path)
+    measured = geometry_in(path, None, None)
+    if measured is None:
+        raise BadInputError(
+            f"{path}: neither a result nor a table of track geometry: no column of a place and a channel such as "
+            "level, alignment, cross-level. Hint: name them in a mapping and import it"
+        )
+    return measured_result(*measured)

@@ -1,0 +1,64 @@
+"""How a channel table is read: the section ``[geometry]`` of a mapping."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
+
+Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+KNOWN_COLUMNS = frozenset((*GEOMETRY_COLUMNS, *RAIL_COLUMNS, *BAND_COLUMNS))
+"""Columns that a geometry may have."""
+
+
+class ChannelReading(BaseModel):
+    """A channel of a file: its ``name`` there, and what its numbers are multiplied by."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    name: str
+    factor: float = 1.0
+    deviation: bool = False
+
+
+class GeometryReading(BaseModel):
+    """Which columns of a table are which of the geometry's, and what these mean.
+
+    ``place`` is a column of places, or those of kilometres and metres. ``facing``: whether left and right are those of
+    increasing chainage or of the direction of travel, the order of the rows. Lengths that the file does not say are
+    assumed: the gauge and its base by the gauge channel, base and anchor of the twist by the cross-level.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    file: str = "*"
+    place: str | tuple[str, str]
+    chainage_unit: Literal["m", "km"] = "m"
+    channels: dict[str, ChannelReading]
+    facing: Literal["increasing chainage", "travel"] = "increasing chainage"
+    chainage_sd_m: Length = 10.0
+    gauge_m: Length | None = None
+    cross_level_base_m: Length | None = None
+    step_m: Length | None = None
+    twist_base_m: Length | None = None
+    twist_anchor: Literal["behind", "centre", "ahead"] | None = None
+    chord_m: Length = 10.0
+    band_m: tuple[Length, Length] = (3.0, 25.0)
+    curvature_base_m: Length = 10.0
+    gradient_base_m: Length = 25.0
+
+    @field_validator("channels", mode="before")
+    @classmethod
+    def _named(cls, value: object) -> object:
+        """Take a bare name for a channel, and refuse columns that a geometry has not."""
+        if not isinstance(value, dict) or not value:
+            raise ValueError("expected columns of the geometry with the file's names")
+        for column in value:
+            if column not in KNOWN_COLUMNS:
+                raise ValueError(
+                    f"no column {column!r} of a geometry; expected one of {', '.join(sorted(KNOWN_COLUMNS))}"
+                )
+        return {column: {"name": name} if isinstance(name, str) else name for column, name in value.items()}
