@@ -7,14 +7,15 @@ from collections.abc import Iterable
 import gtsam
 import numpy as np
 
-from trackfg.factors.bias import bias_walk
+from trackfg.factors.bias import RECTIFICATION, bias_walk, response_terms
 from trackfg.factors.family import Family
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.imu import Preintegration, PreintegrationNoise, imu_factors
-from trackfg.factors.states import States
+from trackfg.factors.states import Nav, States
 from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RADIUS, transport_rate
+from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.imu_intervals import compress, increment_starts
 
@@ -75,6 +76,22 @@ def walk_of(t: Array, response: Array, noise: ImuNoise) -> Family:
     """Return the walk between keyframes at ``t`` (n,) with their responses to the calibration (n, 6, dim)."""
     density = np.repeat([noise.accel_bias_walk, noise.gyro_bias_walk], 3)
     return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), np.sqrt(np.diff(t))[:, None] * density)
+
+
+def response_of_motion(nav: Nav, t: Array, gravity: float, response: Array) -> Array:
+    """Return the response to the calibration, as ``response`` (n, 6, dim), but at mean forces and rates of the motion.
+
+    A measured mean has the noise of the very increment whose residual it multiplies: with noise n beside a force f, the
+    error in variables pulls a scale factor by ``-n^2 / (f^2 + n^2)`` (Fuller, *Measurement Error Models* (1987), 1.1).
+    The means of the motion of keyframes (n,) at ``t``, s, have no noise but what the states took from it.
+    """
+    dt = np.diff(t)[:, None]
+    turn = so3_log(np.swapaxes(nav.R[:-1], 1, 2) @ nav.R[1:])
+    middle = nav.R[:-1] @ so3_exp(0.5 * turn)
+    force = np.einsum("mji,mj->mi", middle, np.diff(nav.v, axis=0) / dt + [0.0, 0.0, gravity])
+    power = np.diagonal(response[:-1, :3, RECTIFICATION], axis1=1, axis2=2)
+    terms = response_terms(force, turn / dt, power)
+    return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
 
 def tilt(inputs: GraphInputs) -> Family:

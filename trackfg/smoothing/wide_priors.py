@@ -24,6 +24,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import Kind, Odo
 from trackfg.graph.build import Problem
+from trackfg.graph.inertial import response_of_motion
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.findings import Finding
@@ -47,6 +48,10 @@ are not wrong by more: typical to worst of one kind of sensor is a factor of 10.
 
 _LEAST_FREE = 1e-9
 """1 - h at least: beyond it rounding decides what the data alone say."""
+
+_SAME_MOTION = 0.1
+"""Change of the motion, relative, from which the response to it is renewed: by the square of it a scale factor may then
+be off."""
 
 _SET_SD = 1e-5
 """Sigmas below this do not say what is known but what is so by convention."""
@@ -150,6 +155,9 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             judged = _judged(run, kind, first, current)
             columns = {scalar.column: scalar for scalar in scalars}
             far = [c for c in columns if abs(judged.sigmas[c]) > _FAR_SIGMAS]
+            if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
+                any_changed, problem = True, without_noise
+                continue
             findings += _contradictions(kind, judged, [columns[c] for c in far], first.sigma[0])
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
@@ -190,6 +198,28 @@ def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _J
     alone, spread = prior_left_out(off, variance, current.sigma[0], _LEAST_FREE)
     sigmas = alone / np.sqrt(declared.sigma[0] ** 2 + spread)
     return _Judged(alone, np.where(declared.sigma[0] < _SET_SD, 0.0, sigmas))
+
+
+def _of_motion(run: SolvedRun, problem: Problem) -> Problem | None:
+    """Return the problem whose inertial sensor responds to the motion of the solution; None where it already does.
+
+    Noise beside the forces and rates by which a calibration is multiplied passes for a scale factor.
+    """
+    walk = problem.family(FactorType.BIAS_WALK)
+    if walk is None or not problem.measured:
+        return None
+    nav = run.solution.states.nav
+    response = response_of_motion(nav, problem.t, problem.measured[0].gravity, problem.response)
+    change = np.diff(response, axis=0)
+    differs, size = (np.linalg.norm(terms, axis=(0, 1)) for terms in (walk.data["change"] - change, change))
+    if (differs <= _SAME_MOTION * size).all():
+        return None
+
+    def of_motion(family: Family) -> Family:
+        return family.with_data(change=change)
+
+    families = changed(problem.families, FactorType.BIAS_WALK, of_motion)
+    return replace(problem, families=families, response=response)
 
 
 def _with_sigma(problem: Problem, prior: Family, sigma: Array) -> Problem:

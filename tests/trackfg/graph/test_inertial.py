@@ -9,8 +9,12 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.bias import response_terms
+from trackfg.factors.states import Nav
 from trackfg.graph.build import Problem, build_problem
+from trackfg.graph.inertial import response_of_motion
 from trackfg.numerics.geodesy import EARTH_RADIUS
+from trackfg.numerics.rotations import so3_exp
 
 
 @pytest.fixture(scope="module")
@@ -40,3 +44,16 @@ def test_biases_walk_by_the_root_of_time(simulated: Callable[..., Simulation], p
     for axis in range(3):
         np.testing.assert_allclose(walk.sigma[:, axis], noise.accel_bias_walk * np.sqrt(duration))
         np.testing.assert_allclose(walk.sigma[:, 3 + axis], noise.gyro_bias_walk * np.sqrt(duration))
+
+
+def test_the_motion_in_a_curve_has_a_force_to_the_inside_and_gravity() -> None:
+    """At 20 m/s and 0.05 rad/s to the left it is 1 m/s^2 to the left, less 1 - sin(x)/x of it, x = 0.0125 per 0.5 s."""
+    t, v, turning, g = np.arange(5) * 0.5, 20.0, 0.05, 9.81
+    R = so3_exp(np.outer(turning * t, [0.0, 0.0, 1.0]))
+    power = np.array([1.0, 2.0, 3.0])
+    measured = np.zeros((5, 6, 24))
+    measured[:-1] = response_terms(np.full((4, 3), 7.0), np.full((4, 3), 7.0), np.tile(power, (4, 1)))
+    response = response_of_motion(Nav(R, np.zeros((5, 3)), v * R[:, :, 0]), t, g, measured)
+    expected = response_terms(np.array([[0.0, v * turning, g]]), np.array([[0.0, 0.0, turning]]), power[None])
+    np.testing.assert_allclose(response[:-1], np.repeat(expected, 4, axis=0), atol=1e-4)
+    np.testing.assert_array_equal(response[-1], 0.0)

@@ -79,6 +79,23 @@ def test_what_was_known_rightly_stays(smoothed: Callable[..., SmoothedStates], n
         np.testing.assert_array_equal(now.sigma, declared.sigma)
 
 
+@pytest.mark.parametrize("name", ["mainline", "slippery-line", "trolley"])
+def test_vibration_does_not_pass_for_a_scale_factor(simulated: Callable[..., Simulation], name: str) -> None:
+    """As much as an unfiltered sensor samples, in proportion to speed: most of the measured forces are noise then.
+
+    Where the sensor's response was taken to what it measured, the scale of an axis was off by 20-60 %, and roll by as
+    many sigmas.
+    """
+    run = simulated(name, seed=1, duration_s=TOTAL_S)
+    imu, rng = run.recording.imu, np.random.default_rng(1)
+    speed = np.interp(imu["t_s"], run.truth["t_s"], run.truth["speed_mps"])
+    level = 2.0 * speed / speed.max()
+    shaken = {axis: imu[axis] + level * rng.normal(size=len(imu)) for axis in ("fx_mps2", "fy_mps2", "fz_mps2")}
+    result = smooth_states(replace(run.recording, imu=imu.assign(**shaken)), SmoothConfig())
+    assert not [one for one in far(result) if one.code.endswith("imu")]
+    assert not [doubt for doubt in result.doubts if "roll" in doubt.quantities]
+
+
 def test_mounting_is_said_in_words() -> None:
     """A sensor 10 m ahead, of which nothing is declared."""
     plan = scenario("slippery-line")
