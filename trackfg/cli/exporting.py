@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfg.cli.options import Km, with_options
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)]
 
+@dataclass(frozen=True)
+class ExportChoices:
+    """The options of ``trackfg export``."""
 
-def export(
-    result: Folder,
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)]
     to: Annotated[
         str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
-    ] = "csv",
+    ] = "csv"
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default OUT and its suffix.")
-    ] = None,
-    table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory or events, for csv.")] = "geometry",
+    ] = None
+    table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory or events, for csv.")] = "geometry"
     template: Annotated[
         Path | None, typer.Option(metavar="T.toml", help="Columns of a channel file.", show_default=False)
-    ] = None,
-    step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices.")] = 1.0,
-    list_formats: Annotated[bool, typer.Option("--list", help="List the formats and stop.")] = False,
-) -> None:
+    ] = None
+    step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices.")] = 1.0
+    km: Km = False
+    list_formats: Annotated[bool, typer.Option("--list", help="List the formats and stop.")] = False
+
+
+@with_options(ExportChoices)
+def export(options: ExportChoices) -> None:
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
     from trackfg.cli.terminal import show
     from trackfg.errors import BadInputError
@@ -37,16 +45,17 @@ def export(
     from trackfg.interchange.exporting.result_format import ExportOptions
     from trackfg.results.result import Result
 
-    if list_formats:
+    if options.list_formats:
         show(_formats({name: form.title for name, form in result_formats().items()}))
         return
     tables = ("geometry", "trajectory", "events")
-    if table not in tables:
-        raise BadInputError(f"no table {table!r}; expected one of {', '.join(tables)}")
-    form = result_format(to)
-    channels = read_template(template) if template is not None else ()
-    target = out or result.with_name(f"{result.name}{form.suffix}")
-    export_result(Result.read(result), form, target, ExportOptions(table, channels, step))
+    if options.table not in tables:
+        raise BadInputError(f"no table {options.table!r}; expected one of {', '.join(tables)}")
+    form = result_format(options.to)
+    channels = read_template(options.template) if options.template is not None else ()
+    target = options.out or options.result.with_name(f"{options.result.name}{form.suffix}")
+    wanted = ExportOptions(options.table, channels, options.step, options.km)
+    export_result(Result.read(options.result), form, target, wanted)
     print(target)
 
 

@@ -12,6 +12,7 @@ from rich.text import Text
 from trackfg.cli.map_tables import records
 from trackfg.cli.tables import titled
 from trackfg.geometry.exceedances import Judgement
+from trackfg.results.official_places import KM_COLUMN
 
 
 def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
@@ -41,7 +42,7 @@ def _exceedances(judgement: Judgement) -> RenderableType:
     for row in judgement.found.to_dict("records"):
         sigma = "" if math.isnan(row["value_mm_sd"]) else f" ± {row['value_mm_sd']:.2f}"
         table.add_row(
-            f"{1e-3 * row['chainage_m']:.3f}",
+            row.get(KM_COLUMN) or f"{1e-3 * row['chainage_m']:.3f}",
             *(f"{row[name]:.2f}" for name in ("from_m", "to_m", "length_m")),
             Text(f"{row['parameter'].replace('_', ' ')}, {row['kind']}"),
             Text(row["column"]),

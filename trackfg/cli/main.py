@@ -20,7 +20,7 @@ from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
-from trackfg.cli.options import with_options
+from trackfg.cli.options import Km, with_options
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import progress_bar, show
 from trackfg.errors import BadInputError, TrackfgError, first_line, printable
@@ -392,6 +392,7 @@ def limits(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
     ] = None,
+    km: Km = False,
     json: Json = False,
 ) -> None:
     """List where the track geometry of a result exceeds limits: place, length, peak and sigma of each exceedance.
@@ -405,7 +406,7 @@ def limits(
 
     if out is not None:
         _refuse_inside(result, out)
-    judgement = judge(Result.read(result), LimitChoice(source, level).table(), line_speed)
+    judgement = judge(Result.read(result), LimitChoice(source, level).table(), line_speed, km=km)
     if out is not None:
         write_exceedances(judgement, out)
     if json:
@@ -435,6 +436,7 @@ def report(
     limits: Limits = None,
     level: Level = None,
     line_speed: LineSpeed = None,
+    km: Km = False,
 ) -> None:
     """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
     from trackfg.report import write_report
@@ -442,7 +444,7 @@ def report(
     whole = real_path(folder)
     page = out or whole.parent / f"{whole.name}.html"
     choice = _limit_choice(limits, level, line_speed)
-    print(f"report: {write_report(folder, page, recording=recording, limits=choice)}")
+    print(f"report: {write_report(folder, page, recording=recording, limits=choice, km=km)}")
 
 
 def _refuse_inside(result: Path, path: Path) -> None:

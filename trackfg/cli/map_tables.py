@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from trackfg.mapping.changes.changes import Changes
     from trackfg.mapping.changes.difference import Difference
     from trackfg.numerics.arrays import Array
+    from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.results.official_places import KM_COLUMN, with_km
 
 _SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
 """Factor and unit in which a column is shown, by its suffix."""
@@ -29,16 +31,21 @@ MOVED_SIGMAS = 3.0
 """Quantities that moved by fewer sigmas are counted and not shown; JSON has everything."""
 
 
-def of_map(feature_map: FeatureMap, versions: pd.DataFrame) -> Iterator[RenderableType]:
-    """Yield tables of one version of a map: extent, sigmas, runs, landmarks; and of the versions there are."""
+def of_map(
+    feature_map: FeatureMap, versions: pd.DataFrame, kilometrage: Kilometrage | None = None
+) -> Iterator[RenderableType]:
+    """Yield tables of one version of a map: extent, sigmas, runs, landmarks; and of the versions there are.
+
+    Landmarks have official places where a kilometrage is given.
+    """
     yield _overview(feature_map)
     yield _sigmas(feature_map)
     yield _runs(feature_map)
-    yield _landmarks("Landmarks", feature_map.landmarks)
+    yield _landmarks("Landmarks", with_km(feature_map.landmarks, kilometrage))
     yield _versions(versions)
 
 
-def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
+def map_json(feature_map: FeatureMap, versions: pd.DataFrame, kilometrage: Kilometrage | None = None) -> str:
     """Return the same as JSON; the grid by its stretches and sigmas."""
     content = {
         "name": feature_map.name,
@@ -52,7 +59,7 @@ def map_json(feature_map: FeatureMap, versions: pd.DataFrame) -> str:
         "observations": _fewest_and_most(feature_map),
         "sigmas": _sigma_rows(feature_map),
         "runs": records(feature_map.runs),
-        "landmarks": records(feature_map.landmarks),
+        "landmarks": records(with_km(feature_map.landmarks, kilometrage)),
         "versions": records(versions),
         "software": dict(feature_map.software),
     }
@@ -99,7 +106,8 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
     """Yield tables of what changed, and of what would have been found."""
     if len(changes.table):
         table = _compact("Changes, the run less the map")
-        for heading in ("from m", "to m"):
+        km = KM_COLUMN in changes.table
+        for heading in (*(["km"] if km else []), "from m", "to m"):
             table.add_column(heading, justify="right", no_wrap=True)
         table.add_column("kind", no_wrap=True)
         table.add_column("quantity")
@@ -108,6 +116,7 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
         for row in _rows(changes.table):
             scale, unit = _shown_in(row.quantity)
             table.add_row(
+                *([row.km] if km else []),
                 f"{row.from_m:.2f}",
                 f"{row.to_m:.2f}",
                 row.kind,
@@ -234,7 +243,8 @@ def _runs(feature_map: FeatureMap) -> RenderableType:
 def _landmarks(title: str, landmarks: pd.DataFrame) -> RenderableType:
     table = _compact(title)
     table.add_column("landmark,\nleft, right", overflow="fold")
-    for heading in ("chainage, m", "radius, m", "cant, mm", "transition,\nm"):
+    km = KM_COLUMN in landmarks
+    for heading in (*(["km"] if km else []), "chainage, m", "radius, m", "cant, mm", "transition,\nm"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("law", no_wrap=True)
     table.add_column("runs", justify="right", no_wrap=True)
@@ -242,6 +252,7 @@ def _landmarks(title: str, landmarks: pd.DataFrame) -> RenderableType:
         kind = "" if row.landmark_id.endswith(row.kind) else row.kind
         table.add_row(
             _text(" ".join(filter(None, (row.landmark_id, kind, row.name, row.sense[:1].upper())))),
+            *([row.km] if km else []),
             _with_sd(row.chainage_m, row.chainage_m_sd, 2),
             _with_sd(row.radius_m, row.radius_m_sd, 1),
             _with_sd(row.cant_mm, row.cant_mm_sd, 1),

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfg.cli.options import Km
 from trackfg.cli.terminal import progress_bar
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
+    from trackfg.numerics.kilometrage import Kilometrage
 
 maps = typer.Typer(no_args_is_help=True, help="Feature maps: what repeated runs say together about a line.")
 
@@ -61,15 +67,20 @@ def changes(
     floor: Annotated[
         float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")
     ] = 1.0,
+    km: Km = False,
     json: Json = False,
 ) -> None:
     """List where a run shows other track than the map: significant changes, each with place, size and sigma."""
     from trackfg.cli import map_tables
     from trackfg.mapping import find_changes
     from trackfg.maps import read_map
+    from trackfg.results.official_places import with_km
     from trackfg.results.result import Result
 
-    track_changes = find_changes(Result.read(run), read_map(place, version), floor_mm=floor)
+    feature_map = read_map(place, version)
+    kilometrage = _kilometrage(feature_map) if km else None
+    track_changes = find_changes(Result.read(run), feature_map, floor_mm=floor)
+    track_changes = replace(track_changes, table=with_km(track_changes.table, kilometrage, of="from_m"))
     if out is not None:
         track_changes.write(out)
     if json:
@@ -85,6 +96,7 @@ def changes(
 def show(
     place: MapPlace,
     version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
+    km: Km = False,
     json: Json = False,
 ) -> None:
     """Show what a map covers and how well, its runs, landmarks and versions."""
@@ -92,10 +104,11 @@ def show(
     from trackfg.maps import read_map, read_versions
 
     versions, feature_map = read_versions(place), read_map(place, version)
+    kilometrage = _kilometrage(feature_map) if km else None
     if json:
-        print(map_tables.map_json(feature_map, versions))
+        print(map_tables.map_json(feature_map, versions, kilometrage))
         return
-    for table in map_tables.of_map(feature_map, versions):
+    for table in map_tables.of_map(feature_map, versions, kilometrage):
         show_table(table)
 
 
@@ -116,6 +129,7 @@ def diff(
     to_version: Annotated[
         int | None, typer.Option(metavar="N", help="Version of B. The newest if absent.", show_default=False)
     ] = None,
+    km: Km = False,
     json: Json = False,
 ) -> None:
     """Compare two maps, or two versions of one: what moved, and by how many sigmas.
@@ -125,6 +139,7 @@ def diff(
     from trackfg.cli import map_tables
     from trackfg.mapping import difference
     from trackfg.maps import read_map
+    from trackfg.results.official_places import with_km
 
     b = read_map(first if second is None else second, to_version)
     if second is None and from_version is None:
@@ -136,8 +151,17 @@ def diff(
         comparison = difference(a, b)
     except ValueError as error:
         raise BadInputError(f"the maps cannot be compared: {error}") from error
+    if km:
+        added, removed = (with_km(part, _kilometrage(b)) for part in (comparison.added, comparison.removed))
+        comparison = replace(comparison, added=added, removed=removed)
     if json:
         print(map_tables.difference_json(a, b, comparison))
         return
     for table in map_tables.of_difference(a, b, comparison):
         show_table(table)
+
+
+def _kilometrage(feature_map: FeatureMap) -> Kilometrage:
+    from trackfg.results.official_places import kilometrage_of_map
+
+    return kilometrage_of_map(feature_map.name, feature_map.configuration).kilometrage()

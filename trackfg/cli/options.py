@@ -1,13 +1,18 @@
-"""A command whose options are one object."""
+"""Options that commands share, and commands whose options are one object."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from functools import wraps
-from typing import TypeVar
+from typing import Annotated, TypeVar
+
+import typer
 
 T = TypeVar("T")
+
+Km = Annotated[bool, typer.Option("--km", help="Show official places of the line, such as 12+345.60, too.")]
+"""Official kilometrage on request: the same option of all commands that show places."""
 
 
 def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:

@@ -104,6 +104,10 @@ class Kilometrage:
         """Return the parts that chainages lie in, from 1. Shape (...)."""
         return np.asarray(self._part_of_stretch[self._stretch_at(chainage_m)] + 1)
 
+    def ascends(self, chainage_m: Array) -> np.ndarray:
+        """Return whether official places grow with chainage there. Shape (...)."""
+        return np.asarray(self._lines[2][self._stretch_at(chainage_m)] > 0.0)
+
     def chainages(
         self, official_m: float, part: int | None = None, *, within_m: float = _SAME_PLACE_M
     ) -> tuple[float, ...]:

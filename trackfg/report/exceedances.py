@@ -11,6 +11,7 @@ from trackfg.plots.sheet import RED
 from trackfg.report.charts import Span
 from trackfg.report.numbers import digits, with_sd
 from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
+from trackfg.results.official_places import KM_COLUMN
 
 _MANY = 25
 """Rows of a table that stand open; longer ones are folded."""
@@ -50,7 +51,7 @@ def _table(found: pd.DataFrame) -> PageTable:
     rows = tuple(
         TableRow(
             (
-                f"{1e-3 * row['chainage_m']:.3f}",
+                row.get(KM_COLUMN) or f"{1e-3 * row['chainage_m']:.3f}",
                 f"{row['from_m']:.2f}",
                 f"{row['to_m']:.2f}",
                 f"{row['length_m']:.2f}",

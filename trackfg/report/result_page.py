@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -12,10 +12,12 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.evaluation.scores import PLACE
 from trackfg.geometry.exceedances import Judgement
+from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
 from trackfg.report.exceedances import exceedance_section
 from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import channels, geometry_strips
+from trackfg.report.kilometrage_section import kilometrage_sections
 from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
 from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
 from trackfg.report.page import (
@@ -33,9 +35,13 @@ from trackfg.report.page import (
     Tiles,
 )
 from trackfg.report.truth import Against
+from trackfg.results.official_places import KM_COLUMN, with_km
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import opinions
+
+if TYPE_CHECKING:
+    from trackfg.recording.line_kilometrage import LineKilometrage
 
 _DEG_PER_HOUR = math.degrees(1.0) * 3600.0
 """From rad/s to deg/h."""
@@ -45,20 +51,34 @@ _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_le
 _LEVELS = ("error", "warning", "info")
 
 
-def result_page(result: Result, command: str, against: Against | None, judgement: Judgement | None = None) -> Page:
+def result_page(
+    result: Result,
+    command: str,
+    against: Against | None,
+    judgement: Judgement | None = None,
+    line: LineKilometrage | None = None,
+) -> Page:
     """Return the page of a result.
 
     ``command`` is what made the page; ``against`` the truth, where it is known; ``judgement`` says where the geometry
-    exceeds limits, where any were given.
+    exceeds limits, where any were given. Of a ``line`` the page has the kilometrage, and official places.
     """
     page = result.summary
+    kilometrage = None if line is None else line.kilometrage()
     way = "distance not determined" if page.distance_m is None else length(page.distance_m)
     if page.solver is None:
-        sections = [_measured_elsewhere(result), _findings(result), *_geometry(result, against, judgement)]
+        sections = [_measured_elsewhere(result), _findings(result), *kilometrage_sections(result, line)]
+        sections += _geometry(result, against, judgement)
         subtitle = f"{way}, measured by another system, imported by trackfg {_version(result)}"
         return Page("result", page.recording_id, subtitle, (*sections, _made(result, command)))
-    sections = [_summary(result, page.solver), _findings(result), *_geometry(result, against, judgement)]
-    sections += [_events(result), _motion(result, against), _consistency(result, against), _map(result, against)]
+    sections = [_summary(result, page.solver), _findings(result), *kilometrage_sections(result, line)]
+    sections += _geometry(result, against, judgement)
+    sections += [
+        _events(result, kilometrage),
+        _motion(result, against),
+        _consistency(result, against),
+        _map(result, against),
+    ]
     sections.append(_made(result, command))
     subtitle = f"{way} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
     return Page("result", page.recording_id, subtitle, tuple(sections))
@@ -181,8 +201,8 @@ def _findings(result: Result) -> PageSection:
     return PageSection("findings", "Data quality", (PageTable(("level", "where", "what", "hint"), rows),))
 
 
-def _events(result: Result) -> PageSection:
-    events = result.events
+def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
+    events = with_km(result.events, kilometrage)
     if events.empty:
         return PageSection("events", "Events", (Text("None."),))
     counts = ", ".join(f"{number} {kind}" for kind, number in events["kind"].value_counts().items())
@@ -192,6 +212,7 @@ def _events(result: Result) -> PageSection:
                 event["kind"],
                 f"{event['start_s']:.1f}",
                 f"{event['end_s'] - event['start_s']:.1f}" if event["end_s"] > event["start_s"] else NONE,
+                *([event[KM_COLUMN]] if KM_COLUMN in event else []),
                 _measure(event["chainage_m"], event["chainage_m_sd"]),
                 _measure(event["distance_removed_m"], event["distance_removed_m_sd"]),
                 event["detail"],
@@ -199,8 +220,9 @@ def _events(result: Result) -> PageSection:
         )
         for event in events.to_dict("records")
     )
-    headings = ("event", "start, s", "duration, s", "chainage, m", "distance removed, m", "detail")
-    table = PageTable(headings, rows, numbers=frozenset((1, 2, 3, 4)))
+    place = ("km", "chainage, m") if KM_COLUMN in events else ("chainage, m",)
+    headings = ("event", "start, s", "duration, s", *place, "distance removed, m", "detail")
+    table = PageTable(headings, rows, numbers=frozenset(range(1, len(headings) - 1)))
     blocks: tuple[Block, ...] = (Text(f"{counts}."), table)
     if len(rows) > _MANY_EVENTS:
         blocks = (Text(f"{counts}."), Fold(f"All {len(rows)} events", (table,)))

@@ -18,6 +18,7 @@ from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
 from trackfg.report.track_limits import judge
 from trackfg.report.truth import against
+from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import RESULT_FOLDER, Result
 
 _SUFFIX = ".html"
@@ -25,10 +26,19 @@ _SUFFIX = ".html"
 
 @dataclass(frozen=True)
 class _Source:
-    """A kind of folder, and the page of one: from folder, the command that makes the page, recording and limits."""
+    """A kind of folder, and the page of one: from folder, the command that makes the page, and what else is wanted."""
 
     folder: FolderKind
-    page: Callable[[Path, str, Path | None, LimitChoice | None], Page]
+    page: Callable[[Path, str, _Wanted], Page]
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What a page is to show besides the folder: the truth of a recording, limits, official places."""
+
+    recording: Path | None
+    limits: LimitChoice | None
+    km: bool
 
 
 def write_report(
@@ -37,14 +47,17 @@ def write_report(
     *,
     recording: str | os.PathLike[str] | None = None,
     limits: LimitChoice | None = None,
+    km: bool = False,
 ) -> Path:
     """Write the page about the result or comparison in ``folder`` into the file ``path``, in one step.
 
     ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. ``limits``
-    are those that a result's geometry is held against. The same folder gives the same page. Raises
-    :class:`BadInputError` if the folder is neither, if ``path`` does not end in ``.html`` or lies in it, for a
-    recording without truth, of another result, or beside a comparison, and for limits that cannot be read or stand
-    beside a comparison.
+    are those that a result's geometry is held against; with ``km`` places are official ones too. The same folder gives
+    the same page.
+
+    Raises :class:`BadInputError` if the folder is neither, if ``path`` does not end in ``.html`` or lies in it, for a
+    recording without truth, of another result, or beside a comparison, for limits that cannot be read or stand beside
+    a comparison, and for official places where the result knows none.
     """
     folder, path = Path(folder), Path(path)
     if path.suffix != _SUFFIX:
@@ -57,8 +70,10 @@ def write_report(
         raise BadInputError(f"{path}: lies in the {what}, which holds nothing but its own files: choose another place")
     given = [] if recording is None else ["--recording", os.fspath(recording)]
     given += [] if limits is None else limits.options()
+    given += ["--km"] if km else []
     command = shlex.join(["trackfg", "report", os.fspath(folder), "-o", os.fspath(path), *given])
-    return source.page(folder, command, None if recording is None else Path(recording), limits).write(path)
+    wanted = _Wanted(None if recording is None else Path(recording), limits, km)
+    return source.page(folder, command, wanted).write(path)
 
 
 def _source_of(folder: Path) -> _Source:
@@ -69,16 +84,19 @@ def _source_of(folder: Path) -> _Source:
     raise BadInputError(f"{folder}: expected a folder that trackfg wrote: {kinds}")
 
 
-def _of_result(folder: Path, command: str, recording: Path | None, limits: LimitChoice | None) -> Page:
-    result = Result.read(folder)
-    judgement = None if limits is None else judge(result, limits.table(), limits.line_speed_kmh)
-    return result_page(result, command, None if recording is None else against(result, recording), judgement)
+def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:
+    result, limits = Result.read(folder), wanted.limits
+    judgement = None if limits is None else judge(result, limits.table(), limits.line_speed_kmh, km=wanted.km)
+    truth = None if wanted.recording is None else against(result, wanted.recording)
+    return result_page(result, command, truth, judgement, line_kilometrage(result) if wanted.km else None)
 
 
-def _of_comparison(folder: Path, command: str, recording: Path | None, limits: LimitChoice | None) -> Page:
-    if recording is not None:
+def _of_comparison(folder: Path, command: str, wanted: _Wanted) -> Page:
+    if wanted.km:
+        raise BadInputError(f"{folder}: is a comparison; expected official places beside a result only")
+    if wanted.recording is not None:
         raise BadInputError(f"{folder}: holds its own truth; expected a recording beside a result only")
-    if limits is not None:
+    if wanted.limits is not None:
         raise BadInputError(f"{folder}: is a comparison; expected limits beside a result only")
     return comparison_page(Comparison.read(folder), command)
 

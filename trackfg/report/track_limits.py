@@ -7,6 +7,7 @@ from the result before :func:`trackfg.geometry.exceedances.exceedances` judges i
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +20,24 @@ from trackfg.geometry.exceedances import Judgement, exceedances
 from trackfg.geometry.judged_quantities import ColumnLengths
 from trackfg.geometry.limits import Limit, at_line_speed
 from trackfg.numerics.chainage_grid import cells_of
+from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
 
 
-def judge(result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None) -> Judgement:
+def judge(
+    result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None, *, km: bool = False
+) -> Judgement:
     """Return where the geometry of a result exceeds limits, and which limits it does not suffice for.
 
-    ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. Raises ``BadInputError`` for a
+    ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. With ``km`` the official place of
+    each exceedance is beside its chainage. Raises ``BadInputError`` for a
     result without geometry, and where limits depend on the line's speed and it is None.
     """
     if len(result.geometry) < 2:
         raise BadInputError("the result has no geometry to judge")
     conventions = result.summary.geometry
-    return exceedances(
+    kilometrage = line_kilometrage(result).kilometrage() if km else None
+    judgement = exceedances(
         _without_holes(result.geometry, conventions.step_m),
         at_line_speed(limits, line_speed_kmh),
         speed_kmh=np.nan if line_speed_kmh is None else line_speed_kmh,
@@ -40,6 +46,7 @@ def judge(result: Result, limits: Iterable[Limit], line_speed_kmh: float | None 
             Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m, conventions.twist_anchor
         ),
     )
+    return replace(judgement, found=with_km(judgement.found, kilometrage))
 
 
 def write_exceedances(judgement: Judgement, path: Path) -> None:

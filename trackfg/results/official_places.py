@@ -1,8 +1,12 @@
-"""Official places beside the chainages of a result's tables."""
+"""Official places beside the chainages of tables, where they are asked for (``--km``)."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+
 import pandas as pd
+from pydantic import JsonValue, ValidationError
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.kilometrage import Kilometrage
@@ -12,22 +16,41 @@ from trackfg.results.result import Result
 KM_COLUMN = "km"
 """Heads the column of official places."""
 
+_HINT = "Hint: add it to recording.toml (docs/kilometrage.md) and smooth again"
+
 
 def line_kilometrage(result: Result) -> LineKilometrage:
     """Return the kilometrage of a result's line. Raises :class:`BadInputError` where its recording has none."""
     given = None if result.summary.run is None else result.summary.run.kilometrage
     if given is None:
-        raise BadInputError(
-            f"{result.summary.recording_id}: its recording says nothing of the line's kilometrage: expected "
-            "[kilometrage]. Hint: add it to recording.toml (docs/kilometrage.md) and smooth again"
-        )
+        what = f"{result.summary.recording_id}: its recording says nothing of the line's kilometrage"
+        raise BadInputError(f"{what}: expected [kilometrage]. {_HINT}")
     return given
 
 
-def with_km(table: pd.DataFrame, kilometrage: Kilometrage) -> pd.DataFrame:
-    """Return the table with the official places of ``chainage_m``, as text, in a column ``km`` after it."""
-    after = table.columns.get_loc("chainage_m")
-    assert isinstance(after, int)
+def kilometrage_of_map(name: str, configuration: Mapping[str, JsonValue]) -> LineKilometrage:
+    """Return the kilometrage of a map, by its configuration: that of the first run that has one.
+
+    Raises :class:`BadInputError` where none has.
+    """
+    for settings in configuration.values():
+        if isinstance(settings, dict) and "kilometrage" in settings:
+            try:
+                return LineKilometrage.model_validate_json(json.dumps(settings["kilometrage"]))
+            except ValidationError as error:
+                raise BadInputError(f"map {name!r}: its kilometrage is damaged: {error.errors()[0]['msg']}") from error
+    what = f"map {name!r}: no run in it says anything of the line's kilometrage"
+    raise BadInputError(f"{what}: expected [kilometrage] in one of the recordings. {_HINT}, and build the map anew")
+
+
+def with_km(table: pd.DataFrame, kilometrage: Kilometrage | None, *, of: str = "chainage_m") -> pd.DataFrame:
+    """Return the table with the official places of its column ``of``, as text, in a column ``km`` after that.
+
+    Without a kilometrage it is the table as it is.
+    """
+    if kilometrage is None:
+        return table
+    after = list(table.columns).index(of)
     shown = table.copy(deep=False)
-    shown.insert(after + 1, KM_COLUMN, kilometrage.written(table["chainage_m"].to_numpy()))
+    shown.insert(after + 1, KM_COLUMN, pd.Series(kilometrage.written(table[of].to_numpy()), table.index, dtype="str"))
     return shown

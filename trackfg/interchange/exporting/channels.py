@@ -2,8 +2,9 @@
 
 A template is TOML: a list ``[[channel]]``, each with the ``name`` that heads its column and the ``column`` of the
 geometry, with times and positions, that it shows (``running`` counts rows, ``text`` is that of the template, ``km+m``
-the place as 12+0345.25). ``factor`` converts the unit, ``offset`` is subtracted first, ``decimals`` rounds. Channels
-that the run does not have, such as the rails' without lasers, are left empty.
+the chainage as 12+0345.25, or the official place where such are wanted). ``factor`` converts the unit, ``offset`` is
+subtracted first, ``decimals`` rounds. Channels that the run does not have, such as the rails' without lasers, are left
+empty.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_toml, toml_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.km_notation import written_places
+from trackfg.results.official_places import KM_COLUMN
 
 BUILT_IN = "channels.toml"
 """The template that is used unless another is given."""
@@ -63,6 +65,8 @@ def _values(located: pd.DataFrame, channel: Channel) -> Array | list[str]:
         return np.arange(1.0, len(located) + 1.0)
     if channel.column == "text":
         return [channel.text] * len(located)
+    if channel.column == "km+m" and KM_COLUMN in located:
+        return located[KM_COLUMN].tolist()
     if channel.column == "km+m":
         return written_places(located["chainage_m"].to_numpy(), digits=4)
     if channel.column not in located:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
 
 PLACE_COLUMNS = ("t_s", "east_m", "north_m", "up_m")
@@ -67,8 +68,14 @@ def located_trajectory(result: Result) -> pd.DataFrame:
     return result.trajectory.assign(**dict(zip(GEODETIC_COLUMNS, geodetic.T, strict=True)))
 
 
-def table_of(result: Result, name: str) -> pd.DataFrame:
-    """Return a table of the result by its name, ``geometry``, ``trajectory`` or ``events``, with places."""
+def table_of(result: Result, name: str, *, km: bool = False) -> pd.DataFrame:
+    """Return a table of the result by its name, ``geometry``, ``trajectory`` or ``events``, with places.
+
+    With ``km`` official places are beside its chainages. Raises :class:`~trackfg.errors.BadInputError` where the
+    result knows none.
+    """
     if name == "geometry":
-        return located_geometry(result)
-    return located_trajectory(result) if name == "trajectory" else result.events
+        table = located_geometry(result)
+    else:
+        table = located_trajectory(result) if name == "trajectory" else result.events
+    return with_km(table, line_kilometrage(result).kilometrage() if km else None)

@@ -18,12 +18,13 @@ from trackfg.results.result import Result
 @dataclass(frozen=True)
 class ExportOptions:
     """``table`` is the one of the result that is wanted, where a format has only one; ``channels`` those of a template;
-    ``step_m`` the spacing of drawn vertices.
+    ``step_m`` the spacing of drawn vertices; ``km``: official places are wanted beside the chainages.
     """
 
     table: str = "geometry"
     channels: tuple[Channel, ...] = ()
     step_m: float = 1.0
+    km: bool = False
 
 
 class ResultFormat(ABC):

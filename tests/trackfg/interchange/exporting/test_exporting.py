@@ -23,8 +23,11 @@ from trackfg.interchange.exporting.export import export_result
 from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry
 from trackfg.interchange.exporting.registry import result_format, result_formats
 from trackfg.interchange.exporting.result_format import ExportOptions
+from trackfg.mapping import build_map
+from trackfg.maps import write_map
 from trackfg.numerics.geodesy import geodetic_to_enu
 from trackfg.numerics.km_notation import written_places
+from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
@@ -46,6 +49,25 @@ def result() -> Result:
 def without_place(result: Result) -> Result:
     facts = result.summary.run.model_copy(update={"origin": None, "start": None})
     return replace(result, summary=result.summary.model_copy(update={"run": facts}))
+
+
+@pytest.fixture(scope="module")
+def on_a_line(result: Result) -> Result:
+    """The same on a line whose kilometrage descends, and jumps by 300 m inside the run."""
+    places = [{"chainage_m": 12_000.0, "km": "85+000"}, {"chainage_m": JUMP_M, "km": "84+600"}]
+    line = LineKilometrage.model_validate(
+        {"line": "4201", "track": "2", "direction": "descending", "equation": places, "end_chainage_m": 13_000.0}
+    )
+    facts = result.summary.run.model_copy(update={"kilometrage": line})
+    return replace(result, summary=result.summary.model_copy(update={"run": facts}))
+
+
+JUMP_M = 12_100.0
+
+
+def official(chainage):
+    """The kilometrage of :func:`on_a_line`, m."""
+    return np.where(chainage < JUMP_M, 85_000.0 - (chainage - 12_000.0), 84_600.0 - (chainage - JUMP_M))
 
 
 def _exported(result: Result, name: str, folder: Path, **options: object) -> Path:
@@ -335,3 +357,78 @@ def test_the_command_writes_beside_the_result(result, tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(tmp_path / "out1.tum")
     assert (tmp_path / "out1.tum").exists()
+
+
+@pytest.mark.parametrize("table", ["geometry", "trajectory", "events"])
+def test_official_places_stand_beside_chainages_on_request(on_a_line, tmp_path, table):
+    shown = pd.read_csv(_exported(on_a_line, "csv", tmp_path, table=table, km=True))
+    plain = pd.read_csv(_exported(on_a_line, "csv", tmp_path, table=table))
+
+    assert list(shown).index("km") == list(shown).index("chainage_m") + 1
+    pd.testing.assert_frame_equal(shown.drop(columns="km"), plain)
+    places = shown["km"].str.split("+", expand=True).astype(float)
+    np.testing.assert_allclose(1000.0 * places[0] + places[1], official(shown["chainage_m"]), atol=0.00501)
+
+
+def test_official_places_go_into_every_format_that_has_them(on_a_line, tmp_path):
+    import h5py
+    import pyogrio
+
+    channels = pd.read_csv(_exported(on_a_line, "channels", tmp_path, km=True))
+    assert channels["Location [km+m]"].iloc[0].startswith("84+9")
+    points = pq.read_table(_exported(on_a_line, "geoparquet", tmp_path, km=True)).to_pandas()
+    assert points["km"].str.startswith("84+5").any()
+    layer = pyogrio.read_arrow(_exported(on_a_line, "gpkg", tmp_path, km=True), layer="path")[1].to_pandas()
+    assert layer[["line", "track"]].to_numpy().tolist() == [["4201", "2"]]
+    with h5py.File(_exported(on_a_line, "rcm-dx", tmp_path, km=True)) as file:
+        (session,) = (group for name, group in file["RCMDX/TRACKFG"].items() if name != "CONFIGURATION")
+        data = session["POSITION/POSITION.SOURCE/POSITION.SOURCE.DATA"]
+        chainage = on_a_line.trajectory["chainage_m"].to_numpy()
+        np.testing.assert_allclose(1000.0 * data["lineoffset"][()], official(chainage), atol=1e-6)
+        assert (data["line_id"][0], data["track_id"][0]) == (4201, 2)
+        assert data["kilometrage"][-1] == b"DECREASING"
+
+
+def test_station_equations_of_the_alignment_are_read_back(on_a_line, tmp_path):
+    written = _exported(on_a_line, "landxml", tmp_path, km=True)
+    read = read_landxml(written, speed_limit_mps=20.0).kilometrage.kilometrage()
+
+    x = on_a_line.geometry["chainage_m"].to_numpy()
+    np.testing.assert_allclose(read.official_m(x), official(x), atol=1e-3)
+
+
+def test_a_result_that_knows_no_kilometrage_says_so(result, tmp_path):
+    with pytest.raises(BadInputError, match=r"says nothing of the line's kilometrage: expected \[kilometrage\]. Hint"):
+        _exported(result, "csv", tmp_path, km=True)
+
+
+def test_commands_show_official_places_with_one_option(on_a_line, tmp_path):
+    on_a_line.write(tmp_path / "out1")
+    write_map(build_map([on_a_line], name="line"), tmp_path / "line.gpkg", parent=None)
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        '[[limits]]\nparameter = "twist"\nkind = "peak"\nbase_m = 5.0\nlevel = "A"\nstandard = "S"\nvalue_mm = 1.0\n'
+    )
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "trackfg", *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    run("limits", "out1", "--limits", "limits.toml", "--km", "-o", "exceedances.csv")
+    exceedances = pd.read_csv(tmp_path / "exceedances.csv")
+    assert len(exceedances)
+    places = exceedances["km"].str.split("+", expand=True).astype(float)
+    np.testing.assert_allclose(1000.0 * places[0] + places[1], official(exceedances["chainage_m"]), atol=0.00501)
+    run("report", "out1", "--km", "-o", "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "Jumps of the kilometrage" in page
+    for text in ("84+900.00", "84+600.00", "300.00 m are missing", "4201"):
+        assert text in page
+    landmarks = json.loads(run("map", "show", "line.gpkg", "--km", "--json"))["landmarks"]
+    assert landmarks
+    for row in landmarks:
+        km, metres = row["km"].split("+")
+        assert abs(1000.0 * float(km) + float(metres) - official(row["chainage_m"])) < 0.00501
+    assert "km" in run("map", "show", "line.gpkg", "--km")
+    changes = json.loads(run("map", "changes", "out1", "line.gpkg", "--km", "--json"))
+    assert all("km" in row for row in changes["changes"])

@@ -12,11 +12,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from lxml import etree
 
-from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_geometry, located_trajectory, start_of
+from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_trajectory, start_of, table_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geometry_blob import line_wkb, point_wkb
+from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import Result
 
 _GPX = "http://www.topografix.com/GPX/1/1"
@@ -35,9 +36,9 @@ class GeoJson(ResultFormat):
         track = _vertices(result, options.step_m)
         coordinates = np.round(_lon_lat_height(track), 9).tolist()
         line = {"type": "LineString", "coordinates": coordinates}
-        about = {"recording": result.summary.recording_id, "kind": "path"}
+        about = {"kind": "path", **_about(result, options)}
         features: list[dict[str, Any]] = [{"type": "Feature", "geometry": line, "properties": about}]
-        for event, place in _placed_events(result):
+        for event, place in _placed_events(result, options):
             point = None if place is None else {"type": "Point", "coordinates": np.round(place, 9).tolist()}
             features.append({"type": "Feature", "geometry": point, "properties": event})
         collection = {"type": "FeatureCollection", "features": features}
@@ -80,14 +81,14 @@ class GeoPackage(ResultFormat):
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the layers, in EPSG:4979's axes as GIS use them, EPSG:4326."""
         raw = library("pyogrio.raw", "gis")
-        points = located_geometry(result).dropna(subset=list(GEODETIC_COLUMNS))
+        points = table_of(result, "geometry", km=options.km).dropna(subset=list(GEODETIC_COLUMNS))
         if len(points):
             fields = points.drop(columns=list(GEODETIC_COLUMNS))
             _layer(raw, path, "geometry", ("Point Z", _points(points)), fields)
         track = _vertices(result, options.step_m)
-        line = pd.DataFrame({"recording": [result.summary.recording_id]})
+        line = pd.DataFrame([_about(result, options)])
         _layer(raw, path, "path", ("LineString Z", [line_wkb(_lon_lat_height(track))]), line)
-        placed = [(event, place) for event, place in _placed_events(result) if place is not None]
+        placed = [(event, place) for event, place in _placed_events(result, options) if place is not None]
         if placed:
             fields = pd.DataFrame([event for event, _ in placed])
             _layer(raw, path, "events", ("Point Z", [point_wkb(place) for _, place in placed]), fields)
@@ -103,12 +104,21 @@ class GeoParquet(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the rows that have a place."""
-        points = located_geometry(result).dropna(subset=list(GEODETIC_COLUMNS))
+        points = table_of(result, "geometry", km=options.km).dropna(subset=list(GEODETIC_COLUMNS))
         table = pa.Table.from_pandas(points, preserve_index=False)
         table = table.append_column("geometry", pa.array(_points(points), pa.binary()))
         column = {"encoding": "WKB", "geometry_types": ["Point Z"]}  # without crs: longitude, latitude of WGS 84
         geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
         pq.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)}), path)
+
+
+def _about(result: Result, options: ExportOptions) -> dict[str, str]:
+    """Return the recording of a path, and with official places its line and track."""
+    about = {"recording": result.summary.recording_id}
+    if options.km:
+        line = line_kilometrage(result)
+        about |= {"line": line.line, "track": line.track}
+    return about
 
 
 def _vertices(result: Result, step_m: float) -> pd.DataFrame:
@@ -125,9 +135,9 @@ def _lon_lat_height(table: pd.DataFrame) -> Array:
     return table[["longitude_deg", "latitude_deg", "height_m"]].to_numpy()
 
 
-def _placed_events(result: Result) -> list[tuple[dict[str, Any], Array | None]]:
+def _placed_events(result: Result, options: ExportOptions) -> list[tuple[dict[str, Any], Array | None]]:
     """Return each event with its columns, and where the vehicle was when it began."""
-    track, events = located_trajectory(result), result.events
+    track, events = located_trajectory(result), table_of(result, "events", km=options.km)
     times, places = track["t_s"].to_numpy(), _lon_lat_height(track)
     values = events.astype(object).where(events.notna(), None).to_numpy().tolist()
     rows = [dict(zip(map(str, events.columns), row, strict=True)) for row in values]

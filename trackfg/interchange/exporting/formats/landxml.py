@@ -20,6 +20,8 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.exporting.located import located_geometry
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import Result
 
 _NAMESPACE = "http://www.landxml.org/schema/LandXML-1.2"
@@ -92,8 +94,19 @@ class LandXml(ResultFormat):
             length=f"{sum(element.length_m for element in elements):.6f}",
         )
         _plan(_child(alignment, "CoordGeom"), elements, complex(first[0, 1], first[0, 0]), heading)
+        if options.km:
+            _equations(alignment, line_kilometrage(result).kilometrage(), start, end)
         _cant(alignment, elements, start, conventions.gauge_m)
         etree.ElementTree(root).write(str(path), xml_declaration=True, encoding="utf-8", pretty_print=True)
+
+
+def _equations(alignment: etree._Element, kilometrage: Kilometrage, start: float, end: float) -> None:
+    """Write a station equation where the alignment begins and where kilometrage jumps on it."""
+    jumps = [jump.chainage_m for jump in kilometrage.jumps if start < jump.chainage_m < end]
+    places = np.array([start, *jumps])
+    for place, official, up in zip(places, kilometrage.official_m(places), kilometrage.ascends(places), strict=True):
+        ways = {"staIncrement": "increasing" if up else "decreasing"}
+        _child(alignment, "StaEquation", staInternal=f"{place:.6f}", staAhead=f"{official:.6f}", **ways)
 
 
 def _child(parent: etree._Element, tag: str, text: str | None = None, **attributes: str) -> etree._Element:

@@ -20,6 +20,8 @@ from trackfg.interchange.exporting.located import direction_of, located_geometry
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
 from trackfg.numerics.arrays import Array
+from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import Result
 
 VERSION = (2, 0, 4)
@@ -62,7 +64,7 @@ class RcmDx(ResultFormat):
             session.attrs["PositionAlgoVersion"] = f"trackfg {__version__}"
             _group(session, "CONFIGURATION", "Configuration")
             _sections(session, result, stamps)
-            _position(session, result, stamps)
+            _position(session, result, stamps, options)
             _geometry(session, result, zero_ns)
             _events(session, result, zero_ns)
 
@@ -116,25 +118,33 @@ def _covered(result: Result) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(result.trajectory["chainage_m"])))])
 
 
-def _position(session: Any, result: Result, stamps: np.ndarray) -> None:
+def _position(session: Any, result: Result, stamps: np.ndarray, options: ExportOptions) -> None:
     track = result.trajectory
     source = _group(_group(session, "POSITION", "System"), "POSITION.SOURCE", "Datasource")
     source["timestamp"] = stamps
     data = _group(source, "POSITION.SOURCE.DATA", "Channel")
     chainage, rows = track["chainage_m"].to_numpy(), len(track)
-    direction = direction_of(result)
+    line = line_kilometrage(result) if options.km else LineKilometrage()
+    official = line.kilometrage().official_m(chainage)
+    ascends = line.kilometrage().ascends(chainage)
     data["covereddistance"] = _covered(result)
     data["trackoffset"] = chainage
-    data["lineoffset"] = chainage / 1000.0
+    data["lineoffset"] = official / 1000.0
     data["positionaccuracy"] = track["chainage_m_sd"].to_numpy(dtype=np.float32)
-    data["track_id"] = np.full(rows, _UNKNOWN_ID, dtype=np.int32)
-    data["line_id"] = np.full(rows, _UNKNOWN_ID, dtype=np.int32)
+    data["track_id"] = np.full(rows, _number(line.track), dtype=np.int32)
+    data["line_id"] = np.full(rows, _number(line.line), dtype=np.int32)
     # 0 is very good and 15 very poor: a step for each doubling of the sigma from 0.1 m on.
     quality = np.ceil(np.log2(np.maximum(track["chainage_m_sd"].to_numpy(), 0.05) / 0.05))
     data["positionquality"] = np.clip(quality, 0, 15).astype(np.int32)
     forward = track["speed_mps"].to_numpy() >= 0.0
     _texts(data, "direction", ["FORWARD" if ahead else "BACKWARD" for ahead in forward])
-    _texts(data, "kilometrage", ["INCREASING" if ahead == (direction == 1) else "DECREASING" for ahead in forward])
+    growing = forward == (ascends == (direction_of(result) == 1))
+    _texts(data, "kilometrage", ["INCREASING" if grows else "DECREASING" for grows in growing])
+
+
+def _number(name: str) -> int:
+    """Return the id of a line or a track as the file has it, a number of 32 bits; unknown where it is none."""
+    return int(name) if name.isdecimal() and int(name) < 2**31 else _UNKNOWN_ID
 
 
 def _geometry(session: Any, result: Result, zero_ns: int) -> None:

@@ -9,7 +9,7 @@ import pyarrow.csv
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.exporting.channels import channel_table, read_template
-from trackfg.interchange.exporting.located import located_geometry, table_of
+from trackfg.interchange.exporting.located import table_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
 from trackfg.results.result import Result
@@ -27,7 +27,7 @@ class Csv(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the table that the options name."""
-        _write_csv(pa.Table.from_pandas(table_of(result, options.table), preserve_index=False), path)
+        _write_csv(pa.Table.from_pandas(table_of(result, options.table, km=options.km), preserve_index=False), path)
 
 
 class Excel(ResultFormat):
@@ -42,7 +42,7 @@ class Excel(ResultFormat):
         openpyxl = library("openpyxl", "excel")
         book = openpyxl.Workbook(write_only=True)
         for name in ("geometry", "trajectory", "events"):
-            table = table_of(result, name)
+            table = table_of(result, name, km=options.km)
             if len(table) >= _SHEET_ROWS:
                 raise BadInputError(
                     f"{name} has {len(table)} rows; expected fewer than {_SHEET_ROWS} for .xlsx. Hint: csv"
@@ -63,7 +63,7 @@ class Channels(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the channels of the template, or of the built-in one."""
-        table = channel_table(located_geometry(result), options.channels or read_template(None))
+        table = channel_table(table_of(result, "geometry", km=options.km), options.channels or read_template(None))
         _write_csv(pa.Table.from_pandas(table, preserve_index=False), path)
 
 
