@@ -19,7 +19,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
@@ -133,8 +132,17 @@ def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
 
 
 def _decimate(fine: Array, taps: Array) -> Array:
-    """Return the low-pass of ``fine`` (cells,), where it fits, at every step."""
-    return np.asarray(sliding_window_view(fine, len(taps))[::_CELLS] @ taps)
+    """Return the low-pass of ``fine`` (cells,), where it fits, at every step.
+
+    Taps and cells are cut into steps: the products of each step's cells with all steps of taps are one matrix.
+    """
+    count, steps = (len(fine) - len(taps)) // _CELLS + 1, -(-len(taps) // _CELLS)
+    of_step = np.pad(fine, (0, -len(fine) % _CELLS)).reshape(-1, _CELLS)
+    products = np.pad(taps, (0, -len(taps) % _CELLS)).reshape(steps, _CELLS) @ of_step.T
+    total = np.zeros(count)
+    for step in range(steps):
+        total += products[step, step : step + count]
+    return total
 
 
 @lru_cache(maxsize=1)

@@ -23,6 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.special import ndtr, ndtri
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
@@ -106,11 +107,14 @@ def levels(declared: Problem, problem: Problem) -> dict[str, float]:
     return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in found.items()}
 
 
-def _levels(squares: Array | float, redundancy: Array | float) -> Array:
-    """Return f of residuals in declared sigmas; 1 where that is not significantly more."""
+def _levels(squares: Array | float, redundancy: Array | float, tests: float = 1.0) -> Array:
+    """Return f of residuals in declared sigmas; 1 where that is not significantly more.
+
+    Of so many independent ``tests`` the largest exceeds the limit as rarely as a single one (Bonferroni).
+    """
     worth = _AGREEING + np.maximum(redundancy, 0.0)
-    variance = (_AGREEING + squares) / worth
-    significant = variance > np.maximum(1.0 + _SIGNIFICANT * np.sqrt(2.0 / worth), _RAISED**2)
+    variance, sigmas = (_AGREEING + squares) / worth, -ndtri(ndtr(-_SIGNIFICANT) / tests)
+    significant = variance > np.maximum(1.0 + sigmas * np.sqrt(2.0 / worth), _RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
 
@@ -142,8 +146,8 @@ def _over_time(group: Residuals, level: Array) -> Array:
     ``level`` (m,) is what it was assumed to be.
     """
     squares, redundancy = np.sum(group.values**2, axis=1) * level**2, np.sum(group.redundancy, axis=1)
-    nearby = (_NEARBY * uniform_filter1d(part, _NEARBY, mode="constant") for part in (squares, redundancy))
-    found = _levels(*nearby)
+    near, near_redundancy = (_NEARBY * uniform_filter1d(x, _NEARBY, mode="constant") for x in (squares, redundancy))
+    found = _levels(near, near_redundancy, tests=max(1.0, len(squares) / _NEARBY))
     usual = found == 1.0
     found[usual] = _levels(float(np.sum(squares[usual])), float(np.sum(redundancy[usual])))
     return found

@@ -15,9 +15,10 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import changed
 from trackfg.recording.model import IMU_COLUMNS
-from trackfg.smoothing.noise_levels import levels, noise_levels
+from trackfg.smoothing.noise_levels import _over_time, levels, noise_levels
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
+from trackfg.solver.variance_components import Residuals
 
 DURATION_S = 300.0
 ACCEL = list(IMU_COLUMNS[4:])
@@ -76,3 +77,18 @@ def test_the_summary_has_the_levels_that_were_used(simulated: Callable[..., Simu
     assert noise["accel"] > 3.0
     fixed: Any = smooth(recording, FIXED).summary.configuration["noise"]
     assert fixed["accel"] == pytest.approx(1.0)
+
+
+def test_chance_raises_no_stretch_of_a_long_run() -> None:
+    """Of 4 h with the declared noise some 1000 stretches are tested: three sigmas of one are nothing for the largest,
+    and a shock of three times the noise is still seen.
+    """
+    raised = 0
+    for seed in range(10):
+        values = np.random.default_rng(seed).standard_normal((16_000, 3))
+        usual = Residuals(np.arange(16_000), values, np.ones_like(values))
+        raised += np.count_nonzero(_over_time(usual, np.ones(16_000)) > 1.0)
+    assert raised < 30  # intervals: two stretches of 15 in 160 000
+    values[8000:8015] *= 3.0
+    shaken = Residuals(np.arange(16_000), values, np.ones_like(values))
+    assert (_over_time(shaken, np.ones(16_000))[8005:8010] > 1.5).all()
