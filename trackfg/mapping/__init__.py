@@ -6,6 +6,7 @@ package          content
 ``recognition``  where a run's profile lies on a map's: a hidden Markov model over places, then least squares
 ``joining``      a run's information on the map's variables, their joint estimate, the averaged profile, landmarks
 ``changes``      what changed of the track, and what moved from one version of a map to another
+``runs``         runs laid over each other: shifts by sections, and how well they repeat
 ===============  =====================================================================================================
 
 ``recognition`` needs no map, only two profiles; ``joining`` and ``changes`` both start from it.

@@ -11,6 +11,13 @@ off (a defect) have the weight ``w = 1/(1 + (residual / (3 sigma))^2)`` of Cauch
 the robust sigma of its residuals in all sections, but no less than what the tables' sigmas say of curvature and
 versines (those of the cross-level are mostly of its constant).
 
+**Derivatives** by m and e are those of the run, ``r'`` and ``r' x`` (an instrumental variable: Stock and Watson,
+Introduction to Econometrics, chapter 12). Between rows a spline has less of the reference's noise than on rows, so
+residuals are smallest half way: with the reference's own slopes a match is drawn there, by 1 cm where white noise is a
+twentieth of the profile. The run's slopes by central differences have nothing of the noise of the row itself, nor of
+the reference's. Matches by curves, whose means have no such noise, take the reference's slopes, which know less of the
+run's noise.
+
 **Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the derivatives ``J_i`` of a
 row by (m, e), less their weighted mean over the section, the transform ``G(W)`` of ``J_i / sigma`` and the pooled
 periodogram ``P`` of ``w_i residual_i / sigma`` of all sections (times ``(sigma / their robust sigma)^2`` where the
@@ -21,9 +28,8 @@ tables claim more), it is that of an M-estimator (Huber and Ronchetti, Robust St
 summed over the features. ``k`` is the mean derivative of the score ``w_i residual_i`` by the residual, over the mean
 weight, of all sections: with Cauchy's loss a row that is far off moves the score less than its weight says.
 
-The variance is raised where a section's own residuals are larger than the others', and, with r' the run's slopes, by
-``(sum f'^2 / sum f' r')^2`` where that exceeds one: slopes of the reference that the run does not share are no
-information.
+The variance is raised where a section's own residuals are larger than the others', and by ``(sum J^2 / sum f' r')^2``
+where that exceeds one: slopes that run and reference do not share are no information.
 
 **Acceptance.** There is no match, and no sigma, where ``sum f' r' < 0.7 sum f'^2``, where half of the rows
 or more are unknown, where the iteration has not converged, or where it went too far from where it began. Slopes of raw
@@ -145,11 +151,13 @@ class _Feature:
     """One feature: the run's rows (k, m) and their slopes, 1/m; the reference as a cubic spline from row to row.
 
     ``cubic`` (n, 4): of the row numbered ``first`` and those after it, highest power first; ``known`` (n,): whether the
-    row and the next are. ``claimed``: sigma of the comparison by the tables; ``least_sigma``: the least that is taken.
+    row and the next are. ``by_run``: a section is moved along the run's slopes, not the reference's. ``claimed``: sigma
+    of the comparison by the tables; ``least_sigma``: the least that is taken.
     """
 
     run: Array
     run_slope: Array
+    by_run: bool
     step_m: float
     first: int
     cubic: Array
@@ -172,6 +180,7 @@ class _Feature:
 class _Linearised:
     """One feature at the sections' present places: residuals (k, m) and derivatives by place and scale error (2, k, m).
 
+    The derivatives are those of the run where :attr:`_Feature.by_run`, and ``slope`` (k, m) is the reference's.
     ``weight`` (k, m): of Cauchy's loss, 0 where not known. ``spread``: robust sigma of the residuals; ``sigma``: that
     or, if it is larger, what the tables claim.
     """
@@ -179,6 +188,7 @@ class _Linearised:
     feature: _Feature
     residual: Array
     jacobian: Array
+    slope: Array
     weight: Array
     known: NDArray[np.bool_]
     spread: float
@@ -188,12 +198,23 @@ class _Linearised:
     def of(cls, feature: _Feature, places: Array, x: Array, weight: Array) -> _Linearised:
         """Linearise at ``places`` (k, m) with the weights of the round before (k, m)."""
         value, slope, known = feature.at(places)
-        known &= np.isfinite(feature.run)
+        steep = feature.run_slope if feature.by_run else slope
+        known &= np.isfinite(feature.run) & np.isfinite(steep)
         w = np.where(known, weight, 0.0)
         residual = _centred(np.where(known, feature.run - value, 0.0), w)
-        jacobian = np.stack([_centred(slope, w), _centred(slope * x, w)])
+        steep = np.where(known, steep, 0.0)
+        jacobian = np.stack([_centred(steep, w), _centred(steep * x, w)])
         spread = robust_sd(residual[known]) if known.any() else 0.0
-        return cls(feature, residual, jacobian, w, known, spread, max(spread, feature.claimed, feature.least_sigma))
+        return cls(
+            feature,
+            residual,
+            jacobian,
+            _centred(slope, w),
+            w,
+            known,
+            spread,
+            max(spread, feature.claimed, feature.least_sigma),
+        )
 
     @property
     def cauchy_weight(self) -> Array:
@@ -225,12 +246,13 @@ class _Linearised:
         G = np.fft.rfft(self.jacobian * self.known / self.sigma, 2 * (len(spectrum) - 1), axis=2)
         return _mean_over_frequencies(np.real(G[:, None] * np.conj(G[None])) * spectrum).transpose(2, 0, 1)
 
-    def slopes(self) -> tuple[Array, Array]:
-        """Return ``sum f' r'`` and ``sum f'^2`` of each section, weighted, (k,) each."""
+    def slopes(self) -> tuple[Array, Array, Array]:
+        """Return ``sum f' r'``, ``sum f'^2`` and the sum of the squared derivatives of each section, weighted, (k,)."""
         of_run = np.where(self.known & np.isfinite(self.feature.run_slope), self.feature.run_slope, 0.0)
-        of_reference, w = self.jacobian[0], self.weight
-        shared = (_centred(of_run, w) * of_reference * w).sum(axis=1) / self.sigma**2
-        return shared, (of_reference**2 * w).sum(axis=1) / self.sigma**2
+        w = self.weight
+        products = (_centred(of_run, w) * self.slope, self.slope**2, self.jacobian[0] ** 2)
+        shared, of_reference, used = ((product * w).sum(axis=1) / self.sigma**2 for product in products)
+        return shared, of_reference, used
 
     def squares(self) -> Array:
         """Return the sections' sums of squared residuals in units of the mean over all sections, (k,)."""
@@ -323,7 +345,8 @@ def _feature(
     has_claim = not by_curves and name != CROSS_LEVEL
     return _Feature(
         run=pieces,
-        run_slope=np.gradient(pieces, run.step_m, axis=1),
+        run_slope=sections_of(np.gradient(r, run.step_m), first, rows),
+        by_run=not by_curves,
         step_m=run.step_m,
         first=reference.first,
         cubic=cubic,
@@ -382,9 +405,9 @@ def _variance(linearised: Sequence[_Linearised], prior: float) -> Array:
     for part in linearised:
         A += part.softness * part.normal()[0]
         B += part.coloured()
-        with_run, of_reference = part.slopes()
+        with_run, _, used = part.slopes()
         shared += with_run
-        slopes += of_reference
+        slopes += used
         squares += part.squares()
         rows += part.known.sum(axis=1)
     inverse = np.linalg.inv(A)
@@ -397,7 +420,7 @@ def _variance(linearised: Sequence[_Linearised], prior: float) -> Array:
 
 def _is_match(linearised: Sequence[_Linearised]) -> NDArray[np.bool_]:
     """Return whether each section (k,) shares its slopes with the reference, and has rows enough."""
-    shared, slopes = (sum(parts) for parts in zip(*(part.slopes() for part in linearised), strict=True))
+    shared, slopes, _ = (sum(parts) for parts in zip(*(part.slopes() for part in linearised), strict=True))
     known = np.concatenate([part.known for part in linearised], axis=1)
     return np.asarray((shared > _LEAST_SHARED * slopes) & (known.sum(axis=1) > _LEAST_KNOWN * known.shape[1]))
 

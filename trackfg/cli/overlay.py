@@ -1,0 +1,115 @@
+"""``trackfg overlay``: runs over one line are laid over each other and compared."""
+
+from __future__ import annotations
+
+import json as json_text
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from trackfg.mapping.runs.run_overlay import RunOverlay
+
+_FILES = ("overlay.json", "shifts.csv", "differences.csv", "page.html")
+_FORMAT = "trackfg-overlay/1"
+_MOST_ROWS = 60
+"""Sections that are shown in a terminal."""
+
+
+def overlay(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="A B...", help="Results, or channel tables of recording cars.", show_default=False),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="OUT", help="Folder for the tables and the page.", show_default=False),
+    ] = None,
+    section: Annotated[
+        int, typer.Option(metavar="M", min=20, help="Length of the sections of the shift, m: a multiple of 20.")
+    ] = 100,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Lay runs over the first of them: its shift by sections, with a sigma each, and how well channels repeat.
+
+    No hint of the offset is needed. Where a run has no track in common with the first, that is said and the exit status
+    is 2. In OUT are shifts.csv, differences.csv, overlay.json and a page with all runs over one axis.
+    """
+    from trackfg.cli.terminal import show
+    from trackfg.files.owned_folder import FolderKind
+    from trackfg.interchange.importing.channels.source_geometry import read_geometry
+    from trackfg.mapping.runs.run_overlay import overlaid
+
+    kind = FolderKind("overlay", _FILES[0], _FORMAT.partition("/")[0] + "/", _FILES)
+    if out is not None:
+        kind.refuse_foreign(out)
+    laid = overlaid([read_geometry(path) for path in runs], _names(runs), section_m=float(section))
+    if out is not None:
+        command = shlex.join(["trackfg", "overlay", *map(str, runs), "-o", str(out), "--section", str(section)])
+        _write(laid, out, command)
+    if json:
+        print(_as_json(laid))
+        return
+    for table in _tables(laid):
+        show(table)
+    if out is not None:
+        print(f"overlay: {out}")
+
+
+def _names(runs: Sequence[Path]) -> list[str]:
+    """Return the runs' names: those of their files or folders, with the folder above where two are alike."""
+    short = [path.resolve().stem for path in runs]
+    return [
+        name if short.count(name) == 1 else f"{path.resolve().parent.name}/{path.name}"
+        for name, path in zip(short, runs, strict=True)
+    ]
+
+
+def _as_json(laid: RunOverlay) -> str:
+    from trackfg.cli.map_tables import records
+
+    content = {
+        "format": _FORMAT,
+        "reference": laid.names[0],
+        "shifts": records(laid.shifts),
+        "repeatability": records(laid.repeatability),
+    }
+    return json_text.dumps(content, indent=2)
+
+
+def _write(laid: RunOverlay, out: Path, command: str) -> None:
+    """Write the folder, complete or not at all."""
+    from trackfg.files.atomic_folder import replaced_folder
+    from trackfg.report.overlay_page import overlay_page
+
+    with replaced_folder(out) as new:
+        (new / "overlay.json").write_text(_as_json(laid) + "\n", encoding="utf-8")
+        laid.shifts.to_csv(new / "shifts.csv", index=False)
+        laid.differences.to_csv(new / "differences.csv", index=False)
+        overlay_page(laid, command).write(new / "page.html")
+
+
+def _tables(laid: RunOverlay) -> list[RenderableType]:
+    from rich.text import Text
+
+    from trackfg.cli.tables import titled
+
+    shifts = titled(f"Shift against {laid.names[0]}")
+    for heading in ("run", "from m", "to m", "shift m", "1 sigma m"):
+        shifts.add_column(heading, justify="left" if heading == "run" else "right")
+    more = len(laid.shifts) - _MOST_ROWS
+    for row in laid.shifts.head(_MOST_ROWS).to_dict("records"):
+        values = (f"{row['from_m']:.1f}", f"{row['to_m']:.1f}", f"{row['shift_m']:.3f}", f"{row['shift_m_sd']:.3f}")
+        shifts.add_row(Text(row["run"]), *values)
+    repeated = titled("Repeatability: standard deviation of the difference over 200 m")
+    for heading in ("run", "channel", "sections", "median", "95 % below", "greatest"):
+        repeated.add_column(heading, justify="left" if heading in ("run", "channel") else "right")
+    for row in laid.repeatability.to_dict("records"):
+        sds = (f"{row[name]:.3g}" for name in ("sd_median", "sd_95", "sd_max"))
+        repeated.add_row(Text(row["run"]), row["channel"], str(row["sections"]), *sds)
+    return [shifts, *([Text(f"{more} sections more: -o writes all")] if more > 0 else []), repeated]

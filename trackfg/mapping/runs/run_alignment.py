@@ -1,0 +1,136 @@
+"""Where a run was on another run over the same line, section by section, with a sigma each.
+
+The run's sections are recognised on the reference (:mod:`trackfg.mapping.recognition`). Their places are sought about
+where the chainages say, to the sigmas of both; where that finds nothing, within two kilometres, and at last anywhere.
+Of columns that both tables have, those of one meaning are compared: level and alignment in a band where one of the two
+was measured by another system, whose versines may be of a band alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.mapping.recognition.profiles import KINDS, SECTION_M
+from trackfg.mapping.recognition.recognition import Recognition, recognise
+from trackfg.mapping.recognition.warp import Warp, warped
+from trackfg.numerics.arrays import Array
+from trackfg.results.result import Result
+
+SHIFT_COLUMNS = ("run", "from_m", "to_m", "run_m", "shift_m", "shift_m_sd", "probability")
+
+_SCALE_SD = 5e-3
+"""Prior sigma of the scale of one chainage against another, relative: wheels are worn by 1 % at most."""
+_FAR_SD_M = 500.0
+"""Sigma of the place in the second search, m: chainages of one line that count from different posts."""
+_MOST_PLACES = 2e7
+"""Sections times metres of reference up to which a run is sought anywhere: half a gigabyte."""
+_ENOUGH = 0.5
+"""Share of the sections that lie on both runs by their chainages which a search has to find, or the next is tried."""
+
+
+@dataclass(frozen=True)
+class RunAlignment:
+    """A run on a reference.
+
+    ``shifts`` has a row per section, columns :data:`SHIFT_COLUMNS`: the stretch on the reference, where its middle is
+    in the run's chainage, by how much that is more than the reference's, and its sigma. ``warp`` is the function from
+    the run's chainage to the reference's.
+    """
+
+    name: str
+    shifts: pd.DataFrame
+    warp: Warp
+
+    def brought(self, geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
+        """Return the run's geometry by the reference's chainage."""
+        table = warped(geometry, self.warp, step_m)
+        return table.assign(chainage_m=np.round(table["chainage_m"].to_numpy() / step_m) * step_m)
+
+
+def aligned(run: Result, reference: Result, name: str, *, section_m: float = SECTION_M) -> RunAlignment:
+    """Lay a run over a reference. Raises :class:`BadInputError` where it is recognised nowhere on it."""
+    step_m = reference.summary.geometry.step_m
+    band_only = run.summary.solver is None or reference.summary.solver is None
+    tables = [_compared(result, step_m, band_only=band_only) for result in (run, reference)]
+    facts = run.summary.run
+    found = _recognised(tables[0], tables[1], 1 if facts is None else facts.direction, section_m)
+    warp = None if found is None else found.warp
+    if found is None or warp is None:
+        of_run, of_reference = (f"{t['chainage_m'].iloc[0]:.0f} m to {t['chainage_m'].iloc[-1]:.0f} m" for t in tables)
+        raise BadInputError(
+            f"{name}: no overlap: its track, {of_run}, is recognised nowhere on that of "
+            f"{reference.summary.recording_id}, {of_reference}"
+        )
+    return RunAlignment(name, _shifts(found, name, section_m), warp)
+
+
+def _recognised(run: pd.DataFrame, reference: pd.DataFrame, direction: int, section_m: float) -> Recognition | None:
+    """Return what the first search finds that finds enough, else the one that finds most."""
+    x, y = run["chainage_m"].to_numpy(), reference["chainage_m"].to_numpy()
+    expected = _ENOUGH * (min(x[-1], y[-1]) - max(x[0], y[0])) / section_m
+    best: Recognition | None = None
+    for place_sd in _searches(run, reference, section_m):
+        found = recognise(
+            run, reference, place_sd_m=place_sd, rate_sd=_SCALE_SD, direction=direction, section_m=section_m
+        )
+        if found.warp is not None and (best is None or len(found.used) > len(best.used)):
+            best = found
+        if best is not None and len(best.used) >= max(expected, 2.0):
+            break
+    return best
+
+
+def _searches(run: pd.DataFrame, reference: pd.DataFrame, section_m: float) -> Iterator[Array | None]:
+    """Yield prior sigmas of the place, the narrowest first; None is anywhere."""
+    x, y = run["chainage_m"].to_numpy(), reference["chainage_m"].to_numpy()
+    stated = run["chainage_m_sd"].to_numpy()
+    of_reference = float(np.median(reference["chainage_m_sd"]))
+    near = np.hypot(stated, of_reference)
+    if x[0] - y[-1] < 4.0 * near.max() and y[0] - x[-1] < 4.0 * near.max():
+        yield near
+    if near.max() < _FAR_SD_M and x[0] - y[-1] < 4.0 * _FAR_SD_M and y[0] - x[-1] < 4.0 * _FAR_SD_M:
+        yield np.full(len(run), _FAR_SD_M)
+    if np.ptp(x) / section_m * np.ptp(y) < _MOST_PLACES:
+        yield None
+
+
+def _compared(result: Result, step_m: float, *, band_only: bool) -> pd.DataFrame:
+    """Return the columns of a geometry that runs are compared by, on the reference's step."""
+    table = result.geometry
+    if len(table) < 2:
+        raise BadInputError(f"{result.summary.recording_id}: has no track geometry; expected one to lay over another")
+    names = [name for kind in KINDS for name in kind if name in table and table[name].notna().any()]
+    for quantity in ("level", "alignment"):
+        if band_only and f"{quantity}_mm" in names and f"versine_{quantity}_mm" in names:
+            names.remove(f"versine_{quantity}_mm")
+    sigmas = [f"{name}_sd" for name in names if f"{name}_sd" in table and table[f"{name}_sd"].notna().any()]
+    out = table[["chainage_m", "chainage_m_sd", *names, *sigmas]].copy()
+    for quantity in ("level", "alignment"):
+        left, right = (f"{quantity}_{side}_mm" for side in ("left", "right"))
+        if left in table and table[left].notna().any():
+            out[f"{quantity}_difference_mm"] = table[left] - table[right]
+    if result.summary.geometry.step_m != step_m:
+        out = warped(out, Warp(np.zeros(1), np.zeros(1)), step_m)
+    return out
+
+
+def _shifts(found: Recognition, name: str, section_m: float) -> pd.DataFrame:
+    used = found.used
+    reference = used["reference_m"].to_numpy()
+    return pd.DataFrame(
+        {
+            "run": name,
+            "from_m": reference - 0.5 * section_m,
+            "to_m": reference + 0.5 * section_m,
+            "run_m": used["run_m"].to_numpy(),
+            "shift_m": used["run_m"].to_numpy() - reference,
+            "shift_m_sd": used["match_sd_m"].to_numpy(),
+            "probability": used["probability"].to_numpy(),
+        },
+        columns=list(SHIFT_COLUMNS),
+    )

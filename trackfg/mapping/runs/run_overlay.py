@@ -1,0 +1,130 @@
+"""Runs over one line laid over the first of them: their shifts, and how well every channel repeats.
+
+The rule is that of track recording: the standard deviation of the difference of two runs per section of 200 m, in which
+a constant difference does not count (:mod:`trackfg.geometry.repeatability`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.geometry.statistics import section_statistics
+from trackfg.mapping.recognition.profiles import SECTION_M
+from trackfg.mapping.runs.run_alignment import SHIFT_COLUMNS, RunAlignment, aligned
+from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
+from trackfg.results.result import Result
+
+REPEATED_M = 200.0
+"""Length of the sections of repeatability, m."""
+DIFFERENCE_COLUMNS = ("run", "channel", "from_m", "to_m", "sd", "mean")
+REPEATABILITY_COLUMNS = ("run", "channel", "sections", "sd_median", "sd_95", "sd_max", "mean")
+
+_FULL_SHARE = 0.9
+"""A section counts where both runs know this share of it."""
+_CHANNELS = tuple(
+    name
+    for name in (*GEOMETRY_COLUMNS, *RAIL_COLUMNS, *BAND_COLUMNS)
+    if not name.endswith("_sd") and name not in ("chainage_m", "speed_mps")
+)
+
+
+@dataclass(frozen=True)
+class RunOverlay:
+    """Runs over the first of them, the reference.
+
+    ``alignments``: one of each further run. ``geometries``: of each run by the reference's chainage, the reference
+    first. ``differences``: one row per run, channel and section of 200 m, columns :data:`DIFFERENCE_COLUMNS`, with the
+    standard deviation and the mean of run less reference in the channel's unit.
+    """
+
+    names: tuple[str, ...]
+    alignments: tuple[RunAlignment, ...]
+    geometries: tuple[pd.DataFrame, ...]
+    differences: pd.DataFrame
+
+    @property
+    def shifts(self) -> pd.DataFrame:
+        """The sections of all runs, columns :data:`~trackfg.mapping.runs.run_alignment.SHIFT_COLUMNS`."""
+        return pd.concat([alignment.shifts for alignment in self.alignments], ignore_index=True)[list(SHIFT_COLUMNS)]
+
+    @property
+    def repeatability(self) -> pd.DataFrame:
+        """One row per run and channel, columns :data:`REPEATABILITY_COLUMNS`: what the sections' standard deviations
+        are in the middle, in 95 % of the sections and at most.
+        """
+        rows = [
+            (
+                run,
+                channel,
+                len(table),
+                *(float(np.quantile(table["sd"], share)) for share in (0.5, 0.95, 1.0)),
+                float(table["mean"].mean()),
+            )
+            for (run, channel), table in self.differences.groupby(["run", "channel"], sort=False)
+        ]
+        return pd.DataFrame(rows, columns=list(REPEATABILITY_COLUMNS))
+
+
+def overlaid(results: Sequence[Result], names: Sequence[str], *, section_m: float = SECTION_M) -> RunOverlay:
+    """Lay runs over the first of them. ``section_m``: length of the sections of the shift, a whole multiple of 20 m.
+
+    Raises :class:`BadInputError` for fewer than two runs, for names that are there twice, and for a run that is
+    recognised nowhere on the first.
+    """
+    if len(results) < 2:
+        raise BadInputError(f"{len(results)} runs; expected at least two")
+    if len(set(names)) < len(names):
+        raise BadInputError(f"runs of one name: {', '.join(names)}; expected each name once")
+    reference = results[0]
+    step_m = reference.summary.geometry.step_m
+    alignments, geometries, differences = [], [reference.geometry], []
+    for result, name in zip(results[1:], names[1:], strict=True):
+        alignment = aligned(result, reference, name, section_m=section_m)
+        geometry = alignment.brought(result.geometry, step_m)
+        alignments.append(alignment)
+        geometries.append(geometry)
+        differences.append(_differences(reference, result, geometry, name))
+    return RunOverlay(tuple(names), tuple(alignments), tuple(geometries), pd.concat(differences, ignore_index=True))
+
+
+def _differences(reference: Result, run: Result, geometry: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Return the standard deviation and mean of the difference per section, of each channel that means the same."""
+    step_m = reference.summary.geometry.step_m
+    both = reference.geometry.merge(
+        geometry.assign(cell=np.rint(geometry["chainage_m"] / step_m)),
+        left_on=np.rint(reference.geometry["chainage_m"] / step_m),
+        right_on="cell",
+        suffixes=("", "_of_run"),
+    )
+    tables = [pd.DataFrame(columns=list(DIFFERENCE_COLUMNS))]
+    for channel in comparable_channels(reference, run):
+        difference = both[f"{channel}_of_run"].to_numpy() - both[channel].to_numpy()
+        table = section_statistics(both["chainage_m"].to_numpy(), difference, section_m=REPEATED_M)
+        table = table[table["count"] >= _FULL_SHARE * REPEATED_M / step_m]
+        if len(table):
+            tables.append(table.assign(run=name, channel=channel)[list(DIFFERENCE_COLUMNS)])
+    return pd.concat(tables[1:] or tables, ignore_index=True)
+
+
+def comparable_channels(reference: Result, run: Result) -> list[str]:
+    """Return the channels that both runs know and that mean the same in both."""
+    a, b = reference.summary.geometry, run.summary.geometry
+    same = {
+        "twist": (a.twist_base_m, a.twist_anchor) == (b.twist_base_m, b.twist_anchor),
+        "versine": a.chord_m == b.chord_m and (reference.summary.solver is None) == (run.summary.solver is None),
+        "level": a.band_m == b.band_m,
+        "alignment": a.band_m == b.band_m,
+        "curvature": a.curvature_base_m == b.curvature_base_m,
+        "gradient": a.gradient_base_m == b.gradient_base_m,
+    }
+    return [
+        name
+        for name in _CHANNELS
+        if all(name in result.geometry and result.geometry[name].notna().any() for result in (reference, run))
+        and (name in BAND_COLUMNS or same.get(name.partition("_")[0], True))
+    ]

@@ -1,0 +1,130 @@
+"""The page of an overlay: all runs over one chainage, the shift of each by its sections, and how well they repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.plots.geometry_channels import channel_extent
+from trackfg.plots.scales import with_margin
+from trackfg.plots.sheet import BAND, BLUE
+from trackfg.report.charts import PALETTE, ChartLine, ChartPanel, Strips, whole_range
+from trackfg.report.columns import packed, packed_sigma, packed_value
+from trackfg.report.geometry_charts import chainage_axis, channels
+from trackfg.report.numbers import digits, length
+from trackfg.report.page import Code, Drawing, Page, PageSection, PageTable, TableRow, Text, Tile, Tiles
+
+if TYPE_CHECKING:
+    from trackfg.mapping.runs.run_overlay import RunOverlay
+
+_PLACE_M = 1e-3
+"""Accuracy of the chainage in the page, m."""
+
+
+def overlay_page(overlay: RunOverlay, command: str) -> Page:
+    """Return the page; ``command`` is what made it."""
+    reference = overlay.geometries[0]["chainage_m"].to_numpy()
+    unit, scale = chainage_axis(reference)
+    x_range = whole_range(scale * reference)
+    title = ", ".join(overlay.names)
+    subtitle = f"{len(overlay.names)} runs over the chainage of {overlay.names[0]}"
+    sections = (
+        _summary(overlay),
+        PageSection("runs", "All runs", (Drawing(_runs(overlay, unit, scale, x_range), note=_NOTE),)),
+        _shift_section(overlay, unit, scale, x_range),
+        _repeatability_section(overlay.repeatability),
+        PageSection("made", "How it was made", (Text("This page was made by"), Code(command))),
+    )
+    return Page("overlay", title, subtitle, sections)
+
+
+_NOTE = "Each run lies where it was recognised on the first. Click a name to hide it, double-click to see it alone."
+
+
+def _colours(names: tuple[str, ...]) -> dict[str, str]:
+    others = (PALETTE[i % len(PALETTE)] for i in range(len(names) - 1))
+    return dict(zip(names, (BLUE, *others), strict=True))
+
+
+def _summary(overlay: RunOverlay) -> PageSection:
+    shifts = overlay.shifts
+    tiles = [Tile("reference", overlay.names[0])]
+    for name, table in shifts.groupby("run", sort=False):
+        of_run = table["shift_m"]
+        on_both = float((table["to_m"] - table["from_m"]).sum())
+        remark = f"from {of_run.min():.2f} to {of_run.max():.2f} m, {len(table)} sections, {length(on_both)}"
+        tiles.append(Tile(f"shift of {name}, median", f"{of_run.median():.2f} m", remark))
+    return PageSection("summary", "Summary", (Tiles(tuple(tiles)),))
+
+
+def _runs(overlay: RunOverlay, unit: str, scale: float, x_range: tuple[float, float]) -> Strips:
+    """Return a panel per channel of the first run, with a line per run that has it."""
+    colour = _colours(overlay.names)
+    places = [packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE_M) for table in overlay.geometries]
+    panels = []
+    for channel in channels(overlay.geometries[0]):
+        lines, extents = [], []
+        for name, table, x in zip(overlay.names, overlay.geometries, places, strict=True):
+            if channel.column in table and table[channel.column].notna().any():
+                values = channel.scale * table[channel.column].to_numpy(dtype=np.float64)
+                lines.append(ChartLine(name, colour[name], x, packed_value(values)))
+                if channel.twin is None or channel.twin in table:
+                    extents.append(channel_extent(table, channel, 0.0 if channel.deviation else _middle(values)))
+        low, high = with_margin(min(low for low, _ in extents), max(high for _, high in extents))
+        panels.append(ChartPanel(channel.label, channel.unit, tuple(lines), (low, high), share=channel.share))
+    return Strips(f"chainage, {unit}", unit, x_range, tuple(panels), legend=True)
+
+
+def _middle(values: np.ndarray) -> float:
+    return float(np.nanmedian(values))
+
+
+def _shift_section(overlay: RunOverlay, unit: str, scale: float, x_range: tuple[float, float]) -> PageSection:
+    colour = _colours(overlay.names)
+    lines, reach = [], []
+    for name, table in overlay.shifts.groupby("run", sort=False):
+        x = packed(scale * 0.5 * (table["from_m"] + table["to_m"]).to_numpy(), scale * _PLACE_M)
+        shift, sd = table["shift_m"].to_numpy(), table["shift_m_sd"].to_numpy()
+        lines.append(ChartLine(str(name), colour[str(name)], x, packed_value(shift, sd), packed_sigma(sd)))
+        reach += [float((shift - BAND * sd).min()), float((shift + BAND * sd).max())]
+    panel = ChartPanel("shift", "m", tuple(lines), with_margin(min(reach), max(reach)), base=0.0, share=2.0)
+    note = "The run's chainage less the reference's at the same place of the track. Bands: 95 % (1.96 sigma)."
+    chart = Strips(f"chainage, {unit}", unit, x_range, (panel,), legend=True)
+    return PageSection("shifts", "Shift per section", (Drawing(chart, note=note), _shift_table(overlay.shifts)))
+
+
+def _shift_table(shifts: pd.DataFrame) -> PageTable:
+    rows = (
+        TableRow(
+            (
+                str(row["run"]),
+                f"{row['from_m']:.1f}",
+                f"{row['to_m']:.1f}",
+                f"{row['shift_m']:.3f}",
+                f"{row['shift_m_sd']:.3f}",
+            )
+        )
+        for row in shifts.to_dict("records")
+    )
+    headings = ("run", "from, m", "to, m", "shift, m", "1 sigma, m")
+    return PageTable(headings, tuple(rows), numbers=frozenset(range(1, 5)))
+
+
+def _repeatability_section(table: pd.DataFrame) -> PageSection:
+    note = (
+        "Standard deviation of run less reference over each section of 200 m, in the channel's unit; a constant "
+        "difference does not count and stands in the last column, as its mean over the sections."
+    )
+    headings = ("run", "channel", "sections", "median", "95 % below", "greatest", "mean difference")
+    rows = tuple(TableRow(tuple(_cells(row))) for row in table.to_dict("records"))
+    page_table = PageTable(headings, rows, numbers=frozenset(range(2, 7)))
+    return PageSection("repeatability", "Repeatability", (Text(note, "note"), page_table))
+
+
+def _cells(row: Mapping[Hashable, Any]) -> Iterator[str]:
+    yield from (row["run"], row["channel"], str(row["sections"]))
+    for name in ("sd_median", "sd_95", "sd_max", "mean"):
+        yield digits(row[name])
