@@ -22,6 +22,7 @@ from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.options import Km, with_options
 from trackfg.cli.overlay import overlay
+from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import progress_bar, show
 from trackfg.errors import BadInputError, TrackfgError, first_line, printable
@@ -39,6 +40,7 @@ app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
 app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
 app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
+app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
 app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]

@@ -6,6 +6,8 @@ import numpy as np
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.changes.changes import Changes, changes
+from trackfg.mapping.changes.overlay import QUANTITIES
+from trackfg.mapping.joining.unstated_sigmas import with_unstated_sigmas
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.results.result import Result
@@ -29,7 +31,7 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
         raise BadInputError(f"run {run}: its track is not recognised on the map {feature_map.name!r}")
     shift_sd = np.interp(result.geometry["chainage_m"], sections["run_m"], sections["match_sd_m"])
     return changes(
-        result.geometry,
+        with_unstated_sigmas(result.geometry, QUANTITIES),
         grid,
         conventions=result.summary.geometry,
         to_map=to_map,

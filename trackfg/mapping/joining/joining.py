@@ -23,6 +23,7 @@ from trackfg.mapping.joining.anchors import (
 from trackfg.mapping.joining.merging import MERGED, local_cross_level_sd, merged, window_means, with_place_noise
 from trackfg.mapping.joining.reference_line import positions_of_run, with_positions
 from trackfg.mapping.joining.survey import Chainages, Survey, SurveyedRun
+from trackfg.mapping.joining.unstated_sigmas import with_unstated_sigmas
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
@@ -79,7 +80,8 @@ def joined(survey: Survey, result: Result) -> Survey:
     run_id = _run_id(survey, result.summary.recording_id, facts)
     if survey.conventions is not None:
         check_conventions(result.summary.geometry, survey.conventions, run_id)
-    profile = result.geometry[result.geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
+    geometry = with_unstated_sigmas(result.geometry, (*MERGED, "twist_mm"))
+    profile = geometry[geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
     profile = profile.assign(cross_level_mm_sd=local_cross_level_sd(profile))
     to_map, sighted = Warp(np.zeros(1), np.zeros(1)), _NO_SIGHTINGS
     if survey.grid is not None:

@@ -11,6 +11,7 @@ import tomli_w
 from typer.testing import CliRunner
 
 from trackfg.cli.main import app
+from trackfg.curves import find_curves
 from trackfg.errors import BadInputError
 from trackfg.geometry.twist import ANCHORS, Anchor, twist
 from trackfg.interchange.exporting.export import export_result
@@ -212,3 +213,38 @@ def test_the_command_line(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
     assert '"column": "level_left_mm"' in found.output
     for command in (["plot", str(out), "-o", str(tmp_path / "a.png")], ["report", str(out)]):
         assert run.invoke(app, command).exit_code == 0
+
+
+def test_statistics_maps_changes_and_curves_of_measured_geometry(tmp_path: Path) -> None:
+    x = STEP * np.arange(10_000)
+    curvature = np.interp(x, [600, 660, 1100, 1160], [0.0, 2e-3, 2e-3, 0.0])
+    smooth = np.hanning(25) / np.linalg.norm(np.hanning(25))
+    rng = np.random.default_rng(5)
+    rough = {name: 0.8 * np.convolve(rng.standard_normal(len(x)), smooth, mode="same") for name in ("v", "l", "c")}
+    dip = -6.0 * np.exp(-0.5 * ((x - 1800.0) / 1.5) ** 2)
+    for name, changed in (("before", 0.0), ("after", 1.0)):
+        noise = [0.05 * rng.standard_normal(len(x)) for _ in range(3)]
+        table = pd.DataFrame(
+            {
+                "chainage_m": x,
+                "versine [mm]": np.round(-12_500.0 * curvature + 1.4 + rough["v"] + noise[0], 2),
+                "level [mm]": np.round(rough["l"] + changed * dip + noise[1], 2),
+                "cross-level [mm]": np.round(-40_000.0 * curvature + rough["c"] + noise[2], 2),
+            }
+        )
+        measured(written(tmp_path / f"{name}.csv", table)).write(tmp_path / name)
+    run, line, after = CliRunner(), str(tmp_path / "line.gpkg"), str(tmp_path / "after")
+    built = run.invoke(app, ["map", "build", str(tmp_path / "before"), "-o", line])
+    assert built.exit_code == 0, built.output
+    found = run.invoke(app, ["map", "changes", after, line, "-o", str(tmp_path / "changes.csv")])
+    assert found.exit_code == 0, found.output
+    changes = pd.read_csv(tmp_path / "changes.csv")
+    assert len(changes) == 1
+    assert changes["from_m"].iloc[0] < 1800.0 < changes["to_m"].iloc[0]
+    (curve,) = find_curves(Result.read(tmp_path / "before").geometry)
+    assert curve.radius_m == pytest.approx(500.0, rel=0.01)
+    assert curve.btc_m == pytest.approx(600.0, abs=4.0)
+    told = run.invoke(app, ["statistics", after, "--limits", "cfr-213-class-4", "--json"])
+    assert told.exit_code == 0, told.output
+    assert '"sd_level_mm"' in told.output
+    assert '"tqi"' in told.output

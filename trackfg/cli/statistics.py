@@ -1,0 +1,62 @@
+"""``trackfg statistics``: standard deviations, track quality index and shares beyond limits by sections of a line."""
+
+from __future__ import annotations
+
+import json as json_text
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_MOST_COLUMNS = 8
+"""Columns that are shown in a terminal."""
+
+
+def statistics(
+    result: Annotated[
+        Path, typer.Argument(metavar="OUT", help="A result, or a recording car's channel table.", show_default=False)
+    ],
+    section: Annotated[float, typer.Option(metavar="M", min=1.0, help="Length of the sections, m.")] = 200.0,
+    limits: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|NAME", help="Limits, as `trackfg limits` takes them.", show_default=False),
+    ] = None,
+    line_speed: Annotated[
+        float | None, typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
+    from trackfg.cli.map_tables import records
+    from trackfg.cli.tables import titled
+    from trackfg.cli.terminal import show
+    from trackfg.files.atomic_file import write_whole
+    from trackfg.geometry.limits import LimitChoice
+    from trackfg.interchange.importing.channels.source_geometry import read_geometry
+    from trackfg.report.track_limits import judge
+    from trackfg.report.track_statistics import track_statistics
+
+    content = read_geometry(result)
+    judgement = None if limits is None else judge(content, LimitChoice(limits, None).table(), line_speed)
+    table = track_statistics(content, section_m=section, judgement=judgement)
+    if out is not None:
+        write_whole(out, table.to_csv(index=False).encode("utf-8"))
+    if json:
+        print(json_text.dumps({"sections": records(table)}, indent=2))
+        return
+    shown = titled(f"Sections of {section:g} m")
+    names = list(table.columns)
+    for name in names[:_MOST_COLUMNS]:
+        shown.add_column(name, justify="right", overflow="fold")
+    for row in table[names[:_MOST_COLUMNS]].to_numpy().tolist():
+        shown.add_row(
+            *("" if value != value else f"{value:.3g}" if i > 1 else f"{value:.0f}" for i, value in enumerate(row))
+        )
+    show(shown)
+    if len(names) > _MOST_COLUMNS:
+        print(f"{len(names) - _MOST_COLUMNS} columns more: -o and --json have all")
+    if out is not None:
+        print(f"statistics: {out}")

@@ -1,0 +1,87 @@
+"""Level and alignment in the bands D2 and D3 from versines: the band of the profile that the versine was taken of.
+
+A versine over the chord ``L`` has the response ``1 - cos(W L / 2)``, which is above zero at every wavelength beyond
+``L / 2``. So the part of a profile in a band of longer waves is the versine through the kernel
+
+    K(W) = G(W) / (1 - cos(W L / 2)),
+
+``G`` the band's response (:func:`trackfg.geometry.bands.band_response`). Below the wavelength where ``G`` has fallen to
+1e-5 the kernel is zero.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from trackfg.errors import BadInputError
+from trackfg.geometry.bands import BANDS, Band, band_response
+from trackfg.geometry.convolution import convolve_inside
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.spans import true_runs
+
+_LEAST_RESPONSE = 1e-5
+"""Response of a band below which its waves are left out: a hundredth of a micrometre in a millimetre."""
+_PERIOD = 64
+"""The kernel is computed as if periodic, this many times the longest wavelength long."""
+_TAIL = 1e-3
+"""Share of the kernel's absolute sum beyond where it is cut."""
+
+
+def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Band) -> Array:
+    """Return the part of a profile in a band, in the unit of its versine (n,); NaN where the kernel reaches beyond an
+    end or into a hole.
+
+    Raises ``BadInputError`` for a band with waves that the versine does not have: shorter than the chord.
+    """
+    if band.shortest_m < 2.0 * chord_m:
+        raise BadInputError(
+            f"band from {band.shortest_m:g} m: a versine over {chord_m:g} m tells waves from {2.0 * chord_m:g} m on"
+        )
+    y = np.asarray(versine, dtype=np.float64)
+    kernel = _kernel(step_m, chord_m, band)
+    half = len(kernel) // 2
+    out = np.full(len(y), np.nan)
+    for first, stop in true_runs(np.isfinite(y)):
+        if stop - first > 2 * half:
+            out[first + half : stop - half] = convolve_inside(y[first:stop], kernel)
+    return out
+
+
+def with_long_bands(geometry: pd.DataFrame, step_m: float, chord_m: float) -> pd.DataFrame:
+    """Return a geometry with level and alignment of the centre line in those of the bands D2 and D3 that its versines
+    tell: columns ``level_d2_mm`` and so on. Rows are whole multiples of the step; some may be missing.
+    """
+    cells = cells_of(geometry, step_m)
+    bands: dict[str, Array] = {}
+    for quantity in ("level", "alignment"):
+        versine = np.full(int(cells[-1] - cells[0]) + 1, np.nan)
+        versine[cells - cells[0]] = geometry[f"versine_{quantity}_mm"].to_numpy()
+        for key in ("D2", "D3"):
+            if BANDS[key].shortest_m >= 2.0 * chord_m:
+                values = band_of_versine(versine, step_m, chord_m, BANDS[key])
+                bands[f"{quantity}_{key.lower()}_mm"] = values[cells - cells[0]]
+    return geometry.assign(**bands)
+
+
+@lru_cache(maxsize=16)
+def _kernel(step_m: float, chord_m: float, band: Band) -> Array:
+    """Return the kernel at the steps to either side of a place, symmetrical."""
+    count = 2 ** int(np.ceil(np.log2(_PERIOD * band.longest_m / step_m)))
+    frequency = np.fft.rfftfreq(count, step_m)
+    gain = np.zeros(len(frequency))
+    gain[1:] = band_response(1.0 / frequency[1:], band)
+    response = 1.0 - np.cos(np.pi * frequency * chord_m)
+    used = gain > _LEAST_RESPONSE
+    spectrum = np.zeros(len(frequency))
+    spectrum[used] = gain[used] / response[used]
+    right = np.fft.irfft(spectrum)[: count // 2]
+    tail = np.cumsum(np.abs(right[::-1]))[::-1]
+    reach = int(np.argmax(tail < _TAIL * tail[0]))
+    kernel: Array = np.concatenate([right[reach:0:-1], right[: reach + 1]])
+    kernel.flags.writeable = False
+    return kernel
