@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from trackfg.factors.motion import mount_axes, mount_matrix
+from trackfg.factors.motion import mount_axes, mount_matrix, tracking_point
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -14,6 +14,9 @@ from trackfg.output.dense_motion import DenseMotion
 from trackfg.solver.covariance import Covariance
 
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
+
+_POINT = slice(KEYFRAME_DIM + 2, KEYFRAME_DIM + 5)
+"""The place of the point that follows the track, among a keyframe's and the shared variables."""
 
 
 def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
@@ -24,20 +27,24 @@ def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covar
 def trajectory_columns(
     run: RunContext, motion: DenseMotion, states: States, covariance: Covariance
 ) -> dict[str, Array]:
-    """Return one row per entry of ``motion``: time, the quantities of the vehicle reference point, and their sigmas.
+    """Return one row per entry of ``motion``: time, the quantities of the vehicle, and their sigmas.
 
+    East, north and up are those of the vehicle reference point; chainage and speed those of the point that follows the
+    track, so that one is the other's derivative: wherever the sensor sits, a pitching body does not change them.
     Sigmas are those of the keyframes on either side, their variances interpolated in time, and what the white ``noise``
     of the inertial samples adds in between: to speed and attitude a Brownian bridge, to place and chainage that bridge
     integrated and pinned in slope too; and what their speeds' errors do to the cubic between. The speed has also the
-    noise of the row's own body rate, at the lever arm. Yaw is in (-pi, pi].
+    noise of the row's own body rate, at its lever arm, and what is unknown of that. Yaw is in (-pi, pi].
     """
     R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
     rpy = rpy_from_matrix(nav.R @ R_bt)
     lever_arm, noise = run.lever_arm, run.noise
     p = nav.p - nav.R @ lever_arm
-    at_reference = nav.own_velocity - motion.gyro @ skew(lever_arm)
-    columns = [run.direction * motion.distance, *p.T, at_reference @ R_bt[:, 0], *rpy.T]
+    arm = lever_arm - tracking_point(states.mount)[0]
+    on_track = nav.own_velocity - motion.gyro @ skew(arm)
+    forward = R_bt[:, 0]
+    columns = [run.direction * motion.distance, *p.T, on_track @ forward, *rpy.T]
 
     variance = keyframe_variances(states, covariance, lever_arm, run.mount_roll_sd)
     k, f = motion.keyframe, motion.fraction[:, None]
@@ -47,8 +54,11 @@ def trajectory_columns(
     swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
     accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
-    levered = skew(lever_arm) @ R_bt[:, 0]
-    between[:, 4] += accel * bridge + gyro @ levered**2 / motion.gyro_span
+    between[:, 4] += accel * bridge + gyro @ (skew(arm) @ forward) ** 2 / motion.gyro_span
+    swung, point = motion.gyro @ skew(forward).T, covariance.leading(_POINT.stop)[:, :, _POINT]
+    with_speed = np.einsum("nd,ndp->np", keyframe_jacobian(states, lever_arm)[:, 4, : _POINT.stop], point)
+    between[:, 4] += np.einsum("mi,ij,mj->m", swung, point[0, _POINT], swung)
+    between[:, 4] += 2.0 * np.sum((with_speed[k] * (1.0 - f) + with_speed[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]
     sigma = np.sqrt(between)
     table = {"t_s": motion.t}
