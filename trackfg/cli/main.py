@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -60,6 +61,7 @@ def main() -> None:
     """Run the command line; errors that the user can act on become one line on standard error."""
     keep_freed_memory()
     _open_closed_streams()
+    warnings.filterwarnings("ignore", category=RuntimeWarning)  # numpy's, of numbers: those of a result are checked
     try:
         try:
             app(prog_name="trackfg")

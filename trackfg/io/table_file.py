@@ -8,6 +8,7 @@ exactly. Rows are counted from 1, without the header and without blank lines.
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -25,6 +26,8 @@ from trackfg.recording.findings import Finding
 TABLE_SUFFIXES = (".parquet", ".csv")
 _EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL", "None")
 _HEADER_LIMIT = 1_000_000
+_BLOCK_BYTES = 4096
+"""Of a disk: what was not written reads as so many null bytes."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,9 @@ def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]
             hint = "copy the table into the folder instead of linking to it"
             return refused("path-outside", "the link leads out of the recording", inside, hint)
         if path.is_file():
+            if _ends_in_nulls(path):
+                hint = "copy the file again from its source"
+                return refused("unreadable-table", "ends in null bytes: it was not written whole", "a whole file", hint)
             return path, []
         siblings = [p.relative_to(folder).as_posix() for p in (folder / name).parent.glob("*") if p.is_file()]
     except (OSError, ValueError, RuntimeError):  # name too long, null byte, endless link
@@ -116,6 +122,17 @@ def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
             )
     faults |= _repeated(schema.names, wanted, name)
     return TableFile(name, tuple(schema.names), values, faults)
+
+
+def _ends_in_nulls(path: Path) -> bool:
+    """Return whether the end of a file is an empty block of the disk: one is enough to know, however many there are."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-min(_BLOCK_BYTES, path.stat().st_size), os.SEEK_END)
+            end = file.read(_BLOCK_BYTES)
+    except OSError:  # whoever reads it says why
+        return False
+    return bool(end) and not end.strip(b"\0")
 
 
 def _open_csv(path: Path, name: str, wanted: list[str]) -> tuple[TableFile | None, list[Finding]]:

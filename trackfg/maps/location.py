@@ -146,6 +146,8 @@ def _database(text: str) -> Location:
 def _refuse_unless_sqlite(path: Path, may_be_absent: bool) -> None:
     """Raise ``BadInputError`` for no SQLite file; an empty one is what a killed first write leaves."""
     try:
+        if path.exists() and not path.is_file():
+            raise BadInputError(f"{path}: is no regular file; expected a feature map")
         with path.open("rb") as file:
             head = file.read(len(_SQLITE_MAGIC))
     except FileNotFoundError as error:

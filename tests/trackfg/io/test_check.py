@@ -244,6 +244,9 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "list too long": (
         declare("imu", "lever_arm_m", value=[0, 0, 0, 0]), "wrong-size",
         ["key imu.lever_arm_m", "a list of three numbers"]),
+    "a table that was not written whole": (
+        text("imu.csv", b"t,wx,wy,wz,fx,fy,fz\n" + bytes(5000)), "unreadable-table",
+        ["imu.csv: ends in null bytes"]),
     "a clock years off": (
         declare("imu", "time_offset_s", value=1e300), "bad-value",
         ["key imu.time_offset_s: is 1e+300; expected a number at most 1e+10 s"]),

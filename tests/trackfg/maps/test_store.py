@@ -459,3 +459,9 @@ def test_a_view_is_not_taken_for_a_table(make_map: MakeMap, tmp_path: Path) -> N
     sqlite(path, "CREATE VIEW map_grid AS SELECT * FROM hidden")
     with pytest.raises(BadInputError, match="table map_grid is missing"):
         read_map(path)
+
+
+def test_a_pipe_is_no_map(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "line.gpkg")
+    with pytest.raises(BadInputError, match="is no regular file"):
+        read_map(tmp_path / "line.gpkg")

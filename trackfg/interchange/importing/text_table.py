@@ -36,10 +36,9 @@ def _by_delimiter(path: Path, dialect: Dialect) -> pd.DataFrame:
         null_values=_EMPTY_CELLS, strings_can_be_null=True, decimal_point=dialect.decimal, timestamp_parsers=["none"]
     )
     try:
-        table = pa.csv.read_csv(path, read, parse, convert)
+        return _as_frame(pa.csv.read_csv(path, read, parse, convert))
     except (pa.ArrowException, UnicodeError) as error:
         raise BadInputError(_fault(path, dialect, error)) from error
-    return _as_frame(table)
 
 
 def _as_frame(table: pa.Table) -> pd.DataFrame:
