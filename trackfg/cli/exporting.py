@@ -31,6 +31,9 @@ class ExportChoices:
     ] = None
     step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices.")] = 1.0
     km: Km = False
+    bands: Annotated[bool, typer.Option("--bands", help="Level and alignment in the bands D2 and D3, in tables.")] = (
+        False
+    )
     list_formats: Annotated[bool, typer.Option("--list", help="List the formats and stop.")] = False
 
 
@@ -54,7 +57,7 @@ def export(options: ExportChoices) -> None:
     form = result_format(options.to)
     channels = read_template(options.template) if options.template is not None else ()
     target = options.out or options.result.with_name(f"{options.result.name}{form.suffix}")
-    wanted = ExportOptions(options.table, channels, options.step, options.km)
+    wanted = ExportOptions(options.table, channels, options.step, options.km, options.bands)
     export_result(Result.read(options.result), form, target, wanted)
     print(target)
 

@@ -71,15 +71,24 @@ def init(
 ) -> None:
     """Look at a recording of another system, ask what its data cannot say, and import it.
 
-    The answers go into a mapping, with which `trackfg import` repeats it without questions.
+    The answers go into a mapping, with which `trackfg import` repeats it without questions. Of a table of track
+    geometry the mapping says which channel is what.
     """
     from trackfg.errors import BadInputError
     from trackfg.files.atomic_file import write_whole
+    from trackfg.interchange.importing.channels.measured_geometry import measured_result
+    from trackfg.interchange.importing.channels.source_geometry import geometry_in, geometry_mapping_text
     from trackfg.interchange.importing.proposal import mapping_text
 
     target = mapping or out.with_name(f"{out.name}.mapping.toml")
     if target.exists():
         raise BadInputError(f"{target}: exists; expected a new file. Hint: name another one with --mapping")
+    measured = geometry_in(source, from_format, None)
+    if measured is not None:
+        _report_geometry(measured_result(*measured), out)
+        write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
+        print(f"mapping: {target}")
+        return
     proposal, made = _proposed(source, out, from_format, _assume if yes else _ask)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
     _report(made)

@@ -148,6 +148,8 @@ def _offsets(
         return found
     if limit.band is not None and BANDS[limit.band] == lengths.band:
         columns = [f"{limit.parameter}{side}_mm" for side in _SIDES]
+    elif limit.band is not None and any(f"{limit.parameter}{s}_{limit.band.lower()}_mm" in table for s in _SIDES):
+        columns = [f"{limit.parameter}{side}_{limit.band.lower()}_mm" for side in _SIDES]
     elif limit.chord_m == lengths.chord_m:
         columns = [f"versine_{limit.parameter}{side}_mm" for side in _SIDES]
     else:

@@ -19,6 +19,7 @@ from trackfg.geometry.bands import Band
 from trackfg.geometry.exceedances import Judgement, exceedances
 from trackfg.geometry.judged_quantities import ColumnLengths
 from trackfg.geometry.limits import Limit, at_line_speed
+from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
@@ -37,9 +38,13 @@ def judge(
         raise BadInputError("the result has no geometry to judge")
     conventions = result.summary.geometry
     kilometrage = line_kilometrage(result).kilometrage() if km else None
+    applying = at_line_speed(limits, line_speed_kmh)
+    geometry = result.geometry
+    if result.summary.solver is not None and any(limit.band in ("D2", "D3") for limit in applying):
+        geometry = with_long_bands(geometry, conventions.step_m, conventions.chord_m)
     judgement = exceedances(
-        _without_holes(result.geometry, conventions.step_m),
-        at_line_speed(limits, line_speed_kmh),
+        _without_holes(geometry, conventions.step_m),
+        applying,
         speed_kmh=np.nan if line_speed_kmh is None else line_speed_kmh,
         gauge_m=conventions.gauge_m,
         lengths=ColumnLengths(

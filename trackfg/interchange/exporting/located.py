@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.numerics.geodesy import enu_to_geodetic
 from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
@@ -68,14 +69,17 @@ def located_trajectory(result: Result) -> pd.DataFrame:
     return result.trajectory.assign(**dict(zip(GEODETIC_COLUMNS, geodetic.T, strict=True)))
 
 
-def table_of(result: Result, name: str, *, km: bool = False) -> pd.DataFrame:
+def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False) -> pd.DataFrame:
     """Return a table of the result by its name, ``geometry``, ``trajectory`` or ``events``, with places.
 
-    With ``km`` official places are beside its chainages. Raises :class:`~trackfg.errors.BadInputError` where the
+    With ``km`` official places are beside its chainages, with ``bands`` the geometry of a smoothed run has level and
+    alignment in the bands D2 and D3, as its versines tell them. Raises :class:`~trackfg.errors.BadInputError` where the
     result knows none.
     """
     if name == "geometry":
-        table = located_geometry(result)
+        table, meaning = located_geometry(result), result.summary.geometry
+        if bands and result.summary.solver is not None and len(table):
+            table = with_long_bands(table, meaning.step_m, meaning.chord_m)
     else:
         table = located_trajectory(result) if name == "trajectory" else result.events
     return with_km(table, line_kilometrage(result).kilometrage() if km else None)

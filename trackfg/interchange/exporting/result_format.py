@@ -18,13 +18,15 @@ from trackfg.results.result import Result
 @dataclass(frozen=True)
 class ExportOptions:
     """``table`` is the one of the result that is wanted, where a format has only one; ``channels`` those of a template;
-    ``step_m`` the spacing of drawn vertices; ``km``: official places are wanted beside the chainages.
+    ``step_m`` the spacing of drawn vertices; ``km``: official places are wanted beside the chainages; ``bands``: level
+    and alignment in the bands D2 and D3, too.
     """
 
     table: str = "geometry"
     channels: tuple[Channel, ...] = ()
     step_m: float = 1.0
     km: bool = False
+    bands: bool = False
 
 
 class ResultFormat(ABC):

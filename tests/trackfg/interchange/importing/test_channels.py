@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from trackfg.cli.main import app
 from trackfg.curves import find_curves
 from trackfg.errors import BadInputError
+from trackfg.geometry.limits import LimitChoice
 from trackfg.geometry.twist import ANCHORS, Anchor, twist
 from trackfg.interchange.exporting.export import export_result
 from trackfg.interchange.exporting.registry import result_format
@@ -21,6 +22,7 @@ from trackfg.interchange.importing.channels.measured_geometry import measured_re
 from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry
 from trackfg.interchange.importing.channels.straight_offset import straight_offset
 from trackfg.interchange.importing.mapping import FORMAT, Mapping, mapping_of
+from trackfg.report.track_limits import judge
 from trackfg.results.result import Result
 
 STEP = 0.25
@@ -248,3 +250,49 @@ def test_statistics_maps_changes_and_curves_of_measured_geometry(tmp_path: Path)
     assert told.exit_code == 0, told.output
     assert '"sd_level_mm"' in told.output
     assert '"tqi"' in told.output
+
+
+def test_init_writes_the_mapping_that_repeats_it(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = kilometres(X).assign(left=waves["level_left"], right=waves["level_right"])
+    source, run = written(tmp_path / "run.txt", table), CliRunner()
+    first = run.invoke(app, ["init", str(source), "-o", str(tmp_path / "a")])
+    assert first.exit_code == 0, first.output
+    mapping = str(tmp_path / "a.mapping.toml")
+    again = run.invoke(app, ["import", str(source), "-o", str(tmp_path / "b"), "--mapping", mapping])
+    assert again.exit_code == 0, again.output
+    a, b = (Result.read(tmp_path / name) for name in "ab")
+    pd.testing.assert_frame_equal(a.geometry, b.geometry)
+
+
+def test_limits_of_a_long_band_hold_for_its_channel(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = pd.DataFrame({"chainage_m": X, "Left level D2 [mm]": 2.0 * waves["level_left"]})
+    result = measured(written(tmp_path / "run.csv", table))
+    entry = {"standard": "rule", "level": "alert", "parameter": "level", "band": "D2", "kind": "peak", "value_mm": 8.0}
+    (tmp_path / "rule.toml").write_text(tomli_w.dumps({"limits": [entry]}))
+    judgement = judge(result, LimitChoice(str(tmp_path / "rule.toml"), None).table())
+    assert set(judgement.found["column"]) == {"level_left_d2_mm"}
+    assert judgement.found["value_mm"].abs().max() == pytest.approx(2.0 * np.abs(waves["level_left"]).max())
+
+
+@pytest.mark.parametrize("prefix", ["", "[PLATFORM]."])
+def test_rcm_dx_with_the_positions_of_the_run(tmp_path: Path, waves: dict[str, np.ndarray], prefix: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    t = 1_700_000_000_000_000_000 + np.round(1e9 * (X[-1] - X) / 20.0).astype(np.uint64)[::-1]
+    path = tmp_path / "run.rcmdx"
+    with h5py.File(path, "w") as file:
+        session = file.create_group("RCMDX/CAR/20231114_221320.000")
+        position = session.create_group(f"{prefix}POSITION/{prefix}POSITION.SOURCE")
+        position["timestamp"] = t[::8]
+        position.create_group(f"{prefix}POSITION.SOURCE.DATA")["lineoffset"] = X[::-1][::8] / 1000.0
+        source = session.create_group(f"{prefix}TGMS/{prefix}GEOMETRY")
+        source["timestamp"] = t[:-8]
+        for name in ("level_left", "level_right", "cross_level"):
+            channel = source.create_group(f"{prefix}{name.upper()}")
+            channel.create_dataset("data", data=waves[name][::-1][:-8]).attrs["Unit"] = "mm"
+    result = measured(path)
+    assert result.summary.run is not None
+    assert result.summary.run.direction == -1
+    geometry = result.geometry.set_index("chainage_m")
+    rows = X[8:]
+    np.testing.assert_allclose(geometry.loc[rows, "level_left_mm"], waves["level_left"][8:], atol=0.05)
+    np.testing.assert_allclose(geometry.loc[rows, "cross_level_mm"], waves["cross_level"][8:], atol=0.05)

@@ -12,6 +12,7 @@ from trackfg.interchange.exporting.channels import channel_table, read_template
 from trackfg.interchange.exporting.located import table_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
+from trackfg.results.columns import BAND_COLUMNS
 from trackfg.results.result import Result
 
 _SHEET_ROWS = 1_048_576
@@ -27,7 +28,12 @@ class Csv(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the table that the options name."""
-        _write_csv(pa.Table.from_pandas(table_of(result, options.table, km=options.km), preserve_index=False), path)
+        _write_csv(
+            pa.Table.from_pandas(
+                table_of(result, options.table, km=options.km, bands=options.bands), preserve_index=False
+            ),
+            path,
+        )
 
 
 class Excel(ResultFormat):
@@ -42,7 +48,7 @@ class Excel(ResultFormat):
         openpyxl = library("openpyxl", "excel")
         book = openpyxl.Workbook(write_only=True)
         for name in ("geometry", "trajectory", "events"):
-            table = table_of(result, name, km=options.km)
+            table = table_of(result, name, km=options.km, bands=options.bands)
             if len(table) >= _SHEET_ROWS:
                 raise BadInputError(
                     f"{name} has {len(table)} rows; expected fewer than {_SHEET_ROWS} for .xlsx. Hint: csv"
@@ -63,7 +69,9 @@ class Channels(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the channels of the template, or of the built-in one."""
-        table = channel_table(table_of(result, "geometry", km=options.km), options.channels or read_template(None))
+        channels = options.channels or read_template(None)
+        bands = options.bands or any(channel.column in BAND_COLUMNS for channel in channels)
+        table = channel_table(table_of(result, "geometry", km=options.km, bands=bands), channels)
         _write_csv(pa.Table.from_pandas(table, preserve_index=False), path)
 
 

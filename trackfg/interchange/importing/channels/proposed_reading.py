@@ -13,7 +13,7 @@ from trackfg.interchange.importing.source_table import SourceTable
 _KM = re.compile(r"^(km|kilomet(er|re)s?|公里|里程)$", re.IGNORECASE)
 _M = re.compile(r"^(m|met(er|re)s?|米)$", re.IGNORECASE)
 _PLACE = re.compile(
-    r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|\bkm\b|里程|公里|covered.?distance|track.?offset",
+    r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|\bkm\b|里程|公里|(line|track).?offset",
     re.IGNORECASE,
 )
 _LEAST_CHANNELS = 1

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import tomli_w
+
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
 from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
 from trackfg.interchange.importing.column_meaning import meaning
 from trackfg.interchange.importing.conversion import table_named
 from trackfg.interchange.importing.geometry_reading import GeometryReading
-from trackfg.interchange.importing.mapping import Mapping
+from trackfg.interchange.importing.mapping import FORMAT, Mapping
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.results.result import RESULT_FOLDER, Result
@@ -38,6 +40,12 @@ def geometry_in(
     if reading is None:
         return None
     return table_named(tables, reading.file, "geometry"), reading, path.stem
+
+
+def geometry_mapping_text(reading: GeometryReading) -> str:
+    """Return the mapping by which a table is read in this way."""
+    section = reading.model_dump(mode="json", exclude_none=True)
+    return tomli_w.dumps({"format": FORMAT, "geometry": section})
 
 
 def read_geometry(path: Path) -> Result:
