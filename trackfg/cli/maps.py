@@ -92,6 +92,54 @@ def changes(
         print(f"changes: {out}")
 
 
+@maps.command(epilog="Example: trackfg map trends line.gpkg out1 out2 out3 --limits ours.toml -o trends")
+def trends(  # noqa: PLR0913  (a parameter is an option of the command)
+    place: MapPlace,
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="OUT...", help="Folders of results, each of a date.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.", show_default=False)
+    ] = None,
+    limits: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|NAME", help="A table of limits (.toml), or cfr-213.", show_default=False),
+    ] = None,
+    level: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)
+    ] = None,
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
+    floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1,
+    json: Json = False,
+) -> None:
+    """Find how fast the track changes from run to run, where it jumped, and when it will reach limits.
+
+    Rates, values and dates come with their uncertainty, for every 0.25 m and every 200 m. An earlier folder of tables
+    is replaced in one step.
+    """
+    from trackfg.cli import trend_tables
+    from trackfg.geometry.limits import LimitChoice
+    from trackfg.mapping.trends.trends import find_trends
+    from trackfg.maps import read_map
+    from trackfg.results.result import Result
+
+    if level is not None and limits is None:
+        raise BadInputError("--level chooses among limits: expected --limits too")
+    chosen = () if limits is None else LimitChoice(limits, level).table()
+    if out is not None:
+        trend_tables.TRENDS_FOLDER.refuse_foreign(out)
+    found = find_trends([Result.read(run) for run in runs], read_map(place, version), chosen, floor_mm_per_month=floor)
+    if out is not None:
+        trend_tables.write(found, out)
+    if json:
+        print(trend_tables.as_json(found))
+        return
+    for table in trend_tables.of_trends(found):
+        show_table(table)
+    if out is not None:
+        print(f"trends: {out}")
+
+
 @maps.command(epilog="Example: trackfg map show line.gpkg")
 def show(
     place: MapPlace,

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError, did_you_mean, first_line, printable
+from trackfg.files.parquet import read_parquet
 from trackfg.fleet.places import is_url
 
 COLUMNS = ("recording", "line", "map", "settings", "tags", "run")
@@ -101,7 +101,7 @@ def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
         if path.suffix.lower() == ".csv":
             table = pd.read_csv(path, dtype=str, keep_default_na=False)
         else:
-            columns = pq.read_table(path, partitioning=None)
+            columns = read_parquet(path)
             texts = {name: columns[name].cast(pa.string()).fill_null("") for name in columns.column_names}
             table = pa.table(texts).to_pandas()
     except (OSError, ValueError) as error:

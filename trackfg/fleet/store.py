@@ -27,11 +27,10 @@ from urllib.parse import quote, unquote
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError
 from trackfg.files.owned_folder import sole_writer
-from trackfg.files.parquet import write_parquet
+from trackfg.files.parquet import read_parquet, write_parquet
 from trackfg.fleet.key_figures import PARTITIONS, RESULTS, SCHEMA
 from trackfg.fleet.places import exists, is_url, joined, matching, read, remove, write
 from trackfg.results.result import RESULT_FOLDER
@@ -143,7 +142,7 @@ def _is_store(head: str) -> bool:
 
 def _table(path: str) -> pa.Table:
     """Return a file of the catalogue, with the columns of this version; those that it lacks are empty."""
-    table = pq.read_table(pa.BufferReader(read(path)))
+    table = read_parquet(pa.BufferReader(read(path)))
     columns = [
         table[field.name].cast(field.type) if field.name in table.column_names else pa.nulls(len(table), field.type)
         for field in SCHEMA

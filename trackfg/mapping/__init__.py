@@ -7,9 +7,11 @@ package          content
 ``joining``      a run's information on the map's variables, their joint estimate, the averaged profile, landmarks
 ``changes``      what changed of the track, and what moved from one version of a map to another
 ``runs``         runs laid over each other: shifts by sections, and how well they repeat
+``trends``       how fast the track changes over many runs, where it jumped, and when a limit is reached
 ===============  =====================================================================================================
 
-``recognition`` needs no map, only two profiles; ``joining`` and ``changes`` both start from it.
+``recognition`` needs no map, only two profiles; ``joining`` and ``changes`` both start from it, ``trends`` from
+changes.
 """
 
 from __future__ import annotations

@@ -62,8 +62,17 @@ class ChangeNoise:
 
     def sigmas_for(self, alarms_per_m: float) -> float:
         """Return the threshold, in sigmas, that noise alone exceeds this often."""
-        ratio = self.crossings_per_m / alarms_per_m
-        return float(np.sqrt(self.freedom * max(ratio ** (2.0 / self.freedom) - 1.0, 0.0)))
+        return threshold(self.crossings_per_m / alarms_per_m, self.freedom)
+
+
+def threshold(crossings_per_alarm: float, freedom: float) -> float:
+    """Return the sigmas that noise exceeds once in so many zero crossings; ``freedom`` residuals tell its sigma."""
+    return float(np.sqrt(freedom * max(crossings_per_alarm ** (2.0 / freedom) - 1.0, 0.0)))
+
+
+def freedom_of(name: str) -> float:
+    """Return the number of residuals from which the sigma of a quantity at a place is known."""
+    return _FREEDOM_WITHOUT_SLOW_PART if name in WITHOUT_SLOW_PART else _FREEDOM
 
 
 def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
@@ -104,7 +113,7 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
             factors[rows] = max(of_band, least)
     length = over.step_m * np.isfinite(ratio).sum()
     crossings = max(_crossings(ratio), _FEWEST_CROSSINGS_PER_M * length) / length if length else _FEWEST_CROSSINGS_PER_M
-    freedom = _FREEDOM_WITHOUT_SLOW_PART if name in WITHOUT_SLOW_PART else _FREEDOM
+    freedom = freedom_of(name)
     return ChangeNoise(factors * sigma, factor, float(crossings), freedom)
 
 

@@ -1,0 +1,72 @@
+"""The command on results made up on a map: what it refuses, and what it writes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from trackfg.datasets.catalogue import BaliseModel
+from trackfg.datasets.line.defects import Defect
+from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.errors import BadInputError
+from trackfg.mapping import build_map
+from trackfg.mapping.trends.series import series
+from trackfg.maps import write_map
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth
+
+RATES_MM = {350.0: 2.0, 550.0: 1.0}
+
+
+@pytest.fixture(scope="module")
+def year(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four runs of a measuring car a month apart over two growing dips, and a map of the first two."""
+    folder = tmp_path_factory.mktemp("year")
+    results = []
+    for month in range(4):
+        dips = tuple(Defect("dip", at_m=at, size_m=1e-3 * rate * month, length_m=6.0) for at, rate in RATES_MM.items())
+        plan = replace(scenario("measuring-car"), balises=BaliseModel(spacing_m=200.0, sd_m=0.1))
+        plan = replace(plan, defects=dips if month else ())
+        recording = simulate(plan, seed=5, run=month, duration_s=100.0).recording
+        start = pd.Timestamp(f"2026-{month + 1:02d}-05T03:12:00Z").to_pydatetime()
+        description = recording.description.model_copy(update={"start": start})
+        results.append(smooth(replace(recording, description=description)))
+        results[-1].write(folder / f"out{month}")
+    write_map(build_map(results[:2], name="line"), folder / "line.gpkg", parent=None)
+    return folder
+
+
+@pytest.mark.slow
+def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path) -> None:
+    limits = 'standard = "ours"\nparameter = "level"\nchord_m = 10.0\nlevel = "alert"\nkind = "peak"\nvalue_mm = 20.0\n'
+    (year / "limits.toml").write_text(f"[[limits]]\n{limits}")
+    command = [sys.executable, "-m", "trackfg", "map", "trends", str(year / "line.gpkg")]
+    command += [*(str(year / f"out{month}") for month in range(4)), "--limits", str(year / "limits.toml")]
+    done = subprocess.run([*command, "-o", str(year / "trends"), "--json"], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    level = [row for row in found["trends"] if row["quantity"] == "versine_level_mm"]
+    rates = sorted(row["rate_mm_per_month"] for row in level)
+    assert rates == pytest.approx([-2.0, -1.0], rel=0.1)
+    assert found["steps"] == []
+    assert {row["limit_mm"] for row in found["reached"]} == {20.0}
+    assert all("2026-05" < row["earliest"] <= row["reached_on"] <= row["latest"] for row in found["reached"])
+    cells = pd.read_parquet(year / "trends" / "cells.parquet")
+    assert cells["versine_level_mm_per_month"].min() == pytest.approx(-2.0, rel=0.1)
+    assert pd.read_parquet(year / "trends" / "values.parquet")["run"].nunique() == 4
+
+
+def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Result]) -> None:
+    unused: Any = None
+    undated = make_result(rows=20)
+    with pytest.raises(BadInputError, match="made-up: its recording has no start"):
+        series([undated], unused)
+    with pytest.raises(BadInputError, match="'made-up' is there 2 times"):
+        series([undated, undated], unused)

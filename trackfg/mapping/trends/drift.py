@@ -1,0 +1,217 @@
+"""A series of values at one place is a straight drift, with steps where the track was worked on, and outliers.
+
+    y_i = a + b t_i + sum_k c_k [i >= k] + e_i,    e_i ~ N(0, sigma_i^2)
+
+Steps and outliers are found one at a time by what each takes off the sum of squared whitened residuals: a step at k as
+a column of ones from k on, an outlier as a column with a single one. Whichever takes off most is taken in, while that
+is beyond a threshold; at the last run the two are the same, which counts as a step. The drift goes on at one rate over
+all steps. The forward search is that of Chen and Liu, "Joint estimation of model parameters and outlier effects in time
+series", J. Am. Stat. Assoc. 88 (1993).
+
+Places are columns of the arrays: everything is computed for all of them at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackfg.numerics.arrays import Array
+
+MOST_SUDDEN = 4
+"""Steps and outliers at one place at most: maintenance comes once or twice a year."""
+
+FEWEST_RUNS = 3
+"""Runs without which a rate and its scatter cannot both be told."""
+
+_RUNS_BEFORE_STEP = 2
+"""Runs before a step at least; a first run that does not fit the rest is an outlier."""
+
+_MEDIAN_TO_SD = 1.4826
+"""Ratio of standard deviation and median magnitude of a Gaussian."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """The drift at m places: ``rate`` and its sigma, the ``value`` at the time ``at`` and its sigma, all (m,).
+
+    ``covariance``: of rate and value, (m,). ``steps`` (n, m) has at each run how much the value jumped before it, zero
+    where it did not, ``step_sd`` the sigma of that; ``outliers`` (n, m) is true for what was left out. ``scale``: by
+    which the sigmas were multiplied to agree with the scatter; it is in all of these. ``runs`` counts values, (m,).
+    """
+
+    at: float
+    rate: Array
+    rate_sd: Array
+    value: Array
+    value_sd: Array
+    covariance: Array
+    steps: Array
+    step_sd: Array
+    outliers: np.ndarray
+    scale: float
+    runs: Array
+
+
+def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, at: float | None = None) -> Drift:
+    """Fit the drift of values ``y`` (n, m) with sigmas ``sd`` at ascending times ``t`` (n,); NaN: not known.
+
+    ``threshold``: sigmas from which a step or an outlier is one, for all or for each value (n, m). ``at``: time of the
+    value, the last if None. Places with fewer values than :data:`FEWEST_RUNS` at different times get NaN. Raises
+    ``ValueError`` for times that fall.
+    """
+    if np.any(np.diff(t) < 0.0):
+        raise ValueError("t: expected ascending times")
+    at = float(t[-1]) if at is None else at
+    known = np.isfinite(y) & np.isfinite(sd) & (sd > 0.0)
+    enough = _different_times(t, known) >= FEWEST_RUNS
+    y, weight = np.where(known, y, 0.0), np.where(known & enough, 1.0 / np.where(known, sd, 1.0) ** 2, 0.0)
+    # Columns (n, m, p): the value at the time, the rate, and steps; those not taken in are zero.
+    X = np.zeros((*y.shape, 2 + MOST_SUDDEN))
+    X[..., 0], X[..., 1] = 1.0, (t - at)[:, None]
+    scale = _local_scale(t, y, weight)
+    threshold = np.broadcast_to(np.asarray(threshold, dtype=np.float64), y.shape)
+    first = np.full((MOST_SUDDEN, y.shape[1]), -1)
+    outliers = np.zeros(y.shape, dtype=bool)
+    for number in range(MOST_SUDDEN):
+        run, gain, is_step = _most_sudden(X, weight, y, threshold)
+        sudden = gain > scale**2
+        steps, places = np.where(sudden & is_step, run, -1), np.flatnonzero(sudden & ~is_step)
+        X[..., 2 + number] = (np.arange(t.size)[:, None] >= steps) & (steps >= 0)
+        first[number] = steps
+        outliers[run[places], places] = True
+        weight = np.where(outliers, 0.0, weight)
+        if not sudden.any():
+            break
+    scale = _scale(X, weight, y)
+    solution, covariance = _solved(X, weight, y)
+    sd_of = scale * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    jump, jump_sd = np.zeros(y.shape), np.zeros(y.shape)
+    for number in range(MOST_SUDDEN):
+        places = np.flatnonzero(first[number] >= 0)
+        jump[first[number, places], places] = solution[places, 2 + number]
+        jump_sd[first[number, places], places] = sd_of[places, 2 + number]
+    last = X[-1, :, 2:]  # the value is that after all steps
+    mixed = np.concatenate([np.tile([1.0, 0.0], (y.shape[1], 1)), last], axis=1)
+    of_value = np.einsum("mi,mij->mj", mixed, covariance)
+    unknown = np.where(enough, 0.0, np.nan)
+    return Drift(
+        at=at,
+        rate=solution[:, 1] + unknown,
+        rate_sd=sd_of[:, 1] + unknown,
+        value=np.einsum("mi,mi->m", mixed, solution) + unknown,
+        value_sd=scale * np.sqrt(np.maximum(np.einsum("mi,mi->m", of_value, mixed), 0.0)) + unknown,
+        covariance=scale**2 * of_value[:, 1] + unknown,
+        steps=jump,
+        step_sd=jump_sd,
+        outliers=outliers,
+        scale=scale,
+        runs=known.sum(axis=0),
+    )
+
+
+def reached(d: Drift, limit: float, sigmas: float = 2.0) -> tuple[Array, Array, Array]:
+    """Return when each place reaches ``limit`` in magnitude: the time, and the interval of ``sigmas``; inf for never.
+
+    The interval has all times at which the limit is within ``sigmas`` of the value then (Fieller, "Some problems in
+    interval estimation", J. R. Stat. Soc. B 16, 1954): it is open where the rate might be zero. Where the value is
+    beyond the limit already, the time is that of :attr:`Drift.at`.
+    """
+    sign = np.where(d.rate < 0.0, -1.0, 1.0)
+    rate, to_go, covariance = sign * d.rate, limit - sign * d.value, d.covariance
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = np.where(rate > 0.0, to_go / rate, np.inf)
+        # (to_go - rate x)^2 = sigmas^2 (value_sd^2 + 2 covariance x + rate_sd^2 x^2), a x^2 - 2 b x + c = 0
+        a = rate**2 - sigmas**2 * d.rate_sd**2
+        b = to_go * rate + sigmas**2 * covariance
+        c = to_go**2 - sigmas**2 * d.value_sd**2
+        root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
+        early, late = (b - root) / a, np.where(a > 0.0, (b + root) / a, np.inf)
+        early = np.where(a > 0.0, early, np.where(c > 0.0, (b - root) / a, 0.0))
+    early = np.where(early > 0.0, early, np.where(c > 0.0, np.inf, 0.0))
+    over = np.abs(d.value) >= limit
+
+    def date(ahead: Array) -> Array:
+        return np.where(np.isnan(d.rate), np.nan, d.at + np.where(over, 0.0, np.maximum(ahead, 0.0)))
+
+    return date(expected), date(np.minimum(early, expected)), date(late)
+
+
+def _different_times(t: Array, known: np.ndarray) -> Array:
+    _, group = np.unique(t, return_inverse=True)
+    return np.asarray(sum(known[group == each].any(axis=0).astype(np.float64) for each in range(group.max() + 1)))
+
+
+def _normal(X: Array, weight: Array) -> Array:
+    """Return the inverse of the normal matrices (m, p, p); columns that are not there get no covariance."""
+    A: Array = np.einsum("nmi,nm,nmj->mij", X, weight, X, optimize=True)
+    size = np.sqrt(np.diagonal(A, axis1=1, axis2=2))
+    there = size > 0.0
+    size = np.where(there, size, 1.0)
+    whole = A / size[:, :, None] / size[:, None, :] + np.eye(A.shape[1]) * ~there[:, None, :]
+    inverse = np.linalg.inv(whole) * there[:, :, None] * there[:, None, :]
+    return np.asarray(inverse / size[:, :, None] / size[:, None, :])
+
+
+def _solved(X: Array, weight: Array, y: Array) -> tuple[Array, Array]:
+    covariance = _normal(X, weight)
+    return np.asarray(np.einsum("mij,nmj,nm,nm->mi", covariance, X, weight, y, optimize=True)), covariance
+
+
+def _scale(X: Array, weight: Array, y: Array) -> float:
+    """Return the robust spread of all whitened residuals: 1 where the sigmas are right."""
+    solution, _ = _solved(X, weight, y)
+    residual = np.sqrt(weight) * (y - np.einsum("nmi,mi->nm", X, solution))
+    values = (weight > 0.0).sum(axis=0)
+    free = values - np.count_nonzero(np.any(X != 0.0, axis=0), axis=1)
+    used = (weight > 0.0) & (free > 0)
+    if not used.any():
+        return 1.0
+    whitened = (residual / np.sqrt(np.maximum(free, 1) / np.maximum(values, 1)))[used]
+    return float(_MEDIAN_TO_SD * np.median(np.abs(whitened)))
+
+
+def _local_scale(t: Array, y: Array, weight: Array) -> float:
+    """Return the robust spread of whitened deviations from the line between the runs before and after.
+
+    No drift shows in it, and a step in two of them only, even where the whole line was worked on at one time.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+        variance = 1.0 / weight
+        of_deviation = variance[1:-1] + (1.0 - share) ** 2 * variance[:-2] + share**2 * variance[2:]
+        whitened = (y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]) / np.sqrt(of_deviation)
+    used = np.isfinite(whitened) & np.isfinite(of_deviation)
+    return float(_MEDIAN_TO_SD * np.median(np.abs(whitened[used]))) if used.any() else 1.0
+
+
+def _most_sudden(X: Array, weight: Array, y: Array, threshold: Array) -> tuple[Array, Array, np.ndarray]:
+    """Return of each place the run with the likeliest step or outlier, and whether it is a step.
+
+    Between them is what it takes off the sum of squares, over that of the threshold.
+    """
+    solution, inverse = _solved(X, weight, y)
+    pull = weight * (y - np.einsum("nmi,mi->nm", X, solution))
+    shares = weight[..., None] * X
+
+    def gains(pull: Array, weight: Array, shares: Array) -> Array:
+        left = weight - np.einsum("nmi,mij,nmj->nm", shares, inverse, shares, optimize=True)
+        # What the other columns explain almost wholly cannot be told from them.
+        return np.where(left > 1e-6 * weight, pull**2 / np.where(left > 0.0, left, 1.0), 0.0) / threshold**2
+
+    def from_there_on(values: Array) -> Array:
+        return np.cumsum(values[::-1], axis=0)[::-1]
+
+    outlier = gains(pull, weight, shares)
+    step = gains(from_there_on(pull), from_there_on(weight), from_there_on(shares))
+    there = weight > 0.0
+    values = np.cumsum(there, axis=0)
+    step[values - there < _RUNS_BEFORE_STEP] = 0.0
+    outlier[values == values[-1]] = 0.0  # at the last run it is a step
+    at_step, at_outlier = step.argmax(axis=0), outlier.argmax(axis=0)
+    gain_step, gain_outlier = (
+        np.take_along_axis(gain, at[None], axis=0)[0] for gain, at in ((step, at_step), (outlier, at_outlier))
+    )
+    is_step = gain_step >= gain_outlier
+    return np.where(is_step, at_step, at_outlier), np.maximum(gain_step, gain_outlier), is_step

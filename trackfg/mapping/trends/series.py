@@ -1,0 +1,131 @@
+"""Repeated runs over a map are a series: every quantity at every cell of the map, on every date, with its sigma.
+
+Each run is recognised on the map and laid over it as for changes of the track (:mod:`trackfg.mapping.changes`); what it
+says is the map's value and the run's change. Offset and slow wander of a run's cross-level are taken away there, which
+no sensor can be told from a track by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.geometry.twist import twist
+from trackfg.mapping.changes.find import find_changes
+from trackfg.mapping.changes.overlay import SUMMARY_M
+from trackfg.mapping.trends.drift import FEWEST_RUNS
+from trackfg.maps.feature_map import FeatureMap
+from trackfg.numerics.arrays import Array
+from trackfg.results.result import Result
+
+QUANTITIES = ("cross_level_mm", "twist_mm", "versine_level_mm", "versine_alignment_mm")
+"""What is followed over time."""
+
+DAY_S = 86400.0
+
+_LEAST_COVERED = 0.8
+"""Share of a section that a run covers at least, for its standard deviation there to be compared with others'."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values and sigmas by quantity, (n, m), of n runs in the order of their dates at m places.
+
+    ``chainage_m`` (m,): of cells, or where sections begin. ``t_days`` (n,) from the first date; ``runs`` their ids.
+    """
+
+    runs: tuple[str, ...]
+    dates: tuple[datetime, ...]
+    chainage_m: Array
+    step_m: float
+    value: dict[str, Array]
+    sd: dict[str, Array]
+
+    @property
+    def t_days(self) -> Array:
+        """Return days since the first run."""
+        return np.array([(date - self.dates[0]).total_seconds() / DAY_S for date in self.dates])
+
+    def table(self) -> pd.DataFrame:
+        """Return one row per run and place where the run says anything."""
+        n, m = len(self.runs), self.chainage_m.size
+        columns: dict[str, Any] = {"run": np.repeat(self.runs, m), "date": pd.Series(self.dates).repeat(m).to_numpy()}
+        columns["chainage_m"] = np.tile(self.chainage_m, n)
+        for name, values in self.value.items():
+            columns |= {name: values.ravel(), f"{name}_sd": self.sd[name].ravel()}
+        table = pd.DataFrame(columns)
+        return table[table[list(self.value)].notna().any(axis=1)].reset_index(drop=True)
+
+
+def series(results: Sequence[Result], feature_map: FeatureMap) -> tuple[Series, dict[str, str]]:
+    """Lay results over a map. Returns the series, and by id the runs that cannot be, with the reason.
+
+    Raises :class:`~trackfg.errors.BadInputError` for a run whose recording has no date, or is there twice, and for
+    fewer runs than a trend needs.
+    """
+    ids = [result.summary.recording_id for result in results]
+    if twice := [name for name in ids if ids.count(name) > 1]:
+        raise BadInputError(f"run {twice[0]!r} is there {ids.count(twice[0])} times; expected each once")
+    dated = sorted(((_date(result), result) for result in results), key=lambda pair: pair[0])
+    seen, left_out = [], {}
+    for date, result in dated:
+        try:
+            seen.append((date, result.summary.recording_id, find_changes(result, feature_map).cells))
+        except BadInputError as error:
+            run = result.summary.recording_id
+            left_out[run] = str(error).removeprefix(f"run {run}: ")
+    if (different := len({date for date, _, _ in seen})) < FEWEST_RUNS:
+        reasons = "".join(f"; {reason}" for reason in left_out.values())
+        raise BadInputError(f"{different} runs of different dates; a trend needs at least {FEWEST_RUNS}{reasons}")
+    grid, step = feature_map.grid, feature_map.conventions.step_m
+    cells = np.rint(grid["chainage_m"].to_numpy() / step).astype(np.int64)
+    every = np.arange(cells[0], cells[-1] + 1)
+    on_map = grid.set_index(cells).reindex(every)
+    bases = {result.summary.geometry.twist_base_m for result in results}
+    if len(bases) > 1:
+        raise BadInputError(f"runs with twists over {sorted(bases)} m; expected one base")
+    on_map["twist_mm"] = twist(on_map["cross_level_mm"].to_numpy(dtype=np.float64), step, bases.pop())
+    shape = len(seen), every.size
+    values, sd = ({name: np.full(shape, np.nan) for name in QUANTITIES} for _ in range(2))
+    for row, (_, _, change) in enumerate(seen):
+        places = np.rint(change["chainage_m"].to_numpy() / step).astype(np.int64) - every[0]
+        for name in QUANTITIES:
+            values[name][row, places] = on_map[name].to_numpy(dtype=np.float64)[places] + change[name].to_numpy()
+            sd[name][row, places] = change[f"{name}_sd"].to_numpy()
+    runs, dates = tuple(run for _, run, _ in seen), tuple(date for date, _, _ in seen)
+    return Series(runs, dates, every * step, step, values, sd), left_out
+
+
+def section_series(cells: Series, correlated_m: float) -> Series:
+    """Return the standard deviation of each quantity over sections of 200 m.
+
+    Errors are taken to be independent ``correlated_m`` apart: to first order the standard deviation of a section errs
+    by the sigma of a cell over the root of the number of independent ones.
+    """
+    section = np.floor(cells.chainage_m / SUMMARY_M + 1e-9).astype(np.int64)
+    first, index = np.unique(section, return_inverse=True)
+    values, sd = {}, {}
+    for name in cells.value:
+        rows = pd.DataFrame(cells.value[name].T).groupby(index)
+        covered = _LEAST_COVERED * SUMMARY_M / cells.step_m <= rows.count().to_numpy().T
+        errors = pd.DataFrame(cells.sd[name].T ** 2).groupby(index).mean().to_numpy().T
+        values[name] = np.where(covered, rows.std(ddof=0).to_numpy().T, np.nan)
+        sd[name] = np.where(covered, np.sqrt(errors * correlated_m / SUMMARY_M), np.nan)
+    return Series(cells.runs, cells.dates, np.asarray(first * SUMMARY_M), SUMMARY_M, values, sd)
+
+
+def _date(result: Result) -> datetime:
+    facts = result.summary.run
+    if facts is None or facts.start is None:
+        raise BadInputError(
+            f"run {result.summary.recording_id}: its recording has no start; expected a date and time. "
+            "Hint: write start = 2026-05-01T03:12:00Z into recording.toml and smooth it again"
+        )
+    date = datetime.fromisoformat(facts.start)
+    return date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)

@@ -1,0 +1,288 @@
+"""Trends of a track: where it drifts and how fast, where it jumped, and when a limit is reached.
+
+The drift of every cell and of every 200 m is fitted (:mod:`trackfg.mapping.trends.drift`). A cell has a trend where its
+rate is large enough to matter, and beyond the threshold that noise exceeds :data:`FALSE_PER_100_KM` times in 100 km,
+all quantities together: how often the whitened rate crosses zero is counted, and Rice's formula gives how seldom it
+then goes so far (:mod:`trackfg.mapping.changes.change_noise`). Steps have a threshold likewise, for every run. Work on
+the track is done over a length: around a step that was found, one of the same run counts from three sigmas on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.geometry.limits import Limit
+from trackfg.mapping.changes.change_noise import freedom_of, threshold
+from trackfg.mapping.trends.drift import Drift, drift, reached
+from trackfg.mapping.trends.series import Series, section_series, series
+from trackfg.maps.feature_map import FeatureMap, MapConventions
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import true_runs
+from trackfg.results.result import Result
+
+FALSE_PER_100_KM = 0.5
+"""Trends that noise makes in 100 km, and steps: half of the one that is allowed."""
+
+LEAST_RATE = 0.1
+"""Rate of a trend that matters, mm per month: a millimetre in a year is what a recording car repeats to."""
+
+MONTH_DAYS = 365.25 / 12.0
+
+TREND_COLUMNS = (
+    "from_m",
+    "to_m",
+    "at_m",
+    "quantity",
+    "rate_mm_per_month",
+    "rate_mm_per_month_sd",
+    "value_mm",
+    "value_mm_sd",
+    "runs",
+    "last_step",
+)
+STEP_COLUMNS = ("from_m", "to_m", "at_m", "quantity", "date", "step_mm", "step_mm_sd", "runs_after")
+REACH_COLUMNS = (
+    "from_m",
+    "to_m",
+    "at_m",
+    "quantity",
+    "limit",
+    "limit_mm",
+    "value_mm",
+    "rate_mm_per_month",
+    "reached_on",
+    "earliest",
+    "latest",
+)
+
+_TOGETHER_M = 10.0
+"""Cells this near, m, are one trend: the base of versines, which show a defect of a point so far to either side."""
+_WORKED_M = 100.0
+"""Around a step, another of the same run is likely, m: the shortest length that a tamping machine is sent for."""
+_LIKELY_SIGMAS = 3.0
+"""Sigmas from which a likely step is one."""
+_FEWEST_CROSSINGS_PER_M = 0.02
+"""Sign changes per m of a profile too short to count them (:mod:`trackfg.mapping.changes.change_noise`)."""
+_FURTHEST = timedelta(days=50 * 365.25)
+"""Dates further ahead are none: no track lies so long without work."""
+
+
+@dataclass(frozen=True)
+class Trends:
+    """Trends, steps, and when limits are reached: columns :data:`TREND_COLUMNS`, :data:`STEP_COLUMNS`,
+    :data:`REACH_COLUMNS`.
+
+    ``cells`` and ``sections`` have a row per cell and per 200 m: every quantity's rate and its value at the last date,
+    with sigmas, of sections those of the standard deviation. ``values`` and ``section_values``: what every run says.
+    ``left_out``: runs that are not recognised on the map, and limits that nothing is held against, with the reason.
+    """
+
+    trends: pd.DataFrame
+    steps: pd.DataFrame
+    reached: pd.DataFrame
+    cells: pd.DataFrame
+    sections: pd.DataFrame
+    values: pd.DataFrame
+    section_values: pd.DataFrame
+    left_out: dict[str, str]
+
+
+def find_trends(
+    results: Sequence[Result],
+    feature_map: FeatureMap,
+    limits: Iterable[Limit] = (),
+    *,
+    floor_mm_per_month: float = LEAST_RATE,
+) -> Trends:
+    """Find the trends that runs over a map show together, of at least a rate, mm per month.
+
+    A run that is not recognised on the map is left out. Raises :class:`~trackfg.errors.BadInputError` for fewer runs
+    than a trend needs, and one without a date.
+    """
+    by_cell, left_out = series(results, feature_map)
+    twist_base_m = results[0].summary.geometry.twist_base_m
+    followed, not_followed = _followed(limits, feature_map.conventions, twist_base_m)
+    found = trends_of(by_cell, followed, feature_map.conventions.chord_m, floor_mm_per_month)
+    return replace(found, left_out={**{f"run {run}": reason for run, reason in left_out.items()}, **not_followed})
+
+
+def trends_of(
+    by_cell: Series,
+    followed: Sequence[tuple[Limit, str]] = (),
+    correlated_m: float = 10.0,
+    floor_mm_per_month: float = LEAST_RATE,
+) -> Trends:
+    """Find the trends of a series. ``followed``: limits, each with the quantity that is held against it.
+
+    Errors of a run are taken to be independent ``correlated_m`` apart, for the sigmas of sections.
+    """
+    by_section = section_series(by_cell, correlated_m)
+    drifts = {name: _drift(by_cell, name) for name in by_cell.value}
+    of_sections = {name: _drift(by_section, name) for name in by_section.value}
+    spans = {name: _spans(by_cell, _significant(by_cell, name, d, floor_mm_per_month)) for name, d in drifts.items()}
+    return Trends(
+        trends=pd.DataFrame(
+            [_trend(by_cell, name, drifts[name], span) for name in drifts for span in spans[name]],
+            columns=list(TREND_COLUMNS),
+        ),
+        steps=pd.DataFrame(
+            [row for name in drifts for row in _steps(by_cell, name, drifts[name])], columns=list(STEP_COLUMNS)
+        ),
+        reached=pd.DataFrame(
+            [_reached(by_cell, name, drifts[name], span, limit) for limit, name in followed for span in spans[name]],
+            columns=list(REACH_COLUMNS),
+        ),
+        cells=_table(by_cell, drifts),
+        sections=_table(by_section, of_sections),
+        values=by_cell.table(),
+        section_values=by_section.table(),
+        left_out={},
+    )
+
+
+def _drift(places: Series, name: str) -> Drift:
+    """Fit a quantity, a second time with steps likely where one was found nearby."""
+    t, y, sd = places.t_days, places.value[name], places.sd[name]
+    strict = _threshold(places, name, np.diff(y, axis=0), tests=t.size)
+    found = drift(t, y, sd, threshold=strict)
+    near = 1 + 2 * round(_WORKED_M / places.step_m)
+    stepped = pd.DataFrame((found.steps != 0.0).T.astype(float))
+    worked = stepped.rolling(near, center=True, min_periods=1).max().to_numpy().T > 0.0
+    if not worked.any():
+        return found
+    return drift(t, y, sd, threshold=np.where(worked, min(_LIKELY_SIGMAS, strict), strict))
+
+
+def _crossings(places: Series, rows: Array) -> float:
+    """Return how often per m what should be noise changes sign along the line."""
+    signs = np.sign(rows)
+    both = signs[:, 1:] * signs[:, :-1]
+    counted = np.isfinite(both).sum() * places.step_m
+    return max(float((both < 0.0).sum() / counted) if counted else 0.0, _FEWEST_CROSSINGS_PER_M)
+
+
+def _threshold(places: Series, name: str, rows: Array, tests: int = 1) -> float:
+    """Return the sigmas that noise, which changes sign as often as ``rows`` do, exceeds as seldom as it may."""
+    alarms_per_m = 1e-5 * FALSE_PER_100_KM / len(places.value) / tests
+    return threshold(_crossings(places, rows) / alarms_per_m, freedom_of(name))
+
+
+def _significant(places: Series, name: str, d: Drift, floor_mm_per_month: float) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sigmas = d.rate / d.rate_sd
+    large = np.abs(d.rate) * MONTH_DAYS >= floor_mm_per_month
+    return np.asarray(large & (np.abs(sigmas) > _threshold(places, name, sigmas[None])))
+
+
+def _spans(places: Series, true: np.ndarray) -> list[slice]:
+    """Return the stretches of cells that are true, those near each other as one."""
+    runs = true_runs(true)
+    if not len(runs):
+        return []
+    together = round(_TOGETHER_M / places.step_m)
+    first = np.flatnonzero(np.r_[True, runs[1:, 0] - runs[:-1, 1] >= together])
+    stops = runs[np.r_[first[1:], len(runs)] - 1, 1]
+    return [slice(int(a), int(b)) for a, b in zip(runs[first, 0], stops, strict=True)]
+
+
+def _place(places: Series, span: slice, at: int, name: str) -> dict[str, Any]:
+    chainage = places.chainage_m
+    return {"from_m": chainage[span.start], "to_m": chainage[span.stop - 1], "at_m": chainage[at], "quantity": name}
+
+
+def _trend(places: Series, name: str, d: Drift, span: slice) -> dict[str, Any]:
+    at = span.start + int(np.nanargmax(np.abs(d.rate[span]) / d.rate_sd[span]))
+    stepped = np.flatnonzero(d.steps[:, at])
+    return {
+        **_place(places, span, at, name),
+        "rate_mm_per_month": MONTH_DAYS * d.rate[at],
+        "rate_mm_per_month_sd": MONTH_DAYS * d.rate_sd[at],
+        "value_mm": d.value[at],
+        "value_mm_sd": d.value_sd[at],
+        "runs": int(d.runs[at]),
+        "last_step": places.dates[stepped[-1]].date().isoformat() if stepped.size else "",
+    }
+
+
+def _steps(places: Series, name: str, d: Drift) -> list[dict[str, Any]]:
+    rows = []
+    for run, jump in enumerate(d.steps):
+        for span in _spans(places, jump != 0.0):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                sigmas = np.nan_to_num(np.abs(jump[span]) / d.step_sd[run, span])
+            at = span.start + int(np.argmax(sigmas))
+            after = np.isfinite(places.value[name][run:, at]) & ~d.outliers[run:, at]
+            rows.append(
+                {
+                    **_place(places, span, at, name),
+                    "date": places.dates[run].date().isoformat(),
+                    "step_mm": jump[at],
+                    "step_mm_sd": d.step_sd[run, at],
+                    "runs_after": int(after.sum()),
+                }
+            )
+    return rows
+
+
+def _reached(places: Series, name: str, d: Drift, span: slice, limit: Limit) -> dict[str, Any]:
+    """Return when the first cell of a trend reaches a limit."""
+    part = replace(
+        d, **{field: getattr(d, field)[span] for field in ("rate", "rate_sd", "value", "value_sd", "covariance")}
+    )
+    times = reached(part, limit.value_mm)
+    first = int(np.nanargmin(times[0]))
+    at = span.start + first
+    on, earliest, latest = (_day(places.dates[0], float(time[first])) for time in times)
+    return {
+        **_place(places, span, at, name),
+        "limit": str(limit),
+        "limit_mm": limit.value_mm,
+        "value_mm": d.value[at],
+        "rate_mm_per_month": MONTH_DAYS * d.rate[at],
+        "reached_on": on,
+        "earliest": earliest,
+        "latest": latest,
+    }
+
+
+def _day(first: datetime, days: float) -> str:
+    """Return a date as ISO 8601; an empty text where it is never, or further ahead than anyone plans."""
+    if not np.isfinite(days) or days > _FURTHEST.days:
+        return ""
+    return (first + timedelta(days=days)).date().isoformat()
+
+
+def _followed(
+    limits: Iterable[Limit], conventions: MapConventions, twist_base_m: float
+) -> tuple[list[tuple[Limit, str]], dict[str, str]]:
+    """Return the limits that a quantity can be held against, with that, and why of the others."""
+    followed, left_out = [], {}
+    for limit in limits:
+        name = {
+            ("twist", twist_base_m): "twist_mm",
+            ("level", conventions.chord_m): "versine_level_mm",
+            ("alignment", conventions.chord_m): "versine_alignment_mm",
+        }.get((limit.parameter, limit.base_m or limit.chord_m or 0.0))
+        if name is None or limit.kind != "peak" or limit.uniformity or limit.track != "any":
+            left_out[str(limit)] = (
+                f"followed are peaks of twist over {twist_base_m:g} m, and of versines of level and alignment over "
+                f"{conventions.chord_m:g} m"
+            )
+        else:
+            followed.append((limit, name))
+    return followed, left_out
+
+
+def _table(places: Series, drifts: dict[str, Drift]) -> pd.DataFrame:
+    columns: dict[str, Any] = {"chainage_m": places.chainage_m}
+    for name, d in drifts.items():
+        rate = f"{name.removesuffix('_mm')}_mm_per_month"
+        columns |= {name: d.value, f"{name}_sd": d.value_sd, rate: MONTH_DAYS * d.rate}
+        columns |= {f"{rate}_sd": MONTH_DAYS * d.rate_sd, f"{name}_runs": d.runs}
+    return pd.DataFrame(columns)
