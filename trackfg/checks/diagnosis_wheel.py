@@ -15,6 +15,12 @@ _MIN_CHORD_M = 100.0
 _MAX_TURN_RAD = 0.5
 _MIN_SPEED_MPS = 3.0
 
+_FEWEST_VOTERS = 5
+"""Fixes from which on the others can outvote a wrong one and its two stretches."""
+
+_MIN_STRETCH_M = 10.0
+"""A shorter stretch between fixes says nothing of the usual ratio, m."""
+
 
 @dataclass(frozen=True)
 class WheelScale:
@@ -30,14 +36,15 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
     """Estimate the scale in ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
 
     What is travelled is the sum of the chainage differences' magnitudes: it grows whichever way the line is counted.
-    The sigma is widened by the residuals where those exceed the declared sigmas. None with fewer than two fixes within
-    the tach's time or less than 100 m between them.
+    Fixes at the place of another balise are left out. The sigma is widened by the residuals where those exceed the
+    declared sigmas. None with fewer than two fixes within the tach's time or less than 100 m between them.
     """
     t = tach["t_s"].to_numpy()
     inside = fixes[(fixes["t_s"] >= t[0]) & (fixes["t_s"] <= t[-1])]
     if len(inside) < 2:
         return None
     nominal = np.interp(inside["t_s"], t, tach["distance_m"])
+    inside, nominal = (rows[_not_misplaced(nominal, inside)] for rows in (inside, nominal))
     if np.ptp(nominal) < _MIN_CHORD_M:
         return None
     travelled = np.cumsum(np.abs(np.diff(inside["chainage_m"], prepend=inside["chainage_m"].iloc[0])))
@@ -48,6 +55,22 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
     freedom = len(inside) - 2
     chi2 = float(weights @ (y - scale * x) ** 2) / freedom if freedom > 0 else 1.0
     return WheelScale(scale, float(np.sqrt(max(1.0, chi2) / information)), "fixes", len(inside) - 1)
+
+
+def _not_misplaced(nominal: Array, fixes: pd.DataFrame) -> np.ndarray:
+    """Return which fixes (n,) do not make both the stretches beside them half as long again as most are, or half as
+    short.
+
+    One wrong fix spoils two stretches, so that up to a quarter of the fixes may be wrong. Fewer than five are all kept.
+    """
+    if len(fixes) < _FEWEST_VOTERS:
+        return np.ones(len(fixes), dtype=bool)
+    rolled, counted = np.abs(np.diff(nominal)), np.abs(np.diff(fixes["chainage_m"]))
+    sd = fixes["chainage_sd_m"].to_numpy()
+    long = rolled > _MIN_STRETCH_M
+    usual = float(np.median(counted[long] / rolled[long])) if long.any() else 1.0
+    far = np.abs(counted - usual * rolled) > 0.5 * usual * rolled + 6.0 * np.hypot(sd[1:], sd[:-1])
+    return np.asarray(~(np.append(True, far) & np.append(far, True)))
 
 
 def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None:

@@ -150,6 +150,20 @@ def test_the_wheel_scale_from_fixes_and_from_gnss(scale: float, read: Callable[.
     assert (by_fixes.source, by_gnss.source) == ("fixes", "gnss")
 
 
+@pytest.mark.parametrize("factor", [1.0, 2.5])
+@pytest.mark.parametrize("wrong", [(4,), (0, 9), (3, 7, 12, 19)])
+def test_the_scale_from_fixes_is_that_of_the_right_ones(wrong: tuple[int, ...], factor: float) -> None:
+    """Of 20 fixes, some have the chainage of another balise; another unit of all of them still shows."""
+    t = np.arange(0.0, 500.0)
+    tach = pd.DataFrame({"t_s": t, "distance_m": 20.0 * t})
+    passed = np.linspace(10.0, 480.0, 20)
+    chainage = factor * 20.0 * passed + np.random.default_rng(0).normal(0.0, 0.1, 20)
+    chainage[list(wrong)] = chainage[[(i + 8) % 20 for i in wrong]]
+    found = scale_from_fixes(tach, pd.DataFrame({"t_s": passed, "chainage_m": chainage, "chainage_sd_m": 0.1}))
+    assert found is not None
+    assert found.scale == pytest.approx(factor, rel=1e-3)
+
+
 def test_the_scale_from_fixes_does_not_care_for_the_direction_of_chainage(read: Callable[..., Recording]) -> None:
     recording = read(wheel_scale=1.02, parts=("imu", "tach", "fixes"))
     assert recording.tach is not None
