@@ -1,4 +1,4 @@
-"""The whole ``trackfg smooth`` process: wall and CPU time, peak memory, and its stages' own timings."""
+"""The whole ``trackfg smooth`` process: wall and CPU time, peak memory, and the CPU time of its stages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class ProcessUse:
-    """What one process took. ``stages_s`` is what the summary says of each stage."""
+    """What one process took, and the CPU time of each stage (:mod:`speed.stages`)."""
 
     wall_s: float
     cpu_s: float
@@ -23,42 +23,53 @@ class ProcessUse:
     keyframes: int
     iterations: int
 
-    @property
-    def outside_stages_s(self) -> float:
-        """Starting, importing, reading and writing."""
-        return self.wall_s - sum(self.stages_s.values())
-
 
 def measure_smooth(folder: Path, duration_s: float, repeats: int) -> ProcessUse:
-    """The fastest of ``repeats`` processes on a simulated run of ``mainline``; everything is written to ``folder``.
+    """The process of ``repeats`` with the least CPU time on a simulated run of ``mainline``; all goes to ``folder``.
 
     The run is simulated by a process of its own: a process's peak memory is at least its parent's when it is started.
     """
     recording, out = folder / f"recording-{duration_s:g}", folder / f"result-{duration_s:g}"
     simulate = _trackfg("simulate", "mainline", "-o", str(recording), "--duration", str(duration_s))
     subprocess.run(simulate, check=True, stdout=subprocess.DEVNULL)
-    uses = [_smooth_once(recording, out) for _ in range(repeats)]
-    return min(uses, key=lambda use: use.wall_s)
+    wall_s, cpu_s, peak_gb = least_cpu(_trackfg("smooth", str(recording), "-o", str(out)), repeats)
+    stages = subprocess.run(
+        [sys.executable, "-m", "speed.stages", str(recording.resolve()), str(out.resolve())],
+        check=True,
+        capture_output=True,
+        cwd=Path(__file__).resolve().parents[1],
+    )
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return ProcessUse(
+        wall_s=wall_s,
+        cpu_s=cpu_s,
+        peak_gb=peak_gb,
+        stages_s=json.loads(stages.stdout),
+        distance_km=summary["distance_m"] / 1e3,
+        keyframes=summary["keyframes"],
+        iterations=summary["solver"]["iterations"],
+    )
 
 
-def _smooth_once(recording: Path, out: Path) -> ProcessUse:
+def help_cpu_s(repeats: int) -> float:
+    """CPU time of ``trackfg --help``."""
+    return least_cpu(_trackfg("--help"), repeats)[1]
+
+
+def least_cpu(command: list[str], repeats: int) -> tuple[float, float, float]:
+    """Wall time, CPU time (s) and peak memory (GB) of the process of ``repeats`` that took the least CPU time."""
+    return min((_process(command) for _ in range(repeats)), key=lambda use: use[1])
+
+
+def _process(command: list[str]) -> tuple[float, float, float]:
     start = time.perf_counter()
-    process = subprocess.Popen(_trackfg("smooth", str(recording), "-o", str(out)), stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     wall_s = time.perf_counter() - start
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode != 0:
         raise subprocess.CalledProcessError(process.returncode, process.args)
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    return ProcessUse(
-        wall_s=wall_s,
-        cpu_s=usage.ru_utime + usage.ru_stime,
-        peak_gb=usage.ru_maxrss * 1024 / 1e9,
-        stages_s=summary["timings_s"],
-        distance_km=summary["distance_m"] / 1e3,
-        keyframes=summary["keyframes"],
-        iterations=summary["solver"]["iterations"],
-    )
+    return wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e9
 
 
 def _trackfg(*arguments: str) -> list[str]:
