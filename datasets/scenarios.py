@@ -36,6 +36,8 @@ __all__ = ["Scenario", "Simulation", "scenario", "scenarios", "simulate"]
 
 SHORTEST_S = 1.0
 """Shortest run that is simulated, s."""
+LONGEST_S = 1e6
+"""Longest one, s: eleven days, which already take more memory than most machines have."""
 _BEYOND_S = 0.25
 """How much longer than the recording the body's motion is computed, s; the comment below says why."""
 
@@ -96,12 +98,12 @@ def simulate(
     and no effect on the recording.
     A run starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
     Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run, a duration below
-    :data:`SHORTEST_S`, and a line too short for the driver.
+    :data:`SHORTEST_S` or above :data:`LONGEST_S`, and a line too short for the driver.
     """
     plan = (scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name).planned()
     duration = plan.duration_s if duration_s is None else duration_s
-    if not (np.isfinite(duration) and duration >= SHORTEST_S):
-        raise BadInputError(f"duration_s {duration}: expected {SHORTEST_S} s or more")
+    if not SHORTEST_S <= duration <= LONGEST_S:
+        raise BadInputError(f"duration_s {duration}: expected {SHORTEST_S} s or more, and at most {LONGEST_S:g} s")
     if run < 0:
         raise BadInputError(f"run {run}: expected 0 or more")
     line_rng, irregularity_rng, flange_rng = _streams(seed, (0,), 3)

@@ -30,9 +30,13 @@ _MOST_PIECES = 256
 def joined(parts: Sequence[Pieces]) -> PPoly:
     """Return one function from parts that follow each other; lower degrees are padded with zeros."""
     order = max(len(coefficients) for _, coefficients in parts)
-    padded = [np.pad(coefficients, ((order - len(coefficients), 0), (0, 0))) for _, coefficients in parts]
     edges = np.concatenate([parts[0][0][:1], *(edges[1:] for edges, _ in parts)])
-    return PPoly(np.concatenate(padded, axis=1), edges, extrapolate=True)
+    joint, first = np.zeros((order, len(edges) - 1)), 0
+    for _, coefficients in parts:
+        last = first + coefficients.shape[1]
+        joint[order - len(coefficients) :, first:last] = coefficients
+        first = last
+    return PPoly(joint, edges, extrapolate=True)
 
 
 def substituted(coefficients: Array, offset: Array, scale: Array) -> Array:

@@ -25,6 +25,8 @@ HOSTILE: tuple[Any, ...] = (
 """Values for numbers, texts, lists and tables alike."""
 NUMBERS = tuple(value for value in HOSTILE if isinstance(value, float))
 _TABLES = (".csv", ".parquet")
+_STREAM = ".jsonl"
+"""Read as standard input, which may go on for ever: it is given no endless one."""
 _STEPS_S = (-1e9, -3600.0, -1.0, 1.0, 60.0, 1e5, 1e9, 1e12)
 
 
@@ -95,11 +97,11 @@ def size_changed(path: Path, rng: np.random.Generator) -> str:
     kind = rng.choice(["sparse", "long line", "deep", "many", "repeated"])
     if kind == "sparse":
         with path.open("ab") as file:
-            file.truncate(path.stat().st_size + 50 * 2**30)
+            file.truncate(path.stat().st_size + (2**30 if path.suffix == _STREAM else 50 * 2**30))
     elif kind == "repeated":
         content = path.read_bytes()
         with path.open("ab") as file:
-            for _ in range(int(min(50, 2**26 // max(len(content), 1)))):
+            for _ in range(int(min(50, 2**24 // max(len(content), 1)))):
                 file.write(content)
     else:
         text = {
@@ -124,7 +126,8 @@ def link_put(path: Path, rng: np.random.Generator) -> str:
     elif kind == "folder":
         path.mkdir()
     elif kind != "absent":
-        targets = {"zero": "/dev/zero", "null": "/dev/null", "loop": path.name, "outside": "/etc/passwd"}
+        endless = "/dev/null" if path.suffix == _STREAM else "/dev/zero"
+        targets = {"zero": endless, "null": "/dev/null", "loop": path.name, "outside": "/etc/passwd"}
         path.symlink_to(targets.get(kind, "nowhere"))
     return f"{path.name}: {kind}"
 

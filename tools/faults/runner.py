@@ -68,10 +68,9 @@ def run(command: str, folder: Path, conditions: Conditions, stdin: str | None = 
 
 
 def _opened(stdin: str | None) -> int:
-    try:
-        return os.open(stdin or os.devnull, os.O_RDONLY | os.O_NONBLOCK)
-    except OSError:  # a shell would not even start the command
-        return os.open(os.devnull, os.O_RDONLY)
+    """Open standard input; nothing where Python or a shell would not even start."""
+    is_there = stdin is not None and Path(stdin).exists() and not Path(stdin).is_dir()
+    return os.open(stdin if is_there and stdin else os.devnull, os.O_RDONLY | os.O_NONBLOCK)
 
 
 def _become(command: str, folder: Path, conditions: Conditions, stdin: str | None, out: Path, err: Path) -> None:

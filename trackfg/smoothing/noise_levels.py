@@ -41,6 +41,9 @@ _AGREEING = 10.0
 _SIGNIFICANT = 3.0
 """Sigmas of a variance with so many residuals, ``sqrt(2 / (n + sum r))``, by which a level has to exceed 1."""
 
+_FAR_OFF = 2.0
+"""Ratio of seen to assumed noise from which on it is a finding: sigmas are wrong by as much."""
+
 _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
 
@@ -189,4 +192,18 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
         )
         for name, level in levels(run.declared, run.problem).items()
         if name in _NAMES and level > _FAR_OFF
+    )
+
+
+def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
+    """Return a warning for each group whose noise is far above what is assumed: its sigmas are too small."""
+    return tuple(
+        Finding(
+            level="warning",
+            code="noise-level",
+            message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect",
+            hint="declare the noise that is there, or look for what causes it",
+        )
+        for name, ratio in ratios.items()
+        if ratio > _FAR_OFF
     )

@@ -45,7 +45,7 @@ from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recordin
 from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
-from trackfg.smoothing.noise_levels import levels
+from trackfg.smoothing.noise_levels import levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
@@ -53,7 +53,7 @@ from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
-from trackfg.solver.variance_components import noise_findings, noise_ratios
+from trackfg.solver.variance_components import noise_ratios
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap

@@ -20,15 +20,11 @@ from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
-from trackfg.recording.findings import Finding
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
 
 _LEAST_REDUNDANCY = 20.0
 """Groups that the rest of the graph hardly checks say nothing about their own noise."""
-
-_FAR_OFF = 2.0
-"""Ratio of seen to assumed noise from which on it is a finding: sigmas are wrong by as much."""
 
 _AT_A_TIME = 128
 """Keyframes whose covariances are taken out at a time: they stay in the processor's cache (0.4 MB per 128 of 20
@@ -80,20 +76,6 @@ def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -
     """Return actual over assumed noise of each group that can be judged."""
     ratios = {name: group.ratio for name, group in group_residuals(problem, solution, covariance).items()}
     return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
-
-
-def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
-    """Return a warning for each group whose noise is far above what is assumed: its sigmas are too small."""
-    return tuple(
-        Finding(
-            level="warning",
-            code="noise-level",
-            message=f"the residuals of {name!r} are {ratio:.1f} times what its sigmas lead to expect",
-            hint="declare the noise that is there, or look for what causes it",
-        )
-        for name, ratio in ratios.items()
-        if ratio > _FAR_OFF
-    )
 
 
 def _inertial_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, Residuals]:

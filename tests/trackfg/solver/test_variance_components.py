@@ -24,10 +24,11 @@ from trackfg.factors.states import (
     offset_in_keyframe,
 )
 from trackfg.graph.build import build_problem
+from trackfg.smoothing.noise_levels import noise_findings
 from trackfg.smoothing.smoother import smooth, smooth_states
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
-from trackfg.solver.variance_components import noise_findings, noise_ratios
+from trackfg.solver.variance_components import noise_ratios
 
 DURATION_S = 300.0
 

@@ -74,7 +74,13 @@ def dialect_of(path: Path, options: DialectOptions | None = None) -> Dialect:
 
     Raises :class:`BadInputError` where the file is empty or no text, or has no two rows alike.
     """
-    options = options or DialectOptions()
+    try:
+        return _guessed(path, options or DialectOptions())
+    except csv.Error as error:
+        raise BadInputError(f"{path.name}: cannot be read ({error}); expected delimited text") from error
+
+
+def _guessed(path: Path, options: DialectOptions) -> Dialect:
     with path.open("rb") as stream:
         sample = stream.read(_SAMPLE_BYTES)
     encoding = options.encoding or _encoding(sample, path)

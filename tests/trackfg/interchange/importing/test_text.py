@@ -206,3 +206,12 @@ def test_a_cell_that_is_no_place_is_named_with_its_row():
 def test_names_tell_what_columns_mean(name, kind, axis):
     assert meaning(name) == kind
     assert axis is None or axis_of(name) == axis
+
+
+def test_a_cell_without_end_and_bytes_within_a_cell_are_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = b"t,a\n" + b"1,x\n" * 500_000 + b"1,x\xff\n"
+    for content, message in ((b"x" * 200_000, "larger than field limit"), (rows, r"byte \d+ is not utf-8")):
+        path.write_bytes(content)
+        with pytest.raises(BadInputError, match=message):
+            read_text(path)
