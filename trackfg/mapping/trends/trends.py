@@ -32,6 +32,9 @@ FALSE_PER_100_KM = 0.5
 LEAST_RATE = 0.1
 """Rate of a trend that matters, mm per month: a millimetre in a year is what a recording car repeats to."""
 
+LEAST_STEP_MM = 1.0
+"""Step that is listed, mm: likewise."""
+
 MONTH_DAYS = 365.25 / 12.0
 
 TREND_COLUMNS = (
@@ -213,7 +216,7 @@ def _trend(places: Series, name: str, d: Drift, span: slice) -> dict[str, Any]:
 def _steps(places: Series, name: str, d: Drift) -> list[dict[str, Any]]:
     rows = []
     for run, jump in enumerate(d.steps):
-        for span in _spans(places, jump != 0.0):
+        for span in _spans(places, np.abs(jump) >= LEAST_STEP_MM):
             with np.errstate(divide="ignore", invalid="ignore"):
                 sigmas = np.nan_to_num(np.abs(jump[span]) / d.step_sd[run, span])
             at = span.start + int(np.argmax(sigmas))
