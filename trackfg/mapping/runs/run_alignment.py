@@ -47,8 +47,8 @@ class RunAlignment:
     warp: Warp
 
     def brought(self, geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
-        """Return the run's geometry by the reference's chainage."""
-        table = warped(geometry, self.warp, step_m)
+        """Return what is known of the run's geometry, by the reference's chainage."""
+        table = warped(geometry.dropna(axis=1, how="all"), self.warp, step_m)
         return table.assign(chainage_m=np.round(table["chainage_m"].to_numpy() / step_m) * step_m)
 
 

@@ -16,6 +16,7 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
 from trackfg.mapping.runs.run_alignment import SHIFT_COLUMNS, RunAlignment, aligned
+from trackfg.numerics.chainage_grid import cells_of
 from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
 from trackfg.results.result import Result
 
@@ -95,16 +96,16 @@ def overlaid(results: Sequence[Result], names: Sequence[str], *, section_m: floa
 def _differences(reference: Result, run: Result, geometry: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the standard deviation and mean of the difference per section, of each channel that means the same."""
     step_m = reference.summary.geometry.step_m
-    both = reference.geometry.merge(
-        geometry.assign(cell=np.rint(geometry["chainage_m"] / step_m)),
-        left_on=np.rint(reference.geometry["chainage_m"] / step_m),
-        right_on="cell",
-        suffixes=("", "_of_run"),
+    channels = comparable_channels(reference, run)
+    here, there = (table[["chainage_m", *channels]] for table in (reference.geometry, geometry))
+    _, row, row_of_run = np.intersect1d(
+        cells_of(here, step_m), cells_of(there, step_m), assume_unique=True, return_indices=True
     )
+    chainage = here["chainage_m"].to_numpy()[row]
     tables = [pd.DataFrame(columns=list(DIFFERENCE_COLUMNS))]
-    for channel in comparable_channels(reference, run):
-        difference = both[f"{channel}_of_run"].to_numpy() - both[channel].to_numpy()
-        table = section_statistics(both["chainage_m"].to_numpy(), difference, section_m=REPEATED_M)
+    for channel in channels:
+        difference = there[channel].to_numpy()[row_of_run] - here[channel].to_numpy()[row]
+        table = section_statistics(chainage, difference, section_m=REPEATED_M)
         table = table[table["count"] >= _FULL_SHARE * REPEATED_M / step_m]
         if len(table):
             tables.append(table.assign(run=name, channel=channel)[list(DIFFERENCE_COLUMNS)])
