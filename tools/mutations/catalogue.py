@@ -395,7 +395,12 @@ _OUTPUT = (
                 "p = nav.p - nav.R @ lever_arm",
                 "p = nav.p + nav.R @ lever_arm",
             ),
-            _one("speed is that of the sensor", "nav.own_velocity - motion.gyro @ skew(lever_arm)", "nav.own_velocity"),
+            _one("speed is that of the sensor", "nav.own_velocity - motion.gyro @ skew(arm)", "nav.own_velocity"),
+            _one(
+                "speed is that of the reference point",
+                "arm = lever_arm - tracking_point(states.mount)[0]",
+                "arm = lever_arm",
+            ),
             _one(
                 "chainage grows whichever way the run goes",
                 "columns = [run.direction * motion.distance",

@@ -39,6 +39,8 @@ COMMANDS = (
     "export",
     "import",
     "init",
+    "statistics",
+    "overlay",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
 
