@@ -62,6 +62,11 @@ _ANYWHERE_SD_M = 1e5
 _BEYOND_SIGMAS = 3.0
 """A bias is as declared up to so many of the declared sigmas: 3 in 1000 would be further off."""
 
+CALIBRATION_FACTOR = 10.0
+"""Calibrations are at most so many times worse than declared: errors that the graph does not model (vibration, a moving
+point of reference, a late clock) look like scale factors and misalignments too, and data sheets are not wrong by more:
+typical to worst of one kind of sensor is a factor of 10."""
+
 _SET_SD_M = 1e-4
 """Of a place that is 0 by convention."""
 
@@ -94,6 +99,9 @@ class Problem:
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, dim)."""
+    imu_grade: float = 1.0
+    """How many times worse than declared the inertial sensor's calibration is assumed to be, by the size of its
+    biases."""
     withheld: tuple[Family, ...] = ()
     """Measurements that are taken for wrong: no part of the graph, but their residuals are reported."""
 
@@ -173,6 +181,7 @@ def build_problem(
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     floor = NoiseFloor.of(data)
     rests, path, rolls, wheel = _first_pass(recording, config, world, data, floor, wheel, speedless)
+    floor = floor.with_rests(data, rests)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
@@ -213,6 +222,7 @@ def build_problem(
         wheel=wheel,
         clock_origin=inputs.clock_origin,
         response=inputs.response,
+        imu_grade=imu_grade(path, description.imu.noise),
     )
 
 
@@ -320,7 +330,8 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
         [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
     )
     calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
-    imu_sd = response_sigmas(*calibration, noise.rectification_sd)[None]
+    grade = imu_grade(inputs.path, noise)
+    imu_sd = response_sigmas(*(grade * sd for sd in calibration), noise.rectification_sd)[None]
     offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
@@ -343,10 +354,24 @@ def _bias_prior(path: InitialPath, noise: ImuNoise) -> tuple[Array, Array]:
     The declared sigmas are a data sheet's, or a guess: where biases show that they do not allow, those are their level.
     What is known of the vertical gyro bias from how straight tracks are is in no factor, and is the prior.
     """
-    mean, sd = np.zeros(6), np.array([noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3)
+    mean, sd = np.zeros(6), _declared_bias_sd(noise)
     if path.start is not None:
         level = np.array([path.start.accel_level] * 3 + [path.start.gyro_level] * 3)
         sd = np.where(level > _BEYOND_SIGMAS * sd, level, sd)
         if path.start.vertical_sd is not None:
             mean[5], sd[5] = path.start.gyro[0, 2], path.start.vertical_sd
     return mean, sd
+
+
+def _declared_bias_sd(noise: ImuNoise) -> Array:
+    return np.array([noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3)
+
+
+def imu_grade(path: InitialPath, noise: ImuNoise) -> float:
+    """Return how many times worse than declared an inertial sensor is, by its biases, at most ten times.
+
+    Within a class of sensors what is large is large together: a bias of 50 mg comes with a scale that is off by 1 %.
+    """
+    ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
+    # The vertical gyro's sigma may be that of a guess by what tracks are like.
+    return float(np.clip(ratio[:5].max(), 1.0, CALIBRATION_FACTOR))

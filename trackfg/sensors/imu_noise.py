@@ -13,6 +13,10 @@ neighbouring blocks of the record (a shock does not count): Welch, IEEE Trans. A
 J. American Statistical Association 75 (1980), for the mean of the log of a periodogram, which is that of the density
 less Euler's constant.
 
+A line of an engine's vibration that lies near a multiple of the sampling rate is folded to near zero, where no spectrum
+in motion tells it from motion. But at rest all is noise: there the variance of means over half a second shows it, and
+what shakes a vehicle at rest shakes it in motion, too (:meth:`NoiseFloor.with_rests`).
+
 Two more things count as noise of an interval:
 
 - steps q of the numbers that the sensor puts out: q^2/12 for as long as a value stays, that is times dt of a signal
@@ -23,7 +27,7 @@ Two more things count as noise of an interval:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +35,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from trackfg.numerics.arrays import Array
-from trackfg.sensors.imu_intervals import Intervals, interpolate_columns
+from trackfg.numerics.spans import within
+from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
 
 _BLOCK_S = 1.28
 """Length of a block, s, about: 128 samples at 100 Hz, so that 8 periodogram values lie in the lowest band and 32 in the
@@ -58,6 +63,12 @@ _CLEARLY = 2.0
 
 _CHUNK = 256
 """Blocks at a time, so that the spectra of a long record need little memory."""
+
+_REST_MEAN_S = 0.5
+"""At rest means over this, s, show what is below the keyframe rate."""
+
+_SIGMAS = 3.0
+"""Means at rest scatter by more than the floor where their variance is so many of its sigmas beyond."""
 
 _MOTION_S = 0.25
 """Means over this, s, are motion: what is faster than 2-4 Hz is vibration, a body on its springs sways at 1-2 Hz."""
@@ -132,6 +143,28 @@ class NoiseFloor:
             return cls(data.edges[[0, -1]], np.zeros((1, 6)), np.zeros(0), np.zeros((0, 6)))
         blocks = _Blocks.of(data, length)
         return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden())
+
+    def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
+        """Return the same, at least as high all the time as means over half a second scatter in ``rests`` (r, 2), s."""
+        middle = 0.5 * (self.knots[1:] + self.knots[:-1])
+        squares, means = np.zeros(6), 0.0
+        for begin, end in rests:
+            count = int((end - begin) / _REST_MEAN_S)
+            edges = np.linspace(begin, end, count + 1)
+            parts = [
+                means_around(0.5 * (edges[1:] + edges[:-1]), _REST_MEAN_S, data.edges, x)
+                for x in (data.gyro, data.accel)
+            ]
+            off = np.concatenate(parts, axis=1)
+            if count > 1:
+                squares += _REST_MEAN_S * np.sum((off - off.mean(axis=0)) ** 2, axis=0)
+                means += count - 1
+        resting = within(middle, rests)
+        if means == 0.0 or not resting.any():
+            return self
+        limit = (1.0 + _SIGMAS * np.sqrt(2.0 / means)) * np.median(self.seen[resting], axis=0)
+        shown = squares / means
+        return replace(self, seen=np.maximum(self.seen, np.where(shown > limit, shown, 0.0)))
 
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
         """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""

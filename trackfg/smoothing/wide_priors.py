@@ -23,7 +23,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import Kind, Odo
-from trackfg.graph.build import Problem
+from trackfg.graph.build import CALIBRATION_FACTOR, Problem
 from trackfg.graph.inertial import response_of_motion
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import rpy_from_matrix
@@ -40,11 +40,6 @@ _NEAR_SIGMAS = 3.0
 
 _WIDENED = 1.2
 """A sigma that would change by less than this factor stays: the solution would hardly change."""
-
-_CALIBRATION_FACTOR = 10.0
-"""The prior of an inertial sensor's calibration widens to this multiple at most. Errors that the graph does not model
-(vibration, a moving point of reference, a late clock) look like scale factors and misalignments too, and data sheets
-are not wrong by more: typical to worst of one kind of sensor is a factor of 10."""
 
 _LEAST_FREE = 1e-9
 """1 - h at least: beyond it rounding decides what the data alone say."""
@@ -164,8 +159,9 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far] = np.abs(judged.alone[far])
             if kind is Kind.IMU:
-                beyond = np.abs(judged.alone[far]) / (_CALIBRATION_FACTOR * first.sigma[0, far])
-                wanted = np.minimum(wanted, _CALIBRATION_FACTOR * first.sigma)
+                widest = CALIBRATION_FACTOR / run.declared.imu_grade * first.sigma
+                beyond = np.abs(judged.alone[far]) / widest[0, far]
+                wanted = np.minimum(wanted, widest)
                 doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
             left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
             wanted[0, left] = current.sigma[0, left]

@@ -84,3 +84,21 @@ def test_a_record_shorter_than_a_block_is_as_declared() -> None:
     data = Intervals(np.arange(21) / RATE_HZ, np.ones((20, 3)), np.ones((20, 3)), np.zeros(20, dtype=bool))
     noise = NoiseFloor.of(data).between(np.array([0.0, 0.2]), GYRO, ACCEL)
     assert noise.gyro == pytest.approx(GYRO, rel=1e-9)
+
+
+def test_a_line_folded_to_near_zero_counts_where_the_vehicle_rests() -> None:
+    """A line of 100 Hz that wanders by 1 Hz, sampled at 100 Hz, looks like slow motion; at rest it can be none."""
+    t = np.arange(6000)[:, None] / RATE_HZ
+    wander = np.cumsum(np.random.default_rng(3).standard_normal((6000, 1)), axis=0) * 2.0 * np.pi * 0.05
+    accel = white(ACCEL, 1) + 0.5 * np.sin(2.0 * np.pi * 0.2 * t + wander) * [1.0, 0.5, 0.0]
+    data = Intervals(np.arange(6001) / RATE_HZ, white(GYRO), accel, np.zeros(6000, dtype=bool))
+    floor, rests = NoiseFloor.of(data), np.array([[0.0, 5.0], [20.0, 25.0]])
+    before, after = (one.between(SECONDS, GYRO, ACCEL) for one in (floor, floor.with_rests(data, rests)))
+    means = accel[: 600 * 10].reshape(-1, 50, 3).mean(axis=1)
+    true = means.std(axis=0) * np.sqrt(0.5)
+    assert (np.median(before.accel, axis=0)[:2] < 0.2 * true[:2]).all()
+    assert np.median(after.accel, axis=0)[:2] == pytest.approx(true[:2], rel=0.3)
+    assert np.median(after.accel, axis=0)[2] == pytest.approx(ACCEL, rel=1e-9)
+    assert np.median(after.gyro, axis=0) == pytest.approx(GYRO, rel=1e-9)
+    none = floor.with_rests(data, np.zeros((0, 2))).between(SECONDS, GYRO, ACCEL)
+    np.testing.assert_array_equal(none.accel, before.accel)
