@@ -145,7 +145,7 @@ class NoiseFloor:
         return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden())
 
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
-        """Return the same, at least as high all the time as means over half a second scatter in ``rests`` (r, 2), s."""
+        """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
         middle = 0.5 * (self.knots[1:] + self.knots[:-1])
         squares, means = np.zeros(6), 0.0
         for begin, end in rests:
@@ -162,9 +162,9 @@ class NoiseFloor:
         resting = within(middle, rests)
         if means == 0.0 or not resting.any():
             return self
-        limit = (1.0 + _SIGMAS * np.sqrt(2.0 / means)) * np.median(self.seen[resting], axis=0)
-        shown = squares / means
-        return replace(self, seen=np.maximum(self.seen, np.where(shown > limit, shown, 0.0)))
+        floor, shown = np.median(self.seen[resting], axis=0), squares / means
+        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / means)) * floor
+        return replace(self, seen=self.seen + np.where(clearly, shown - floor, 0.0))
 
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
         """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""

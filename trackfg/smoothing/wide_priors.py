@@ -141,6 +141,8 @@ _SCALARS: dict[Kind, tuple[_Scalar, ...]] = {
 def wide_priors(run: SolvedRun) -> Reassessment:
     """Reassess how well what does not change during a run was known beforehand."""
     problem, any_changed = run.problem, False
+    if not run.solution.converged:  # no minimum, no covariance
+        return Reassessment(problem)
     findings: list[Finding] = []
     doubts: list[Doubt] = []
     for kind, scalars in _SCALARS.items():
@@ -192,7 +194,9 @@ def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _J
     if kind is Kind.SENSOR:
         variance = variance[kind.dim * index : kind.dim * (index + 1)]
     alone, spread = prior_left_out(off, variance, current.sigma[0], _LEAST_FREE)
-    sigmas = alone / np.sqrt(declared.sigma[0] ** 2 + spread)
+    # Data that scatter by more than assumed say less by as much.
+    level = max(1.0, *run.noise_ratios.values()) if run.noise_ratios else 1.0
+    sigmas = alone / np.hypot(declared.sigma[0], level * np.sqrt(spread))
     return _Judged(alone, np.where(declared.sigma[0] < _SET_SD, 0.0, sigmas))
 
 
