@@ -66,7 +66,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     rows = _rows(run)
     per_sqrt_m = run.config.tach.scale_walk_per_sqrt_m
     constant = _log_likelihood(rows, chain, len(problem.t), run)
-    best, most = per_sqrt_m, constant + _CLEARLY
+    best, most = per_sqrt_m, constant
     for walk in (walk for walk in _WALKS if walk > per_sqrt_m):
         likelihood = _log_likelihood(rows, _walking(chain, walk / per_sqrt_m), len(problem.t), run)
         if likelihood > constant + _CLEARLY:
