@@ -14,6 +14,7 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+from trackfg.smoothing.wheel_scale import wheel_scale
 
 JUMP = 0.01
 
@@ -21,6 +22,11 @@ JUMP = 0.01
 @pytest.fixture(scope="module")
 def run(simulated: Callable[..., Simulation]) -> Simulation:
     return simulated("mainline", seed=2, duration_s=150.0)
+
+
+@pytest.fixture(scope="module")
+def constant(run: Simulation) -> SmoothedStates:
+    return smooth_states(run.recording, SmoothConfig())
 
 
 def with_jump(recording: Recording, at_s: float) -> Recording:
@@ -46,10 +52,25 @@ def walk(smoothed: SmoothedStates) -> float:
     return float(np.max(solved.sigma[:, 1] / declared.sigma[:, 1]))
 
 
-def test_a_constant_scale_stays_one(run: Simulation) -> None:
-    smoothed = smooth_states(run.recording, SmoothConfig())
-    assert walk(smoothed) == 1.0
-    assert not [finding for finding in smoothed.findings if finding.code == "wheel-scale-varies"]
+def test_a_constant_scale_stays_one(constant: SmoothedStates) -> None:
+    assert walk(constant) == 1.0
+    assert not [finding for finding in constant.findings if finding.code == "wheel-scale-varies"]
+
+
+@pytest.mark.parametrize(("likelihoods", "wider"), [([0, 2, 40, 63, 61], 3e3), ([0, 2, 2.5, 1], 1), ([0, -1], 1)])
+def test_wider_walks_are_tried_while_they_are_likelier(
+    constant: SmoothedStates, monkeypatch: pytest.MonkeyPatch, likelihoods: list[float], wider: float
+) -> None:
+    """A walk of 1e-5 may be a little likelier than none, and one of 3e-4 by far."""
+    seen = iter(likelihoods)
+    monkeypatch.setattr("trackfg.smoothing.wheel_scale._log_likelihood", lambda *_: next(seen))
+    before, after = (
+        problem.family(FactorType.DISTANCE_CHAIN) for problem in (constant.problem, wheel_scale(constant).problem)
+    )
+    assert before is not None
+    assert after is not None
+    np.testing.assert_allclose(after.sigma[:, 1], wider * before.sigma[:, 1])
+    assert next(seen, None) is None
 
 
 def test_another_wheel_is_noticed_and_allowed_for(run: Simulation) -> None:
