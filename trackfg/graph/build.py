@@ -329,9 +329,14 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     clock_sd = np.array(
         [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
     )
-    calibration = (noise.accel_scale_sd, noise.gyro_scale_sd, noise.misalignment_sd_rad, noise.g_sensitivity_sd)
     grade = imu_grade(inputs.path, noise)
-    imu_sd = response_sigmas(*(grade * sd for sd in calibration), noise.rectification_sd)[None]
+    imu_sd = response_sigmas(
+        grade * noise.accel_scale_sd,
+        grade * noise.gyro_scale_sd,
+        grade * noise.misalignment_sd_rad,
+        grade * noise.g_sensitivity_sd,
+        noise.rectification_sd,
+    )[None]
     offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
