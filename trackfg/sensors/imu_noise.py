@@ -35,6 +35,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 from trackfg.numerics.spans import within
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
 
@@ -66,6 +67,10 @@ _CHUNK = 256
 
 _REST_MEAN_S = 0.5
 """At rest means over this, s, show what is below the keyframe rate."""
+
+_EFFICIENCY = 0.37
+"""Of a variance by the median magnitude, which the end of a rest that is none does not change, against plain squares
+(Rousseeuw & Croux, J. American Statistical Association 88 (1993))."""
 
 _SIGMAS = 3.0
 """Means at rest scatter by more than the floor where their variance is so many of its sigmas beyond."""
@@ -147,23 +152,18 @@ class NoiseFloor:
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
         """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
         middle = 0.5 * (self.knots[1:] + self.knots[:-1])
-        squares, means = np.zeros(6), 0.0
+        off = [np.zeros((0, 6))]
         for begin, end in rests:
-            count = int((end - begin) / _REST_MEAN_S)
-            edges = np.linspace(begin, end, count + 1)
-            parts = [
-                means_around(0.5 * (edges[1:] + edges[:-1]), _REST_MEAN_S, data.edges, x)
-                for x in (data.gyro, data.accel)
-            ]
-            off = np.concatenate(parts, axis=1)
-            if count > 1:
-                squares += _REST_MEAN_S * np.sum((off - off.mean(axis=0)) ** 2, axis=0)
-                means += count - 1
-        resting = within(middle, rests)
-        if means == 0.0 or not resting.any():
+            edges = np.linspace(begin, end, int((end - begin) / _REST_MEAN_S) + 1)
+            t = 0.5 * (edges[1:] + edges[:-1])
+            means = [means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)]
+            off.append(np.concatenate(means, axis=1) - np.median(np.concatenate(means, axis=1), axis=0))
+        scatter, resting = np.concatenate(off), within(middle, rests)
+        if len(scatter) <= len(rests) or not resting.any():
             return self
-        floor, shown = np.median(self.seen[resting], axis=0), squares / means
-        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / means)) * floor
+        floor = np.median(self.seen[resting], axis=0)
+        shown = _REST_MEAN_S * np.array([robust_sd(x) for x in scatter.T]) ** 2
+        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / (_EFFICIENCY * len(scatter)))) * floor
         return replace(self, seen=self.seen + np.where(clearly, shown - floor, 0.0))
 
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
