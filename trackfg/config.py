@@ -5,11 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from trackfg.files.small_file import read_model
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, le=1e9, allow_inf_nan=False)]
+"""Above 1e9 in SI units nothing is distinguished any more, and squares of squares overflow."""
+Length = Annotated[float, Field(strict=True, ge=1e-3, le=1e4)]
+"""Of the track geometry's conventions, m: rails are not measured at less than a millimetre."""
+
+
+def _no_shorter(value: float) -> float:
+    if value < _SHORTEST_STEP:
+        raise ValueError(f"expected at least {_SHORTEST_STEP:g}")
+    return value
+
+
+_SHORTEST_STEP = 1e-3
+"""Of keyframes, s or m: no sensor has rows that are nearer."""
+Step = Annotated[Positive, AfterValidator(_no_shorter)]
 
 
 class _Section(BaseModel):
@@ -19,9 +33,9 @@ class _Section(BaseModel):
 class KeyframeConfig(_Section):
     """Where states are estimated: whichever of time and distance comes first; sparser at rest."""
 
-    interval_s: Positive = 1.0
-    distance_m: Positive = 20.0
-    interval_at_rest_s: Positive = 5.0
+    interval_s: Step = 1.0
+    distance_m: Step = 20.0
+    interval_at_rest_s: Step = 5.0
 
 
 class ImuConfig(_Section):
@@ -95,8 +109,8 @@ class LaserConfig(_Section):
     match_sd_m: Positive = 1e-5
     robust_width: Positive = 4.0
     max_keyframes: Annotated[int, Field(gt=0)] = 32
-    keyframe_interval_s: Positive = 0.5
-    keyframe_distance_m: Positive = 5.0
+    keyframe_interval_s: Step = 0.5
+    keyframe_distance_m: Step = 5.0
 
 
 class PositionConfig(_Section):
@@ -138,7 +152,7 @@ class NoiseConfig(_Section):
 class OutputConfig(_Section):
     """The trajectory's rate."""
 
-    rate_hz: Positive = 10.0
+    rate_hz: Annotated[float, Field(strict=True, gt=0, le=1e4)] = 10.0
 
 
 class GeometryConfig(_Section):
@@ -149,13 +163,13 @@ class GeometryConfig(_Section):
     Bases and half the chord are whole multiples of the grid's step; half the base of a centred twist is, too.
     """
 
-    step_m: Positive = 0.25
-    twist_base_m: Positive = 5.0
+    step_m: Length = 0.25
+    twist_base_m: Length = 5.0
     twist_anchor: Literal["behind", "centre", "ahead"] = "behind"
-    chord_m: Positive = 10.0
-    band_m: tuple[Positive, Positive] = (3.0, 25.0)
-    curvature_base_m: Positive = 10.0
-    gradient_base_m: Positive = 25.0
+    chord_m: Length = 10.0
+    band_m: tuple[Length, Length] = (3.0, 25.0)
+    curvature_base_m: Length = 10.0
+    gradient_base_m: Length = 25.0
 
     @model_validator(mode="after")
     def _fits_the_grid(self) -> GeometryConfig:

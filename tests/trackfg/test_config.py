@@ -52,6 +52,10 @@ def test_defaults_survive_the_file(tmp_path: Path) -> None:
         ("[solver]\nmax_iterations = 0", "solver.max_iterations", "greater than 0"),
         ('[position]\nrobust = "perhaps"', "position.robust", "valid boolean"),
         ("tach = 3", "tach", "valid dictionary"),
+        ("[geometry]\nstep_m = 1e-300", "geometry.step_m", "0.001"),
+        ("[output]\nrate_hz = 1e300", "output.rate_hz", "10000"),
+        ("[keyframes]\ninterval_s = 5e-324", "keyframes.interval_s", "expected at least 0.001"),
+        ("[keyframes]\ninterval_s = true", "keyframes.interval_s", "valid number"),
     ],
 )
 def test_refusal_names_file_key_and_expectation(tmp_path: Path, text: str, key: str, expectation: str) -> None:

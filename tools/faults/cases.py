@@ -102,7 +102,10 @@ def _outcome(case: Case, base: Path, place: Path) -> Outcome:
     failure = _wrong(command, end, conditions) or _left(folder, kept, command, end, conditions, old_result)
     if failure is None and case.fault in ("kill", "disk") and "--resume" not in command:
         again = run(command, folder, Conditions(), entry.stdin)
-        if again.status not in ((0, 2) if command.startswith(("stream", "simulate", "import", "init")) else (0,)):
+        is_there = again.status == 2 and "is in the map already" in again.err
+        if not is_there and again.status not in (
+            (0, 2) if command.startswith(("stream", "simulate", "import", "init")) else (0,)
+        ):
             failure = f"afterwards the same command ends with {again.status}: {again.err[-300:]}"
     detail = "" if failure is None else (end.err or end.out)[-3000:]
     return Outcome(case, command, tuple(done), end.status, end.seconds, failure, detail, edits)
@@ -187,7 +190,18 @@ def _is_told(command: str, end: End) -> bool:
     lines = [line for line in end.err.splitlines() if not line.startswith(("trackfg: note", "trackfg: warning"))]
     if command.startswith(("check", "init", "import")):
         return bool(lines) or "error" in end.out
+    if "--resume" in command:  # it says first where it goes on
+        lines = [line for line in lines if ": goes on at t = " not in line]
     return (len(lines) == 1 and lines[0].startswith("trackfg: ")) or "Usage:" in end.err
+
+
+def _is_whole(folder: Path) -> bool:
+    """Return whether there is a whole result: the status is 1 where it is, but standard output could not be written."""
+    try:
+        Result.read(folder)
+    except BadInputError:
+        return False
+    return True
 
 
 def _left(
@@ -210,6 +224,6 @@ def _left(
             return f"the result is not whole: {error}"
         if old_result and end.status in (1, 2) and result.summary.recording_id != "mainline-gnss-seed0-run1":
             return "the old result is lost"
-    if "smooth" in command and not old_result and end.status in (1, 2) and out.exists():
+    if "smooth" in command and not old_result and end.status in (1, 2) and out.exists() and not _is_whole(out):
         return "half a result is left"
     return None

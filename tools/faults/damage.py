@@ -128,7 +128,7 @@ def link_put(path: Path, rng: np.random.Generator) -> str:
     elif kind != "absent":
         endless = "/dev/null" if path.suffix == _STREAM else "/dev/zero"
         targets = {"zero": endless, "null": "/dev/null", "loop": path.name, "outside": "/etc/passwd"}
-        path.symlink_to(targets.get(kind, "nowhere"))
+        path.symlink_to(targets.get(kind, "no/where"))
     return f"{path.name}: {kind}"
 
 

@@ -13,6 +13,7 @@ edits that show it.
 from __future__ import annotations
 
 import argparse
+import codecs
 import os
 import shutil
 import sys
@@ -37,6 +38,7 @@ from faults.entries import make_inputs
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the cases; the exit status is 1 if any ended otherwise than documented."""
     options = _parser().parse_args(arguments)
+    codecs.lookup("unicode-escape")  # another user may not be able to load it
     base = Path(tempfile.mkdtemp(prefix="faults-base-"))
     os.chmod(base, 0o755)
     try:

@@ -47,6 +47,9 @@ class End:
 def run(command: str, folder: Path, conditions: Conditions, stdin: str | None = None) -> End:
     """Run ``trackfg command`` in a folder and wait for its end."""
     out, err = folder.parent / "stdout", folder.parent / "stderr"
+    for path in (out, err):
+        path.touch()  # the child may be killed before it does
+        path.chmod(0o666)
     start = time.monotonic()
     child = os.fork()
     if child == 0:
