@@ -3,12 +3,14 @@
 The bias that an inertial factor sees is that of its interval: the sensor's own, which walks, and what scale factors,
 axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
 force f. An accelerometer whose response is not quite linear turns vibration along an axis, of power P, into a bias.
-With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, and the rectification k (3,),
+The gyro feels the Earth turn about the horizontal axes of n, by e (2,) more than is modelled, and in body axes that
+changes with the heading. With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, the
+rectification k (3,), and e,
 
     accelerometer:  own + A (f_x, f_y) + k P, axis by axis
-    gyro:           own + W w + G (f_x, f_y).
+    gyro:           own + W w + G (f_x, f_y) + R_nb' (e_x, e_y, 0).
 
-What the sensor feels of gravity along z hardly changes: it is a bias.
+What the sensor feels of gravity along z hardly changes, nor what it does of the Earth about the vertical: it is a bias.
 """
 
 from __future__ import annotations
@@ -24,11 +26,15 @@ from trackfg.numerics.arrays import Array
 RECTIFICATION = slice(21, 24)
 """The coefficients k in the calibration."""
 
+EARTH = slice(24, 26)
+"""The Earth's rate e in the calibration."""
 
-def response_terms(force: Array, rate: Array, power: Array) -> Array:
+
+def response_terms(force: Array, rate: Array, power: Array, attitude: Array) -> Array:
     """Return the derivative (m, 6, dim) of the added bias by the calibration.
 
-    It is that for mean forces and rates (m, 3), and for the power of the vibration along each axis (m, 3), (m/s^2)^2.
+    It is that for mean forces and rates (m, 3), for the power of the vibration along each axis (m, 3), (m/s^2)^2, and
+    for attitudes ``R_nb`` (m, 3, 3).
     """
     out = np.zeros((len(rate), 6, Kind.IMU.dim))
     for axis in range(3):
@@ -36,15 +42,17 @@ def response_terms(force: Array, rate: Array, power: Array) -> Array:
         out[:, 3 + axis, 6 + 3 * axis : 9 + 3 * axis] = rate
         out[:, 3 + axis, 15 + 2 * axis : 17 + 2 * axis] = force[:, :2]
         out[:, axis, RECTIFICATION.start + axis] = power[:, axis]
+    out[:, 3:, EARTH] = np.swapaxes(attitude, 1, 2)[:, :, :2]
     return out
 
 
 def response_sigmas(
-    accel_scale: float, gyro_scale: float, misalignment: float, g_sensitivity: float, rectification: float
+    accel_scale: float, gyro_scale: float, misalignment: float, g_sensitivity: float, rectification: float, earth: float
 ) -> Array:
-    """Return prior sigmas of the calibration: of A and W scales on the diagonal, else misalignment (rad); of G, k."""
+    """Return prior sigmas: of A and W scales on the diagonal, else misalignment (rad); of G, k and e."""
     A, W = (np.where(np.eye(3) > 0, scale, misalignment) for scale in (accel_scale, gyro_scale))
-    return np.concatenate([A[:, :2].ravel(), W.ravel(), np.full(6, g_sensitivity), np.full(3, rectification)])
+    rest = np.repeat([g_sensitivity, rectification, earth], [6, 3, 2])
+    return np.concatenate([A[:, :2].ravel(), W.ravel(), rest])
 
 
 def _walk(first: Array, second: Array, calibration: Array, change: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -7,16 +7,18 @@ import numpy as np
 from trackfg.factors.bias import bias_walk, response_sigmas, response_terms
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, Nav, Odo, States
+from trackfg.numerics.rotations import so3_exp
 
 N = 5
 RNG = np.random.default_rng(0)
 FORCE = RNG.normal([0.3, -0.5, 9.8], 0.5, (N, 3))
 RATE = RNG.normal(0.0, 0.1, (N, 3))
 POWER = RNG.uniform(0.0, 4.0, (N, 3))
+ATTITUDE = so3_exp(RNG.normal(size=(N, 3)))
 
 
-def calibration(A: np.ndarray, W: np.ndarray, G: np.ndarray, k: np.ndarray) -> np.ndarray:
-    return np.concatenate([A.ravel(), W.ravel(), G.ravel(), k])[None]
+def calibration(A: np.ndarray, W: np.ndarray, G: np.ndarray, k: np.ndarray, e: np.ndarray) -> np.ndarray:
+    return np.concatenate([A.ravel(), W.ravel(), G.ravel(), k, e])[None]
 
 
 def states(bias: np.ndarray, imu: np.ndarray) -> States:
@@ -25,17 +27,18 @@ def states(bias: np.ndarray, imu: np.ndarray) -> States:
 
 
 def walk() -> Family:
-    change = np.diff(response_terms(FORCE, RATE, POWER), axis=0)
+    change = np.diff(response_terms(FORCE, RATE, POWER, ATTITUDE), axis=0)
     return bias_walk(np.arange(N - 1), change, np.ones((N - 1, 6)))
 
 
 def test_a_constant_bias_of_a_scaled_and_misaligned_sensor_costs_nothing() -> None:
     A, W, G, k = RNG.normal(size=(3, 2)), RNG.normal(size=(3, 3)), RNG.normal(size=(3, 2)), RNG.normal(size=3)
-    own = RNG.normal(size=6)
+    own, e = RNG.normal(size=6), RNG.normal(size=2)
     accel = own[:3] + FORCE[:, :2] @ A.T + k * POWER
-    seen = np.concatenate([accel, own[3:] + RATE @ W.T + FORCE[:, :2] @ G.T], axis=1)
+    earth = np.einsum("nji,j->ni", ATTITUDE, np.append(e, 0.0))
+    seen = np.concatenate([accel, own[3:] + RATE @ W.T + FORCE[:, :2] @ G.T + earth], axis=1)
     family = walk()
-    assert np.abs(family.residual(states(seen, calibration(A, W, G, k)))).max() < 1e-12
+    assert np.abs(family.residual(states(seen, calibration(A, W, G, k, e)))).max() < 1e-12
     # Taken for a perfect sensor, its bias would have walked.
     blind = family.residual(states(seen, np.zeros((1, Kind.IMU.dim))))
     np.testing.assert_allclose(blind, np.diff(seen, axis=0))
@@ -50,15 +53,21 @@ def test_what_the_calibration_does_not_explain_is_the_walk() -> None:
 def test_scale_factors_are_on_the_diagonal_and_gravity_on_z_is_a_bias() -> None:
     """A turn about z reaches the gyro's z by its scale factor, its x and y by misalignments; f_z reaches nothing."""
     pull, scale, askew, felt, rectified = 1e-3, 2e-3, 6e-4, 1e-5, 5e-3
-    sigma = response_sigmas(pull, scale, askew, felt, rectified)
+    turning = 3e-5
+    sigma = response_sigmas(pull, scale, askew, felt, rectified, turning)
     assert sigma.shape == (Kind.IMU.dim,)
 
     def spread(force: list[float], rate: list[float], power: list[float]) -> np.ndarray:
-        terms = response_terms(np.array([force]), np.array([rate]), np.array([power]))[0]
-        return np.sqrt((terms**2) @ sigma**2)
+        terms = response_terms(np.array([force]), np.array([rate]), np.array([power]), np.eye(3)[None])[0]
+        earth = [0.0, 0.0, 0.0, turning, turning, 0.0]  # about the level axes of a level body
+        return np.sqrt((terms**2) @ sigma**2 - np.square(earth))
 
-    np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 1], [0, 0, 0]), [0, 0, 0, askew, askew, scale])
-    np.testing.assert_allclose(spread([1, 0, 0], [0, 0, 0], [0, 0, 0]), [pull, askew, askew, felt, felt, felt])
-    np.testing.assert_allclose(spread([0, 1, 0], [0, 0, 0], [0, 0, 0]), [askew, pull, askew, felt, felt, felt])
-    np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 0], [0, 2, 0]), [0, 2 * rectified, 0, 0, 0, 0])
+    np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 1], [0, 0, 0]), [0, 0, 0, askew, askew, scale], atol=1e-15)
+    np.testing.assert_allclose(
+        spread([1, 0, 0], [0, 0, 0], [0, 0, 0]), [pull, askew, askew, felt, felt, felt], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        spread([0, 1, 0], [0, 0, 0], [0, 0, 0]), [askew, pull, askew, felt, felt, felt], atol=1e-12
+    )
+    np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 0], [0, 2, 0]), [0, 2 * rectified, 0, 0, 0, 0], atol=1e-12)
     assert not spread([0, 0, 9.8], [0, 0, 0], [0, 0, 0]).any()

@@ -336,6 +336,7 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
         grade * noise.misalignment_sd_rad,
         grade * noise.g_sensitivity_sd,
         noise.rectification_sd,
+        inputs.world.unknown_rate_sd,
     )[None]
     offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])

@@ -23,14 +23,23 @@ from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise, vibration_power
 from trackfg.sensors.tach import Wheel
 
+_NO_RATE = 1e-7
+"""1-sigma of a rate of the Earth that is known, or of which nothing is said, rad/s: at the equator a heading that is
+wrong by 0.1 deg makes as much. A recording without a latitude may be of a world that does not turn, as simulated ones
+are: the data contradict it where it does (:mod:`trackfg.smoothing.wide_priors`)."""
+
 
 @dataclass(frozen=True)
 class World:
-    """The world has a gravity (m/s^2) and turns in n (rad/s, (3,)): not at all where latitude is not known."""
+    """The world has a gravity (m/s^2) and turns in n (rad/s, (3,)): not at all where latitude is not known.
+
+    ``unknown_rate_sd``, rad/s, is the 1-sigma of what its rate about each horizontal axis may be besides.
+    """
 
     gravity: float
     earth_rate: Array
     start_yaw: float
+    unknown_rate_sd: float = _NO_RATE
 
 
 def world_of(recording: Recording) -> World:
@@ -43,10 +52,11 @@ def world_of(recording: Recording) -> World:
     start_yaw = 0.0 if track.heading_deg is None else np.pi / 2.0 - np.radians(track.heading_deg)
     if latitude is None:
         return World(gravity, np.zeros(3), start_yaw)
-    rate = earth_rate_enu(latitude)
-    if not georeferenced:
-        rate[:2] = 0.0  # its direction in n is not known: the gyro bias takes it up
-    return World(gravity, rate, start_yaw)
+    rate, unknown = earth_rate_enu(latitude), _NO_RATE
+    if not georeferenced:  # its direction in n is not known
+        unknown = float(np.hypot(*rate[:2]) / np.sqrt(2.0))
+        rate[:2] = 0.0
+    return World(gravity, rate, start_yaw, unknown)
 
 
 def assumed_noise(description: RecordingDescription, config: SmoothConfig, floor: NoiseFloor, t: Array) -> WhiteNoise:
@@ -155,7 +165,8 @@ class GraphInputs:
         """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
         where none starts, nothing. Shape (n, 6, dim).
         """
-        terms = response_terms(self.mean_accel, self.mean_rate, self.vibration)
+        middle = 0.5 * (self.t[1:] + self.t[:-1])
+        terms = response_terms(self.mean_accel, self.mean_rate, self.vibration, self.path.attitude(middle))
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
     def with_rows(self, recording: Recording, wheel: Wheel | None) -> GraphInputs:

@@ -92,15 +92,11 @@ class ImuNoise(Model):
 
 
 TAPE_SD_M = (0.05, 0.02, 0.05)
-"""1-sigma of a lever arm that was declared, m: it was measured with a tape, sideways from the middle of the vehicle."""
+"""1-sigma of a lever arm, m: it was measured with a tape, sideways from the middle of the vehicle."""
 
 ON_SPRINGS_SD_M = (1.0, 0.02, 1.0)
-"""1-sigma of a declared one in a body on springs, m: what follows the track is where the body's roll and pitch have
+"""1-sigma of one in a body on springs, m: what follows the track is where the body's roll and pitch have
 their poles, at the height of the springs and not of the rails."""
-
-ANYWHERE_SD_M = (5.0, 0.5, 1.0)
-"""1-sigma of a lever arm of which nothing is declared, m: cars are 20 to 26 m long, 2.6 to 3 m wide and 3.5 to 4.5 m
-high, and a sensor is somewhere in them or below them."""
 
 
 class Imu(Table):
@@ -110,8 +106,8 @@ class Imu(Table):
     ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
     body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
     ``lever_arm_sd_m``: how well ``lever_arm_m`` says where the sensor is from the point of the vehicle that follows the
-    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, where a lever arm is declared, else to
-    :data:`ANYWHERE_SD_M`.
+    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, declared or not: a sensor elsewhere
+    contradicts that, and the smoother widens it then.
     """
 
     id: Annotated[Name, Field(min_length=1)] | None = None
@@ -133,8 +129,6 @@ class Imu(Table):
         """The 1-sigma of the lever arm as it is declared, or else by default, m."""
         if self.lever_arm_sd_m is not None:
             return self.lever_arm_sd_m
-        if not any(self.lever_arm_m):
-            return ANYWHERE_SD_M
         return TAPE_SD_M if self.rigid else ON_SPRINGS_SD_M
 
     @field_validator("gyro", "accel")

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackfg.factors.bias import EARTH
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.motion import mount_matrix
@@ -26,6 +27,7 @@ from trackfg.factors.states import Kind, Odo
 from trackfg.graph.build import CALIBRATION_FACTOR, Problem
 from trackfg.graph.inertial import response_of_motion
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
@@ -51,6 +53,12 @@ be off."""
 _SET_SD = 1e-5
 """Sigmas below this do not say what is known but what is so by convention."""
 
+_EARTH_SIGMAS = 3.0
+"""Sigmas beyond which the data contradict an Earth that does not turn: only simulated ones do not."""
+
+_DEGREES_AN_HOUR = float(np.degrees(3600.0))
+_EARTH_HINT = "declare latitude_deg and heading_deg of [track]"
+
 _WORTH_A_LINE = np.array([np.radians(1.0), np.radians(1.0), 2.0, 0.5, 2.0])
 """From here on a mounting is one: rad, as eye and spirit level align to about a degree, and m along the vehicle,
 sideways and upwards. On springs the point that follows the track lies where roll and pitch have their poles, 1 m and
@@ -61,7 +69,8 @@ class _Scalar(NamedTuple):
     """A scalar of a prior: its ``column``; what to say of its value, and what the user can declare.
 
     ``text`` has a place for ``origin`` plus ``scale`` times the value; and where it has ``ways``, one for its size and
-    one for the way of positive or of negative values.
+    one for the way of positive or of negative values. Where what is declared is below ``least_sd``, that is a
+    convention; beyond ``limit`` sigmas it is contradicted.
     """
 
     column: int
@@ -70,6 +79,8 @@ class _Scalar(NamedTuple):
     scale: float = 1.0
     ways: tuple[str, str] | None = None
     origin: float = 0.0
+    least_sd: float = _SET_SD
+    limit: float = _FAR_SIGMAS
 
     def said(self, value: float) -> str:
         """Return the value in words."""
@@ -108,6 +119,10 @@ def _calibration() -> Iterator[_Scalar]:
     for axis, other in product("xyz", "xy"):
         text = f"the gyro's {axis} axis feels {{}} rad/s per m/s^2 along {other}"
         yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
+    column, text = count(EARTH.start), "the Earth turns about the axis {} by {{}} deg/h"
+    for axis in ("of the heading at the start", "to the left of that"):
+        said = text.format(axis)
+        yield _Scalar(next(column), said, _EARTH_HINT, _DEGREES_AN_HOUR, least_sd=0.0, limit=_EARTH_SIGMAS)
 
 
 def _wheel() -> Iterator[_Scalar]:
@@ -151,18 +166,21 @@ def wide_priors(run: SolvedRun) -> Reassessment:
         for first, current in zip(declared, now, strict=True):
             judged = _judged(run, kind, first, current)
             columns = {scalar.column: scalar for scalar in scalars}
-            far = [c for c in columns if abs(judged.sigmas[c]) > _FAR_SIGMAS]
+            known = first.sigma[0]
+            far = [c for c, one in columns.items() if abs(judged.sigmas[c]) > one.limit and known[c] >= one.least_sd]
             if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
                 any_changed, problem = True, without_noise
                 continue
-            findings += _contradictions(kind, judged, [columns[c] for c in far], first.sigma[0])
+            findings += _contradictions(kind, judged, [columns[c] for c in far], known)
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far] = np.abs(judged.alone[far])
             if kind is Kind.IMU:
                 widest = CALIBRATION_FACTOR / run.declared.imu_grade * first.sigma
-                beyond = np.abs(judged.alone[far]) / widest[0, far]
+                widest[0, EARTH] = EARTH_RATE
+                wanted[0, EARTH] = wanted[0, EARTH].max()  # which way is ahead says nothing
+                beyond = np.abs(judged.alone[far]) / np.hypot(widest[0, far], judged.spread[far])
                 wanted = np.minimum(wanted, widest)
                 doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
             left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
@@ -173,16 +191,22 @@ def wide_priors(run: SolvedRun) -> Reassessment:
 
 
 def _unexplained(factor: float) -> Doubt:
-    """Return the doubt of attitudes where the calibration would have to be ``factor`` times as far off as it can be."""
+    """Return the doubt of attitudes where the calibration would have to be ``factor`` times as far off as it can be.
+
+    What the data hardly determine is counted in the sigma with which they do: that of a few metres of track is wide.
+    """
     reason = "no calibration of the inertial sensor explains what it measures: something is not modelled"
     hint = "check the sensor's mounting, its clock and its noise figures"
     return Doubt(("roll", "pitch", "yaw", "cross_level"), factor, reason, hint)
 
 
 class _Judged(NamedTuple):
-    """The data alone say how far each scalar of a prior is off it, in its unit and in sigmas of what was declared."""
+    """The data alone say how far each scalar of a prior is off it, with which sigma, in its unit and in sigmas of what
+    was declared.
+    """
 
     alone: Array
+    spread: Array
     sigmas: Array
 
 
@@ -193,11 +217,11 @@ def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _J
     variance = np.diagonal(whole[0])
     if kind is Kind.SENSOR:
         variance = variance[kind.dim * index : kind.dim * (index + 1)]
-    alone, spread = prior_left_out(off, variance, current.sigma[0], _LEAST_FREE)
+    alone, variance_alone = prior_left_out(off, variance, current.sigma[0], _LEAST_FREE)
     # Data that scatter by more than assumed say less by as much.
     level = max(1.0, *run.noise_ratios.values()) if run.noise_ratios else 1.0
-    sigmas = alone / np.hypot(declared.sigma[0], level * np.sqrt(spread))
-    return _Judged(alone, np.where(declared.sigma[0] < _SET_SD, 0.0, sigmas))
+    spread = level * np.sqrt(variance_alone)
+    return _Judged(alone, spread, alone / np.hypot(declared.sigma[0], spread))
 
 
 def _of_motion(run: SolvedRun, problem: Problem) -> Problem | None:

@@ -10,7 +10,7 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.bias import response_terms
-from trackfg.factors.states import Nav
+from trackfg.factors.states import Kind, Nav
 from trackfg.graph.build import Problem, build_problem
 from trackfg.graph.inertial import response_of_motion
 from trackfg.numerics.geodesy import EARTH_RADIUS
@@ -51,9 +51,11 @@ def test_the_motion_in_a_curve_has_a_force_to_the_inside_and_gravity() -> None:
     t, v, turning, g = np.arange(5) * 0.5, 20.0, 0.05, 9.81
     R = so3_exp(np.outer(turning * t, [0.0, 0.0, 1.0]))
     power = np.array([1.0, 2.0, 3.0])
-    measured = np.zeros((5, 6, 24))
-    measured[:-1] = response_terms(np.full((4, 3), 7.0), np.full((4, 3), 7.0), np.tile(power, (4, 1)))
+    measured = np.zeros((5, 6, Kind.IMU.dim))
+    measured[:-1] = response_terms(np.full((4, 3), 7.0), np.full((4, 3), 7.0), np.tile(power, (4, 1)), R[:-1])
     response = response_of_motion(Nav(R, np.zeros((5, 3)), v * R[:, :, 0]), t, g, measured)
-    expected = response_terms(np.array([[0.0, v * turning, g]]), np.array([[0.0, 0.0, turning]]), power[None])
-    np.testing.assert_allclose(response[:-1], np.repeat(expected, 4, axis=0), atol=1e-4)
+    middle = so3_exp(np.outer(turning * (t[:-1] + 0.25), [0.0, 0.0, 1.0]))
+    motion = (np.array([0.0, v * turning, g]), np.array([0.0, 0.0, turning]), power)
+    expected = response_terms(*(np.tile(mean, (4, 1)) for mean in motion), middle)
+    np.testing.assert_allclose(response[:-1], expected, atol=1e-4)
     np.testing.assert_array_equal(response[-1], 0.0)

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.effects.catalogue import effect
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.vehicle.driving import Service
+from trackfg.factors.bias import EARTH
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import family_of
 from trackfg.factors.states import Kind, Odo
+from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
@@ -96,13 +100,41 @@ def test_vibration_does_not_pass_for_a_scale_factor(simulated: Callable[..., Sim
     assert not [doubt for doubt in result.doubts if "roll" in doubt.quantities]
 
 
-def test_mounting_is_said_in_words() -> None:
-    """A sensor 10 m ahead, of which nothing is declared."""
+@pytest.fixture(scope="module")
+def ten_metres_ahead() -> Recording:
+    """A recording of a sensor 10 m ahead of the point that follows the track, which is not declared."""
     plan = scenario("slippery-line")
     run = simulate(replace(plan, imu=replace(plan.imu, lever_arm_m=(10.0, 0.0, 1.2))), seed=0, duration_s=TOTAL_S)
-    imu = run.recording.description.imu.model_copy(update={"lever_arm_m": (0.0, 0.0, 0.0)})
-    recording = replace(run.recording, description=run.recording.description.model_copy(update={"imu": imu}))
+    return with_imu(run.recording, lever_arm_m=(0.0, 0.0, 0.0))
+
+
+def with_imu(recording: Recording, **declared: object) -> Recording:
+    imu = recording.description.imu.model_copy(update=declared)
+    return replace(recording, description=recording.description.model_copy(update={"imu": imu}))
+
+
+def test_mounting_is_said_in_words(ten_metres_ahead: Recording) -> None:
+    recording = with_imu(ten_metres_ahead, lever_arm_sd_m=(5.0, 0.5, 1.0))
     (note,) = (one for one in smooth_states(recording, SmoothConfig()).findings if one.code == "mounting")
     assert "m behind the reference point" in note.message
     assert "lever_arm_m = [10." in str(note) or "lever_arm_m = [9." in str(note)
     assert "mount_rpy_deg" not in str(note)
+
+
+def test_a_lever_arm_that_is_not_declared_contradicts_that(ten_metres_ahead: Recording) -> None:
+    after = smooth_states(ten_metres_ahead, SmoothConfig())
+    (finding,) = far(after)
+    assert "m behind the reference point" in finding.message
+    assert after.solution.states.mount[0, 2] == pytest.approx(-10.0, abs=0.5)
+
+
+def test_the_turning_of_an_earth_that_is_not_declared_is_found() -> None:
+    """At 35 degrees the Earth turns by 12.3 deg/h about north, and the line goes round in loops."""
+    plan = scenario("mainline")
+    assert isinstance(plan.driver, Service)
+    plan = replace(plan, driver=replace(plan.driver, start_rest_s=20.0), effects=(effect("earth-undeclared", 35.0),))
+    run = simulate(plan, seed=2, duration_s=TOTAL_S)
+    after = smooth_states(run.recording, SmoothConfig())
+    assert "the Earth turns about" in far(after)[0].message
+    north = EARTH_RATE * np.cos(np.radians(35.0))
+    assert np.linalg.norm(after.solution.states.imu[0, EARTH]) == pytest.approx(north, rel=0.15)
