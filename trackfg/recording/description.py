@@ -99,6 +99,12 @@ ON_SPRINGS_SD_M = (1.0, 0.02, 1.0)
 their poles, at the height of the springs and not of the rails."""
 
 
+ANYWHERE_ACROSS_SD_M = 0.5
+"""1-sigma across the vehicle where no lever arm is declared, m: cars are 2.6 to 3 m wide. Along and up a sensor that is
+elsewhere swings sideways and up as the vehicle turns, which contradicts the prior; across it only moves further or less
+far in curves, as a wheel on the outer rail does."""
+
+
 class Imu(Table):
     """The inertial sensor: columns, units, axes, mounting and noise.
 
@@ -106,8 +112,8 @@ class Imu(Table):
     ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
     body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
     ``lever_arm_sd_m``: how well ``lever_arm_m`` says where the sensor is from the point of the vehicle that follows the
-    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, declared or not: a sensor elsewhere
-    contradicts that, and the smoother widens it then.
+    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, and to :data:`ANYWHERE_ACROSS_SD_M` across
+    where none is declared. A sensor elsewhere contradicts that, and the smoother widens it then.
     """
 
     id: Annotated[Name, Field(min_length=1)] | None = None
@@ -129,7 +135,8 @@ class Imu(Table):
         """The 1-sigma of the lever arm as it is declared, or else by default, m."""
         if self.lever_arm_sd_m is not None:
             return self.lever_arm_sd_m
-        return TAPE_SD_M if self.rigid else ON_SPRINGS_SD_M
+        along, across, up = TAPE_SD_M if self.rigid else ON_SPRINGS_SD_M
+        return along, across if any(self.lever_arm_m) else ANYWHERE_ACROSS_SD_M, up
 
     @field_validator("gyro", "accel")
     @classmethod
