@@ -112,7 +112,7 @@ class Imu(Table):
     ``rigid``: it is fixed to what follows the track (trolley, axle box, wheelset), and not on springs (bogie frame, car
     body). ``mount_roll_sd_deg``: how well the roll in ``mount_rpy_deg`` is known, which no measurement shows.
     ``lever_arm_sd_m``: how well ``lever_arm_m`` says where the sensor is from the point of the vehicle that follows the
-    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, and to :data:`ANYWHERE_ACROSS_SD_M` across
+    track; by default to :data:`TAPE_SD_M`, on springs :data:`ON_SPRINGS_SD_M`, across to :data:`ANYWHERE_ACROSS_SD_M`
     where none is declared. A sensor elsewhere contradicts that, and the smoother widens it then.
     """
 
