@@ -274,12 +274,11 @@ def baseline(
     ] = False,
 ) -> None:
     """Run one published system on a recording: trajectory, geometry and events, as far as it knows them."""
-    from trackfg.baselines.result import BASELINE_FOLDER
-    from trackfg.comparison.estimators import estimator
+    from trackfg.comparison.estimators import estimator, refuse_foreign
     from trackfg.io.reader import read_recording
 
     run = estimator(name, as_printed=as_printed)
-    BASELINE_FOLDER.refuse_foreign(out)
+    refuse_foreign(out)
     run(read_recording(recording)).write(out)
     print(f"result: {out}")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import get_args
 
 from trackfg.baselines import (
@@ -19,7 +20,7 @@ from trackfg.baselines import (
     mid_chord,
     odometry_imm,
 )
-from trackfg.baselines.result import BaselineResult
+from trackfg.baselines.result import BASELINE_FOLDER, BaselineResult
 from trackfg.comparison.table import Task
 from trackfg.errors import BadInputError
 from trackfg.peers import python_ins, vqf_offline
@@ -130,3 +131,8 @@ def _smoothed(recording: Recording) -> BaselineResult:
     result = smooth(recording)
     parameters: dict[str, float | str | bool] = {"converged": result.summary.converged}
     return BaselineResult(SMOOTHER, result.trajectory, result.geometry, result.events, parameters)
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Raise :class:`BadInputError` where a folder holds anything but what an estimator wrote."""
+    BASELINE_FOLDER.refuse_foreign(folder)

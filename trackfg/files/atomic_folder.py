@@ -29,6 +29,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from trackfg.errors import OutputError
+
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
 _CONTENT = {_LOCK, _NEW, _OLD, _DISCARDED}
 LONGER_BY = len(".") + len(".trackfg-") + 8
@@ -42,6 +44,7 @@ _RENAME_EXCHANGE = 2
 _CANNOT_EXCHANGE = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 CANNOT_LOCK = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 _OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST}
+_NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 @contextmanager
@@ -50,7 +53,7 @@ def replaced_folder(target: Path) -> Iterator[Path]:
 
     With an exception (Ctrl-C included) the target stays as it was and nothing is left behind. Parents are created. What
     the target held before is deleted: whether that is allowed is for the caller to decide. Raises ``OSError`` where the
-    parent cannot be written or the target is a file or a mount point.
+    parent cannot be written or the target is a file or a mount point, :class:`OutputError` where the disk is full.
     """
     target = real_path(target)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -64,6 +67,10 @@ def replaced_folder(target: Path) -> Iterator[Path]:
         _flush(new)
         _publish(new, target, aside=workspace / _OLD)
         sync(target.parent)
+    except OSError as error:
+        if error.errno not in _NO_SPACE:
+            raise
+        raise OutputError(f"{target}: cannot be written ({os.strerror(error.errno)})") from error
     finally:
         _settle(target, aside=workspace / _OLD)
         shutil.rmtree(workspace, ignore_errors=True)

@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 import sqlalchemy as sa
 
-from trackfg.errors import BadInputError, TrackfgError, printable
+from trackfg.errors import BadInputError, OutputError, TrackfgError, printable
 from trackfg.maps.schema import Schema, map_schema
 
 DEFAULT_SCHEMA = "trackfg"
@@ -53,8 +53,10 @@ class Location:
         """Open a transaction: committed at the end of the block, undone with an exception or when the process dies.
 
         To ``create`` is to write, where there may be no file yet. Raises :class:`BadInputError` for what cannot be
-        opened or is refused by the database, and :class:`TrackfgError` where it stays locked or has no driver.
+        opened or is refused by the database, :class:`OutputError` where a disk is full, and :class:`TrackfgError` where
+        it stays locked or has no driver. No new file is left where nothing was written into it.
         """
+        is_new = purpose == "create" and self.path is not None and not self.path.exists()
         engine = self._file_engine(purpose) if self.path is not None else self._server_engine()
         try:
             with engine.begin() as connection:
@@ -65,6 +67,8 @@ class Location:
             raise BadInputError(f"{self.shown}: a name in it is no text; expected a feature map") from error
         finally:
             engine.dispose()
+            if is_new and self.path is not None and self.path.exists() and self.path.stat().st_size == 0:
+                self.path.unlink()
 
     def _file_engine(self, purpose: Purpose) -> sa.Engine:
         """Return an engine that opens by URI.
@@ -101,6 +105,8 @@ class Location:
         reason = printable(" ".join(str(error.orig).split()))
         if "locked" in reason and self.path is not None:
             return TrackfgError(f"{self.shown}: another process has kept it locked for {_LOCK_WAIT_S:g} s")
+        if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+            return OutputError(f"{self.shown}: cannot be written ({reason})")
         return BadInputError(f"{self.shown}: {reason}")
 
 

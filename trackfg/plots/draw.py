@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from trackfg.errors import BadInputError
+from trackfg.files.atomic_file import replaced_file
 from trackfg.plots.sheet import Sheet
 
 
@@ -18,10 +19,14 @@ def picture_path(path: str | os.PathLike[str]) -> Path:
 
 
 def draw(sheet: Sheet, path: Path) -> Path:
-    """Draw ``sheet`` into ``path``, a :func:`picture_path`; the same sheet gives the same file."""
+    """Draw ``sheet`` into ``path``, a :func:`picture_path`; the same sheet gives the same file.
+
+    The file is there whole or as it was before. Raises :class:`OutputError` where it cannot be written.
+    """
     if path.suffix == ".html":
         from trackfg.plots.plotly_page import write
     else:
         from trackfg.plots.matplotlib_picture import write
-    write(sheet, path)
+    with replaced_file(path) as new:
+        write(sheet, new)
     return path

@@ -9,8 +9,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +17,7 @@ from typing import Any, Literal
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from trackfg.files.atomic_file import write_whole
 from trackfg.report.charts import Chart
 from trackfg.report.columns import Column
 
@@ -159,20 +158,8 @@ class Page:
 
     def write(self, path: Path) -> Path:
         """Write the page in one step: killed at any moment, it leaves the old file, whole, or none."""
-        content = self.html().encode("utf-8")
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        new = Path(name)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            new.chmod(0o666 & ~_umask())
-            new.replace(path)
-        except BaseException:
-            new.unlink(missing_ok=True)
-            raise
+        write_whole(path, self.html().encode("utf-8"))
         return path
 
 
@@ -239,10 +226,3 @@ def _plotly() -> str:
     if not found or not rest.rstrip().endswith(_FACTORY_END):
         return script
     return f"{head}({found}{rest.rstrip().removesuffix(_FACTORY_END)}}})));"
-
-
-def _umask() -> int:
-    """Return the mask of the process; it can only be read by setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask

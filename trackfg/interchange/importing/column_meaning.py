@@ -36,7 +36,7 @@ _PATTERNS = {
 
 _GYRO_UNITS = {
     r"mrad": "mrad/s",
-    r"(deg|°|dps|grad)\s?/?\s?(s|sec)?$|dps|deg_?p?s": "deg/s",
+    r"(deg|°|grad)\s?/?\s?(s|sec)?$|(?<!ra)dps|deg_?p?s": "deg/s",
     r"(deg|°)/h": "deg/h",
     r"rad": "rad/s",
 }

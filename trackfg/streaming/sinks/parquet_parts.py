@@ -3,13 +3,15 @@
     FOLDER/filtered/part-000001.parquet, part-000002.parquet, ...
 
 A part is written beside its place, put on the disk and renamed. All parts of a table but the last have the same number
-of rows; a checkpoint writes the last one as far as it is, and it is replaced by a longer one of the same number later.
+of rows; the last one is written as far as it is, each second and by a checkpoint, and replaced by a longer one of the
+same number later.
 """
 
 from __future__ import annotations
 
 import io
 import re
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +29,9 @@ from trackfg.streaming.sinks.sink import TABLES, columns_of
 
 ROWS_PER_PART = 6000
 """Rows of a part: ten minutes at 10 Hz."""
+
+EVERY_S = 1.0
+"""Seconds from one writing of the last parts to the next: who watches the folder sees rows within two seconds."""
 
 _PART = re.compile(r"part-(\d{6})\.parquet")
 _MOST_PARTS = 999_999
@@ -85,6 +90,7 @@ class ParquetParts:
     ) -> None:
         self._rows_per_part = rows_per_part
         self._tables: dict[str, _Table] = {}
+        self._written_s = time.monotonic()
         for name in TABLES:
             table = _Table(Path(folder) / name)
             if table.folder.is_symlink():
@@ -102,10 +108,13 @@ class ParquetParts:
             self._tables[name] = table
 
     def write(self, table: str, frame: pd.DataFrame) -> None:
-        """Collect rows, and write every part that is full."""
-        if not len(frame):
-            return
-        to = self._tables[table]
+        """Collect rows, and write every part that is full; each second the last parts too, as far as they are."""
+        if len(frame):
+            self._add(self._tables[table], frame)
+        if time.monotonic() - self._written_s >= EVERY_S:
+            self._write_last()
+
+    def _add(self, to: _Table, frame: pd.DataFrame) -> None:
         to.add(frame)
         while to.rows >= self._rows_per_part:
             content = to.content()
@@ -115,15 +124,19 @@ class ParquetParts:
 
     def checkpoint(self) -> dict[str, Any]:
         """Write the last parts as far as they are."""
-        for table in self._tables.values():
-            if table.rows > table.written:
-                _write(_place(table), table.content())
-                table.written = table.rows
+        self._write_last()
         return {name: {"part": table.number, "rows": table.rows} for name, table in self._tables.items()}
 
     def close(self) -> None:
         """Write what is left."""
-        self.checkpoint()
+        self._write_last()
+
+    def _write_last(self) -> None:
+        for table in self._tables.values():
+            if table.rows > table.written:
+                _write(_place(table), table.content())
+                table.written = table.rows
+        self._written_s = time.monotonic()
 
 
 def read_parts(folder: Path | str, table: str) -> pd.DataFrame:
