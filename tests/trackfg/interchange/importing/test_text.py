@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import axis_of, meaning
+from trackfg.interchange.importing.column_meaning import axis_of, meaning, triples
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of
@@ -215,3 +215,12 @@ def test_a_cell_without_end_and_bytes_within_a_cell_are_one_line(tmp_path: Path)
         path.write_bytes(content)
         with pytest.raises(BadInputError, match=message):
             read_text(path)
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"), [("w{}_radps", "rad/s"), ("gyro_{}_dps", "deg/s"), ("gyro_{}_deg/s", "deg/s")]
+)
+def test_a_gyros_unit_is_that_of_its_columns_names(names: str, unit: str) -> None:
+    columns = pd.DataFrame({names.format(axis): [0.01, 0.02] for axis in "xyz"})
+    (triple,) = triples(SourceTable("log.csv", columns), "gyro")
+    assert (triple.unit, triple.known) == (unit, True)

@@ -100,7 +100,25 @@ def full_disk(*_: object) -> int:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def test_rows_are_there_before_their_part_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each second of the clock, which stands still here and then goes on."""
+    now = [0.0]
+    monkeypatch.setattr("trackfg.streaming.sinks.parquet_parts.time.monotonic", lambda: now[0])
+    sink = ParquetParts(tmp_path)
+    sink.write("filtered", frame(0, 5))
+    assert not list((tmp_path / "filtered").iterdir())
+    now[0] = 1.0
+    sink.write("filtered", frame(5, 8))
+    pd.testing.assert_frame_equal(read_parts(tmp_path, "filtered"), frame(0, 8))
+    sink.write("filtered", frame(8, 9))
+    assert len(read_parts(tmp_path, "filtered")) == 8
+    now[0] = 2.0
+    sink.write("smoothed", frame(0, 0))  # no row of this table: those of the other come to the disk all the same
+    pd.testing.assert_frame_equal(read_parts(tmp_path, "filtered"), frame(0, 9))
+
+
 def test_a_full_disk_is_one_error_and_leaves_no_half_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trackfg.streaming.sinks.parquet_parts.EVERY_S", np.inf)
     sink = ParquetParts(tmp_path, rows_per_part=10)
     sink.write("filtered", frame(0, 12))
     with monkeypatch.context() as full:
