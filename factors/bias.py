@@ -23,6 +23,9 @@ from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 
+OF_ACCELEROMETER, OF_GYRO = slice(0, 6), slice(6, 21)
+"""What the accelerometer adds (A) and what the gyro does (W and G), in the calibration."""
+
 RECTIFICATION = slice(21, 24)
 """The coefficients k in the calibration."""
 

@@ -12,7 +12,7 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import gtsam
@@ -21,7 +21,7 @@ import pandas as pd
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
-from trackfg.factors.bias import response_sigmas
+from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO, response_sigmas
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.imu import Preintegration
@@ -99,9 +99,9 @@ class Problem:
     """When the offsets of other clocks are what the states say, s: before and after, they drift."""
     response: Array
     """The derivative of each keyframe's bias by the IMU's calibration, shape (n, 6, dim)."""
-    imu_grade: float = 1.0
-    """How many times worse than declared the inertial sensor's calibration is assumed to be, by the size of its
-    biases."""
+    imu_grade: Array = field(default_factory=lambda: np.ones(Kind.IMU.dim))
+    """How many times worse than declared each calibration of the inertial sensor is assumed to be, by the size of the
+    biases, shape (dim,)."""
     withheld: tuple[Family, ...] = ()
     """Measurements that are taken for wrong: no part of the graph, but their residuals are reported."""
 
@@ -329,15 +329,15 @@ def _priors(inputs: GraphInputs, states: States) -> list[Family]:
     clock_sd = np.array(
         [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
     )
-    grade = imu_grade(inputs.path, noise)
-    imu_sd = response_sigmas(
-        grade * noise.accel_scale_sd,
-        grade * noise.gyro_scale_sd,
-        grade * noise.misalignment_sd_rad,
-        grade * noise.g_sensitivity_sd,
+    declared = response_sigmas(
+        noise.accel_scale_sd,
+        noise.gyro_scale_sd,
+        noise.misalignment_sd_rad,
+        noise.g_sensitivity_sd,
         noise.rectification_sd,
         inputs.world.unknown_rate_sd,
-    )[None]
+    )
+    imu_sd = (imu_grade(inputs.path, noise) * declared)[None]
     offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
@@ -373,11 +373,14 @@ def _declared_bias_sd(noise: ImuNoise) -> Array:
     return np.array([noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3)
 
 
-def imu_grade(path: InitialPath, noise: ImuNoise) -> float:
-    """Return how many times worse than declared an inertial sensor is, by its biases, at most ten times.
+def imu_grade(path: InitialPath, noise: ImuNoise) -> Array:
+    """Return how many times worse than declared each calibration of an inertial sensor is, at most ten times. (dim,)
 
-    Within a class of sensors what is large is large together: a bias of 50 mg comes with a scale that is off by 1 %.
+    Within a class of sensors what is large is large together: an accelerometer whose bias is 50 mg has a scale that is
+    off by 1 %. A gyro's class is told by its own bias.
     """
     ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
-    # The vertical gyro's sigma may be that of a guess by what tracks are like.
-    return float(np.clip(ratio[:5].max(), 1.0, CALIBRATION_FACTOR))
+    grade = np.ones(Kind.IMU.dim)
+    grade[OF_ACCELEROMETER] = ratio[:3].max()
+    grade[OF_GYRO] = ratio[3:5].max()  # the vertical one's sigma may be that of a guess by what tracks are like
+    return np.clip(grade, 1.0, CALIBRATION_FACTOR)
