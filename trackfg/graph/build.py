@@ -104,6 +104,8 @@ class Problem:
     biases, shape (dim,)."""
     withheld: tuple[Family, ...] = ()
     """Measurements that are taken for wrong: no part of the graph, but their residuals are reported."""
+    gnss_level: Array | None = None
+    """Level of the errors of GNSS that its sigmas were widened for, over the declared ones, shape (m, 3)."""
 
     @property
     def t(self) -> Array:

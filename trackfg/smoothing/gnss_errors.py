@@ -24,6 +24,11 @@ Residuals of GNSS are large as well where it is the inertial sensors that are wo
 while another group of residuals is further beyond its sigmas.
 
 Sigmas become level x sqrt(C) of the declared ones; whether a position is an outlier is still judged by the level alone.
+
+If the receiver was wrong, residuals stay as they were once its positions have lost weight, since all else goes on
+saying the same. Where they grow far beyond the level that was seen, the positions had held what was wrong itself: dead
+reckoning that bends from one side of an outage to the other, say. With less weight they would grow on, so they get no
+less.
 """
 
 from __future__ import annotations
@@ -84,6 +89,10 @@ _FITTED_LAGS = 3
 _SETTLED = 0.15
 """Relative change of the sigmas, rms, below which the run is not solved again."""
 
+_GROWN = 2.0
+"""Residuals of positions with less weight, over the level seen before, from which on it is not the receiver that errs.
+Levels of tens of seconds scatter by a quarter."""
+
 _FINDING = 2.0
 """A level, or its rms over the run, from which on it is a finding: sigmas were wrong by as much."""
 
@@ -92,6 +101,13 @@ _FEWEST = 10
 
 _NAMED = 3
 """So many spans are named in a finding; the report shows all."""
+
+_HELD_OTHERS = Finding(
+    "info",
+    "gnss-holds",
+    "positions differ from dead reckoning, and the more the less weight they have: it is not they that err most",
+    hint="declare noise and calibration of the IMU, and scale_sd of the tach, as large as they are",
+)
 
 _GROUPS = (slice(0, 2), slice(2, 3))
 """The columns of horizontal and of vertical residuals."""
@@ -121,14 +137,22 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
     residual, followed = predicted(family, states, run.covariance)
     seen = errors_seen(t, residual / declared.sigma, np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2)
+    if problem.gnss_level is not None and have_grown(residual / declared.sigma, problem.gnss_level):
+        return Reassessment(problem, (_HELD_OTHERS,))
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
     changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > _SETTLED)
     if changed:
         width = run.config.position.gnss_width / float(np.sqrt(np.median(seen.correlation)))
         again = replace(family, sigma=sigma, loss=Huber(width))
-        problem = replace(problem, families=tuple(again if f is family else f for f in problem.families))
+        families = tuple(again if f is family else f for f in problem.families)
+        problem = replace(problem, families=families, gnss_level=seen.level)
     return Reassessment(problem, _findings(t, seen), changed=changed)
+
+
+def have_grown(residual: Array, level: Array) -> bool:
+    """Return whether residuals (m, 3) are far beyond the level (m, 3) that was seen before."""
+    return bool(np.mean(residual**2) > _GROWN**2 * np.mean(level**2))
 
 
 def errors_seen(t: Array, residual: Array, followed: Array) -> GnssErrors:

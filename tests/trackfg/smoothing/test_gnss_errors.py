@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
-from trackfg.smoothing.gnss_errors import errors_seen
+from trackfg.smoothing.gnss_errors import errors_seen, have_grown
 from trackfg.smoothing.smoother import smooth
 
 
@@ -47,6 +47,14 @@ def test_errors_that_last_count_once() -> None:
         seen = errors_seen(np.arange(1000.0), error, np.full((1000, 3), 40.0 / 1000.0))
         found.append(float(np.median(seen.correlation)))
     assert np.median(found) == pytest.approx(40.0, rel=0.35)
+
+
+def test_residuals_that_grow_as_positions_lose_weight_are_not_the_receivers() -> None:
+    """Errors of the receiver stay of the level that was seen; what positions had held in place goes on."""
+    rng = np.random.default_rng(4)
+    level = np.full((600, 3), 3.0)
+    assert not have_grown(3.0 * rng.standard_normal((600, 3)), level)
+    assert have_grown(9.0 * rng.standard_normal((600, 3)), level)
 
 
 def test_a_canyon_is_a_span_of_time() -> None:
