@@ -153,7 +153,7 @@ class NoiseFloor:
         """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
         middle = 0.5 * (self.knots[1:] + self.knots[:-1])
         off = [np.zeros((0, 6))]
-        for begin, end in rests:
+        for begin, end in rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]:
             edges = np.linspace(begin, end, int((end - begin) / _REST_MEAN_S) + 1)
             t = 0.5 * (edges[1:] + edges[:-1])
             means = [means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)]
