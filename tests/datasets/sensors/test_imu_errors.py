@@ -14,8 +14,8 @@ NOISE = ADIS16480.noise
 
 def _silent(response=None, **mounting):
     """An IMU with next to no noise and bias."""
-    nothing = dict.fromkeys(type(NOISE).model_fields, 1e-30)
-    return ImuModel(10.0, type(NOISE)(**nothing), response=response or ImuResponse(), **mounting)
+    nothing = dict.fromkeys(type(NOISE).model_fields, 1e-30)  # less than a recording may declare
+    return ImuModel(10.0, type(NOISE).model_construct(**nothing), response=response or ImuResponse(), **mounting)
 
 
 def _out(model, gyro, accel, seed=0):

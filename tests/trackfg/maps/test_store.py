@@ -322,7 +322,7 @@ def test_passwords_are_not_shown(tmp_path: Path) -> None:
         ("postgresql://host:port/database", "not a URL of a database"),
         ("absent.gpkg", "no such file"),
         ("absent/line.gpkg", "no such file"),
-        ("folder.gpkg", "Is a directory"),
+        ("folder.gpkg", "is no regular file"),
         ("text.gpkg", "is not a GeoPackage"),
         ("empty.gpkg", "holds no feature map"),
         ("torn.gpkg", "malformed|not a database"),
