@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast check lint installed types layers clean
+.PHONY: help demo test pages test-fast check lint installed types layers clean
 
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	if $$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info)' 2>/dev/null; \
@@ -12,7 +12,8 @@ BIN := .venv/bin
 
 help:
 	@echo "make demo       simulate, smooth and compare a measuring car's run; pages and results into demo/"
-	@echo "make test       run every test"
+	@echo "make test       run every test but those of pages"
+	@echo "make pages      run every block of docs as printed"
 	@echo "make test-fast  run the tests that take no more than a few seconds each"
 	@echo "make check      lint, format, types and layers"
 	@echo "make clean      remove the environment and everything that was built"
@@ -21,10 +22,13 @@ demo: $(READY)
 	$(BIN)/trackfg demo -o demo
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not pages"
+
+pages: $(READY)
+	$(BIN)/python -m pytest -m pages
 
 test-fast: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow and not pages"
 
 check: lint types layers
 

@@ -31,6 +31,11 @@ def newcomer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+def test_readme_works_as_printed(newcomer: Path) -> None:
+    assert (newcomer / "out1" / "summary.json").exists()
+
+
+@pytest.mark.pages
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_works_as_printed(page: str, newcomer: Path, walk: ModuleType) -> None:
     assert not [step for step in walk.walk(TOOLS.parent / page, newcomer) if step.failure]

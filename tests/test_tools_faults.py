@@ -26,11 +26,11 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="processes are forked")
 def test_a_fixed_selection_ends_as_documented() -> None:
-    """Every entry with every kind of fault, once."""
-    command = [sys.executable, TOOLS / "faults.py", "--cases", "180", "--seed", "7"]
+    """Every entry with a quarter of the kinds of fault."""
+    command = [sys.executable, TOOLS / "faults.py", "--cases", "45", "--seed", "7"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-5000:]
-    assert "180 cases, 0 failures" in done.stdout
+    assert "45 cases, 0 failures" in done.stdout
 
 
 def test_a_case_is_every_entry_with_every_fault_in_turn(tools: SimpleNamespace) -> None:
