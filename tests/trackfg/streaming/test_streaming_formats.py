@@ -64,7 +64,7 @@ def test_the_python_shown_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    sink = ParquetParts("OUT")
+    sink = ParquetParts("live1")
     sink.write("smoothed", pd.DataFrame({"chainage_m": [1.0, 2.5]}))
     sink.close()
     simulate("trolley", seed=0, duration_s=15.0).write(Path("run1"))
