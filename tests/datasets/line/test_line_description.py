@@ -27,7 +27,7 @@ def read(tmp_path):
 @pytest.fixture(scope="module")
 def example():
     """The example of the documentation."""
-    return re.search(r"```toml\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
+    return re.search(r"```toml[^\n]*\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
 
 
 def test_the_documented_example_is_the_line_it_says(read, example):

@@ -26,7 +26,7 @@ def row(first: str) -> list[str]:
 
 
 def test_the_example_of_limits_is_read(tmp_path: Path) -> None:
-    (block,) = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
+    (block,) = re.findall(r"^```toml rule.toml\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
     file = tmp_path / "limits.toml"
     file.write_text(block)
     assert [limit.parameter for limit in read_limits(file)] == ["level", "alignment", "twist"]
