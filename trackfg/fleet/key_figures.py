@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pyarrow.parquet as pq
 
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.freshness import Inputs
-from trackfg.results.summary import Estimate, Summary
+from trackfg.results.summary import Estimate, Summary, utc
 from trackfg.results.verdict import QUANTITIES
 
 UNKNOWN_MONTH = "unknown"
@@ -70,7 +69,7 @@ def done_row(run: Run, folder: Path) -> dict[str, Any]:
     events = pd.read_csv(folder / "events.csv", usecols=["kind"], dtype=str)["kind"].value_counts()
     chainage = _chainage(folder / "geometry.parquet")
     facts, use = summary.run, summary.map
-    start = None if facts is None or facts.start is None else _time(facts.start)
+    start = None if facts is None else facts.start_utc
     return {
         **_head(run, "done", start),
         "recording_id": summary.recording_id,
@@ -115,12 +114,6 @@ def _chainage(geometry: Path) -> tuple[float | None, float | None]:
     parts = [metadata.row_group(group).column(column).statistics for group in range(metadata.num_row_groups)]
     spans = [(part.min, part.max) for part in parts if part is not None and part.has_min_max]
     return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else (None, None)
-
-
-def _time(text: str) -> datetime:
-    """Return the time of a text of ISO 8601 in UTC, which it is in unless it says otherwise."""
-    time = datetime.fromisoformat(text)
-    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
 
 
 def _start_of(recording: str) -> datetime | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Annotated, Any, Literal
 
@@ -45,6 +46,12 @@ class Mounting(_ResultModel):
     pitch_rad: Estimate
     yaw_rad: Estimate
     tracking_point_m: VectorEstimate
+
+
+def utc(text: str) -> datetime:
+    """Return a time of ISO 8601 in UTC, which it is in unless it names an offset. Raises ``ValueError`` for others."""
+    time = datetime.fromisoformat(text)
+    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
 
 
 class Solver(_ResultModel):
@@ -101,6 +108,11 @@ class RunFacts(_ResultModel):
     mount_roll_sd_rad: float
     origin: tuple[float, float, float] | None = None
     kilometrage: LineKilometrage | None = None
+
+    @property
+    def start_utc(self) -> datetime | None:
+        """When the run began, in UTC; None where its recording has no start."""
+        return None if self.start is None else utc(self.start)
 
 
 class MapUse(_ResultModel):

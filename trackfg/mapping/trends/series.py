@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -122,10 +122,10 @@ def section_series(cells: Series, correlated_m: float) -> Series:
 
 def _date(result: Result) -> datetime:
     facts = result.summary.run
-    if facts is None or facts.start is None:
+    date = None if facts is None else facts.start_utc
+    if date is None:
         raise BadInputError(
             f"run {result.summary.recording_id}: its recording has no start; expected a date and time. "
             "Hint: write start = 2026-05-01T03:12:00Z into recording.toml and smooth it again"
         )
-    date = datetime.fromisoformat(facts.start)
-    return date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)
+    return date
