@@ -10,8 +10,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from trackfg.errors import BadInputError
+from trackfg.files.small_file import read_toml
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.freshness import Inputs
+from trackfg.io.description_reader import locate
 from trackfg.results.summary import Estimate, Summary, utc
 from trackfg.results.verdict import QUANTITIES
 
@@ -118,9 +121,8 @@ def _chainage(geometry: Path) -> tuple[float | None, float | None]:
 
 def _start_of(recording: str) -> datetime | None:
     """Return when a recording of this machine says that it began; None where it cannot be read."""
-    path = Path(recording)
     try:
-        start = tomllib.loads((path if path.suffix == ".toml" else path / "recording.toml").read_text("utf-8"))["start"]
-        return _time(start if isinstance(start, str) else start.isoformat())
-    except (OSError, ValueError, KeyError, AttributeError, RecursionError):
+        start = read_toml(locate(recording)[1])["start"]
+        return utc(start if isinstance(start, str) else start.isoformat())
+    except (BadInputError, ValueError, KeyError, AttributeError):
         return None
