@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 
 MOST_SUDDEN = 4
 """Steps and outliers at one place at most: maintenance comes once or twice a year."""
@@ -27,9 +28,6 @@ FEWEST_RUNS = 3
 
 _RUNS_BEFORE_STEP = 2
 """Runs before a step at least; a first run that does not fit the rest is an outlier."""
-
-_MEDIAN_TO_SD = 1.4826
-"""Ratio of standard deviation and median magnitude of a Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +82,8 @@ def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, at: float 
         weight = np.where(outliers, 0.0, weight)
         if not sudden.any():
             break
-    scale = _scale(X, weight, y)
     solution, covariance = _solved(X, weight, y)
+    scale = _scale(X, weight, y, solution)
     sd_of = scale * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     jump, jump_sd = np.zeros(y.shape), np.zeros(y.shape)
     for number in range(MOST_SUDDEN):
@@ -159,17 +157,15 @@ def _solved(X: Array, weight: Array, y: Array) -> tuple[Array, Array]:
     return np.asarray(np.einsum("mij,nmj,nm,nm->mi", covariance, X, weight, y, optimize=True)), covariance
 
 
-def _scale(X: Array, weight: Array, y: Array) -> float:
+def _scale(X: Array, weight: Array, y: Array, solution: Array) -> float:
     """Return the robust spread of all whitened residuals: 1 where the sigmas are right."""
-    solution, _ = _solved(X, weight, y)
     residual = np.sqrt(weight) * (y - np.einsum("nmi,mi->nm", X, solution))
     values = (weight > 0.0).sum(axis=0)
     free = values - np.count_nonzero(np.any(X != 0.0, axis=0), axis=1)
     used = (weight > 0.0) & (free > 0)
     if not used.any():
         return 1.0
-    whitened = (residual / np.sqrt(np.maximum(free, 1) / np.maximum(values, 1)))[used]
-    return float(_MEDIAN_TO_SD * np.median(np.abs(whitened)))
+    return robust_sd((residual / np.sqrt(np.maximum(free, 1) / np.maximum(values, 1)))[used])
 
 
 def _local_scale(t: Array, y: Array, weight: Array) -> float:
@@ -183,7 +179,7 @@ def _local_scale(t: Array, y: Array, weight: Array) -> float:
         of_deviation = variance[1:-1] + (1.0 - share) ** 2 * variance[:-2] + share**2 * variance[2:]
         whitened = (y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]) / np.sqrt(of_deviation)
     used = np.isfinite(whitened) & np.isfinite(of_deviation)
-    return float(_MEDIAN_TO_SD * np.median(np.abs(whitened[used]))) if used.any() else 1.0
+    return robust_sd(whitened[used]) if used.any() else 1.0
 
 
 def _most_sudden(X: Array, weight: Array, y: Array, threshold: Array) -> tuple[Array, Array, np.ndarray]:
