@@ -15,6 +15,15 @@ def true_runs(mask: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
+def true_stretches(mask: np.ndarray, together: int) -> np.ndarray:
+    """Return :func:`true_runs` as (k, 2), those as one that have fewer than ``together`` false entries between them."""
+    runs = true_runs(mask)
+    if len(runs) == 0:
+        return runs
+    first = np.flatnonzero(np.r_[True, runs[1:, 0] - runs[:-1, 1] >= together])
+    return np.stack([runs[first, 0], runs[np.r_[first[1:], len(runs)] - 1, 1]], axis=1)
+
+
 def within(t: Array, spans: Array) -> np.ndarray:
     """Return which times lie in one of the spans (m, 2), in order and disjoint. Ends included."""
     if len(spans) == 0:

@@ -31,7 +31,7 @@ from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise,
 from trackfg.mapping.changes.overlay import QUANTITIES, SUMMARY_M, Overlay, overlay
 from trackfg.mapping.changes.residual_shift import residual_shift
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import true_runs
+from trackfg.numerics.spans import true_stretches
 from trackfg.results.summary import GeometryConventions
 
 Kind = Literal["dip", "kick", "twist", "curvature"]
@@ -173,11 +173,8 @@ def _slow(change: Array, step_m: float) -> Array:
 
 def _table(over: Overlay, compared: dict[str, _Compared]) -> pd.DataFrame:
     changed = np.any([part.changed for part in compared.values()], axis=0)
-    spans = true_runs(changed)
-    together = round(_TOGETHER_M / over.step_m)
-    first = np.flatnonzero(np.r_[True, spans[1:, 0] - spans[:-1, 1] >= together][: len(spans)])
-    stops = spans[np.r_[first[1:], len(spans)] - 1, 1] if len(spans) else ()
-    rows = [_row(over, compared, slice(a, b)) for a, b in zip(spans[first, 0], stops, strict=True)]
+    stretches = true_stretches(changed, round(_TOGETHER_M / over.step_m))
+    rows = [_row(over, compared, slice(first, stop)) for first, stop in stretches]
     return pd.DataFrame(rows, columns=list(CHANGE_COLUMNS))
 
 

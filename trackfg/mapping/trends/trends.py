@@ -23,7 +23,7 @@ from trackfg.mapping.trends.drift import Drift, drift, reached
 from trackfg.mapping.trends.series import Series, section_series, series
 from trackfg.maps.feature_map import FeatureMap, MapConventions
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import true_runs
+from trackfg.numerics.spans import true_stretches
 from trackfg.results.result import Result
 
 FALSE_PER_100_KM = 0.5
@@ -185,13 +185,8 @@ def _significant(places: Series, name: str, d: Drift, floor_mm_per_month: float)
 
 def _spans(places: Series, true: np.ndarray) -> list[slice]:
     """Return the stretches of cells that are true, those near each other as one."""
-    runs = true_runs(true)
-    if not len(runs):
-        return []
-    together = round(_TOGETHER_M / places.step_m)
-    first = np.flatnonzero(np.r_[True, runs[1:, 0] - runs[:-1, 1] >= together])
-    stops = runs[np.r_[first[1:], len(runs)] - 1, 1]
-    return [slice(int(a), int(b)) for a, b in zip(runs[first, 0], stops, strict=True)]
+    stretches = true_stretches(true, round(_TOGETHER_M / places.step_m))
+    return [slice(int(first), int(stop)) for first, stop in stretches]
 
 
 def _place(places: Series, span: slice, at: int, name: str) -> dict[str, Any]:
