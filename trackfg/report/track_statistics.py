@@ -11,10 +11,8 @@ from trackfg.geometry.exceedances import Judgement
 from trackfg.geometry.section_quality import section_quality
 from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.numerics.arrays import Array
-from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
+from trackfg.results.columns import CHANNELS
 from trackfg.results.result import Result
-
-_NO_CHANNELS = ("chainage_m", "speed_mps")
 
 
 def track_statistics(result: Result, *, section_m: float = 200.0, judgement: Judgement | None = None) -> pd.DataFrame:
@@ -29,12 +27,7 @@ def track_statistics(result: Result, *, section_m: float = 200.0, judgement: Jud
     geometry, meaning = result.geometry, result.summary.geometry
     if result.summary.solver is not None:  # the versines of another system may be of a band alone
         geometry = with_long_bands(geometry, meaning.step_m, meaning.chord_m)
-    known = (*GEOMETRY_COLUMNS, *RAIL_COLUMNS, *BAND_COLUMNS)
-    channels = [
-        name
-        for name in known
-        if name in geometry and not name.endswith("_sd") and name not in _NO_CHANNELS and geometry[name].notna().any()
-    ]
+    channels = [name for name in CHANNELS if name in geometry and geometry[name].notna().any()]
     beyond = {} if judgement is None else _beyond(geometry["chainage_m"].to_numpy(), judgement)
     return section_quality(geometry, channels, section_m=section_m, beyond=beyond)
 

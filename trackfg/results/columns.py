@@ -46,6 +46,14 @@ BAND_COLUMNS = tuple(
 """Level and alignment in the bands of EN 13848-1, as a geometry measured by another system may have them besides."""
 
 
+CHANNELS = tuple(
+    name
+    for name in (*GEOMETRY_COLUMNS, *RAIL_COLUMNS, *BAND_COLUMNS)
+    if not name.endswith("_sd") and name not in ("chainage_m", "speed_mps")
+)
+"""What a geometry may have measured of the track: all its columns but the place, the speed and the sigmas."""
+
+
 EVENT_COLUMNS = (
     "kind",
     "start_s",

@@ -17,7 +17,7 @@ from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
 from trackfg.mapping.runs.run_alignment import SHIFT_COLUMNS, RunAlignment, aligned
 from trackfg.numerics.chainage_grid import cells_of
-from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
+from trackfg.results.columns import BAND_COLUMNS, CHANNELS
 from trackfg.results.result import Result
 
 REPEATED_M = 200.0
@@ -27,11 +27,6 @@ REPEATABILITY_COLUMNS = ("run", "channel", "sections", "sd_median", "sd_95", "sd
 
 _FULL_SHARE = 0.9
 """A section counts where both runs know this share of it."""
-_CHANNELS = tuple(
-    name
-    for name in (*GEOMETRY_COLUMNS, *RAIL_COLUMNS, *BAND_COLUMNS)
-    if not name.endswith("_sd") and name not in ("chainage_m", "speed_mps")
-)
 
 
 @dataclass(frozen=True)
@@ -125,7 +120,7 @@ def comparable_channels(reference: Result, run: Result) -> list[str]:
     }
     return [
         name
-        for name in _CHANNELS
+        for name in CHANNELS
         if all(name in result.geometry and result.geometry[name].notna().any() for result in (reference, run))
         and (name in BAND_COLUMNS or same.get(name.partition("_")[0], True))
     ]
