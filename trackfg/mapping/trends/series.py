@@ -87,10 +87,11 @@ def series(results: Sequence[Result], feature_map: FeatureMap) -> tuple[Series, 
     cells = np.rint(grid["chainage_m"].to_numpy() / step).astype(np.int64)
     every = np.arange(cells[0], cells[-1] + 1)
     on_map = grid.set_index(cells).reindex(every)
-    bases = {result.summary.geometry.twist_base_m for result in results}
-    if len(bases) > 1:
-        raise BadInputError(f"runs with twists over {sorted(bases)} m; expected one base")
-    on_map["twist_mm"] = twist(on_map["cross_level_mm"].to_numpy(dtype=np.float64), step, bases.pop())
+    meanings = [result.summary.geometry for result in results]
+    if len(bases := {meaning.twist_base for meaning in meanings}) > 1:
+        raise BadInputError(f"runs with twists over {', '.join(sorted(bases))}; expected one base")
+    base_m, anchor = meanings[0].twist_base_m, meanings[0].twist_anchor
+    on_map["twist_mm"] = twist(on_map["cross_level_mm"].to_numpy(dtype=np.float64), step, base_m, anchor)
     shape = len(seen), every.size
     values, sd = ({name: np.full(shape, np.nan) for name in QUANTITIES} for _ in range(2))
     for row, (_, _, change) in enumerate(seen):

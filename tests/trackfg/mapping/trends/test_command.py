@@ -8,8 +8,10 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -17,8 +19,9 @@ from trackfg.datasets.catalogue import BaliseModel
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError
+from trackfg.geometry.twist import twist
 from trackfg.mapping import build_map
-from trackfg.mapping.trends.series import series
+from trackfg.mapping.trends.series import QUANTITIES, series
 from trackfg.maps import write_map
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
@@ -70,3 +73,23 @@ def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Re
         series([undated], unused)
     with pytest.raises(BadInputError, match="'made-up' is there 2 times"):
         series([undated, undated], unused)
+
+
+def test_the_twist_of_a_map_is_that_of_the_runs(
+    make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chainage, level = 0.25 * np.arange(200), np.random.default_rng(3).standard_normal(200)
+    on_map = pd.DataFrame({"chainage_m": chainage, **dict.fromkeys(QUANTITIES, level)})
+    unchanged = pd.DataFrame({"chainage_m": chainage} | {n: 0.0 * level for q in QUANTITIES for n in (q, f"{q}_sd")})
+    monkeypatch.setattr(
+        "trackfg.mapping.trends.series.find_changes", lambda result, feature_map: SimpleNamespace(cells=unchanged)
+    )
+    facts = {"content_sha256": "0" * 64, "direction": 1, "anchored": False, "mount_roll_sd_rad": 0.0}
+    meaning = make_result(rows=20).summary.geometry.model_copy(update={"twist_base_m": 3.0, "twist_anchor": "ahead"})
+    runs = [
+        make_result(rows=20, recording_id=day, run={**facts, "start": day}, geometry=meaning)
+        for day in ("2026-05-01", "2026-06-01", "2026-07-01")
+    ]
+    feature_map: Any = SimpleNamespace(grid=on_map, conventions=SimpleNamespace(step_m=0.25))
+    found, _ = series(runs, feature_map)
+    np.testing.assert_allclose(found.value["twist_mm"][0], twist(level, 0.25, 3.0, "ahead"))
