@@ -1,6 +1,6 @@
 """One run is smoothed by ``trackfg smooth`` in a process of its own, which may crash, hang or take too much memory.
 
-What it does, it does to itself: the caller gets an outcome, never an exception for what is the run's fault.
+The caller gets an outcome for all of these, never an exception.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any
 
 from trackfg.errors import OutputError, first_line
 from trackfg.fleet.catalogue import Run
@@ -26,7 +26,7 @@ from trackfg.fleet.places import PlaceError, content_of, local_recording, new_fo
 from trackfg.results.result import RESULT_FOLDER
 
 ATTEMPTS = 3
-"""A run is begun so often at most, if others killed its process: the first time, and twice again."""
+"""A run is begun this many times at most, where its process was killed from outside."""
 
 NOT_TO_BE_TRUSTED = 3
 """Exit status of ``trackfg smooth`` where it wrote a result that did not converge."""
@@ -73,11 +73,15 @@ class Outcome:
 
 
 class _FailedError(Exception):
-    """A run left no result; its outcome is the argument."""
+    """A run left no result; ``outcome`` says why."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__(outcome.reason)
+        self.outcome = outcome
 
 
 def run_isolated(job: Job, stop: threading.Event | None = None) -> Outcome:
-    """Smooth a run in its own process, again where others killed that; ``stop`` calls it off.
+    """Smooth a run in its own process, and again where that was killed from outside; ``stop`` ends the run.
 
     The result is there whole or not at all.
     """
@@ -103,10 +107,9 @@ def _attempt(job: Job, recording: Path, stop: threading.Event) -> Outcome:
     try:
         return _published(job, recording, stop)
     except _FailedError as failure:
-        (outcome,) = failure.args
+        return failure.outcome
     except (OSError, OutputError, PlaceError) as error:
         return Outcome(job.run.name, f"the result cannot be written: {error}")
-    return cast(Outcome, outcome)
 
 
 def _published(job: Job, recording: Path, stop: threading.Event) -> Outcome:
@@ -193,7 +196,7 @@ def _signal_name(number: int) -> str:
 
 
 def _message(log: str) -> str | None:
-    """Return what the command said why it failed, else the last line of its log."""
+    """Return the command's message about its failure, else the last line of its log."""
     lines = [line for line in log.splitlines() if line.strip()]
     said = [line.removeprefix("trackfg: ") for line in lines if line.startswith("trackfg: ")]
     errors = [line for line in said if not line.startswith(("warning: ", "note: "))]
