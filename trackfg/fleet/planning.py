@@ -33,7 +33,7 @@ _COLUMNS = ("run", "status", "reason", "recording", "tags", *Inputs._fields)
 class PlannedRun:
     """A run and why it is to be computed; ``why`` is empty where its result is fresh.
 
-    ``inputs`` are those of that result, ``listed``: the store's catalogue has it as it is.
+    ``listed``: the store's catalogue has the row of that result as it is.
     """
 
     run: Run
@@ -127,20 +127,19 @@ def _contents(recordings: Sequence[str], known: KnownContent) -> dict[str, str]:
     """Return the digest of each recording's files, several at a time; an empty text where they cannot be read."""
     contents = {place: known.recall(place) or "" for place in recordings}
     unknown = [place for place, digest in contents.items() if not digest]
-
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for seen, digest in pool.map(_content, unknown):
-            if seen is not None and digest is not None:
-                known.remember(seen, digest)
-                contents[seen.place] = digest
+        for seen, digest in filter(None, pool.map(_content, unknown)):
+            known.remember(seen, digest)
+            contents[seen.place] = digest
     return contents
 
 
-def _content(recording: str) -> tuple[Sight | None, str | None]:
+def _content(recording: str) -> tuple[Sight, str] | None:
     """Return what a recording's files look like and their digest; None where they cannot be read."""
     try:
         seen = sight(recording, *content_of(recording))
         with local_recording(recording) as folder:
-            return seen, files_sha256(*content_files(folder))
+            digest = files_sha256(*content_files(folder))
     except PlaceError:
-        return None, None
+        return None
+    return None if digest is None else (seen, digest)
