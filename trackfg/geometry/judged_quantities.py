@@ -146,10 +146,11 @@ def _offsets(
                 found.append(_chord_offsets(name, chainage, profile, step, limit))
     if found:
         return found
+    of_band = [] if limit.band is None else [f"{limit.parameter}{side}_{limit.band.lower()}_mm" for side in _SIDES]
     if limit.band is not None and BANDS[limit.band] == lengths.band:
         columns = [f"{limit.parameter}{side}_mm" for side in _SIDES]
-    elif limit.band is not None and any(f"{limit.parameter}{s}_{limit.band.lower()}_mm" in table for s in _SIDES):
-        columns = [f"{limit.parameter}{side}_{limit.band.lower()}_mm" for side in _SIDES]
+    elif any(name in table for name in of_band):
+        columns = of_band
     elif limit.chord_m == lengths.chord_m:
         columns = [f"versine_{limit.parameter}{side}_mm" for side in _SIDES]
     else:
