@@ -36,7 +36,7 @@ _FURTHEST_M = 20.0
 """How far one run's chainage may be off from another's as a whole, m. Chosen here."""
 _FURTHEST_IN_SECTION_M = 1.0
 """How far it may be off in a section besides, m. Chosen here."""
-_FULL_SHARE = 0.9
+FULL_SHARE = 0.9
 """A section counts where both runs hold this share of it."""
 
 
@@ -107,7 +107,7 @@ def section_repeatability(
             rows = number == section
             own = best_shift(reference[rows], run, about_m=whole, within_m=_FURTHEST_IN_SECTION_M)
             shift[rows] = own if np.isfinite(own) else whole
-    full = _FULL_SHARE * section_m / step_of(reference)
+    full = FULL_SHARE * section_m / step_of(reference)
     table = section_statistics(chainage, shift, section_m=section_m)
     table = table[["from_m", "to_m", "mean"]].rename(columns={"mean": "shift_m"}).set_index("from_m")
     for name in columns:

@@ -42,7 +42,7 @@ _FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
 Chosen on simulated runs; see Assumptions in docs/engine.md."""
 _SLOWEST_MPS = 0.5
 """Least speed of a band of speed, m/s."""
-_FEWEST_CROSSINGS_PER_M = 0.02
+FEWEST_CROSSINGS_PER_M = 0.02
 """Sign changes per m of a profile too short to count them: half of the fewest that were counted, 0.04 of the
 gradient."""
 
@@ -66,7 +66,10 @@ class ChangeNoise:
 
 
 def threshold(crossings_per_alarm: float, freedom: float) -> float:
-    """Return the sigmas that noise exceeds once in so many zero crossings; ``freedom`` residuals tell its sigma."""
+    """Return the threshold, in sigmas, that noise exceeds once in so many zero crossings.
+
+    ``freedom``: the number of residuals from which a sigma is known.
+    """
     return float(np.sqrt(freedom * max(crossings_per_alarm ** (2.0 / freedom) - 1.0, 0.0)))
 
 
@@ -112,7 +115,7 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
         if np.isfinite(of_band):
             factors[rows] = max(of_band, least)
     length = over.step_m * np.isfinite(ratio).sum()
-    crossings = max(_crossings(ratio), _FEWEST_CROSSINGS_PER_M * length) / length if length else _FEWEST_CROSSINGS_PER_M
+    crossings = max(_crossings(ratio), FEWEST_CROSSINGS_PER_M * length) / length if length else FEWEST_CROSSINGS_PER_M
     freedom = freedom_of(name)
     return ChangeNoise(factors * sigma, factor, float(crossings), freedom)
 

@@ -14,6 +14,8 @@ from trackfg.numerics.robust import robust_sd
 _SHARE = 0.1
 """Sigma of a channel without one, as a share of its short waves. Recording cars repeat channels worse than that, which
 comparisons find out; among runs without sigmas only that these are alike counts."""
+_LEAST = float(np.finfo(np.float64).tiny) ** 0.25
+"""Sigma of a channel without short waves, in its unit: above 0, and so is its fourth power."""
 _BASELINE_M = 25.0
 """Window of the moving average that short waves are free of, m: the longest wavelength of D1."""
 
@@ -29,6 +31,5 @@ def with_unstated_sigmas(geometry: pd.DataFrame, columns: Sequence[str]) -> pd.D
             short = remove_baseline(value, step, (window,))
             short = short[np.isfinite(short)]
             rough = robust_sd(short) if short.size else 0.0
-            least = float(np.finfo(np.float64).tiny) ** 0.25
-            sigmas[f"{name}_sd"] = np.where(np.isfinite(value), max(_SHARE * rough, least), np.nan)
+            sigmas[f"{name}_sd"] = np.where(np.isfinite(value), max(_SHARE * rough, _LEAST), np.nan)
     return geometry.assign(**sigmas)

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
+from trackfg.geometry.repeatability import FULL_SHARE
 from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
 from trackfg.mapping.runs.run_alignment import SHIFT_COLUMNS, RunAlignment, aligned
@@ -24,9 +25,6 @@ REPEATED_M = 200.0
 """Length of the sections of repeatability, m."""
 DIFFERENCE_COLUMNS = ("run", "channel", "from_m", "to_m", "sd", "mean")
 REPEATABILITY_COLUMNS = ("run", "channel", "sections", "sd_median", "sd_95", "sd_max", "mean")
-
-_FULL_SHARE = 0.9
-"""A section counts where both runs know this share of it."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def _differences(reference: Result, run: Result, geometry: pd.DataFrame, name: s
     for channel in channels:
         difference = there[channel].to_numpy()[row_of_run] - here[channel].to_numpy()[row]
         table = section_statistics(chainage, difference, section_m=REPEATED_M)
-        table = table[table["count"] >= _FULL_SHARE * REPEATED_M / step_m]
+        table = table[table["count"] >= FULL_SHARE * REPEATED_M / step_m]
         if len(table):
             tables.append(table.assign(run=name, channel=channel)[list(DIFFERENCE_COLUMNS)])
     return pd.concat(tables[1:] or tables, ignore_index=True)

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.geometry.limits import Limit
-from trackfg.mapping.changes.change_noise import freedom_of, threshold
+from trackfg.mapping.changes.change_noise import FEWEST_CROSSINGS_PER_M, freedom_of, threshold
 from trackfg.mapping.trends.drift import Drift, drift, reached
 from trackfg.mapping.trends.series import Series, section_series, series
 from trackfg.maps.feature_map import FeatureMap, MapConventions
@@ -70,8 +70,6 @@ _WORKED_M = 100.0
 """Around a step, another of the same run is likely, m: the shortest length that a tamping machine is sent for."""
 _LIKELY_SIGMAS = 3.0
 """Sigmas from which a likely step is one."""
-_FEWEST_CROSSINGS_PER_M = 0.02
-"""Sign changes per m of a profile too short to count them (:mod:`trackfg.mapping.changes.change_noise`)."""
 _FURTHEST = timedelta(days=50 * 365.25)
 """Dates further ahead are none: no track lies so long without work."""
 
@@ -167,7 +165,7 @@ def _crossings(places: Series, rows: Array) -> float:
     signs = np.sign(rows)
     both = signs[:, 1:] * signs[:, :-1]
     counted = np.isfinite(both).sum() * places.step_m
-    return max(float((both < 0.0).sum() / counted) if counted else 0.0, _FEWEST_CROSSINGS_PER_M)
+    return max(float((both < 0.0).sum() / counted) if counted else 0.0, FEWEST_CROSSINGS_PER_M)
 
 
 def _threshold(places: Series, name: str, rows: Array, tests: int = 1) -> float:
