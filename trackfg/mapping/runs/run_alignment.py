@@ -48,8 +48,7 @@ class RunAlignment:
 
     def brought(self, geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
         """Return what is known of the run's geometry, by the reference's chainage."""
-        table = warped(geometry.dropna(axis=1, how="all"), self.warp, step_m)
-        return table.assign(chainage_m=np.round(table["chainage_m"].to_numpy() / step_m) * step_m)
+        return warped(geometry.dropna(axis=1, how="all"), self.warp, step_m)
 
 
 def aligned(run: Result, reference: Result, name: str, *, section_m: float = SECTION_M) -> RunAlignment:

@@ -16,7 +16,7 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.repeatability import FULL_SHARE
 from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
-from trackfg.mapping.runs.run_alignment import SHIFT_COLUMNS, RunAlignment, aligned
+from trackfg.mapping.runs.run_alignment import RunAlignment, aligned
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.results.columns import BAND_COLUMNS, CHANNELS
 from trackfg.results.result import Result
@@ -44,7 +44,7 @@ class RunOverlay:
     @property
     def shifts(self) -> pd.DataFrame:
         """The sections of all runs, columns :data:`~trackfg.mapping.runs.run_alignment.SHIFT_COLUMNS`."""
-        return pd.concat([alignment.shifts for alignment in self.alignments], ignore_index=True)[list(SHIFT_COLUMNS)]
+        return pd.concat([alignment.shifts for alignment in self.alignments], ignore_index=True)
 
     @property
     def repeatability(self) -> pd.DataFrame:
