@@ -33,9 +33,10 @@ Progress = Callable[[Outcome], None]
 
 @dataclass(frozen=True)
 class Limits:
-    """What a run may take at most, and where it is computed.
+    """What a run may take at most, and where runs are computed.
 
-    That is on a cluster, or so many ``jobs`` at a time here; None for as many as cores and memory allow.
+    They are computed by the cluster of ``scheduler``, or on this machine if that is None: ``jobs`` at a time, None for
+    as many as cores and memory allow.
     """
 
     timeout_s: float | None
@@ -100,7 +101,7 @@ def _listed(store: Store, run: Run) -> dict[str, Any]:
 
 
 def _in_groups(futures: Mapping[Future[Outcome], str]) -> Iterator[list[Outcome]]:
-    """Yield outcomes as they come, those that came meanwhile together; the name of each future's run is known."""
+    """Yield outcomes as runs end, in groups of those that ended meanwhile. ``futures``: each with its run's name."""
     done: SimpleQueue[Future[Outcome]] = SimpleQueue()
     for future in futures:
         future.add_done_callback(done.put)

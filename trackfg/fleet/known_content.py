@@ -1,10 +1,10 @@
 """What is known of the content of files, so that those that did not change are not read again.
 
-Files count as unchanged while names, sizes, times and inodes are, those at a URL while what their server says of them
-is. A time of change, which no program can set, is among
-them, so that a file that was replaced by one of the same size and date is seen. Two changes in one tick of a file
-system's clock are not told apart, hence nothing is kept of a file that changed just now. All of this is a cache: where
-it is lost or cannot be written, files are read.
+Files count as unchanged while their names, sizes, times and inodes are the same; those at a URL, while what their
+server says of them is the same. Among the times is that of the last change of status, which no program can set, so a
+file that was replaced by one of the same size and date counts as changed. Two changes in one tick of a file system's
+clock look like one, hence nothing is kept of a file that changed just now. All of this is a cache: where it is lost or
+cannot be written, files are read.
 """
 
 from __future__ import annotations

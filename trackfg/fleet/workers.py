@@ -64,10 +64,10 @@ def cluster(address: str, store: str) -> Iterator[Submit]:
 
 
 def run_on_worker(job: Job, tally: str) -> Outcome:
-    """Smooth a run on a worker, unless workers that had begun it were lost as often as it may be begun.
+    """Smooth a run on a worker, unless as many workers that had begun it were lost as it may be begun.
 
-    ``tally`` is a file with a letter for each time that it was, until it ends: a scheduler does not tell, and would
-    count the runs that only waited on a lost worker too.
+    ``tally`` is a file with a letter for each time that the run was begun; it is removed when the run ends. The
+    scheduler's own count would include the times that the run only waited on a lost worker.
     """
     begun = read(tally) if exists(tally) else b""
     if len(begun) >= ATTEMPTS:

@@ -53,8 +53,10 @@ def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Ban
 
 
 def with_long_bands(geometry: pd.DataFrame, step_m: float, chord_m: float) -> pd.DataFrame:
-    """Return a geometry with level and alignment of the centre line in those of the bands D2 and D3 that its versines
-    tell: columns ``level_d2_mm`` and so on. Rows are whole multiples of the step; some may be missing.
+    """Return a geometry with level and alignment of the centre line in the bands D2 and D3, from its versines.
+
+    Its further columns are ``level_d2_mm`` and so on, without those of a band that begins below twice the chord. Rows
+    are whole multiples of the step; some may be missing.
     """
     cells = cells_of(geometry, step_m)
     bands: dict[str, Array] = {}

@@ -31,8 +31,8 @@ def judge(
     """Return where the geometry of a result exceeds limits, and which limits it does not suffice for.
 
     ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. With ``km`` the official place of
-    each exceedance is beside its chainage. Raises ``BadInputError`` for a
-    result without geometry, and where limits depend on the line's speed and it is None.
+    each exceedance is beside its chainage. Raises ``BadInputError`` for a result without geometry, and where limits
+    depend on the line's speed and it is None.
     """
     if len(result.geometry) < 2:
         raise BadInputError("the result has no geometry to judge")

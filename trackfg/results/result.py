@@ -78,8 +78,8 @@ class Result:
         return RAIL_COLUMNS[0] in self.geometry
 
     def refuse_unsound(self) -> None:
-        """Raise ``ValueError`` for numbers that are none (:mod:`trackfg.results.soundness`) and for a joint covariance
-        that is none.
+        """Raise ``ValueError`` for a table with unsound numbers (:mod:`trackfg.results.soundness`), and for a joint
+        covariance that is none.
         """
         refuse_unsound(_TRAJECTORY, self.trajectory, ascending="t_s", complete=True)
         smoothed = self.summary.solver is not None
@@ -91,8 +91,8 @@ class Result:
         """Write the result, replacing an earlier one in one step (:mod:`trackfg.files.atomic_folder` says how).
 
         Killed at any moment, it leaves the old result, whole, or none where there was none. Raises
-        :class:`BadInputError` if ``folder`` holds anything but a result, and :class:`TrackfgError` for numbers that
-        nobody should get: NaN, infinity, a sigma of 0.
+        :class:`BadInputError` if ``folder`` holds anything but a result, and :class:`TrackfgError` for unsound numbers
+        (:meth:`refuse_unsound`).
         """
         folder = Path(folder)
         RESULT_FOLDER.refuse_foreign(folder)

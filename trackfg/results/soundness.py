@@ -16,7 +16,7 @@ def refuse_unsound(
 
     All are at most :data:`_GREATEST` in magnitude, sigmas above 0; column ``ascending`` rises from row to row. Where
     the table is ``complete`` every number is there; else a value may be NaN where it is not known, and its sigma with
-    it. Without ``sigmas`` these may be NaN beside a value, too: nothing tells them.
+    it. Without ``sigmas`` these may be NaN beside a value, too.
     """
     for name in table.columns:
         if table[name].dtype.kind not in "fiu":

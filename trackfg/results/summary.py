@@ -93,10 +93,10 @@ class RunFacts(_ResultModel):
     """What joining runs into a map needs to know of the recording.
 
     ``content_sha256`` tells the same measurements again, whatever the recording is called; ``files_sha256`` the same
-    files, byte by byte (:mod:`trackfg.io.content`), null where it was not read from files. ``anchored``: fixes told
-    where on the line the run was; else chainage counts from its start. ``imu_id``: which sensor in which mounting, and
+    files, byte by byte (:mod:`trackfg.io.content`), null where it was not read from files. ``anchored``: fixes gave the
+    chainage, which else counts from the start of the run. ``imu_id``: which sensor in which mounting, and
     ``mount_roll_sd_rad`` how well the roll of that is known. ``origin``: of east, north, up: WGS 84 latitude (deg),
-    longitude (deg) and height (m), if GNSS told. ``kilometrage``: that of the line, if the recording has it.
+    longitude (deg) and height (m), if there was GNSS. ``kilometrage``: that of the line, if the recording has it.
     """
 
     start: str | None = None
@@ -133,11 +133,10 @@ class Summary(_ResultModel):
     """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
     ``settings`` is what was asked for, defaults included, ``configuration`` what was used in the end, adapted noise
-    levels included; ``noise_ratios`` says, per group of factors, how
-    large the residuals are against what its sigmas lead to expect (1 is right; see
-    :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be believed;
-    results of versions before it have none. ``solver`` and the biases are null where another system measured the
-    geometry: nothing was smoothed.
+    levels included; ``noise_ratios`` says, per group of factors, how large the residuals are against what its
+    sigmas lead to expect (1 is right; see :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the
+    sigmas of each quantity can be believed; results of versions before it have none. ``solver`` and the biases are
+    null where another system measured the geometry: nothing was smoothed.
     """
 
     format: Literal["trackfg-result/1"] = "trackfg-result/1"

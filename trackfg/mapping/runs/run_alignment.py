@@ -1,9 +1,9 @@
 """Where a run was on another run over the same line, section by section, with a sigma each.
 
-The run's sections are recognised on the reference (:mod:`trackfg.mapping.recognition`). Their places are sought about
-where the chainages say, to the sigmas of both; where that finds nothing, within two kilometres, and at last anywhere.
-Of columns that both tables have, those of one meaning are compared: level and alignment in a band where one of the two
-was measured by another system, whose versines may be of a band alone.
+The run's sections are recognised on the reference (:mod:`trackfg.mapping.recognition`). They are searched at the place
+of the same chainage, to the sigmas of both; where that finds too few, within two kilometres; and at last anywhere. Of
+the columns that both tables have, those of one meaning are compared: where another system measured one of the two, its
+versines may be of a band alone, so level and alignment in a band are compared instead.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ _ENOUGH = 0.5
 class RunAlignment:
     """A run on a reference.
 
-    ``shifts`` has a row per section, columns :data:`SHIFT_COLUMNS`: the stretch on the reference, where its middle is
-    in the run's chainage, by how much that is more than the reference's, and its sigma. ``warp`` is the function from
-    the run's chainage to the reference's.
+    ``shifts`` has a row per section, columns :data:`SHIFT_COLUMNS`: the stretch on the reference, the chainage of its
+    middle by the run, by how much that is more than by the reference, and the sigma of that. ``warp`` is the function
+    from the run's chainage to the reference's.
     """
 
     name: str

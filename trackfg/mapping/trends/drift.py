@@ -24,7 +24,7 @@ MOST_SUDDEN = 4
 """Steps and outliers at one place at most: maintenance comes once or twice a year."""
 
 FEWEST_RUNS = 3
-"""Runs without which a rate and its scatter cannot both be told."""
+"""Fewest runs that determine both a rate and its scatter."""
 
 _RUNS_BEFORE_STEP = 2
 """Runs before a step at least; a first run that does not fit the rest is an outlier."""
@@ -193,7 +193,7 @@ def _most_sudden(X: Array, weight: Array, y: Array, threshold: Array) -> tuple[A
 
     def gains(pull: Array, weight: Array, shares: Array) -> Array:
         left = weight - np.einsum("nmi,mij,nmj->nm", shares, inverse, shares, optimize=True)
-        # What the other columns explain almost wholly cannot be told from them.
+        # What the other columns explain almost wholly cannot be separated from them.
         return np.where(left > 1e-6 * weight, pull**2 / np.where(left > 0.0, left, 1.0), 0.0) / threshold**2
 
     def from_there_on(values: Array) -> Array:

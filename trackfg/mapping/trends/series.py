@@ -1,8 +1,8 @@
 """Repeated runs over a map are a series: every quantity at every cell of the map, on every date, with its sigma.
 
-Each run is recognised on the map and laid over it as for changes of the track (:mod:`trackfg.mapping.changes`); what it
-says is the map's value and the run's change. Offset and slow wander of a run's cross-level are taken away there, which
-no sensor can be told from a track by.
+Each run is recognised on the map and laid over it as for changes of the track (:mod:`trackfg.mapping.changes`); its
+value is that of the map and the run's change. Offset and slow wander of a run's cross-level are removed there, because
+the sensor's cannot be separated from the track's.
 """
 
 from __future__ import annotations
