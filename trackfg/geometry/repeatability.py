@@ -52,7 +52,8 @@ def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0
     step = step_of(run)
     middle, reach = round(about_m / step), round(within_m / step)
     lags = middle + np.arange(-reach, reach + 1)
-    first, count = cells_of(reference, step)[0], int(np.ptp(cells_of(reference, step))) + 1
+    cells = cells_of(reference, step)
+    first, count = int(cells[0]), int(cells[-1] - cells[0]) + 1
     mean_square = np.zeros(len(lags))
     for name in names:
         if not all(name in table and table[name].notna().any() for table in (reference, run)):
