@@ -16,7 +16,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def age(folder: Path, monkeypatch: pytest.MonkeyPatch | None = None) -> None:
+def age(folder: Path) -> None:
     for path in folder.iterdir():
         os.utime(path, (1e9, 1e9))
 
