@@ -21,7 +21,17 @@ import pandas as pd
 from benchmark import add_seed_arguments, seeds_of, side_by_side
 
 from accuracy.changes import compared, defects, near_defects
-from accuracy.curves import LAWS, TRACKS, designed_curves, profile, straight_line, value, value_of, with_half_sines
+from accuracy.curves import (
+    LAWS,
+    TRACKS,
+    designed_curves,
+    matched,
+    profile,
+    straight_line,
+    value,
+    value_of,
+    with_half_sines,
+)
 from trackfg.config import SmoothConfig
 from trackfg.curves import find_curves
 from trackfg.datasets.catalogue import MAIN_LINE, scenario
@@ -140,17 +150,14 @@ def curves(seed: int, _: SmoothConfig) -> Figures:
             line = random_line(MAIN_LINE, 10e3, np.random.default_rng(seed))
             designed = designed_curves(line)
             found = find_curves(profile(with_half_sines(line) if law == "half-sine" else line, model, seed))
-            false += len(found)
-            for row in designed:
-                here = [c for c in found if c.bcc_m < row[2] and c.ecc_m > row[1] and c.curvature_1pm * row[4] > 0.0]
-                missed += len(here) != 1
-                if len(here) == 1:
-                    (curve,) = here
-                    false -= 1
-                    wrong_law += (curve.law_in != law) + (curve.law_out != law)
-                    error = np.array([value(curve, name) - value_of(row, name) for name in ("middle_in_m", "btc_m")])
-                    sd = np.array([curve.sd("middle_in_m"), curve.sd("btc_m")])
-                    middles.append(_mean_squares("start of a curve, m", error, sd))
+            pairs = list(matched(designed, found))
+            missed += len(designed) - len(pairs)
+            false += len(found) - len(pairs)
+            for row, curve in pairs:
+                wrong_law += (curve.law_in != law) + (curve.law_out != law)
+                error = np.array([value(curve, name) - value_of(row, name) for name in ("middle_in_m", "btc_m")])
+                sd = np.array([curve.sd("middle_in_m"), curve.sd("btc_m")])
+                middles.append(_mean_squares("start of a curve, m", error, sd))
         false += len(find_curves(profile(straight_line(20e3), model, seed)))
     counts = {"curves missed": missed, "curves that are none": false, "laws that are wrong": wrong_law}
     return {name: float(np.mean([m[name] for m in middles])) for name in middles[0]} | {
