@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.bands import D1, D2, D3, band_pass, band_response
+from trackfg.geometry.bands import D1, D2, D3, Band, band_pass, band_response
 from trackfg.geometry.section_quality import index_channels, section_quality
 from trackfg.geometry.versine_bands import band_of_versine, with_long_bands
 from trackfg.geometry.versines import versine
@@ -15,13 +15,13 @@ STEP = 0.25
 
 @pytest.mark.parametrize("band", [D2, D3])
 @pytest.mark.parametrize("wavelength", [18.0, 25.0, 40.0, 70.0, 100.0, 150.0, 300.0])
-def test_a_wave_comes_out_of_its_versine_with_the_bands_response(band: object, wavelength: float) -> None:
+def test_a_wave_comes_out_of_its_versine_with_the_bands_response(band: Band, wavelength: float) -> None:
     x = STEP * np.arange(16_000)
     wave = 3.0 * np.sin(2.0 * np.pi * x / wavelength)
-    found = band_of_versine(versine(wave, STEP, 5.0, 5.0), STEP, 10.0, band)  # type: ignore[arg-type]
+    found = band_of_versine(versine(wave, STEP, 5.0, 5.0), STEP, 10.0, band)
     known = np.isfinite(found)
     assert known.sum() > 4000
-    np.testing.assert_allclose(found[known], band_response(wavelength, band) * wave[known], atol=0.01)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found[known], band_response(wavelength, band) * wave[known], atol=0.01)
 
 
 def test_it_is_the_band_of_the_profile() -> None:
