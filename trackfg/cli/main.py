@@ -21,7 +21,7 @@ from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
-from trackfg.cli.options import Km, with_options
+from trackfg.cli.options import LIMITS_HELP, Json, Km, Level, Limits, LineSpeed, with_options
 from trackfg.cli.overlay import overlay
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
@@ -47,14 +47,6 @@ app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(ove
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
-_LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
-Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=_LIMITS_HELP, show_default=False)]
-Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)]
-LineSpeed = Annotated[
-    float | None,
-    typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
-]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
 def main() -> None:
@@ -395,7 +387,7 @@ def plot(
 @app.command(epilog="Example: trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv")
 def limits(
     result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
-    source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=_LIMITS_HELP, show_default=False)],
+    source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP, show_default=False)],
     level: Level = None,
     line_speed: LineSpeed = None,
     out: Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Km
+from trackfg.cli.options import Json, Km, Level, Limits
 from trackfg.cli.terminal import progress_bar
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
@@ -21,7 +21,6 @@ maps = typer.Typer(no_args_is_help=True, help="Feature maps: what repeated runs 
 
 _PLACE = "Path of a .gpkg, or postgresql://... URL."
 MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE, show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 _NEWEST = "The newest if absent."
 
 
@@ -101,13 +100,8 @@ def trends(  # noqa: PLR0913  (a parameter is an option of the command)
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.", show_default=False)
     ] = None,
-    limits: Annotated[
-        str | None,
-        typer.Option(metavar="FILE|NAME", help="A table of limits (.toml), or cfr-213.", show_default=False),
-    ] = None,
-    level: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)
-    ] = None,
+    limits: Limits = None,
+    level: Level = None,
     version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
     floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1,
     json: Json = False,

@@ -11,6 +11,16 @@ import typer
 
 T = TypeVar("T")
 
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
+Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP, show_default=False)]
+Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)]
+LineSpeed = Annotated[
+    float | None,
+    typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
+]
+
 Km = Annotated[bool, typer.Option("--km", help="Show official places of the line, such as 12+345.60, too.")]
 """Official kilometrage on request: the same option of all commands that show places."""
 

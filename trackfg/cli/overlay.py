@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfg.cli.options import Json
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
@@ -33,7 +35,7 @@ def overlay(
     section: Annotated[
         int, typer.Option(metavar="M", min=20, help="Length of the sections of the shift, m: a multiple of 20.")
     ] = 100,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    json: Json = False,
 ) -> None:
     """Lay runs over the first of them: its shift by sections, with a sigma each, and how well channels repeat.
 

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from trackfg.cli.options import Json, Limits, LineSpeed
+
 _MOST_COLUMNS = 8
 """Columns that are shown in a terminal."""
 
@@ -17,17 +19,12 @@ def statistics(
         Path, typer.Argument(metavar="OUT", help="A result, or a recording car's channel table.", show_default=False)
     ],
     section: Annotated[float, typer.Option(metavar="M", min=1.0, help="Length of the sections, m.")] = 200.0,
-    limits: Annotated[
-        str | None,
-        typer.Option(metavar="FILE|NAME", help="Limits, as `trackfg limits` takes them.", show_default=False),
-    ] = None,
-    line_speed: Annotated[
-        float | None, typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.")
-    ] = None,
+    limits: Limits = None,
+    line_speed: LineSpeed = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    json: Json = False,
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
     from trackfg.cli.map_tables import records
