@@ -13,16 +13,16 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.tables import named_values, titled
+from trackfg.cli.tables import named_values, records, titled
 from trackfg.errors import printable
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
+from trackfg.results.official_places import KM_COLUMN, with_km
 
 if TYPE_CHECKING:
     from trackfg.mapping.changes.changes import Changes
     from trackfg.mapping.changes.difference import Difference
     from trackfg.numerics.arrays import Array
     from trackfg.numerics.kilometrage import Kilometrage
-from trackfg.results.official_places import KM_COLUMN, with_km
 
 _SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
 """Factor and unit in which a column is shown, by its suffix."""
@@ -363,9 +363,3 @@ def _json(content: dict[str, Any]) -> str:
 def _rows(table: pd.DataFrame) -> Iterator[Any]:
     """Yield a named tuple per row; pandas does not give the types of its fields."""
     yield from table.itertuples(index=False)
-
-
-def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows as JSON has them: what is not known, and what is infinite, is null."""
-    plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
-    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]

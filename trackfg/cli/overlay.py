@@ -73,7 +73,7 @@ def _names(runs: Sequence[Path]) -> list[str]:
 
 
 def _as_json(laid: RunOverlay) -> str:
-    from trackfg.cli.map_tables import records
+    from trackfg.cli.tables import records
 
     content = {
         "format": _FORMAT,

@@ -27,8 +27,7 @@ def statistics(
     json: Json = False,
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
-    from trackfg.cli.map_tables import records
-    from trackfg.cli.tables import titled
+    from trackfg.cli.tables import records, titled
     from trackfg.cli.terminal import show
     from trackfg.files.atomic_file import write_whole
     from trackfg.geometry.limits import LimitChoice

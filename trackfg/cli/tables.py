@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 from rich.console import RenderableType
 from rich.table import Table
@@ -141,6 +142,12 @@ def named_values(title: str, rows: Mapping[str, str]) -> Table:
 def titled(title: str, **options: Any) -> Table:
     """Return an empty table with its title above."""
     return Table(title=title, title_justify="left", title_style="bold", **options)
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows as JSON has them: what is not known, and what is infinite, is null."""
+    plain = table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
+    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
 
 
 def _mounting(mounting: Mounting | None) -> dict[str, str]:
