@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from trackfg.mapping.runs.run_overlay import RunOverlay
 
-_FILES = ("overlay.json", "shifts.csv", "differences.csv", "page.html")
+_HEAD, _SHIFTS, _DIFFERENCES, _PAGE = _FILES = ("overlay.json", "shifts.csv", "differences.csv", "page.html")
 _FORMAT = "trackfg-overlay/1"
 _MOST_ROWS = 60
 """Sections that are shown in a terminal."""
@@ -47,9 +47,8 @@ def overlay(
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
     from trackfg.mapping.runs.run_overlay import overlaid
 
-    kind = FolderKind("overlay", _FILES[0], _FORMAT.partition("/")[0] + "/", _FILES)
     if out is not None:
-        kind.refuse_foreign(out)
+        FolderKind("overlay", _HEAD, "trackfg-overlay/", _FILES).refuse_foreign(out)
     laid = overlaid([read_geometry(path) for path in runs], _names(runs), section_m=float(section))
     if out is not None:
         command = shlex.join(["trackfg", "overlay", *map(str, runs), "-o", str(out), "--section", str(section)])
@@ -90,10 +89,10 @@ def _write(laid: RunOverlay, out: Path, command: str) -> None:
     from trackfg.report.overlay_page import overlay_page
 
     with replaced_folder(out) as new:
-        (new / "overlay.json").write_text(_as_json(laid) + "\n", encoding="utf-8")
-        laid.shifts.to_csv(new / "shifts.csv", index=False)
-        laid.differences.to_csv(new / "differences.csv", index=False)
-        overlay_page(laid, command).write(new / "page.html")
+        (new / _HEAD).write_text(_as_json(laid) + "\n", encoding="utf-8")
+        laid.shifts.to_csv(new / _SHIFTS, index=False)
+        laid.differences.to_csv(new / _DIFFERENCES, index=False)
+        overlay_page(laid, command).write(new / _PAGE)
 
 
 def _tables(laid: RunOverlay) -> list[RenderableType]:

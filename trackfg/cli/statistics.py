@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -48,11 +49,13 @@ def statistics(
     for name in names[:_MOST_COLUMNS]:
         shown.add_column(name, justify="right", overflow="fold")
     for row in table[names[:_MOST_COLUMNS]].to_numpy().tolist():
-        shown.add_row(
-            *("" if value != value else f"{value:.3g}" if i > 1 else f"{value:.0f}" for i, value in enumerate(row))
-        )
+        shown.add_row(*(f"{place:.0f}" for place in row[:2]), *(_cell(value) for value in row[2:]))
     show(shown)
     if len(names) > _MOST_COLUMNS:
         print(f"{len(names) - _MOST_COLUMNS} columns more: -o and --json have all")
     if out is not None:
         print(f"statistics: {out}")
+
+
+def _cell(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
