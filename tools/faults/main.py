@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import codecs
+import importlib
 import os
 import shutil
 import sys
@@ -24,20 +25,26 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads do not survive a fork
 
-import trackfg.cli.main
-import trackfg.cli.map_tables
-import trackfg.cli.tables
-import trackfg.mapping.joining.build
-import trackfg.report
-import trackfg.smoothing.smoother
-import trackfg.streaming.run  # noqa: F401  (imported before any fork, for speed)
 from faults.cases import BY_NAME, KINDS, Case, Outcome, case_of, outcome, smallest
 from faults.entries import make_inputs
+
+_FOR_COMMANDS = (
+    "trackfg.cli.main",
+    "trackfg.cli.map_tables",
+    "trackfg.cli.tables",
+    "trackfg.mapping.joining.build",
+    "trackfg.report",
+    "trackfg.smoothing.smoother",
+    "trackfg.streaming.run",
+)
+"""What commands import: imported before any fork, so that no case takes time for it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the cases; the exit status is 1 if any ended otherwise than documented."""
     options = _parser().parse_args(arguments)
+    for module in _FOR_COMMANDS:
+        importlib.import_module(module)
     codecs.lookup("unicode-escape")  # another user may not be able to load it
     base = Path(tempfile.mkdtemp(prefix="faults-base-"))
     os.chmod(base, 0o755)
