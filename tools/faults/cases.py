@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import sqlite3
 import stat
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from faults.damage import FAULTS
 from faults.entries import ENTRIES, Entry
@@ -23,6 +25,18 @@ RESOURCES = ("kill", "memory", "disk", "streams", "rights")
 KINDS = (*FAULTS, *RESOURCES)
 BY_NAME = {entry.name: entry for entry in ENTRIES}
 _DOCUMENTED = (0, 1, 2, 3)
+_UNREADABLE = (
+    ArithmeticError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    pa.ArrowException,
+    sqlite3.Error,
+)
+"""What reading raises of a file that an earlier edit has damaged."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +63,7 @@ class Outcome:
     seconds: float
     failure: str | None = None
     detail: str = ""
-    edits: int = field(default=1)
+    edits: int = 1
 
 
 def case_of(number: int, seed: int, entries: tuple[str, ...], faults: tuple[str, ...]) -> Case:
@@ -101,12 +115,7 @@ def _outcome(case: Case, base: Path, place: Path) -> Outcome:
     end = run(command, folder, conditions, entry.stdin)
     failure = _wrong(command, end, conditions) or _left(folder, kept, command, end, conditions, old_result)
     if failure is None and case.fault in ("kill", "disk") and "--resume" not in command:
-        again = run(command, folder, Conditions(), entry.stdin)
-        is_there = again.status == 2 and "is in the map already" in again.err
-        if not is_there and again.status not in (
-            (0, 2) if command.startswith(("stream", "simulate", "import", "init")) else (0,)
-        ):
-            failure = f"afterwards the same command ends with {again.status}: {again.err[-300:]}"
+        failure = _wrong_again(command, run(command, folder, Conditions(), entry.stdin))
     detail = "" if failure is None else (end.err or end.out)[-3000:]
     return Outcome(case, command, tuple(done), end.status, end.seconds, failure, detail, edits)
 
@@ -123,7 +132,7 @@ def _damaged(folder: Path, entry: Entry, fault: str, rng: np.random.Generator) -
     file = files[rng.integers(len(files))]
     try:
         return FAULTS[fault](file, rng)
-    except Exception as error:  # what is damaged already may not be readable any more
+    except _UNREADABLE as error:
         return f"{file.name}: not damaged further ({type(error).__name__})"
 
 
@@ -179,14 +188,24 @@ def _wrong(command: str, end: End, conditions: Conditions) -> str | None:
     if end.status not in _DOCUMENTED:
         return f"status {end.status}"
     streams = conditions.streams or {}
-    if end.status in (1, 2) and not streams and not _is_told(command, end):
+    if end.status in (1, 2) and not streams and not _gives_reason(command, end):
         return f"status {end.status} with {len(end.err.splitlines())} lines on standard error"
     if any(not (c.isprintable() or c in "\n\t") for c in end.out + end.err):
         return "control characters reach the terminal"
     return None
 
 
-def _is_told(command: str, end: End) -> bool:
+def _wrong_again(command: str, end: End) -> str | None:
+    """Return what is wrong with the end of a command that was cut short before: it may refuse what it finished then."""
+    refuses_used = command.startswith(("stream", "simulate", "import", "init"))
+    is_done = end.status == 2 and (refuses_used or "is in the map already" in end.err)
+    if end.status == 0 or is_done:
+        return None
+    return f"afterwards the same command ends with {end.status}: {end.err[-300:]}"
+
+
+def _gives_reason(command: str, end: End) -> bool:
+    """Return whether one line on standard error says why the command ended."""
     lines = [line for line in end.err.splitlines() if not line.startswith(("trackfg: note", "trackfg: warning"))]
     if command.startswith(("check", "init", "import")):
         return bool(lines) or "error" in end.out
