@@ -194,10 +194,15 @@ def _same(store: Path, reference: dict[str, str]) -> int:
     return sum(content.get(name) == digest for name, digest in reference.items())
 
 
-def _faults(table: Path, folder: Path, figures: Figures) -> None:
+def _rows(table: Path) -> pd.DataFrame:
+    """Return the rows of a catalogue for one in another folder: with the whole paths of recordings."""
     rows = pd.read_csv(table, dtype=str)
-    places = write_faults(folder / "faults", table.parent / rows["recording"][0])
-    rows["recording"] = [str(table.parent / name) for name in rows["recording"]]
+    return rows.assign(recording=[str(table.parent / name) for name in rows["recording"]])
+
+
+def _faults(table: Path, folder: Path, figures: Figures) -> None:
+    rows = _rows(table)
+    places = write_faults(folder / "faults", Path(rows["recording"][0]))
     faulty = pd.DataFrame({"recording": places.values(), "line": "1", "tags": "fault", "run": places.keys()})
     with_faults, store = folder / "with-faults.csv", folder / "store-faults"
     pd.concat([rows, faulty]).to_csv(with_faults, index=False)
@@ -211,7 +216,8 @@ def _faults(table: Path, folder: Path, figures: Figures) -> None:
     figures.add("with five faults: exit status", status, "1", status == 1)
     figures.add("  results", int((listed["status"] == "done").sum()), f"{len(rows)}", len(listed) == len(rows) + 5)
     for kind in KINDS:
-        figures.add(f"  {kind}", failed["reason"].get(kind), "a reason", bool(failed["reason"].get(kind)))
+        reason = failed["reason"].get(kind)
+        figures.add(f"  {kind}", reason, "a reason", bool(reason))
 
 
 def _second_call(table: Path, folder: Path, figures: Figures) -> None:
@@ -220,9 +226,8 @@ def _second_call(table: Path, folder: Path, figures: Figures) -> None:
     out = subprocess.run(_batch(table, store), check=True, capture_output=True, text=True).stdout
     seconds = time.perf_counter() - begin
     figures.add("second call, s", f"{seconds:.1f}", "<= 3", seconds <= 3.0 and "computed 0" in out)
-    changed, rows = folder / "changed.csv", pd.read_csv(table, dtype=str)
+    changed, rows = folder / "changed.csv", _rows(table)
     (folder / "other.toml").write_text("[noise]\nrounds = 2\n")
-    rows["recording"] = [str(table.parent / name) for name in rows["recording"]]
     rows["settings"] = ["other.toml" if number % 5 == 0 else "" for number in range(len(rows))]
     rows.to_csv(changed, index=False)
     plan = _plan(changed, store)
@@ -249,8 +254,7 @@ def _plan(table: Path, store: Path) -> dict[str, str]:
 
 
 def _throughput(table: Path, folder: Path, figures: Figures) -> None:
-    rows = pd.read_csv(table, dtype=str).head(_MEASURED)
-    rows["recording"] = [str(table.parent / name) for name in rows["recording"]]
+    rows = _rows(table).head(_MEASURED)
     few = folder / "few.csv"
     rows.to_csv(few, index=False)
     seconds = {}
