@@ -37,8 +37,8 @@ def import_recording(
 ) -> None:
     """Turn a recording of another system into one of trackfg, or its track geometry into a result.
 
-    Without a mapping, columns are told by their names and values, and what nothing tells is assumed and listed. A table
-    of track geometry by places, without inertial sensors, becomes a result without a trajectory.
+    Without a mapping, columns are recognised by their names and values, and what these do not show is assumed and
+    listed. A table of track geometry by places, without inertial sensors, becomes a result without a trajectory.
     """
     from trackfg.interchange.importing.channels.measured_geometry import measured_result
     from trackfg.interchange.importing.channels.source_geometry import geometry_in

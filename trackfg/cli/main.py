@@ -93,7 +93,7 @@ def _flush_output() -> None:
 
 
 def _sentence(error: OSError) -> str:
-    """Return the file and what the system said of it."""
+    """Return the file and why the system refused it."""
     if error.strerror is None:
         return str(error)
     return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"

@@ -39,8 +39,8 @@ def overlay(
 ) -> None:
     """Lay runs over the first of them: its shift by sections, with a sigma each, and how well channels repeat.
 
-    No hint of the offset is needed. Where a run has no track in common with the first, that is said and the exit status
-    is 2. In OUT are shifts.csv, differences.csv, overlay.json and a page with all runs over one axis.
+    No hint of the offset is needed. The exit status is 2 where a run has no track in common with the first. In OUT are
+    shifts.csv, differences.csv, overlay.json and a page with all runs over one axis.
     """
     from trackfg.cli.terminal import show
     from trackfg.files.owned_folder import FolderKind

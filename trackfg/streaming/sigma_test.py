@@ -98,9 +98,9 @@ class SigmaTest:
 
 def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
     names = ", ".join((quantity, *_ALSO.get(quantity, ())))
-    said = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
+    doubt = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
     advice = "multiply the sigmas by as much, or smooth the recording"
-    return Event(DOUBT, t_s=until_s, detail=f"{said}: {advice}")
+    return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {advice}")
 
 
 def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:
