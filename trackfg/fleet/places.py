@@ -184,7 +184,7 @@ def _unpacked(place: str, scratch: Path, folder: Path) -> Path:
     try:
         with zipfile.ZipFile(archive) as content:
             content.extractall(folder)
-    except (OSError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+    except (OSError, zipfile.BadZipFile, RuntimeError) as error:  # RuntimeError: encrypted, or an unknown compression
         raise PlaceError(f"{place}: not a readable archive: {first_line(error)}") from error
     found = sorted(folder.rglob(_DESCRIPTION))
     if len(found) != 1:

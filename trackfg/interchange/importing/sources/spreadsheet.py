@@ -27,6 +27,7 @@ def read_spreadsheet(path: Path) -> list[SourceTable]:
         sheets = {sheet.title: [list(row) for row in sheet.iter_rows(values_only=True)] for sheet in book.worksheets}
         book.close()
     except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile, SyntaxError) as error:
+        # openpyxl lets through what its parsers raise: KeyError for a missing part, SyntaxError for damaged XML.
         raise BadInputError(f"{path.name}: cannot be read ({error}); expected a spreadsheet (.xlsx)") from error
     tables = {title: _table(rows) for title, rows in sheets.items()}
     found = {title: table for title, table in tables.items() if table is not None}

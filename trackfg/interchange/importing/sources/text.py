@@ -92,6 +92,8 @@ def unpacked(path: Path, folder: Path) -> list[Path]:
                     while block := source.read(1 << 20):
                         out.write(block)
                 files.append(target)
-    except (OSError, zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, ValueError, zlib.error) as error:
+    except (OSError, zipfile.BadZipFile, RuntimeError, EOFError, ValueError, zlib.error) as error:
+        # zipfile has RuntimeError for encrypted members and, as NotImplementedError, for an unknown compression;
+        # EOFError and zlib.error for data that are cut short or damaged; ValueError for a name that is not UTF-8.
         raise BadInputError(f"{path.name}: cannot be unpacked ({error}); expected a zip") from error
     return sorted(files)
