@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -38,8 +40,8 @@ def waves() -> dict[str, np.ndarray]:
     return {name: np.round(6.0 * np.convolve(rng.standard_normal(len(X)), smooth, mode="same"), 2) for name in names}
 
 
-def written(path: Path, table: pd.DataFrame, **options: object) -> Path:
-    table.to_csv(path, index=False, **options)  # type: ignore[call-overload]
+def written(path: Path, table: pd.DataFrame, *, quoting: Literal[0, 2] = csv.QUOTE_MINIMAL) -> Path:
+    table.to_csv(path, index=False, quoting=quoting)
     return path
 
 
@@ -96,7 +98,7 @@ def test_an_office_file_of_finland(tmp_path: Path, waves: dict[str, np.ndarray])
     km = np.floor(X / 1000.0).astype(int)
     places = [f"{k}+{m:07.2f}" for k, m in zip(km, X - 1000.0 * km, strict=True)]
     table = pd.DataFrame({"SSCount": np.arange(len(X)), "Track": "003", "Location [km+m]": places} | names)
-    result = measured(written(tmp_path / "TG_003.csv", table, quoting=2))
+    result = measured(written(tmp_path / "TG_003.csv", table, quoting=csv.QUOTE_NONNUMERIC))
     geometry = result.geometry
     np.testing.assert_allclose(geometry["chainage_m"], X)
     np.testing.assert_allclose(geometry["gauge_mm"], 1435.0 + waves["gauge"])
