@@ -68,5 +68,9 @@ def read_model(path: Path, model: type[Content]) -> Content:
     try:
         return model.model_validate(read_toml(path))
     except ValidationError as error:
-        problems = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise BadInputError(f"{path}: " + "; ".join(problems)) from error
+        raise BadInputError(f"{path}: {faults_of(error)}") from error
+
+
+def faults_of(error: ValidationError, prefix: str = "") -> str:
+    """Return every key at fault, after ``prefix``, with what was expected of it."""
+    return "; ".join(f"{prefix}{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())

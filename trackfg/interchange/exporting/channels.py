@@ -18,7 +18,7 @@ import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trackfg.errors import BadInputError
-from trackfg.files.small_file import read_toml, toml_of
+from trackfg.files.small_file import faults_of, read_toml, toml_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.km_notation import written_places
 from trackfg.results.official_places import KM_COLUMN
@@ -48,8 +48,7 @@ def read_template(path: Path | None) -> tuple[Channel, ...]:
         content = toml_of(built_in.read_bytes()) if path is None else read_toml(path)
         channels = tuple(Channel.model_validate(entry) for entry in content.get("channel", ()))
     except ValidationError as error:
-        problems = (f"channel, key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise BadInputError(f"{name}: " + "; ".join(problems)) from error
+        raise BadInputError(f"{name}: {faults_of(error, 'channel, key ')}") from error
     if not channels:
         raise BadInputError(f"{name}: no [[channel]]; expected at least one")
     return channels

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trackfg.errors import BadInputError
-from trackfg.files.small_file import read_toml
+from trackfg.files.small_file import faults_of, read_toml
 from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
@@ -127,8 +127,7 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
         sensors = tuple(_sensor(*part) for part in _sections(data))
         geometry = GeometryReading.model_validate(data["geometry"]) if "geometry" in data else None
     except ValidationError as error:
-        problems = (f"key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise BadInputError(f"{name}: " + "; ".join(problems)) from error
+        raise BadInputError(f"{name}: {faults_of(error, 'key ')}") from error
     top = {key: data[key] for key in ("id", "start", "track") if key in data}
     source = data.get("source")
     return Mapping(name, None if source is None else str(source), text, sensors, top, geometry)
@@ -148,7 +147,6 @@ def _sensor(kind: str, section: str, part: dict[str, Any]) -> MappedSensor:
     try:
         reading = _Reading.model_validate(part)
     except ValidationError as error:
-        problems = (f"[{section}] key {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise BadInputError("; ".join(problems)) from error
+        raise BadInputError(faults_of(error, f"[{section}] key ")) from error
     keys = {key: value for key, value in part.items() if key not in (*_CONSUMED, "file")}
     return MappedSensor(kind, section, reading, keys)
