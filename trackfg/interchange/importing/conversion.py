@@ -24,7 +24,7 @@ from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.mapping import MappedSensor, Mapping
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.times import Times, as_datetime, read_times, spread_stamps, start_of
+from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, spread_stamps, start_of
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
@@ -172,12 +172,9 @@ def _times(table: SourceTable, sensor: MappedSensor) -> Times:
     times = read_times(table, sensor.time_columns, sensor.notation)
     if sensor.kind in ("fixes", "gnss"):
         return times
-    if times.ns is None:
-        assert times.seconds is not None
-        return Times(None, spread_stamps(times.seconds))
-    since = (times.ns - times.ns[0]) / 1e9
+    since = times.since(times.first_ns)
     spread = spread_stamps(since)
-    return times if spread is since else Times(times.ns[0] + np.round(spread * 1e9).astype(np.int64), None)
+    return times if spread is since else Times.after(times.first_ns, spread)
 
 
 def _rows(times: Times, keep: np.ndarray) -> Times:
@@ -195,10 +192,10 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
         columns = {str(name): table.numbers(str(name)) for name in value}
         columns, keys = _in_known_units(sensor, times, columns, {f"{key}_unit": sensor.keys.get(f"{key}_unit")})
         streams.append((times, columns, keys))
-    (gyro_times, *_), (accel_times, *_) = streams
-    if (gyro_times.ns is None) != (accel_times.ns is None):
+    first_ns = [times.first_ns for times, *_ in streams if times.first_ns is not None]
+    if len(first_ns) == 1:
         raise BadInputError(f"{gyro.name} and {accel.name}: one has dates and the other has not; expected one clock")
-    zero = None if gyro_times.ns is None or accel_times.ns is None else int(min(gyro_times.ns[0], accel_times.ns[0]))
+    zero = min(first_ns, default=None)
     t = [times.since(zero) for times, *_ in streams]
     begin, end = max(t[0][0], t[1][0]), min(t[0][-1], t[1][-1])
     if begin >= end:
@@ -214,8 +211,7 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
     for prefix, (_, values, own) in zip(("gyro", "accel"), streams, strict=True):
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in own.items() if value is not None}
-    times = Times(None, common) if zero is None else Times(zero + np.round(common * 1e9).astype(np.int64), None)
-    return _Part(sensor, times, columns, keys)
+    return _Part(sensor, Times.after(zero, common), columns, keys)
 
 
 def _in_known_units(
@@ -233,8 +229,7 @@ def _in_known_units(
             columns |= {name: columns[name] * factor for name in names}
         elif unit in _INCREMENTS:
             keys[f"{key}_unit"] = _INCREMENTS[unit]
-            t = times.since(None if times.ns is None else int(times.ns[0]))
-            step = np.diff(t)
+            step = np.diff(times.since(times.first_ns))
             # A lost sample must not look like a slow one: increments are over the usual interval.
             columns |= {name: columns[name] / float(np.median(step)) for name in names}
     return columns, keys
@@ -249,8 +244,7 @@ def _start(parts: Sequence[_Part], mapping: Mapping) -> int | None:
     dated = [part.sensor.section for part in parts if part.times.ns is not None]
     undated = [part.sensor.section for part in parts if part.times.ns is None]
     if isinstance(given, datetime):
-        aware = given if given.tzinfo is not None else given.replace(tzinfo=UTC)
-        return int(aware.timestamp()) * 1_000_000_000 + aware.microsecond * 1000
+        return as_ns(given if given.tzinfo is not None else given.replace(tzinfo=UTC))
     if dated and undated:
         raise BadInputError(
             f"{mapping.name}: [{dated[0]}] has dates and [{undated[0]}] counts from a zero of its own; expected one "

@@ -79,6 +79,18 @@ class Times:
             return self.seconds
         return np.asarray((self.ns - (start_ns or 0)) / 1e9)
 
+    @classmethod
+    def after(cls, start_ns: int | None, seconds: Array) -> Times:
+        """Return times that :meth:`since` turns into ``seconds`` (n,); None: they are not on the calendar."""
+        if start_ns is None:
+            return cls(None, seconds)
+        return cls(start_ns + np.round(seconds * 1e9).astype(np.int64), None)
+
+    @property
+    def first_ns(self) -> int | None:
+        """The first time, ns since 1970; None where they are not on the calendar."""
+        return None if self.ns is None else int(self.ns[0])
+
 
 def read_times(table: SourceTable, columns: tuple[str, ...], notation: TimeNotation) -> Times:
     """Read the time of each row from one column, or from a date and a time of day in two.
@@ -231,7 +243,7 @@ def spread_stamps(t: Array) -> Array:
                 out[a:b] = _line(t[a:b])
             if b == last:
                 break
-    return np.maximum.accumulate(out) if (np.diff(out) > 0).all() else _strictly(out, usual)
+    return out if (np.diff(out) > 0).all() else _strictly(out, usual)
 
 
 _LINE_ROWS = 2000
@@ -255,9 +267,15 @@ def start_of(times: Times) -> int | None:
 
     Spread stamps may begin a few ms before the first one that was written, so as much is allowed for.
     """
-    return None if times.ns is None else int((times.ns[0] + 50_000_000) // 1_000_000_000 * 1_000_000_000)
+    first_ns = times.first_ns
+    return None if first_ns is None else (first_ns + 50_000_000) // 1_000_000_000 * 1_000_000_000
 
 
 def as_datetime(ns: int) -> datetime:
     """Return a time in ns since 1970 as a date."""
     return datetime.fromtimestamp(ns / 1e9, tz=UTC)
+
+
+def as_ns(date: datetime) -> int:
+    """Return a date with a time zone in ns since 1970."""
+    return int(date.timestamp()) * 1_000_000_000 + date.microsecond * 1000

@@ -13,6 +13,7 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times import as_ns
 from trackfg.interchange.libraries import library
 
 _UERE_M = 3.0
@@ -70,7 +71,7 @@ def refuse_backward(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _pvt(message: Any) -> tuple[int, tuple[float, ...]]:
     day = datetime(message.year, message.month, message.day, message.hour, message.min, message.second, tzinfo=UTC)
-    ns = int(day.timestamp()) * 1_000_000_000 + int(message.nano)
+    ns = as_ns(day) + int(message.nano)
     # hAcc is that of both coordinates together, as the receiver's description has it.
     across, up = message.hAcc * 1e-3 / np.sqrt(2.0), message.vAcc * 1e-3
     return ns, (message.lat, message.lon, message.height * 1e-3, across, across, up)
@@ -108,6 +109,5 @@ class _Nmea:
                 continue
             at = datetime.combine(known, time, tzinfo=UTC)
             sigmas = self._sigmas.get(time)
-            ns = int(at.timestamp()) * 1_000_000_000 + at.microsecond * 1000
-            rows.append((ns, (*values[:3], *(values[3:] if sigmas is None else sigmas))))
+            rows.append((as_ns(at), (*values[:3], *(values[3:] if sigmas is None else sigmas))))
         return rows
