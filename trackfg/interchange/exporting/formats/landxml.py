@@ -130,11 +130,10 @@ def _elements(curves: list[Curve], start: float, end: float) -> list[_Element]:
     elements: list[_Element] = []
     at, before = start, None
     for begin, stop, curvature, cant, curve in arcs:
-        joined = before is not None and not curve.btc_m > before.etc_m + _SHORTEST_M
-        if joined and before is not None:
-            law = _law(curve.law_in)
+        # Curves whose ends are not known (NaN) are joined, too.
+        if before is not None and not curve.btc_m > before.etc_m + _SHORTEST_M:
             last = elements[-1]
-            elements.append(_Element(begin - at, last.end, curvature, last.end_cant_mm, cant, law))
+            elements.append(_Element(begin - at, last.end, curvature, last.end_cant_mm, cant, _law(curve.law_in)))
         else:
             if before is not None:
                 elements.append(_exit(before, at))
