@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 
@@ -28,12 +29,7 @@ class Csv(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the table that the options name."""
-        _write_csv(
-            pa.Table.from_pandas(
-                table_of(result, options.table, km=options.km, bands=options.bands), preserve_index=False
-            ),
-            path,
-        )
+        _write_csv(table_of(result, options.table, km=options.km, bands=options.bands), path)
 
 
 class Excel(ResultFormat):
@@ -71,13 +67,13 @@ class Channels(ResultFormat):
         """Write the channels of the template, or of the built-in one."""
         channels = options.channels or read_template(None)
         bands = options.bands or any(channel.column in BAND_COLUMNS for channel in channels)
-        table = channel_table(table_of(result, "geometry", km=options.km, bands=bands), channels)
-        _write_csv(pa.Table.from_pandas(table, preserve_index=False), path)
+        _write_csv(channel_table(table_of(result, "geometry", km=options.km, bands=bands), channels), path)
 
 
-def _write_csv(table: pa.Table, path: Path) -> None:
+def _write_csv(table: pd.DataFrame, path: Path) -> None:
+    arrow = pa.Table.from_pandas(table, preserve_index=False)
     without_nan = [
         pa.compute.if_else(pa.compute.is_finite(column), column, None) if pa.types.is_floating(column.type) else column
-        for column in table.columns
+        for column in arrow.columns
     ]
-    pa.csv.write_csv(pa.table(without_nan, names=table.column_names), path)
+    pa.csv.write_csv(pa.table(without_nan, names=arrow.column_names), path)
