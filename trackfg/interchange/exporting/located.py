@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from trackfg.geometry.versine_bands import with_long_bands
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
 from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
@@ -69,12 +71,22 @@ def located_trajectory(result: Result) -> pd.DataFrame:
     return result.trajectory.assign(**dict(zip(GEODETIC_COLUMNS, geodetic.T, strict=True)))
 
 
+def travelled_m(trajectory: pd.DataFrame) -> Array:
+    """Return the distance travelled since the first row, to and fro, m (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(trajectory["chainage_m"])))])
+
+
+def quaternions_of(trajectory: pd.DataFrame) -> Array:
+    """Return the attitude, body to navigation, as quaternions (n, 4): x, y, z, w."""
+    return np.asarray(Rotation.from_euler("xyz", trajectory[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()).as_quat())
+
+
 def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False) -> pd.DataFrame:
     """Return a table of the result by its name, ``geometry``, ``trajectory`` or ``events``, with places.
 
     With ``km`` official places are beside its chainages, with ``bands`` the geometry of a smoothed run has level and
-    alignment in the bands D2 and D3, as its versines tell them. Raises :class:`~trackfg.errors.BadInputError` where the
-    result knows none.
+    alignment in the bands D2 and D3, computed from its versines. Raises :class:`~trackfg.errors.BadInputError` where
+    official places are wanted and the result has no kilometrage.
     """
     if name == "geometry":
         table, meaning = located_geometry(result), result.summary.geometry

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from lxml import etree
 
-from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_trajectory, start_of, table_of
+from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_trajectory, start_of, table_of, travelled_m
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
 from trackfg.numerics.arrays import Array
@@ -33,12 +33,12 @@ class GeoJson(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the features, vertices ``step_m`` apart."""
-        track = _vertices(result, options.step_m)
-        coordinates = np.round(_lon_lat_height(track), 9).tolist()
+        track = located_trajectory(result)
+        coordinates = np.round(_lon_lat_height(_vertices(track, options.step_m)), 9).tolist()
         line = {"type": "LineString", "coordinates": coordinates}
         about = {"kind": "path", **_about(result, options)}
         features: list[dict[str, Any]] = [{"type": "Feature", "geometry": line, "properties": about}]
-        for event, place in _placed_events(result, options):
+        for event, place in _placed_events(result, track, options):
             point = None if place is None else {"type": "Point", "coordinates": np.round(place, 9).tolist()}
             features.append({"type": "Feature", "geometry": point, "properties": event})
         collection = {"type": "FeatureCollection", "features": features}
@@ -55,7 +55,7 @@ class Gpx(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the track, points ``step_m`` apart."""
-        track = _vertices(result, options.step_m)
+        track = _vertices(located_trajectory(result), options.step_m)
         root = etree.Element(f"{{{_GPX}}}gpx", nsmap={None: _GPX}, version="1.1", creator="trackfg")
         trk = etree.SubElement(root, f"{{{_GPX}}}trk")
         etree.SubElement(trk, f"{{{_GPX}}}name").text = result.summary.recording_id
@@ -85,10 +85,10 @@ class GeoPackage(ResultFormat):
         if len(points):
             fields = points.drop(columns=list(GEODETIC_COLUMNS))
             _layer(raw, path, "geometry", ("Point Z", _points(points)), fields)
-        track = _vertices(result, options.step_m)
+        track = located_trajectory(result)
         line = pd.DataFrame([_about(result, options)])
-        _layer(raw, path, "path", ("LineString Z", [line_wkb(_lon_lat_height(track))]), line)
-        placed = [(event, place) for event, place in _placed_events(result, options) if place is not None]
+        _layer(raw, path, "path", ("LineString Z", [line_wkb(_lon_lat_height(_vertices(track, options.step_m)))]), line)
+        placed = [(event, place) for event, place in _placed_events(result, track, options) if place is not None]
         if placed:
             fields = pd.DataFrame([event for event, _ in placed])
             _layer(raw, path, "events", ("Point Z", [point_wkb(place) for _, place in placed]), fields)
@@ -121,11 +121,9 @@ def _about(result: Result, options: ExportOptions) -> dict[str, str]:
     return about
 
 
-def _vertices(result: Result, step_m: float) -> pd.DataFrame:
-    """Return the trajectory's rows that are at least ``step_m`` of travel apart, with their positions."""
-    track = located_trajectory(result)
-    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(track["chainage_m"])))])
-    cell = np.floor(travelled / step_m)
+def _vertices(track: pd.DataFrame, step_m: float) -> pd.DataFrame:
+    """Return the rows of a trajectory that are at least ``step_m`` of travel apart."""
+    cell = np.floor(travelled_m(track) / step_m)
     kept = np.concatenate([[True], cell[1:] > cell[:-1]])
     kept[-1] = True
     return track[kept]
@@ -135,9 +133,11 @@ def _lon_lat_height(table: pd.DataFrame) -> Array:
     return table[["longitude_deg", "latitude_deg", "height_m"]].to_numpy()
 
 
-def _placed_events(result: Result, options: ExportOptions) -> list[tuple[dict[str, Any], Array | None]]:
-    """Return each event with its columns, and where the vehicle was when it began."""
-    track, events = located_trajectory(result), table_of(result, "events", km=options.km)
+def _placed_events(
+    result: Result, track: pd.DataFrame, options: ExportOptions
+) -> list[tuple[dict[str, Any], Array | None]]:
+    """Return each event with its columns, and where on the located ``track`` the vehicle was when it began."""
+    events = table_of(result, "events", km=options.km)
     times, places = track["t_s"].to_numpy(), _lon_lat_height(track)
     values = events.astype(object).where(events.notna(), None).to_numpy().tolist()
     rows = [dict(zip(map(str, events.columns), row, strict=True)) for row in values]

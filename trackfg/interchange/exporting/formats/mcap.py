@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from trackfg.interchange.exporting.located import located_trajectory, start_of
+from trackfg.interchange.exporting.located import located_trajectory, quaternions_of, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
 from trackfg.results.result import Result
@@ -41,7 +40,6 @@ class Mcap(ResultFormat):
         start = start_of(result)
         zero = 0 if start is None else start.value
         stamps = zero + np.round(track["t_s"].to_numpy() * 1e9).astype(np.int64)
-        quaternions = Rotation.from_euler("xyz", track[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()).as_quat()
         with path.open("wb") as stream:
             writer = writer_of.Writer(stream)
             writer.start()
@@ -50,7 +48,7 @@ class Mcap(ResultFormat):
                 topics["/location"] = "foxglove.LocationFix"
             channels = {topic: _channel(writer, topic, schema) for topic, schema in topics.items()}
             rows = [dict(zip(track.columns, values, strict=True)) for values in track.to_numpy().tolist()]
-            for stamp, row, quaternion in zip(stamps.tolist(), rows, quaternions, strict=True):
+            for stamp, row, quaternion in zip(stamps.tolist(), rows, quaternions_of(track), strict=True):
                 time = {"sec": stamp // 1_000_000_000, "nsec": stamp % 1_000_000_000}
                 messages: dict[str, dict[str, Any]] = {
                     "/pose": {"frame_id": "enu", "pose": _pose(row, quaternion)},

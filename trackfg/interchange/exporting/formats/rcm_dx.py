@@ -16,7 +16,7 @@ import numpy as np
 
 from trackfg import __version__
 from trackfg.errors import BadInputError
-from trackfg.interchange.exporting.located import direction_of, located_geometry, start_of
+from trackfg.interchange.exporting.located import direction_of, located_geometry, start_of, travelled_m
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.interchange.libraries import library
 from trackfg.numerics.arrays import Array
@@ -91,7 +91,7 @@ def _texts(group: Any, name: str, values: list[str]) -> None:
 def _sections(session: Any, result: Result, stamps: np.ndarray) -> None:
     """Write one section: the whole run, on a track whose id is not known."""
     group = _group(session, "SECTIONS", "Sections")
-    travelled = _covered(result)
+    travelled = travelled_m(result.trajectory)
     chainage = result.trajectory["chainage_m"].to_numpy()
     direction = direction_of(result)
     _texts(group, "direction", ["FORWARD"])
@@ -114,10 +114,6 @@ def _sections(session: Any, result: Result, stamps: np.ndarray) -> None:
     group["trackId"] = np.array([_UNKNOWN_ID], dtype=np.int32)
 
 
-def _covered(result: Result) -> Array:
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(result.trajectory["chainage_m"])))])
-
-
 def _position(session: Any, result: Result, stamps: np.ndarray, options: ExportOptions) -> None:
     track = result.trajectory
     source = _group(_group(session, "POSITION", "System"), "POSITION.SOURCE", "Datasource")
@@ -125,11 +121,10 @@ def _position(session: Any, result: Result, stamps: np.ndarray, options: ExportO
     data = _group(source, "POSITION.SOURCE.DATA", "Channel")
     chainage, rows = track["chainage_m"].to_numpy(), len(track)
     line = line_kilometrage(result) if options.km else LineKilometrage()
-    official = line.kilometrage().official_m(chainage)
-    ascends = line.kilometrage().ascends(chainage)
-    data["covereddistance"] = _covered(result)
+    kilometrage = line.kilometrage()
+    data["covereddistance"] = travelled_m(track)
     data["trackoffset"] = chainage
-    data["lineoffset"] = official / 1000.0
+    data["lineoffset"] = kilometrage.official_m(chainage) / 1000.0
     data["positionaccuracy"] = track["chainage_m_sd"].to_numpy(dtype=np.float32)
     data["track_id"] = np.full(rows, _number(line.track), dtype=np.int32)
     data["line_id"] = np.full(rows, _number(line.line), dtype=np.int32)
@@ -138,7 +133,7 @@ def _position(session: Any, result: Result, stamps: np.ndarray, options: ExportO
     data["positionquality"] = np.clip(quality, 0, 15).astype(np.int32)
     forward = track["speed_mps"].to_numpy() >= 0.0
     _texts(data, "direction", ["FORWARD" if ahead else "BACKWARD" for ahead in forward])
-    growing = forward == (ascends == (direction_of(result) == 1))
+    growing = forward == (kilometrage.ascends(chainage) == (direction_of(result) == 1))
     _texts(data, "kilometrage", ["INCREASING" if grows else "DECREASING" for grows in growing])
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from trackfg.interchange.exporting.located import quaternions_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.result import Result
 
@@ -22,7 +22,5 @@ class Tum(ResultFormat):
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the trajectory."""
         track = result.trajectory
-        angles = track[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()
-        quaternions = Rotation.from_euler("xyz", angles).as_quat()
-        rows = np.column_stack([track[["t_s", "east_m", "north_m", "up_m"]].to_numpy(), quaternions])
+        rows = np.column_stack([track[["t_s", "east_m", "north_m", "up_m"]].to_numpy(), quaternions_of(track)])
         np.savetxt(path, rows, fmt="%.9f")
