@@ -121,8 +121,7 @@ class Kilometrage:
         if not inside:
             inside = list(self._beyond(official_m, part))
         inside.sort()
-        apart = (x for x, before in zip(inside, [-math.inf, *inside], strict=False) if x - before > 2.0 * within_m)
-        return tuple(dict.fromkeys(apart))
+        return tuple(x for x, before in zip(inside, [-math.inf, *inside], strict=False) if x - before > 2.0 * within_m)
 
     def written(self, chainage_m: Array, *, decimals: int = 2) -> list[str]:
         """Return chainages (n,), m, as official places, ``12+345.67``, each with its part where others have it too.

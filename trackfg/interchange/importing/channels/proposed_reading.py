@@ -16,19 +16,14 @@ _PLACE = re.compile(
     r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|\bkm\b|里程|公里|(line|track).?offset",
     re.IGNORECASE,
 )
-_LEAST_CHANNELS = 1
-"""A table with a place and so many channels of track geometry is one of track geometry."""
 
 
 def proposed_reading(tables: Sequence[SourceTable]) -> GeometryReading | None:
-    """Return how the first table that holds track geometry by places is to be read; None where none does."""
+    """Return how the first table that has places and a channel of track geometry is read; None where none has."""
     for table in tables:
         place = _place(table)
-        channels = _channels(table, place)
-        if place is not None and len(channels) >= _LEAST_CHANNELS:
-            unit: Literal["m", "km"] = "m"
-            if isinstance(place, str) and _in_km(table, place):
-                unit = "km"
+        if place is not None and (channels := _channels(table, place)):
+            unit: Literal["m", "km"] = "km" if isinstance(place, str) and _in_km(table, place) else "m"
             return GeometryReading(file=table.name, place=place, chainage_unit=unit, channels=channels)
     return None
 
@@ -52,11 +47,11 @@ def _in_km(table: SourceTable, place: str) -> bool:
     return place != "chainage_m" and re.search(r"\bkm\b|kilomet", place.replace("_", " "), re.IGNORECASE) is not None
 
 
-def _channels(table: SourceTable, place: str | tuple[str, str] | None) -> dict[str, ChannelReading]:
+def _channels(table: SourceTable, place: str | tuple[str, str]) -> dict[str, ChannelReading]:
     """Return the channels by the geometry's column: of two of one column the one that is no deviation, or the first."""
     found: dict[str, ChannelReading] = {}
     for name in table.columns:
-        if place is not None and name in (place if isinstance(place, tuple) else (place,)):
+        if name in (place if isinstance(place, tuple) else (place,)):
             continue
         channel = channel_of(name, table.units.get(name, ""))
         if channel is None or channel.column == "chainage_m":

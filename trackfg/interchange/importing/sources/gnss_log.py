@@ -59,10 +59,10 @@ def read_gnss_log(path: Path) -> SourceTable:
         raise BadInputError(f"{path.name}: no position found; expected UBX NAV-PVT, or NMEA GGA with ZDA or RMC")
     frame = pd.DataFrame(np.array([values for _, values in rows]), columns=list(_COLUMNS))
     frame.insert(0, "time_ns", np.array([ns for ns, _ in rows], dtype=np.int64))
-    return SourceTable("gnss", refuse_backward(frame))
+    return SourceTable("gnss", _without_repetitions(frame))
 
 
-def refuse_backward(frame: pd.DataFrame) -> pd.DataFrame:
+def _without_repetitions(frame: pd.DataFrame) -> pd.DataFrame:
     """Return the rows whose time is later than all before: a log that was started twice repeats some."""
     latest = np.maximum.accumulate(frame["time_ns"].to_numpy())
     later = np.concatenate([[True], frame["time_ns"].to_numpy()[1:] > latest[:-1]])

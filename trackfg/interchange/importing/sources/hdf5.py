@@ -7,7 +7,7 @@ them, or with the system's prefix (``[PLATFORM].``, ``section.``), as recording 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,11 +68,12 @@ def _has_root(path: Path, name: str) -> bool:
         return False
 
 
-def _read(path: Path, found: Any) -> list[SourceTable]:
+def _read(path: Path, tables_of: Callable[[Any, Any], Iterator[SourceTable]]) -> list[SourceTable]:
+    """Return what ``tables_of`` yields for the library and the open file. Raises :class:`BadInputError`."""
     h5py = library("h5py", "hdf5")
     try:
         with h5py.File(path, "r") as file:
-            return list(found(h5py, file))
+            return list(tables_of(h5py, file))
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
         raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected HDF5") from error
 

@@ -84,7 +84,8 @@ class Phyphox(SourceFormat):
 
     def recognises(self, path: Path) -> bool:
         """Return whether it has phyphox's file of times, and a sensor's."""
-        return "time.csv" in _names(path) and bool(_names(path) & {*_PHYPHOX_FILES, "Raw Data.csv"})
+        names = _names(path)
+        return "time.csv" in names and bool(names & {*_PHYPHOX_FILES, "Raw Data.csv"})
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read gyroscope, accelerometer and location."""

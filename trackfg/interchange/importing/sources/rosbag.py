@@ -78,8 +78,6 @@ class RosBag(SourceFormat):
                     columns[connection.topic] = names
                     stamps.setdefault(connection.topic, []).append(stamp.sec * 1_000_000_000 + stamp.nanosec)
                     rows.setdefault(connection.topic, []).append(values_of(message))
-        except BadInputError:
-            raise
         except Exception as error:  # the library raises errors of many kinds for damaged bags
             raise BadInputError(
                 f"{path.name}: cannot be read ({first_line(error)}); expected a ROS bag or MCAP file"

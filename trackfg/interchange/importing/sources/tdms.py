@@ -30,10 +30,8 @@ class Tdms(SourceFormat):
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read every group with numbers; ``time_s`` is the waveform's time where the group has one."""
         nptdms = library("nptdms", "tdms")
+        library("nptdms.log", "tdms").log_manager.set_level(logging.ERROR)  # a damaged file gets one message, ours
         tables = []
-        library("nptdms.log", "tdms").log_manager.set_level(
-            logging.ERROR
-        )  # what is wrong with a file is said in one message here
         try:
             with nptdms.TdmsFile.open(path) as file:
                 for group in file.groups():
