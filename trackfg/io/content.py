@@ -1,6 +1,6 @@
 """A recording's content is its description and the tables that it names, byte by byte.
 
-Its digest tells whether a result would come out the same again. Truth is no part of it: estimators never see it.
+Its digest shows whether a result was computed from the same content. Truth is no part of it: estimators never see it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from trackfg.io.description_reader import locate, read_description
+from trackfg.io.description_reader import ReadDescription, locate, read_description
 from trackfg.io.table_file import resolve_inside
 from trackfg.recording.description import Table, Truth
 
@@ -21,15 +21,20 @@ def tables_of(sensors: Iterable[Table]) -> tuple[str, ...]:
 
 def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
     """Return the folder of a recording, and the names in it of its description and of the tables that this names."""
-    folder, toml = locate(path)
-    return folder, (toml.name, *tables_of(read_description(path).sensors.values()))
+    folder, _ = locate(path)
+    return folder, _content_names(path, read_description(path))
 
 
 def named_files(path: Path | str) -> tuple[str, ...]:
     """Return the names of all files that a recording is read with: its content, and those of its truth."""
-    _, names = content_files(path)
-    truth = read_description(path).parts.get("truth")
+    read = read_description(path)
+    names, truth = _content_names(path, read), read.parts.get("truth")
     return (*names, *filter(None, (truth.file, truth.geometry))) if isinstance(truth, Truth) else names
+
+
+def _content_names(path: Path | str, read: ReadDescription) -> tuple[str, ...]:
+    _, toml = locate(path)
+    return (toml.name, *tables_of(read.sensors.values()))
 
 
 def files_sha256(folder: Path, names: Iterable[str]) -> str | None:
