@@ -201,10 +201,8 @@ def _kilometrage(description: LineDescription, end: float) -> LineKilometrage | 
     last = max((entry.chainage_m for entry in (*given.equation, *given.post)), default=-np.inf)
     if last >= end:
         raise ValueError(f"kilometrage: chainage_m is {last:g}: expected one before the line's end, {end:g}")
-    changes = {"line": given.line or description.id}
-    if given.end_chainage_m is None:
-        return given.model_copy(update={**changes, "end_chainage_m": end})
-    return given.model_copy(update=changes)
+    end = end if given.end_chainage_m is None else given.end_chainage_m
+    return given.model_copy(update={"line": given.line or description.id, "end_chainage_m": end})
 
 
 def _plan(description: LineDescription) -> tuple[list[Element], list[Element]]:

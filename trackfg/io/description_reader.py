@@ -50,7 +50,7 @@ _BOUNDS = {
     "less_than_equal": "at most",
 }
 _MOST_FAULTS = 50
-"""Faults that are told of one part: a file of a hundred thousand unknown keys is no description."""
+"""Faults that are reported of one part: a file of a hundred thousand unknown keys is no description."""
 _LENGTH_ERRORS = ("too_long", "too_short", "tuple_type", "list_type")
 
 
@@ -231,7 +231,7 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
         limit, is_sigma = next(iter(context.values())), _SIGMA_KEY.search(name) is not None
         not_positive = is_sigma and isinstance(given, int | float) and given <= 0
         message = f"is {given!r}" + (", a sigma that is zero or negative" if not_positive else "")
-        expected = f"a number {_BOUNDS[kind]} {limit:g}{_unit(name)}" if not not_positive else "a number above 0"
+        expected = "a number above 0" if not_positive else f"a number {_BOUNDS[kind]} {limit:g}{_unit(name)}"
         return finding("bad-sigma" if is_sigma else "bad-value", message, expected)
     if kind == "too_long" and name in (*_LISTS, "further_tach"):
         return finding("bad-value", f"has {context['actual_length']} entries", f"at most {MOST_OF_A_KIND}")
