@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events, resampled_trajectory
+from trackfg.baselines.result import STEP_M, BaselineResult, filled, resampled_trajectory
 from trackfg.errors import BadInputError
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
@@ -27,6 +27,7 @@ from trackfg.numerics.passes import Pass, passes
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS
+from trackfg.results.events import no_events
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel

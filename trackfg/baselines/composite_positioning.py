@@ -29,11 +29,12 @@ import pandas as pd
 
 from trackfg.baselines.curve_points import CurvePoints, Diagnostics, Sighting, find_curve
 from trackfg.baselines.gravity_compensated import Coasting, VehicleState, coast, readhesion, start_state
-from trackfg.baselines.result import BaselineResult, filled, no_events, recorded
+from trackfg.baselines.result import BaselineResult, filled, recorded
 from trackfg.baselines.slip_detection import Cycles, JerkRule, detections, read_cycles, start_point
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.events import no_events
 
 _SEARCH_S = 10.0
 """How far back a start point may lie, s; where there is none, it is the setback itself. Assumed: the paper says no

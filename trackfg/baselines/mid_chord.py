@@ -37,7 +37,7 @@ import pandas as pd
 
 from trackfg.baselines.mid_chord_motion import UnitMotion, unit_motion
 from trackfg.baselines.mixed_waveform import blended, mixed_waveform
-from trackfg.baselines.result import STEP_M, BaselineResult, filled, no_events, recorded, resampled_trajectory
+from trackfg.baselines.result import STEP_M, BaselineResult, filled, recorded, resampled_trajectory
 from trackfg.errors import BadInputError
 from trackfg.geometry.design_versine import design_versine
 from trackfg.geometry.grid import steps, weighted_neighbours
@@ -48,6 +48,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS
+from trackfg.results.events import no_events
 from trackfg.sensors.displacement import SIDES, RailView, rail_views
 
 Method = Literal["inertial", "difference", "conventional", "developed"]

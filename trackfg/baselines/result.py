@@ -111,10 +111,3 @@ def resampled_trajectory(t: Array, known: Mapping[str, Array | None]) -> pd.Data
     clock = np.arange(t[0], t[-1], TRAJECTORY_S)
     at = {column: np.interp(clock, t, values) for column, values in known.items() if values is not None}
     return filled(TRAJECTORY_COLUMNS, {"t_s": clock, **at})
-
-
-def no_events() -> pd.DataFrame:
-    """Return an event table without rows."""
-    return pd.DataFrame(
-        {name: pd.Series(dtype="str" if name in ("kind", "detail") else "float64") for name in EVENT_COLUMNS}
-    )

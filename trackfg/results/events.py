@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import printable
+from trackfg.results.columns import EVENT_COLUMNS
 
 
 @dataclass(frozen=True)
@@ -75,3 +76,10 @@ _TYPES = {
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:
     """Return a table of one row per event and one column per field, NaN for what is not known."""
     return pd.DataFrame([astuple(event) for event in events], columns=list(_TYPES)).astype(_TYPES)
+
+
+def no_events() -> pd.DataFrame:
+    """Return an event table without rows."""
+    return pd.DataFrame(
+        {name: pd.Series(dtype="str" if name in ("kind", "detail") else "float64") for name in EVENT_COLUMNS}
+    )

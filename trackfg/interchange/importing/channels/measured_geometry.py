@@ -23,7 +23,8 @@ from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
-from trackfg.results.columns import BAND_COLUMNS, EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.events import no_events
 from trackfg.results.place_covariance import APART_M, PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions, RunFacts, Summary
@@ -86,7 +87,7 @@ def measured_result(table: SourceTable, reading: GeometryReading, run_id: str) -
     return Result(
         trajectory=pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64),
         geometry=geometry,
-        events=_no_events(),
+        events=no_events(),
         summary=summary,
         covariance=_covariance(chainage, reading.chainage_sd_m),
     )
@@ -206,12 +207,6 @@ def _covariance(chainage: Array, chainage_sd_m: float) -> PlaceCovariance:
     places = np.linspace(chainage[0], chainage[-1], count)
     alike = np.exp(-np.abs(places[:, None] - places) / _SAME_ERROR_M)
     return PlaceCovariance(places, np.kron(np.diag([chainage_sd_m**2, _CROSS_LEVEL_SD_MM**2]), alike))
-
-
-def _no_events() -> pd.DataFrame:
-    return pd.DataFrame(
-        {name: pd.Series(dtype="str" if name in ("kind", "detail") else "float64") for name in EVENT_COLUMNS}
-    )
 
 
 def _assumed(names: Sequence[str]) -> Finding:
