@@ -22,7 +22,7 @@ _ENU = ("east", "north", "up")
 class WrongFixes(Effect):
     """Fixes of which a share of ``magnitude`` has the chainage of another balise of the run.
 
-    At least one is wrong of :data:`FEWEST_FIXES` or more; of fewer none, since no vote could tell which. For the
+    At least one is wrong of :data:`FEWEST_FIXES` or more; of fewer none, since no vote could identify it. For the
     oracle: the wrong ones are left out.
     """
 

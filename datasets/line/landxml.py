@@ -7,7 +7,7 @@
 * Profile: the first ``ProfAlign``: gradients between its points; ``CircCurve`` by its radius, ``ParaCurve`` by its
   length. Heights are taken for the centre line's, whatever the point that cant turns about.
 
-What the file contradicts itself in, and what was not used, is told in ``remarks``.
+``remarks`` lists where the file contradicts itself, and what was not used.
 """
 
 from __future__ import annotations

@@ -143,7 +143,7 @@ def open_landxml(path: Path | str) -> Node:
 
 
 def version_remarks(root: Node) -> list[str]:
-    """Return what is to be said of a version that is not the namespace's."""
+    """Return a remark where the file's version is not the one of its namespace."""
     declared, expected = root.text("version"), NAMESPACES[root.namespace]
     if declared == expected:
         return []

@@ -141,7 +141,7 @@ class LineDescription(Model):
 def read_line(path: Path | str) -> DescribedLine:
     """Return the line that a TOML file describes.
 
-    A jump of the curvature is told in the remarks; a jump of the cant is an error. Raises :class:`BadInputError` naming
+    A jump of the curvature is in the remarks; a jump of the cant is an error. Raises :class:`BadInputError` naming
     the file, the element by its number, and what was expected.
     """
     path = Path(path)

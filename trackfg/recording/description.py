@@ -26,7 +26,7 @@ orders of magnitude away from what there is, and exclude what would overflow in 
 Seconds = Annotated[float, Field(strict=True, ge=-1e10, le=1e10)]
 """An offset of a clock, s: 300 years."""
 Length = Annotated[float, Field(strict=True, ge=1e-3, le=1e4)]
-"""Of a vehicle's or a track's part, m; also in mm, which the checks then tell."""
+"""Of a vehicle's or a track's part, m; also in mm, which the checks then report."""
 Place = Annotated[float, Field(strict=True, ge=-100, le=100)]
 """On a vehicle, from its reference point, m: a car is 20 to 30 m long."""
 Angle = Annotated[float, Field(strict=True, ge=-720, le=720)]

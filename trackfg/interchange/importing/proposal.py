@@ -1,7 +1,7 @@
 """A mapping is proposed from the data, with a question for each thing that they cannot say.
 
-Names and units tell what the columns are (:mod:`trackfg.interchange.importing.column_meaning`); then the recording that
-the proposal makes is looked at as ``trackfg check`` does, which tells axes.
+Names and units show what the columns are (:mod:`trackfg.interchange.importing.column_meaning`); then the recording that
+the proposal makes is examined as ``trackfg check`` does, which finds the axes.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ about 3 m horizontally, twice as much in height)."""
 
 @dataclass(frozen=True)
 class Question:
-    """A question has a ``key``, a ``text``, and a ``default`` that is taken where nobody answers."""
+    """A question has a ``key``, a ``text``, and a ``default`` that is taken without an answer."""
 
     key: str
     text: str
@@ -76,7 +76,7 @@ def _imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     gyro, accel = _longest(tables, "gyro"), _longest(tables, "accel")
     if accel is None and any(triples(table, "free_accel") for table in tables):
         raise BadInputError(
-            "the acceleration is without gravity, from which roll and pitch are told; expected the specific force "
+            "the acceleration is without gravity, which roll and pitch need; expected the specific force "
             "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
         )
     if gyro is None or accel is None:
@@ -109,7 +109,7 @@ def _number(ask: Ask, key: str, text: str, default: str) -> float:
 
 
 def _asked_unit(triple: Triple, key: str, ask: Ask) -> str:
-    if triple.known or key == "accel":  # gravity tells the accelerometer's
+    if triple.known or key == "accel":  # the accelerometer's unit follows from gravity
         return triple.unit
     columns = ", ".join(triple.columns)
     return ask(Question("imu.gyro_unit", f"Unit of {columns}", triple.unit, ("rad/s", "deg/s", "deg/h", "mrad/s")))

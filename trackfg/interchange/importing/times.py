@@ -230,7 +230,7 @@ def spread_stamps(t: Array) -> Array:
     if t.size < 3 or (step > 0).all():
         return t
     if (step < 0).any():
-        return t  # a clock that runs backwards is not for the importer to mend: `check` names the row
+        return t  # a clock that runs backwards is not corrected here: `check` names the row
     usual = (t[-1] - t[0]) / (t.size - 1)
     ticks = step[step > 0]
     quantum = float(ticks.min()) if ticks.size else 0.0

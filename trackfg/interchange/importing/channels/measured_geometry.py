@@ -2,7 +2,7 @@
 
 Channels keep their values. What a table does not have is computed where that needs no assumption: the middle of both
 rails, twist from the cross-level, versines of level and alignment (of the waves that the channels hold), and curvature
-from a versine, less the offset that it has on straights. The rest is NaN, and so are sigmas, which no channel tells.
+from a versine, less the offset that it has on straights. The rest is NaN, and so are sigmas, which no channel states.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The base of a recorded twist, and where it lies, are told by the recorded cross-level."""
+"""The base of a recorded twist, and where it lies, are identified from the recorded cross-level."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trackfg.numerics.arrays import Array
 _LONGEST_M = 20.0
 """Longest base that is tried, m: EN 13848-5 has limits for bases up to 20 m."""
 _ROWS = 40_000
-"""Rows that are compared: 10 km tell every base."""
+"""Rows that are compared: 10 km are enough to identify any base."""
 _LEFT_OVER = 0.2
 """Greatest share of the recorded twist, as rms, that the computed one may leave: next to the right base, 0.25 m off at
 3 m, some 10 % are left; with a wrong anchor the whole."""

@@ -78,7 +78,7 @@ def _pvt(message: Any) -> tuple[int, tuple[float, ...]]:
 
 
 class _Nmea:
-    """Sentences of one epoch are put together by their time of day; ZDA and RMC tell the day."""
+    """Sentences of one epoch are put together by their time of day; ZDA and RMC give the day."""
 
     def __init__(self) -> None:
         self._day: date | None = None

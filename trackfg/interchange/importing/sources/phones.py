@@ -1,7 +1,7 @@
 """Logs of phones: Sensor Logger and phyphox, as a folder or a zip of CSV files.
 
-Both have a file for acceleration without gravity beside, or instead of, the one with it. Roll and pitch are told from
-gravity, so that only the latter is of use.
+Both have a file for acceleration without gravity beside, or instead of, the one with it. Roll and pitch are estimated
+from gravity, so that only the latter is of use.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class SensorLogger(SourceFormat):
             named["TotalAcceleration"] = _with_gravity(named["Accelerometer"], named["Gravity"])
         if "TotalAcceleration" not in named:
             raise BadInputError(
-                f"{path.name}: Accelerometer.csv is without gravity, from which roll and pitch are told; expected "
+                f"{path.name}: Accelerometer.csv is without gravity, which roll and pitch need; expected "
                 "TotalAcceleration.csv. Hint: switch on Total Acceleration, or Gravity, in the app's sensors"
             )
         if "Gyroscope" not in named:
@@ -92,7 +92,7 @@ class Phyphox(SourceFormat):
         named = _read(path, tuple(name.removesuffix(".csv") for name in _PHYPHOX_FILES), dialect_for)
         if "Accelerometer" not in named and "Linear Accelerometer" in named:
             raise BadInputError(
-                f"{path.name}: the acceleration is without gravity, from which roll and pitch are told; expected the "
+                f"{path.name}: the acceleration is without gravity, which roll and pitch need; expected the "
                 "experiment 'Acceleration with g'"
             )
         for name in ("Gyroscope", "Accelerometer"):
