@@ -46,7 +46,8 @@ def trajectory_columns(
     forward = R_bt[:, 0]
     columns = [run.direction * motion.distance, *p.T, on_track @ forward, *rpy.T]
 
-    variance = keyframe_variances(states, covariance, lever_arm, run.mount_roll_sd)
+    J, spread = _propagated(states, covariance, lever_arm)
+    variance = _variances(J, spread, run.mount_roll_sd)
     k, f = motion.keyframe, motion.fraction[:, None]
     bridge = np.diff(run.t)[k] * motion.fraction * (1.0 - motion.fraction)
     between = variance[k] * (1.0 - f) + variance[k + 1] * f
@@ -55,9 +56,8 @@ def trajectory_columns(
     accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
     between[:, 4] += accel * bridge + gyro @ (skew(arm) @ forward) ** 2 / motion.gyro_span
-    swung, point = motion.gyro @ skew(forward).T, covariance.leading(_POINT.stop)[:, :, _POINT]
-    with_speed = np.einsum("nd,ndp->np", keyframe_jacobian(states, lever_arm)[:, 4, : _POINT.stop], point)
-    between[:, 4] += np.einsum("mi,ij,mj->m", swung, point[0, _POINT], swung)
+    swung, with_speed = motion.gyro @ skew(forward).T, spread[:, 4, _POINT]
+    between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.leading(_POINT.stop)[0, _POINT, _POINT], swung)
     between[:, 4] += 2.0 * np.sum((with_speed[k] * (1.0 - f) + with_speed[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]
     sigma = np.sqrt(between)
@@ -95,8 +95,17 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
 
     ``mount_roll_sd``, rad, is the uncertainty of the mounting's roll: it adds to that of the vehicle's roll.
     """
+    return _variances(*_propagated(states, covariance, lever_arm), mount_roll_sd)
+
+
+def _propagated(states: States, covariance: Covariance, lever_arm: Array) -> tuple[Array, Array]:
+    """Return :func:`keyframe_jacobian`, and the covariance of the quantities with its variables, (n, 8, d) each."""
     J = keyframe_jacobian(states, lever_arm)
-    variance = np.asarray(np.sum((J @ covariance.leading(J.shape[2])) * J, axis=2))
+    return J, J @ covariance.leading(J.shape[2])
+
+
+def _variances(J: Array, spread: Array, mount_roll_sd: float) -> Array:
+    variance = np.asarray(np.sum(spread * J, axis=2))
     variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
     return variance
 
