@@ -379,7 +379,7 @@ def imu_grade(path: InitialPath, noise: ImuNoise) -> Array:
     """Return how many times worse than declared each calibration of an inertial sensor is, at most ten times. (dim,)
 
     Within a class of sensors what is large is large together: an accelerometer whose bias is 50 mg has a scale that is
-    off by 1 %. A gyro's class is told by its own bias.
+    off by 1 %. A gyro's own bias shows the class of the gyro.
     """
     ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
     grade = np.ones(Kind.IMU.dim)

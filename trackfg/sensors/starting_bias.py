@@ -11,8 +11,7 @@ the specific force, change with the heading. It is believed as far as the declar
 its own size is its sigma.
 
 **Without any rest** the bias across is what makes the integrated gyro run away from gravity: the slope, over the run,
-of the same difference. Kinematic accelerations spoil single
-tilts by 0.01 rad; over a minute that leaves 2e-4 rad/s.
+of the same difference. Kinematic accelerations spoil single tilts by 0.01 rad; over a minute that leaves 2e-4 rad/s.
 
 The vertical part follows from GNSS positions in the same way, as the slope of the integrated yaw rate less the heading
 of the path from position to position. Without them nothing measures it directly, but track is straight for a good part,

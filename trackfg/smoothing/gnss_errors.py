@@ -136,9 +136,10 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     states = run.solution.states
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
     residual, followed = predicted(family, states, run.covariance)
-    seen = errors_seen(t, residual / declared.sigma, np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2)
-    if problem.gnss_level is not None and have_grown(residual / declared.sigma, problem.gnss_level):
+    in_sigmas = residual / declared.sigma
+    if problem.gnss_level is not None and have_grown(in_sigmas, problem.gnss_level):
         return Reassessment(problem, (_HELD_OTHERS,))
+    seen = errors_seen(t, in_sigmas, np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
     changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > _SETTLED)

@@ -41,9 +41,6 @@ _AGREEING = 10.0
 _SIGNIFICANT = 3.0
 """Sigmas of a variance with so many residuals, ``sqrt(2 / (n + sum r))``, by which a level has to exceed 1."""
 
-_FAR_OFF = 2.0
-"""Ratio of seen to assumed noise from which on it is a finding: sigmas are wrong by as much."""
-
 _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
 
@@ -54,7 +51,7 @@ _ALIKE = 1e-9
 """Relative spread of a family's levels up to which they are one, but for rounding."""
 
 _FAR_OFF = 2.0
-"""Level from which on it is said: sigmas were wrong by as much."""
+"""Ratio of seen to assumed or declared noise from which on it is a finding: sigmas were wrong by as much."""
 
 _FAMILIES = {
     FactorType.NON_HOLONOMIC: "motion",

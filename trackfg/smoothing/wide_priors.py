@@ -177,17 +177,23 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far] = np.abs(judged.alone[far])
             if kind is Kind.IMU:
-                widest = CALIBRATION_FACTOR / run.declared.imu_grade * first.sigma
-                widest[0, EARTH] = EARTH_RATE
+                widest = _widest_calibration(run.declared, first)
                 wanted[0, EARTH] = wanted[0, EARTH].max()  # which way is ahead says nothing
-                beyond = np.abs(judged.alone[far]) / np.hypot(widest[0, far], judged.spread[far])
                 wanted = np.minimum(wanted, widest)
+                beyond = np.abs(judged.alone[far]) / np.hypot(widest[far], judged.spread[far])
                 doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
             left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
             wanted[0, left] = current.sigma[0, left]
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
+
+
+def _widest_calibration(declared: Problem, prior: Family) -> Array:
+    """Return the largest sigmas (dim,) that the prior of an inertial sensor's calibration may have."""
+    widest = CALIBRATION_FACTOR / declared.imu_grade * prior.sigma[0]
+    widest[EARTH] = EARTH_RATE
+    return np.asarray(widest)
 
 
 def _unexplained(factor: float) -> Doubt:

@@ -101,7 +101,7 @@ def test_the_accelerometers_bias_shows_in_the_length_of_the_force() -> None:
 
 
 def test_short_rests_weigh_less_than_long_ones() -> None:
-    """Of a bias that does not walk, the mean of all rests, each by its duration, is told."""
+    """A bias that does not walk is the mean of all rests, weighted by their durations."""
     t = STEP_S * np.arange(1000)
     gyro = np.random.default_rng(1).normal(0.0, 1e-3, (1000, 3)) + BIAS
     rests = np.array([[0.0, 40.0], [50.0, 51.0], [90.0, 99.0]])
