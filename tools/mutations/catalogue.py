@@ -395,7 +395,7 @@ _OUTPUT = (
                 "p = nav.p - nav.R @ lever_arm",
                 "p = nav.p + nav.R @ lever_arm",
             ),
-            _one("speed is that of the sensor", "nav.own_velocity - motion.gyro @ skew(arm)", "nav.own_velocity"),
+            _one("speed is that of the sensor", "nav.own_velocity - np.cross(motion.gyro, arm)", "nav.own_velocity"),
             _one(
                 "speed is that of the reference point",
                 "arm = lever_arm - tracking_point(states.mount)[0]",

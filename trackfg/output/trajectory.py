@@ -42,7 +42,7 @@ def trajectory_columns(
     lever_arm, noise = run.lever_arm, run.noise
     p = nav.p - nav.R @ lever_arm
     arm = lever_arm - tracking_point(states.mount)[0]
-    on_track = nav.own_velocity - motion.gyro @ skew(arm)
+    on_track = nav.own_velocity - np.cross(motion.gyro, arm)
     forward = R_bt[:, 0]
     columns = [run.direction * motion.distance, *p.T, on_track @ forward, *rpy.T]
 
@@ -56,7 +56,7 @@ def trajectory_columns(
     accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
     between[:, 4] += accel * bridge + gyro @ (skew(arm) @ forward) ** 2 / motion.gyro_span
-    swung, with_speed = motion.gyro @ skew(forward).T, spread[:, 4, _POINT]
+    swung, with_speed = np.cross(forward, motion.gyro), spread[:, 4, _POINT]
     between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.leading(_POINT.stop)[0, _POINT, _POINT], swung)
     between[:, 4] += 2.0 * np.sum((with_speed[k] * (1.0 - f) + with_speed[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]

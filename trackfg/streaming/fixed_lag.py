@@ -191,7 +191,8 @@ class FixedLagSmoother:
         covariance = update.covariance.with_added_distance_variance(self._moving.votes.doubt_m**2)
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, buffer.description.track.direction)
-        run = self._running.context.run_of(window.t[-2:], buffer.inertial)
+        # Of the samples of this interval alone: those of the whole buffer depend on how rows came in.
+        run = self._running.context.run_of(window.t[-2:], buffer.intervals(*window.t[-2:].tolist()))
         at = np.array([window.t[-1]])
         rate = buffer.mean_rate(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
