@@ -49,9 +49,6 @@ LANDMARK_QUANTITIES = ("chainage_m", "radius_m", "transition_length_m", "arc_len
 _RATE_SD = 1e-4
 """Of one map's scale against another's: fixes some kilometres apart have settled both."""
 
-_IN_PLACE_M = 1e-6
-"""A grid that moves by less, m, stays as it is: that is rounding, by which equal numbers would differ."""
-
 _ROUNDING = 1e-9
 """Of a variance, relative: less than this is what is left of equal numbers."""
 
@@ -137,14 +134,12 @@ def _in_sigmas(change: Array, sd: Array) -> Array:
 
 
 def _on_chainage_of(b: FeatureMap, a: FeatureMap) -> pd.DataFrame:
-    """Return the grid of a by the chainage of b, unchanged if its track is not recognised there, or is in its place."""
+    """Return the grid of a by the chainage of b, unchanged if its track is not recognised there."""
     if a.grid.empty or b.grid.empty:
         return a.grid
     map_sd = float(b.grid["chainage_m_sd"].median())
     to_b = recognised_near(a.grid, b.grid, map_sd, rate_sd=_RATE_SD, direction=1).warp
-    if to_b is None or np.abs(to_b(chainage := a.grid["chainage_m"].to_numpy()) - chainage).max() < _IN_PLACE_M:
-        return a.grid
-    return warped(a.grid, to_b, a.conventions.step_m)
+    return a.grid if to_b is None else warped(a.grid, to_b, a.conventions.step_m)
 
 
 def _moved(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:

@@ -19,6 +19,8 @@ MERGED = ("curvature_1pm", "gradient_permille", "cross_level_mm", "versine_level
 
 _LEAST_SD = 1e-9
 """Least sigma of a weight, in the unit of the column: keeps it finite."""
+_ON_AN_EDGE_M = 1e-6
+"""A row this near to the edge of a stretch, m, lies on it: places that were stored come back with rounding."""
 _STEEP_OVER_M = 10.0
 """Length over which the slope of a profile is taken as rms, m: a base of curvature and versines."""
 _WALK_SHARE = 8.0
@@ -78,13 +80,17 @@ def merged(grid: pd.DataFrame, run: pd.DataFrame) -> pd.DataFrame:
 
 
 def window_means(grid: pd.DataFrame, name: str, centres: Array, length_m: float) -> Array:
-    """Return means of a column over stretches about ``centres`` (m,); NaN where less than half of one is known."""
+    """Return means of a column over stretches about ``centres`` (m,); NaN where less than half of one is known.
+
+    A row at the first edge of a stretch is in it, one at the last edge is not, whatever the rounding of a centre.
+    """
     step, x = step_of(grid), grid["chainage_m"].to_numpy()
     value = grid[name].to_numpy()
     known = np.isfinite(value)
     total = np.concatenate([[0.0], np.cumsum(np.where(known, value, 0.0))])
     count = np.concatenate([[0], np.cumsum(known)])
-    low, high = (np.searchsorted(x, centres + side * 0.5 * length_m) for side in (-1.0, 1.0))
+    edges = (centres + side * 0.5 * length_m - _ON_AN_EDGE_M for side in (-1.0, 1.0))
+    low, high = (np.searchsorted(x, edge) for edge in edges)
     number = count[high] - count[low]
     enough = number >= 0.5 * length_m / step
     return np.where(enough, (total[high] - total[low]) / np.maximum(number, 1), np.nan)
