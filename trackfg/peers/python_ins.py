@@ -35,13 +35,10 @@ import numpy as np
 import pandas as pd
 
 from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, roll_and_pitch, tables
-from trackfg.baselines.result import BaselineResult
 from trackfg.geometry.cross_level import cross_level
-from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import earth_rate_enu, geodetic_to_enu
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.peers.installed import require
-from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import interpolate_columns, intervals, means_around
 from trackfg.sensors.standstills import find_standstills
@@ -49,6 +46,10 @@ from trackfg.sensors.tach import read_wheel
 
 if TYPE_CHECKING:
     from pyins.measurements import Measurement
+
+    from trackfg.baselines.result import BaselineResult
+    from trackfg.numerics.arrays import Array
+    from trackfg.recording.model import Recording
 
 NAME = "python-ins"
 DEFAULT_LATITUDE_DEG = 45.0

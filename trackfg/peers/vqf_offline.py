@@ -13,16 +13,20 @@ forwards and ``w x v``; ``compensated=False`` is VQF as it comes. It has no sigm
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from trackfg.baselines.attitude import Attitude, motion_of, tables
-from trackfg.baselines.result import BaselineResult
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.peers.installed import require
-from trackfg.recording.model import Recording
+
+if TYPE_CHECKING:
+    from trackfg.baselines.result import BaselineResult
+    from trackfg.recording.model import Recording
 
 NAME = "vqf"
 

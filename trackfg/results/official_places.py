@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from pydantic import JsonValue, ValidationError
 
 from trackfg.errors import BadInputError
-from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.recording.line_kilometrage import LineKilometrage
-from trackfg.results.result import Result
+
+if TYPE_CHECKING:
+    from trackfg.numerics.kilometrage import Kilometrage
+    from trackfg.results.result import Result
 
 KM_COLUMN = "km"
 """Heads the column of official places."""

@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import gtsam
 import numpy as np
 
-from trackfg.factors.family import Family
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
-from trackfg.graph.build import Problem
 from trackfg.solver.elimination import eliminate
-from trackfg.solver.square_root import SquareRoot
 
 if TYPE_CHECKING:
     from trackfg.config import SolverConfig
+    from trackfg.factors.family import Family
+    from trackfg.graph.build import Problem
+    from trackfg.solver.square_root import SquareRoot
 
 _SHORTEST = 2.0**-10
 """A step is halved no further than this share of it."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,11 +25,13 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.linear import LinearFactors, Slot, first_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
-from trackfg.graph.build import Problem
-from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import times_covariance
-from trackfg.solver.gauss_newton import Solution
-from trackfg.solver.square_root import SquareRoot
+
+if TYPE_CHECKING:
+    from trackfg.graph.build import Problem
+    from trackfg.numerics.arrays import Array
+    from trackfg.solver.gauss_newton import Solution
+    from trackfg.solver.square_root import SquareRoot
 
 _DRAWS = 24
 """Drawn errors: the mean of one square over so many errs by sqrt(2 / 24), 29 %; most are over many blocks, too."""

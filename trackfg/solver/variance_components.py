@@ -10,18 +10,20 @@ models" (1999), ch. 3.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
 from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
-from trackfg.graph.build import Problem
-from trackfg.numerics.arrays import Array
-from trackfg.solver.covariance import Covariance
-from trackfg.solver.gauss_newton import Solution
+
+if TYPE_CHECKING:
+    from trackfg.factors.family import Family
+    from trackfg.graph.build import Problem
+    from trackfg.numerics.arrays import Array
+    from trackfg.solver.covariance import Covariance
+    from trackfg.solver.gauss_newton import Solution
 
 _LEAST_REDUNDANCY = 20.0
 """Groups that the rest of the graph hardly checks say nothing about their own noise."""
