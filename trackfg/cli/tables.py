@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from trackfg.io.check import CheckReport
     from trackfg.recording.findings import Finding
 
+_DEG_PER_H = math.degrees(1.0) * 3600.0
+
 _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 
@@ -65,15 +67,78 @@ def findings(found: Sequence[Finding]) -> RenderableType:
 
 
 def estimates(values: Mapping[str, Any]) -> RenderableType:
-    """Return what the data say by themselves, one row per value."""
-    from trackfg.report.flatten import leaves  # late: what makes pages takes 0.2 s
+    """Return what the data say by themselves: each quantity with its unit and 1-sigma, where it could be estimated."""
+    rows = {
+        "record": f"{values['duration_s']:.1f} s, IMU at {values['imu_rate_hz']:.4g} Hz",
+        **_heard_tach(values),
+        "rests": f"{values['standstills']}, {values['standstill_s']:.1f} s in all",
+        **_axes(values["axes"]),
+        **_force(values.get("force", {})),
+        **_clocks(values.get("clock_offset"), values.get("positions", {})),
+        **{f"wheel scale by {name}": _scale(values.get(f"wheel_scale_{name}")) for name in ("fixes", "gnss")},
+        **_rest(values.get("static_bias"), values.get("noise_density")),
+    }
+    return named_values("Estimated from the data", rows)
 
-    table = titled("Estimated from the data")
-    table.add_column("quantity", no_wrap=True)
-    table.add_column("value")
-    for name, value in leaves(values):
-        table.add_row(Text(name), Text(_text(value)))
-    return table
+
+def _heard_tach(values: Mapping[str, Any]) -> dict[str, str]:
+    if "tach_rate_hz" not in values:
+        return {"tach": "none"}
+    quantum = values.get("tach_quantum_m")
+    steps = f", steps of {quantum:.4g} m" if quantum else ""
+    silent = values["silent_spans"]
+    return {
+        "tach": f"{values['tach_rate_hz']:.4g} Hz, {values['nominal_distance_m']:.1f} m in all{steps}",
+        "tach silent in motion": ", ".join(f"{one['start_s']:.1f} to {one['end_s']:.1f} s" for one in silent),
+    }
+
+
+def _axes(axes: Mapping[str, Any]) -> dict[str, str]:
+    agree = "as the data show" if axes["proposed"] == axes["declared"] else f"the data show {axes['proposed']}"
+    forward = axes.get("best_forward")
+    return {
+        "axes": f"{axes['declared']} declared, {agree}",
+        "tilt of the sensor": f"{axes['tilt_deg']:.2f} deg at {axes['magnitude_mps2']:.3f} m/s^2",
+        "forward axis": f"{forward} (correlation {axes['best_forward_correlation']:.3f})" if forward else "",
+    }
+
+
+def _force(force: Mapping[str, Any]) -> dict[str, str]:
+    """Return the slopes of the force balance, which are 1 where the description is right."""
+    slopes = {"forward force over the tach's": "forward", "lateral force over speed times yaw rate": "lateral"}
+    return {title: _slope(force.get(name)) for title, name in slopes.items()}
+
+
+def _clocks(tach: Mapping[str, Any] | None, positions: Mapping[str, Any]) -> dict[str, str]:
+    gnss, fix = positions.get("gnss_delay"), positions.get("fix_delay")
+    return {
+        "clock offset of the tach": f"{tach['offset_s']:+.3f} ± {tach['sd_s']:.3f} s" if tach else "",
+        "delay of GNSS": f"{gnss['lag_s']:+.3f} ± {gnss['sd_s']:.3f} s" if gnss else "",
+        "turns of GNSS over the gyro's": _slope(positions.get("course")),
+        "delay of fixes": f"{fix['delay_s']:+.3f} ± {fix['sd_s']:.3f} s" if fix else "",
+    }
+
+
+def _rest(bias: Mapping[str, Any] | None, noise: Mapping[str, Any] | None) -> dict[str, str]:
+    rows = {}
+    if bias:
+        gyro = VectorEstimate(value=bias["gyro_radps"], sd=bias["gyro_sd_radps"])
+        up = Estimate(value=bias["accel_excess_mps2"], sd=bias["accel_excess_sd_mps2"])
+        rows["gyro bias at rest"] = _vector(gyro, _DEG_PER_H, "deg/h")
+        rows["accelerometer bias upwards"] = f"{_with_sd(up, 1000.0, 1)} mm/s^2"
+    if noise:
+        for name, sensor, unit in (("gyro", "gyro", "rad/s/√Hz"), ("accelerometer", "accel", "m/s^2/√Hz")):
+            density, ratio = noise[f"{sensor}_white"], noise[f"{sensor}_ratio"]
+            rows[f"white noise of the {name}"] = f"{density:.3g} {unit}, {ratio:.2f} times the declared one"
+    return rows
+
+
+def _slope(slope: Mapping[str, float] | None) -> str:
+    return f"{slope['value']:.3f}, between {slope['low']:.3f} and {slope['high']:.3f}" if slope else ""
+
+
+def _scale(scale: Mapping[str, Any] | None) -> str:
+    return f"{scale['scale']:.5f} ± {scale['sd']:.5f} from {scale['samples']} differences" if scale else ""
 
 
 def check_json(report: CheckReport) -> str:
@@ -92,7 +157,7 @@ def summary(result: Result) -> RenderableType:
         "wheel scale": _estimate(page.wheel_scale),
         "clock offset": _estimate(page.clock_offset_s, "s"),
         **_mounting(page.mounting),
-        "gyro bias": _vector(page.gyro_bias_radps, math.degrees(1.0) * 3600.0, "deg/h"),
+        "gyro bias": _vector(page.gyro_bias_radps, _DEG_PER_H, "deg/h"),
         "accelerometer bias": _vector(page.accel_bias_mps2, 1000.0, "mm/s^2"),
         "events": _counts(result.events["kind"]),
         "findings": _counts(finding.level for finding in page.findings),
@@ -186,9 +251,3 @@ def _distance(distance_m: float | None) -> str:
 def _counts(values: Iterable[str]) -> str:
     counted = pd.Series(list(values), dtype="str").value_counts()
     return ", ".join(f"{number} {value}" for value, number in counted.items()) or "none"
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return ", ".join(_text(item) for item in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -201,6 +201,9 @@ def test_check_a_sound_recording(run: Run, recording: Path) -> None:
     done = run("check", recording)
     assert done.status == 0, done.out
     assert "Estimated from the data" in done.out
+    shown = {row[0].strip(): row[1].strip() for line in done.out.splitlines() if len(row := line.split("│")[1:-1]) == 2}
+    assert shown["axes"] == "FLU declared, as the data show"
+    assert shown["gyro bias at rest"].endswith("deg/h")
 
 
 def test_check_as_json(run: Run, recording: Path) -> None:
