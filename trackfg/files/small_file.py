@@ -7,12 +7,14 @@ import os
 import re
 import stat
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
-from trackfg.errors import BadInputError, first_line
+from trackfg.errors import BadInputError, did_you_mean, first_line
 
 Content = TypeVar("Content", bound=BaseModel)
 
@@ -65,12 +67,37 @@ def read_model(path: Path, model: type[Content]) -> Content:
 
     Raises :class:`BadInputError` that names the file, every key at fault, and what was expected.
     """
+    return validated(model, read_toml(path), f"{path}: ")
+
+
+def validated(model: type[Content], content: Any, place: str, key: str = "") -> Content:
+    """Return a content as ``model`` has it.
+
+    Raises :class:`BadInputError` that begins with ``place`` and names every key at fault, after the word ``key``, and
+    what was expected of it.
+    """
     try:
-        return model.model_validate(read_toml(path))
+        return model.model_validate(content)
     except ValidationError as error:
-        raise BadInputError(f"{path}: {faults_of(error)}") from error
+        raise BadInputError(place + "; ".join(key + _fault(detail, model) for detail in error.errors())) from error
 
 
-def faults_of(error: ValidationError, prefix: str = "") -> str:
-    """Return every key at fault, after ``prefix``, with what was expected of it."""
-    return "; ".join(f"{prefix}{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+def _fault(detail: ErrorDetails, model: type[BaseModel]) -> str:
+    """Return a key and what is wrong with it."""
+    place = [str(step) for step in detail["loc"]]
+    message = detail["msg"].removeprefix("Value error, ")
+    if detail["type"] == "extra_forbidden":
+        known = keys_at(model, place[:-1])
+        near = did_you_mean(place[-1], known)
+        message = f"unknown key; expected one of {', '.join(known)}" + (f". Hint: {near}" if near else "")
+    return f"{'.'.join(place)}: {message}" if place else message
+
+
+def keys_at(model: type[BaseModel], place: Iterable[str]) -> list[str]:
+    """Return the keys of a model, or of the part of it that ``place``, keys and positions in lists, leads to."""
+    for step in place:
+        annotation = model.model_fields[step].annotation if step in model.model_fields else None
+        annotation = next(iter(get_args(annotation)), annotation)  # of a list, what it holds
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            model = annotation
+    return list(model.model_fields)

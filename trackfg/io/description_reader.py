@@ -10,13 +10,13 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackfg.errors import did_you_mean
-from trackfg.files.small_file import MOST_TOML_BYTES, read_small, toml_of
+from trackfg.files.small_file import MOST_TOML_BYTES, keys_at, read_small, toml_of
 from trackfg.io.formats.registry import FORMATS
 from trackfg.recording.description import (
     MOST_OF_A_KIND,
@@ -218,7 +218,7 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
         return Finding("error", code, message, file=file, column=column, expected=expected, hint=hint)
 
     if kind == "extra_forbidden":
-        known = _keys_at(model, loc[:-1])
+        known = [key for key in keys_at(model, loc[:-1]) if key != "further_tach"]  # which is written [[tach]]
         hint = did_you_mean(name, known)
         return finding("unknown-key", "unknown key", f"one of {', '.join(known)}", hint or "remove it")
     if kind == "missing" and loc == keys:
@@ -262,16 +262,6 @@ _EXAMPLES = {
     "column": 'column = "count"',
     "kind": 'kind = "pulses", "distance" or "speed"',
 }
-
-
-def _keys_at(model: type[Model], loc: list[str]) -> list[str]:
-    """The keys of the model itself, or of the part of it that ``loc`` names."""
-    for step in loc:
-        annotation = model.model_fields[step].annotation if step in model.model_fields else None
-        annotation = next(iter(get_args(annotation)), annotation)  # of a list, what it holds
-        if isinstance(annotation, type) and issubclass(annotation, Model):
-            model = annotation
-    return [name for name in model.model_fields if name != "further_tach"]  # which is written [[tach]]
 
 
 def _expected_list(model: type[Model], loc: list[str]) -> str:

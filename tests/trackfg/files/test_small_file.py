@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import recover, replaced_folder
 from trackfg.files.owned_folder import refuse_unwritable
@@ -48,6 +49,17 @@ def test_absurd_depth_is_refused_at_once(text: str) -> None:
 def test_a_hundred_thousand_unknown_keys_are_told_in_short(tmp_path: Path) -> None:
     (tmp_path / "recording.toml").write_text("".join(f"key{i}=1\n" for i in range(90_000))[:MOST_TOML_BYTES])
     assert 1 < len(read_description(tmp_path).findings) < 100
+
+
+def test_an_unknown_setting_is_named_with_the_nearest_one(tmp_path: Path) -> None:
+    (path := tmp_path / "c.toml").write_text("ouput = {}\n[geometry]\nstep_n = 1.0\n")
+    with pytest.raises(BadInputError) as refused:
+        SmoothConfig.from_toml(path)
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    assert "ouput: unknown key; expected one of keyframes, imu," in message
+    assert "did you mean 'output'?" in message
+    assert "geometry.step_n: unknown key; expected one of step_m," in message
 
 
 def test_a_byte_order_mark_is_no_content() -> None:

@@ -15,10 +15,10 @@ from typing import Annotated
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from trackfg.errors import BadInputError
-from trackfg.files.small_file import faults_of, read_toml, toml_of
+from trackfg.files.small_file import read_toml, toml_of, validated
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.km_notation import written_places
 from trackfg.results.official_places import KM_COLUMN
@@ -43,12 +43,9 @@ class Channel(BaseModel):
 def read_template(path: Path | None) -> tuple[Channel, ...]:
     """Read a template, or the built-in one. Raises :class:`BadInputError` with file, key and what was expected."""
     name = BUILT_IN if path is None else str(path)
-    try:
-        built_in = resources.files("trackfg.interchange.exporting").joinpath(BUILT_IN)
-        content = toml_of(built_in.read_bytes()) if path is None else read_toml(path)
-        channels = tuple(Channel.model_validate(entry) for entry in content.get("channel", ()))
-    except ValidationError as error:
-        raise BadInputError(f"{name}: {faults_of(error, 'channel, key ')}") from error
+    built_in = resources.files("trackfg.interchange.exporting").joinpath(BUILT_IN)
+    content = toml_of(built_in.read_bytes()) if path is None else read_toml(path)
+    channels = tuple(validated(Channel, entry, f"{name}: ", "channel, key ") for entry in content.get("channel", ()))
     if not channels:
         raise BadInputError(f"{name}: no [[channel]]; expected at least one")
     return channels

@@ -13,10 +13,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from trackfg.errors import BadInputError
-from trackfg.files.small_file import faults_of, read_toml
+from trackfg.files.small_file import read_toml, validated
 from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
@@ -122,12 +122,9 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
     start = data.get("start")
     if start is not None and not isinstance(start, datetime):
         raise BadInputError(f"{name}: key start is {start!r}; expected a date with time, such as 2026-05-01T03:12:00Z")
-    try:
-        text = tuple(DialectOptions.model_validate(entry) for entry in data.get("text", ()))
-        sensors = tuple(_sensor(*part) for part in _sections(data))
-        geometry = GeometryReading.model_validate(data["geometry"]) if "geometry" in data else None
-    except ValidationError as error:
-        raise BadInputError(f"{name}: {faults_of(error, 'key ')}") from error
+    text = tuple(validated(DialectOptions, entry, f"{name}: ", "key ") for entry in data.get("text", ()))
+    sensors = tuple(_sensor(*part) for part in _sections(data))
+    geometry = validated(GeometryReading, data["geometry"], f"{name}: ", "key ") if "geometry" in data else None
     top = {key: data[key] for key in ("id", "start", "track") if key in data}
     source = data.get("source")
     return Mapping(name, None if source is None else str(source), text, sensors, top, geometry)
@@ -144,9 +141,6 @@ def _sections(data: Dictionary[str, Any]) -> Iterator[tuple[str, str, dict[str, 
 
 
 def _sensor(kind: str, section: str, part: dict[str, Any]) -> MappedSensor:
-    try:
-        reading = _Reading.model_validate(part)
-    except ValidationError as error:
-        raise BadInputError(faults_of(error, f"[{section}] key ")) from error
+    reading = validated(_Reading, part, "", f"[{section}] key ")
     keys = {key: value for key, value in part.items() if key not in (*_CONSUMED, "file")}
     return MappedSensor(kind, section, reading, keys)
