@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test pages test-fast check lint installed types layers clean
+.PHONY: help demo test pages test-fast check lint installed types layers release clean
 
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	if $$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info)' 2>/dev/null; \
@@ -16,6 +16,7 @@ help:
 	@echo "make pages      run every block of docs as printed"
 	@echo "make test-fast  run the tests that take no more than a few seconds each"
 	@echo "make check      lint, format, types and layers"
+	@echo "make release    build the distributions into dist/, twice, and try them in an empty environment"
 	@echo "make clean      remove the environment and everything that was built"
 
 demo: $(READY)
@@ -47,6 +48,10 @@ types: installed
 
 layers: installed
 	cd build/installed && ../../$(BIN)/lint-imports --config ../../pyproject.toml --no-logo
+
+release: $(READY)
+	$(BIN)/python -m pip install --quiet --editable ".[release]"
+	$(BIN)/python tools/release.py
 
 $(READY): pyproject.toml
 	@if [ -z "$(PYTHON)" ]; then \

@@ -87,6 +87,11 @@ def assert_installed(python: Path, below: Path, cwd: Path) -> None:
     assert "mainline" in run(python, "-m", "trackfg", "scenarios", cwd=cwd)
 
 
+def test_what_is_published_names_one_version() -> None:
+    assert f"\nversion: {trackfg.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"\n## {trackfg.__version__}\n" in (ROOT / "CHANGELOG.md").read_text()
+
+
 @pytest.mark.slow
 def test_wheel(distributions: tuple[Path, Path], tmp_path: Path) -> None:
     _, wheel = distributions

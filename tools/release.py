@@ -1,0 +1,126 @@
+"""Builds what a release consists of, twice, and tries it where nothing else is installed.
+
+    python tools/release.py [--out dist]
+
+Source distribution and wheel are built from the last commit, whose time all their members have, so that anyone can
+build the same bytes again; the second build proves it. ``twine check`` reads their metadata. The wheel is then
+installed with its required dependencies alone into an empty environment, where a simulated minute is smoothed, and what
+that environment holds is written beside the files as a software bill of materials (CycloneDX). It needs the extra
+``release`` and a network. The tag and the upload are the maintainer's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import hashlib
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def run(*command: object, cwd: Path, **variables: str) -> str:
+    """Return what a command prints. Raises ``SystemExit`` with its output where it fails."""
+    done = subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd,
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def built(folder: Path) -> list[Path]:
+    """Build both distributions of the last commit in an empty folder."""
+    epoch = run("git", "log", "-1", "--format=%ct", cwd=ROOT).strip()
+    source, dist = folder / "source", folder / "dist"
+    source.mkdir(parents=True)
+    run("git", "archive", "--output", folder / "source.tar", "HEAD", cwd=ROOT)
+    run("tar", "-xf", folder / "source.tar", "-C", source, cwd=folder)
+    run(sys.executable, "-m", "build", "--outdir", dist, source, cwd=folder, SOURCE_DATE_EPOCH=epoch)
+    (sdist,) = dist.glob("*.tar.gz")
+    set_times(sdist, int(epoch))
+    return sorted(dist.iterdir())
+
+
+def set_times(sdist: Path, epoch: int) -> None:
+    """Give all members of a source distribution one time and owner, which setuptools takes from the clock."""
+    with tarfile.open(sdist) as archive:
+        members = [(one, archive.extractfile(one) if one.isfile() else None) for one in archive.getmembers()]
+        with (
+            sdist.with_suffix(".new").open("wb") as file,
+            gzip.GzipFile("", "wb", 9, file, mtime=epoch) as packed,
+            tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as new,
+        ):
+            for member, content in sorted(members, key=lambda pair: pair[0].name):
+                member.mtime, member.uid, member.gid, member.uname, member.gname = epoch, 0, 0, "", ""
+                member.pax_headers = {}
+                new.addfile(member, content)
+    sdist.with_suffix(".new").replace(sdist)
+
+
+def try_wheel(wheel: Path, folder: Path) -> Path:
+    """Smooth a simulated minute with nothing but the wheel and what it requires; return the environment's Python."""
+    run(sys.executable, "-m", "venv", folder / "env", cwd=folder)
+    python = folder / "env" / "bin" / "python"
+    run(python, "-m", "pip", "install", "--quiet", wheel, cwd=folder)
+    for command in (
+        "simulate mainline -o run1 --duration 60",
+        "check run1",
+        "smooth run1 -o out1",
+        "export out1 --to csv",
+    ):
+        run(python, "-m", "trackfg", *command.split(), cwd=folder)
+    return python
+
+
+def digest(file: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def main() -> int:
+    """Build, compare, check, try; print each file with its digest."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the files (dist)")
+    out = options.parse_args().out.resolve()
+    if run("git", "status", "--porcelain", cwd=ROOT):
+        raise SystemExit("there are changes that are not committed: a release is what a commit holds")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        first, second = built(folder / "first"), built(folder / "second")
+        if [digest(file) for file in first] != [digest(file) for file in second]:
+            raise SystemExit("the second build differs from the first: it cannot be built again by others")
+        run(sys.executable, "-m", "twine", "check", "--strict", *first, cwd=folder)
+        wheel = next(file for file in first if file.suffix == ".whl")
+        python = try_wheel(wheel, folder)
+        materials = wheel.with_suffix(".cdx.json")
+        run(
+            sys.executable,
+            "-m",
+            "cyclonedx_py",
+            "environment",
+            "--output-reproducible",
+            "-o",
+            materials,
+            python,
+            cwd=folder,
+        )
+        out.mkdir(exist_ok=True)
+        for file in (*first, materials):
+            (out / file.name).write_bytes(file.read_bytes())
+            print(f"{digest(file)}  {out / file.name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
