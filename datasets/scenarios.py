@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -40,6 +40,8 @@ LONGEST_S = 1e6
 """Longest one, s: eleven days, which already take more memory than most machines have."""
 _BEYOND_S = 0.25
 """How much longer than the recording the body's motion is computed, s; the comment below says why."""
+_BEGINS = {"track": 0.0, "vehicle": 0.2, "sensors": 0.35, "truth": 0.85, "writing": 0.9}
+"""Share of the time after which a stage begins, of 20 minutes of measuring-car and mainline with their writing."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ def simulate(
     duration_s: float | None = None,
     noise: bool = True,
     truth_rate_hz: float = 20.0,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Simulation:
     """Simulate a scenario, by name or one of your own.
 
@@ -96,6 +99,7 @@ def simulate(
     and track and driving are the same whether or not there is ``noise``.
     Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses,
     and no effect on the recording.
+    ``progress(stage, fraction)`` is called as the stages "track", "vehicle", "sensors", "truth" and "writing" begin.
     A run starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
     Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run, a duration below
     :data:`SHORTEST_S` or above :data:`LONGEST_S`, and a line too short for the driver.
@@ -114,11 +118,14 @@ def simulate(
         kept_rngs = _streams(seed, (2, vehicle), len(get_args(Kept)))
         streams = replace(streams, kept=dict(zip(get_args(Kept), kept_rngs, strict=True)))
 
+    begin = _begin_of(progress)
+    begin("track")
     track = _track(plan, duration, line_rng, irregularity_rng)
     if plan.flange_knocks:
         plan = replace(plan, vehicle=Flanging(plan.vehicle, seed=int(flange_rng.integers(2**63))))
     if plan.both_ways and run % 2 == 1:
         plan, track = _from_the_other_end(plan, track)
+    begin("vehicle")
     motion = plan.driver.drive(track.line, duration, drive_rng)
     edges = tables.clock(duration, plan.imu.rate_hz)
     # The body's spline goes on beyond the recording, so that a longer run begins as a shorter one does.
@@ -128,6 +135,7 @@ def simulate(
         track = _facing_east(track, motion, body)
     ride = Ride(track.line, motion, plan.chainage_origin_m, plan.direction, body)
     mounted_at_random = noise and (plan.imu.mount_sd_rad > 0.0 or plan.imu.mount_roll_sd_rad > 0.0)
+    begin("sensors")
     measured = measure(
         plan,
         track,
@@ -143,9 +151,10 @@ def simulate(
         for effect, rng in zip(plan.effects, _streams(seed, (3, run), len(plan.effects)), strict=True):
             recording = effect.recorded(recording, ride, rng)
 
+    begin("truth")
     t = tables.clock(duration, truth_rate_hz)
     s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration], duration))
-    return Simulation(
+    simulation = Simulation(
         recording=recording,
         truth=_truth(ride, t, odometer.worn_scale(ride, plan.tach, measured.wheel_scale, t), edges, measured.errors),
         truth_geometry=truth_geometry(
@@ -163,6 +172,18 @@ def simulate(
         slips=measured.slips,
         further_scales=measured.further_scales,
     )
+    begin("writing")
+    return simulation
+
+
+def _begin_of(progress: Callable[[str, float], None] | None) -> Callable[[str], None]:
+    """Return what is to be called as a stage begins."""
+
+    def begin(stage: str) -> None:
+        if progress is not None:
+            progress(stage, _BEGINS[stage])
+
+    return begin
 
 
 def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Generator]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfg.cli.terminal import shows_progress, tell
+
 if TYPE_CHECKING:
     from trackfg.fleet.isolated_run import Outcome
     from trackfg.fleet.planning import PlannedRun
@@ -82,8 +84,8 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
     if json:
         sys.stdout.writelines(_outcome_line(outcome) for outcome in outcomes)
     else:
-        print(f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}")
-        print(f"store: {out}")
+        tell(f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}")
+        tell(f"store: {out}")
     if failed:
         raise typer.Exit(_FAILED)
 
@@ -109,7 +111,7 @@ def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
         if outcome.reason is not None:
             print(f"trackfg: warning: run {outcome.name} failed: {printable(outcome.reason)}", file=sys.stderr)
 
-    if not sys.stderr.isatty() or total == 0:
+    if not shows_progress() or total == 0:
         yield name_failure
         return
     from rich.console import Console

@@ -40,7 +40,7 @@ class ExportChoices:
 @with_options(ExportChoices)
 def export(options: ExportChoices) -> None:
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
-    from trackfg.cli.terminal import show
+    from trackfg.cli.terminal import show, tell
     from trackfg.errors import BadInputError
     from trackfg.interchange.exporting.channels import read_template
     from trackfg.interchange.exporting.export import export_result
@@ -59,7 +59,7 @@ def export(options: ExportChoices) -> None:
     target = options.out or options.result.with_name(f"{options.result.name}{form.suffix}")
     wanted = ExportOptions(options.table, channels, options.step, options.km, options.bands)
     export_result(Result.read(options.result), form, target, wanted)
-    print(target)
+    tell(str(target))
 
 
 def _formats(titles: dict[str, str]) -> RenderableType:

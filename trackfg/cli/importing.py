@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from trackfg.cli.terminal import note, tell
 
 if TYPE_CHECKING:
     from trackfg.interchange.importing.conversion import Imported
@@ -52,7 +53,7 @@ def import_recording(
     elif plan is None:
         proposal, made = _proposed(source, out, from_format, _assume)
         for key, reason in proposal.reasons.items():
-            print(f"trackfg: note: {key}: {reason}", file=sys.stderr)
+            note(f"trackfg: note: {key}: {reason}")
         _report(made)
     else:
         tables = _tables(source, from_format or plan.source, plan.dialect)
@@ -87,12 +88,12 @@ def init(
     if measured is not None:
         _report_geometry(measured_result(*measured), out)
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
-        print(f"mapping: {target}")
+        tell(f"mapping: {target}")
         return
     proposal, made = _proposed(source, out, from_format, _assume if yes else _ask)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
     _report(made)
-    print(f"mapping: {target}")
+    tell(f"mapping: {target}")
 
 
 def _tables(source: Path, from_format: str | None, dialect_for: DialectFor) -> Sequence[SourceTable]:
@@ -118,7 +119,7 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
 
 def _assume(question: Question) -> str:
     """Answer with the default, and say so."""
-    print(f"trackfg: note: {question.text}: {question.default} is assumed ({question.key})", file=sys.stderr)
+    note(f"trackfg: note: {question.text}: {question.default} is assumed ({question.key})")
     return question.default
 
 
@@ -143,23 +144,21 @@ def _ask(question: Question) -> str:
 def _report_geometry(result: Result, out: Path) -> None:
     """Write the result of a channel table, and print what it holds and what was assumed of it."""
     from trackfg.cli import tables
-    from trackfg.cli.terminal import show
 
     result.write(out)
-    show(tables.findings(result.summary.findings))
+    tell(tables.findings(result.summary.findings))
     chainage = result.geometry["chainage_m"]
-    print(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
-    print(f"result: {out}")
+    tell(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
+    tell(f"result: {out}")
 
 
 def _report(made: Imported) -> None:
     """Print what was made and what is doubtful in it. Exit status 2 where something is wrong."""
     from trackfg.cli import tables
-    from trackfg.cli.terminal import show
 
-    show(tables.findings(made.loaded.findings))
+    tell(tables.findings(made.loaded.findings))
     for name, rows in made.rows.items():
-        print(f"{name}: {rows} rows")
-    print(f"recording: {made.folder}")
+        tell(f"{name}: {rows} rows")
+    tell(f"recording: {made.folder}")
     if any(finding.level == "error" for finding in made.loaded.findings):
         raise typer.Exit(2)

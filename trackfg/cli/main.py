@@ -21,11 +21,11 @@ from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
-from trackfg.cli.options import LIMITS_HELP, Json, Km, Level, Limits, LineSpeed, with_options
+from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
 from trackfg.cli.overlay import overlay
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
-from trackfg.cli.terminal import progress_bar, show
+from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell
 from trackfg.errors import BadInputError, TrackfgError, first_line, printable
 from trackfg.files.atomic_folder import real_path
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from trackfg.plots.strip_chart import LimitLine
     from trackfg.results.result import Result
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+app = Commands(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(maps, name="map")
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
 app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
@@ -115,8 +115,10 @@ def trackfg(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Railway track geometry and train positioning from IMU and tachometer, by factor-graph smoothing."""
+    set_quiet(quiet)
 
 
 @app.command(epilog="Example: trackfg demo -o demo")
@@ -130,11 +132,8 @@ def demo(
     with progress_bar() as progress:
         done = run_demo(out, progress=progress)
     _warn_unless_converged(done.result)
-    for table in comparison_tables.of_comparison(done.comparison.about):
-        show(table)
-    show(tables.summary(done.result))
-    for name in CONTENT:
-        print(done.folder / name)
+    tell(*comparison_tables.of_comparison(done.comparison.about), tables.summary(done.result))
+    tell(*(str(done.folder / name) for name in CONTENT))
 
 
 @app.command(epilog="Example: trackfg scenarios")
@@ -181,12 +180,13 @@ def simulate(
     if line is not None:
         given = read_line_file(line, alignment)
         for remark in given.remarks:
-            print(f"trackfg: note: {line}: {remark}", file=sys.stderr)
+            note(f"trackfg: note: {line}: {remark}")
         plan = plan.on(given)
-    simulation = run_scenario(plan, seed=seed, run=run, duration_s=duration)
-    with replaced_folder(out) as new:
-        simulation.write(new)
-    print(f"recording: {out}")
+    with progress_bar() as progress:
+        simulation = run_scenario(plan, seed=seed, run=run, duration_s=duration, progress=progress)
+        with replaced_folder(out) as new:
+            simulation.write(new)
+    tell(f"recording: {out}")
 
 
 @app.command(epilog="Example: trackfg check run1")
@@ -198,7 +198,8 @@ def check(recording: RecordingFolder, json: Json = False) -> None:
     from trackfg.cli import tables
     from trackfg.io.check import check_recording
 
-    report = check_recording(recording)
+    with progress_bar() as progress:
+        report = check_recording(recording, progress=progress)
     if json:
         print(tables.check_json(report))
     else:
@@ -243,7 +244,7 @@ def smooth(
         from trackfg.maps import read_map
 
         feature_map = read_map(map_location)
-    with progress_bar() as progress:
+    with progress_bar(of_all=False) as progress:
         result = run_smoother(read_recording(recording), settings, feature_map=feature_map, progress=progress)
     result.write(out)
     _warn_unless_converged(result)
@@ -251,11 +252,10 @@ def smooth(
     if json:
         print(result.summary.model_dump_json(indent=2))
     else:
-        show(tables.summary(result))
-        show(tables.verdicts(result))
+        tell(tables.summary(result), tables.verdicts(result))
         if result.summary.findings:
-            show(tables.findings(result.summary.findings))
-        print(f"result: {out}")
+            tell(tables.findings(result.summary.findings))
+        tell(f"result: {out}")
     if not result.summary.converged:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
 
@@ -276,7 +276,7 @@ def baseline(
     run = estimator(name, as_printed=as_printed)
     refuse_foreign(out)
     run(read_recording(recording)).write(out)
-    print(f"result: {out}")
+    tell(f"result: {out}")
 
 
 @app.command(epilog="Example: trackfg estimators")
@@ -339,17 +339,15 @@ def compare(options: CompareOptions) -> None:
     )
     withheld = sum(case.kind == "withheld" for case in cases)
     if withheld:
-        note = f"no truth: every estimator runs {withheld + 1} times, with a part of the measurements withheld"
-        print(f"trackfg: note: {note}", file=sys.stderr)
+        runs = f"every estimator runs {withheld + 1} times, with a part of the measurements withheld"
+        note(f"trackfg: note: no truth: {runs}")
     with progress_bar() as progress:
         result = run_comparison(cases, peers=options.peers, jobs=options.jobs or os.cpu_count() or 1, progress=progress)
     result.write(options.out)
     if options.json:
         print(result.about.model_dump_json(indent=2))
         return
-    for table in comparison_tables.of_comparison(result.about):
-        show(table)
-    print(f"comparison: {options.out}")
+    tell(*comparison_tables.of_comparison(result.about), f"comparison: {options.out}")
 
 
 @app.command(epilog="Example: trackfg plot out1 --from 12000 --to 14000 -o chart.html")
@@ -381,7 +379,7 @@ def plot(
     _refuse_inside(result, path)
     content = Result.read(result)
     lines = _limit_lines(content, _limit_choice(limits, level, line_speed))
-    print(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
+    tell(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
 
 
 @app.command(epilog="Example: trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv")
@@ -413,10 +411,7 @@ def limits(
     if json:
         print(limit_tables.judgement_json(judgement))
         return
-    for table in limit_tables.of_judgement(judgement):
-        show(table)
-    if out is not None:
-        print(f"exceedances: {out}")
+    show_or_tell(*limit_tables.of_judgement(judgement), written=None if out is None else f"exceedances: {out}")
 
 
 @app.command(epilog="Example: trackfg report out1 --recording run1 --limits cfr-213-class-4")
@@ -445,7 +440,7 @@ def report(
     whole = real_path(folder)
     page = out or whole.parent / f"{whole.name}.html"
     choice = _limit_choice(limits, level, line_speed)
-    print(f"report: {write_report(folder, page, recording=recording, limits=choice, km=km)}")
+    tell(f"report: {write_report(folder, page, recording=recording, limits=choice, km=km)}")
 
 
 def _refuse_inside(result: Path, path: Path) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Json, Km, Level, Limits
-from trackfg.cli.terminal import progress_bar
+from trackfg.cli.options import Commands, Json, Km, Level, Limits
+from trackfg.cli.terminal import progress_bar, show_or_tell, tell
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
     from trackfg.numerics.kilometrage import Kilometrage
 
-maps = typer.Typer(no_args_is_help=True, help="Feature maps: what repeated runs say together about a line.")
+maps = Commands(no_args_is_help=True, help="Feature maps: what repeated runs say together about a line.")
 
 _PLACE = "Path of a .gpkg, or postgresql://... URL."
 MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE, show_default=False)]
@@ -52,7 +52,7 @@ def build(
         built = build_map_file(runs, place, name=name, config=settings, progress=progress)
     curves = built.landmarks["curve_id"].replace("", None).nunique()
     km = 1e-3 * len(built.grid) * built.conventions.step_m
-    print(f"map: {locate(place).shown} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
+    tell(f"map: {locate(place).shown} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
 
 
 @maps.command(epilog="Example: trackfg map changes out5 line.gpkg -o changes.csv")
@@ -85,10 +85,7 @@ def changes(
     if json:
         print(map_tables.changes_json(track_changes))
         return
-    for table in map_tables.of_changes(track_changes):
-        show_table(table)
-    if out is not None:
-        print(f"changes: {out}")
+    show_or_tell(*map_tables.of_changes(track_changes), written=None if out is None else f"changes: {out}")
 
 
 @maps.command(epilog="Example: trackfg map trends line.gpkg out1 out2 out3 --limits ours.toml -o trends")
@@ -128,10 +125,7 @@ def trends(  # noqa: PLR0913  (a parameter is an option of the command)
     if json:
         print(trend_tables.as_json(found))
         return
-    for table in trend_tables.of_trends(found):
-        show_table(table)
-    if out is not None:
-        print(f"trends: {out}")
+    show_or_tell(*trend_tables.of_trends(found), written=None if out is None else f"trends: {out}")
 
 
 @maps.command(epilog="Example: trackfg map show line.gpkg")

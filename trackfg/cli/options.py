@@ -5,12 +5,21 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from functools import wraps
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
-T = TypeVar("T")
+from trackfg.cli.terminal import set_quiet
 
+T = TypeVar("T")
+Command = TypeVar("Command", bound=Callable[..., None])
+
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "--quiet", "-q", help="No progress, no notes, nothing about what was written. Warnings and JSON remain."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
@@ -33,8 +42,39 @@ def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Call
         def command(**values: object) -> None:
             run(kind(**values))
 
-        command.__dict__["__signature__"] = inspect.signature(kind, eval_str=True)  # typer reads the options from it
-        command.__annotations__ = {}
-        return command
+        return _with_signature(command, inspect.signature(kind, eval_str=True))
 
     return with_fields
+
+
+class Commands(typer.Typer):
+    """Commands that each take ``--quiet``."""
+
+    def command(self, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
+        """Return the decorator that makes a function a command."""
+        add = super().command(name, **settings)
+
+        def register(run: Command) -> Command:
+            add(_with_quiet(run))
+            return run
+
+        return register
+
+
+def _with_quiet(run: Callable[..., None]) -> Callable[..., None]:
+    @wraps(run)
+    def command(*, quiet: bool, **values: object) -> None:
+        if quiet:
+            set_quiet(True)
+        run(**values)
+
+    signature = inspect.signature(run, eval_str=True)
+    option = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+    return _with_signature(command, signature.replace(parameters=[*signature.parameters.values(), option]))
+
+
+def _with_signature(command: Callable[..., None], signature: inspect.Signature) -> Callable[..., None]:
+    """Return a command whose arguments and options typer reads from a signature."""
+    command.__dict__["__signature__"] = signature
+    command.__annotations__ = {}
+    return command

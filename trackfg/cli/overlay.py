@@ -42,7 +42,7 @@ def overlay(
     No hint of the offset is needed. The exit status is 2 where a run has no track in common with the first. In OUT are
     shifts.csv, differences.csv, overlay.json and a page with all runs over one axis.
     """
-    from trackfg.cli.terminal import show
+    from trackfg.cli.terminal import show_or_tell
     from trackfg.files.owned_folder import FolderKind
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
     from trackfg.mapping.runs.run_overlay import overlaid
@@ -56,10 +56,7 @@ def overlay(
     if json:
         print(_as_json(laid))
         return
-    for table in _tables(laid):
-        show(table)
-    if out is not None:
-        print(f"overlay: {out}")
+    show_or_tell(*_tables(laid), written=None if out is None else f"overlay: {out}")
 
 
 def _names(runs: Sequence[Path]) -> list[str]:

@@ -29,7 +29,7 @@ def statistics(
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
     from trackfg.cli.tables import records, titled
-    from trackfg.cli.terminal import show
+    from trackfg.cli.terminal import show_or_tell
     from trackfg.files.atomic_file import write_whole
     from trackfg.geometry.limits import LimitChoice
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
@@ -50,11 +50,9 @@ def statistics(
         shown.add_column(name, justify="right", overflow="fold")
     for row in table[names[:_MOST_COLUMNS]].to_numpy().tolist():
         shown.add_row(*(f"{place:.0f}" for place in row[:2]), *(_cell(value) for value in row[2:]))
-    show(shown)
-    if len(names) > _MOST_COLUMNS:
-        print(f"{len(names) - _MOST_COLUMNS} columns more: -o and --json have all")
-    if out is not None:
-        print(f"statistics: {out}")
+    more = len(names) - _MOST_COLUMNS
+    lines = [f"{more} columns more: -o and --json have all"] if more > 0 else []
+    show_or_tell(shown, *lines, written=None if out is None else f"statistics: {out}")
 
 
 def _cell(value: float) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,11 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import with_options
+from trackfg.cli.terminal import note, progress_bar
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
     from trackfg.streaming.checkpoint.checkpoint import Checkpoint
-    from trackfg.streaming.run import Stream, StreamCounts
+    from trackfg.streaming.run import Stream, StreamCounts, StreamStep
     from trackfg.streaming.sources.source import Source
 
 _STANDARD = "-"
@@ -85,26 +87,61 @@ def stream(options: StreamOptions) -> None:
         smoother = FixedLagSmoother(rows.description, settings, lag_s=options.lag, feature_map=feature_map)
         return Stream.of(rows, smoother, saved)
 
-    if options.out != _STANDARD:
-        counts = _into_folder(Path(options.out), opened, every_s=options.checkpoint_every, resume=options.resume)
-    elif options.resume or options.checkpoint_every is not None:
+    into_folder = options.out != _STANDARD
+    if not into_folder and (options.resume or options.checkpoint_every is not None):
         raise BadInputError("-o -: expected a folder: what was written to standard output cannot be taken back")
-    else:
-        counts = opened(None).run(JsonLines(sys.stdout))
+    with _status_line(shown=into_folder or not sys.stdout.isatty()) as watch:
+        if into_folder:
+            checkpoints = _CheckpointChoice(options.checkpoint_every, options.resume)
+            counts = _into_folder(Path(options.out), opened, checkpoints, watch)
+        else:
+            counts = opened(None).run(JsonLines(sys.stdout), watch=watch)
     if counts is None:
-        print(f"{options.out}: the stream in it is finished", file=sys.stderr)
+        note(f"{options.out}: the stream in it is finished")
         return
     events = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.events.items())) or "no events"
-    print(
-        f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}",
-        file=sys.stderr,
-    )
+    note(f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}")
     for doubt in counts.doubts:
         print(f"trackfg: warning: {doubt}", file=sys.stderr)
 
 
+@contextmanager
+def _status_line(*, shown: bool) -> Iterator[Callable[[StreamStep], None]]:
+    """Give what shows the newest estimate, its delay and the number of events in one line of a terminal."""
+    if not shown:
+        yield lambda step: None
+        return
+    with progress_bar() as progress:
+        events, text = 0, "waits for its first rows"
+
+        def watch(step: StreamStep) -> None:
+            nonlocal events, text
+            events += len(step.events)
+            if len(step.estimates.filtered):
+                text = _status(step)
+            if progress is not None:
+                progress(f"{text} {events} event{'' if events == 1 else 's'}", step.done)
+
+        yield watch
+
+
+def _status(step: StreamStep) -> str:
+    newest = step.estimates.filtered.iloc[-1]
+    place, speed = newest["chainage_m"], 3.6 * newest["speed_mps"]
+    return f"{newest['t_s']:.1f} s {place:.1f} m {speed:.1f} km/h delay {step.delay_s or 0.0:.1f} s"
+
+
+@dataclass(frozen=True)
+class _CheckpointChoice:
+    every_s: float | None
+    resume: bool
+
+
 def _into_folder(
-    out: Path, opened: Callable[[Checkpoint | None], Stream], *, every_s: float | None, resume: bool
+    out: Path,
+    opened: Callable[[Checkpoint | None], Stream],
+    choice: _CheckpointChoice,
+    watch: Callable[[StreamStep], None],
 ) -> StreamCounts | None:
     """Begin a stream in a folder, or go on with the one in it; None where that is finished."""
     from trackfg.files.atomic_file import UNFINISHED
@@ -112,15 +149,15 @@ def _into_folder(
     from trackfg.streaming.checkpoint.checkpoint import EVERY_S, Checkpoint, Checkpoints
     from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts
 
-    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=EVERY_S if every_s is None else every_s)
-    if resume and checkpoints.path.exists():
+    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=EVERY_S if choice.every_s is None else choice.every_s)
+    if choice.resume and checkpoints.path.exists():
         with sole_writer(out):
             saved = checkpoints.read()
             if saved.finished:
                 return None
             stream = opened(saved)
-            print(f"{out}: {_place(saved, stream)}", file=sys.stderr)
-            return stream.run(ParquetParts(out, state=saved.sink), checkpoints)
+            note(f"{out}: {_place(saved, stream)}")
+            return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
     (out / f"{UNFINISHED}{_CHECKPOINT}").unlink(missing_ok=True)  # of a stream that was killed before it began
     if checkpoints.path.exists() and not checkpoints.read().finished:
         raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")
@@ -129,7 +166,7 @@ def _into_folder(
     out.mkdir(parents=True, exist_ok=True)
     with sole_writer(out):
         checkpoints.write(Checkpoint(stream.settings, NOTHING_WRITTEN))
-        return stream.run(ParquetParts(out), checkpoints)
+        return stream.run(ParquetParts(out), checkpoints, watch)
 
 
 def _place(saved: Checkpoint, stream: Stream) -> str:

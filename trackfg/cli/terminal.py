@@ -8,36 +8,129 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
+    from rich.table import Table
 
 _WIDTH_IN_A_PIPE = 120
 """Letters in a line where there is no terminal whose width could be asked for."""
 
+_BAR_WIDTH = 16
+"""Letters of a progress bar: with what stands beside it a line of 80."""
+
 
 def show(table: RenderableType) -> None:
-    """Print to standard output."""
+    """Print to standard output. Columns of a table that is too wide break between words."""
     from rich.console import Console
+    from rich.table import Table
 
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = _WIDTH_IN_A_PIPE
+    if isinstance(table, Table):
+        _fit(table, console)
     console.print(table)
 
 
+def _fit(table: Table, console: Console) -> None:
+    """Set the widths of columns where the table is wider than the console: the widest give way first, down to their
+    longest words, and words are broken where even those are too wide together.
+    """
+    from rich.measure import Measurement, measure_renderables
+
+    options = console.options.update(max_width=sys.maxsize)
+    columns = [measure_renderables(console, options, [column.header, *column.cells]) for column in table.columns]
+    between = Measurement.get(console, options, table).maximum - sum(column.maximum for column in columns)
+    room = console.width - between
+    if sum(column.maximum for column in columns) <= room:
+        return
+    widths = [(column.minimum, column.maximum) for column in columns]
+    if sum(column.minimum for column in columns) > room:
+        widths = [(1, column.minimum) for column in columns]
+    most = 1
+    while sum(_within(most + 1, width) for width in widths) <= room:
+        most += 1
+    for column, width in zip(table.columns, widths, strict=True):
+        column.width, column.no_wrap, column.overflow = _within(most, width), False, "fold"
+
+
+def _within(width: int, bounds: tuple[int, int]) -> int:
+    return min(max(width, bounds[0]), bounds[1])
+
+
+class _Loudness:
+    """The process holds in one place whether ``--quiet`` was given."""
+
+    quiet = False
+
+
+def set_quiet(quiet: bool) -> None:
+    """Have what follows be quiet, or loud."""
+    _Loudness.quiet = quiet
+
+
+def tell(*parts: RenderableType) -> None:
+    """Print lines and tables that go with what a command wrote; nothing with ``--quiet``."""
+    if _Loudness.quiet:
+        return
+    for part in parts:
+        if isinstance(part, str):
+            print(part)
+        else:
+            show(part)
+
+
+def show_or_tell(*parts: RenderableType, written: str | None) -> None:
+    """Show what a command is called for, or, where it has ``written`` that to a file, tell it and the line."""
+    if written is not None:
+        tell(*parts, written)
+        return
+    for part in parts:
+        show(part)
+
+
+def note(text: str) -> None:
+    """Print what is worth knowing to standard error; nothing with ``--quiet``."""
+    if not _Loudness.quiet:
+        print(text, file=sys.stderr)
+
+
+def shows_progress() -> bool:
+    """Return whether progress is shown: on a terminal, without ``--quiet``."""
+    return sys.stderr.isatty() and not _Loudness.quiet
+
+
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, float], None] | None]:
-    """Show a progress bar on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
+def progress_bar(
+    *, of_all: bool = True, first: str = "reading"
+) -> Iterator[Callable[[str, float | None], None] | None]:
+    """Show a progress bar on a terminal, nothing in a pipe.
+
+    ``of_all``: fractions are those of the whole command, and not of its stages, so that the time left can be told. A
+    fraction that is None is not known.
+    """
+    if not shows_progress():
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    columns: list[ProgressColumn] = [TextColumn("{task.description:<24}"), BarColumn(_BAR_WIDTH), TaskProgressColumn()]
+    columns += [TimeElapsedColumn(), *([TimeRemainingColumn(), TextColumn("left")] if of_all else [])]
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
 
-        def update(stage: str, fraction_done: float) -> None:
-            bar.update(task, description=stage, completed=fraction_done)
+        def update(stage: str, fraction_done: float | None) -> None:
+            if fraction_done is None:
+                bar.update(task, description=stage, total=None)
+            else:
+                bar.update(task, description=stage, completed=fraction_done)
 
         yield update

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,9 @@ from trackfg.recording.findings import Finding, errors
 __all__ = ["CheckLimits", "CheckReport", "check_recording"]
 
 _ORDER = ("error", "warning", "info")
+
+_UNTIL_READ = 0.3
+"""Share of the time, of an hour of measuring-car."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +35,21 @@ class CheckReport:
 
 
 @one_thread()
-def check_recording(path: Path | str, limits: CheckLimits | None = None) -> CheckReport:
-    """Check the recording in the folder ``path``, or described by the file ``path``. Never raises for bad input."""
-    limits = limits or CheckLimits()
+def check_recording(
+    path: Path | str, limits: CheckLimits | None = None, *, progress: Callable[[str, float], None] | None = None
+) -> CheckReport:
+    """Check the recording in the folder ``path``, or described by the file ``path``. Never raises for bad input.
+
+    ``progress(stage, fraction)`` is called as the stages "reading" and "checking" begin.
+    """
+    limits, begin = limits or CheckLimits(), progress or (lambda stage, done: None)
+    begin("reading", 0.0)
     loaded = load(path, limits)
     found = list(loaded.findings)
     estimates: Mapping[str, Any] = {}
     has_rate = not any(finding.code == "time-unit" for finding in errors(found))
     if loaded.recording is not None and has_rate:
+        begin("checking", _UNTIL_READ)
         values, disagreements = diagnose(loaded.recording, limits)
         found += disagreements
         estimates = values.as_dict()

@@ -45,6 +45,21 @@ class StreamCounts:
     doubts: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class StreamStep:
+    """What became known by a batch of rows: estimates, and all events.
+
+    ``delay_s``: from the newest row to the estimate for its time, s: rows wait for those of other tables, then for the
+    next keyframe, then for the computer. None without a new estimate. ``done``: share of the source that is read; None
+    where its length is not known.
+    """
+
+    estimates: Estimates
+    events: tuple[Event, ...]
+    delay_s: float | None
+    done: float | None
+
+
 @dataclass
 class Stream:
     """The stages between a source and a sink, and counts of what has come through."""
@@ -86,27 +101,47 @@ class Stream:
         return {**self.smoother.settings, "source": type(self.source).__name__}
 
     @one_thread()
-    def run(self, sink: Sink, checkpoints: Checkpoints | None = None) -> StreamCounts:
-        """Run until the source ends. Raises what source, smoother and sink raise."""
+    def run(
+        self,
+        sink: Sink,
+        checkpoints: Checkpoints | None = None,
+        watch: Callable[[StreamStep], None] = lambda step: None,
+    ) -> StreamCounts:
+        """Run until the source ends. Raises what source, smoother and sink raise.
+
+        ``watch`` is called with what each batch led to, once that is written.
+        """
         pace, done = BackPressure(self.smoother.keyframe_spacing), self.clock()
         for batch in self.source:
             begun = self.clock()
             rows, events = self.intake.push(batch)
-            self._write(sink, self.smoother.put(rows), events)
+            estimates = self.smoother.put(rows)
+            events = self._write(sink, estimates, events)
             waited, done = begun - done, self.clock()
             if self.source.live and (change := pace.record(waited, done - begun, rows.until_s)) is not None:
                 self.smoother.keyframe_spacing = pace.factor
-                self._write(sink, NO_ESTIMATES, (change,))
+                events += self._write(sink, NO_ESTIMATES, (change,))
+            watch(self._step(estimates, events, batch.position, done - begun + pace.behind_s))
             if checkpoints is not None and checkpoints.due(rows.until_s):
                 checkpoints.write(self._checkpoint(batch.position, rows.until_s, sink))
         rows, events = self.intake.finish()
-        self._write(sink, self.smoother.put(rows), events)
-        self._write(sink, self.smoother.finish(), ())
+        for estimates, others in ((self.smoother.put(rows), events), (self.smoother.finish(), ())):
+            watch(self._step(estimates, self._write(sink, estimates, others), self.source.length, 0.0))
         written = sink.checkpoint()
         sink.close()
         if checkpoints is not None:
             checkpoints.write(Checkpoint(self.settings, written, finished=True))
         return self.counts
+
+    def _step(
+        self, estimates: Estimates, events: tuple[Event, ...], position: int | None, waited_s: float
+    ) -> StreamStep:
+        length, delay = self.source.length, None
+        if len(estimates.filtered):
+            newest = self.intake.reorder_buffer.clock.newest_s
+            delay = max(newest - float(estimates.filtered["t_s"].iloc[-1]), 0.0) + waited_s
+        done = None if position is None or not length else min(position / length, 1.0)
+        return StreamStep(estimates, events, delay, done)
 
     def _checkpoint(self, position: int, until_s: float, sink: Sink) -> Checkpoint:
         return Checkpoint(
@@ -120,7 +155,8 @@ class Stream:
             self.counts.events,
         )
 
-    def _write(self, sink: Sink, estimates: Estimates, events: tuple[Event, ...]) -> None:
+    def _write(self, sink: Sink, estimates: Estimates, events: tuple[Event, ...]) -> tuple[Event, ...]:
+        """Write and count; return all events."""
         events += estimates.events
         write_estimates(sink, estimates, events)
         counts = self.counts
@@ -128,6 +164,7 @@ class Stream:
         counts.keyframes += len(estimates.filtered)
         counts.events.update(event.kind for event in events)
         counts.doubts += tuple(event.detail for event in events if event.kind == DOUBT)
+        return events
 
 
 def write_estimates(sink: Sink, estimates: Estimates, events: Sequence[Event]) -> None:

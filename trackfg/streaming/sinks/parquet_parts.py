@@ -4,13 +4,14 @@
 
 A part is written beside its place, put on the disk and renamed. All parts of a table but the last have the same number
 of rows; the last one is written as far as it is, each second and by a checkpoint, and replaced by a longer one of the
-same number later.
+same number later. Where no rows come for a while, a thread of its own writes what is left.
 """
 
 from __future__ import annotations
 
 import io
 import re
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -91,6 +92,9 @@ class ParquetParts:
         self._rows_per_part = rows_per_part
         self._tables: dict[str, _Table] = {}
         self._written_s = time.monotonic()
+        self._lock = threading.RLock()
+        self._timer: threading.Timer | None = None
+        self._failure: OutputError | None = None
         for name in TABLES:
             table = _Table(Path(folder) / name)
             if table.folder.is_symlink():
@@ -109,10 +113,13 @@ class ParquetParts:
 
     def write(self, table: str, frame: pd.DataFrame) -> None:
         """Collect rows, and write every part that is full; each second the last parts too, as far as they are."""
-        if len(frame):
-            self._add(self._tables[table], frame)
-        if time.monotonic() - self._written_s >= EVERY_S:
-            self._write_last()
+        with self._lock:
+            if len(frame):
+                self._add(self._tables[table], frame)
+            if time.monotonic() - self._written_s >= EVERY_S:
+                self._write_last()
+            elif len(frame) and self._timer is None:
+                self._write_later(EVERY_S)
 
     def _add(self, to: _Table, frame: pd.DataFrame) -> None:
         to.add(frame)
@@ -124,14 +131,41 @@ class ParquetParts:
 
     def checkpoint(self) -> dict[str, Any]:
         """Write the last parts as far as they are."""
-        self._write_last()
-        return {name: {"part": table.number, "rows": table.rows} for name, table in self._tables.items()}
+        with self._lock:
+            self._write_last()
+            return {name: {"part": table.number, "rows": table.rows} for name, table in self._tables.items()}
 
     def close(self) -> None:
         """Write what is left."""
-        self._write_last()
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._write_last()
+
+    def _write_later(self, wait_s: float) -> None:
+        """Have the last parts written after a time unless they are by then."""
+        self._timer = threading.Timer(min(wait_s, threading.TIMEOUT_MAX), self._write_if_due)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _write_if_due(self) -> None:
+        with self._lock:
+            self._timer = None
+            if all(table.rows == table.written for table in self._tables.values()):
+                return
+            wait_s = self._written_s + EVERY_S - time.monotonic()
+            if wait_s > 0.0:
+                self._write_later(wait_s)
+                return
+            try:
+                self._write_last()
+            except OutputError as error:
+                self._failure = error  # raised where rows come next
 
     def _write_last(self) -> None:
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
         for table in self._tables.values():
             if table.rows > table.written:
                 _write(_place(table), table.content())

@@ -27,6 +27,7 @@ class JsonLinesSource:
 
     canonical = False
     gnss_origin = None
+    length = None
 
     def __init__(
         self,

@@ -47,6 +47,7 @@ class McapSource:
 
     canonical, live = False, False
     gnss_origin = None
+    length = None
 
     def __init__(
         self,

@@ -52,6 +52,10 @@ class Source(Protocol):
     def live(self) -> bool: ...
 
     @property
+    def length(self) -> int | None:
+        """The position at the end, where it is known."""
+
+    @property
     def gnss_origin(self) -> Array | None:
         """Origin of canonical rows; None where it is not known, or comes with the first row."""
 
@@ -85,6 +89,8 @@ class RecordingSource:
         self._speed, self._position = speed, position
         self._clock, self._sleep = clock, sleep
         self.live = speed is not None
+        times = np.concatenate([rows[:, 0] for rows in self._tables.values()])
+        self.length = round(1e3 * float(np.ptp(times)))
 
     def __iter__(self) -> Iterator[Batch]:
         start = min(rows[0, 0] for rows in self._tables.values())

@@ -6,6 +6,7 @@ import errno
 import io
 import json
 import os
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,24 @@ def test_rows_are_there_before_their_part_is_full(tmp_path: Path, monkeypatch: p
     now[0] = 2.0
     sink.write("smoothed", frame(0, 0))  # no row of this table: those of the other come to the disk all the same
     pd.testing.assert_frame_equal(read_parts(tmp_path, "filtered"), frame(0, 9))
+
+
+def test_rows_are_there_although_no_others_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trackfg.streaming.sinks.parquet_parts.EVERY_S", 0.05)
+    sink = ParquetParts(tmp_path)
+    sink.write("filtered", frame(0, 5))
+    until = time.monotonic() + 5.0
+    while time.monotonic() < until and read_parts(tmp_path, "filtered").empty:
+        time.sleep(0.01)
+    pd.testing.assert_frame_equal(read_parts(tmp_path, "filtered"), frame(0, 5))
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", full_disk)
+        sink.write("filtered", frame(5, 6))
+        time.sleep(0.3)
+        with pytest.raises(OutputError, match="cannot be written"):
+            sink.checkpoint()
+    sink.close()
+    pd.testing.assert_frame_equal(read_parts(tmp_path, "filtered"), frame(0, 6))
 
 
 def test_a_full_disk_is_one_error_and_leaves_no_half_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
