@@ -53,7 +53,7 @@ release: $(READY)
 	$(BIN)/python -m pip install --quiet --editable ".[release]"
 	$(BIN)/python tools/release.py
 
-$(READY): pyproject.toml
+$(READY): pyproject.toml setup.py $(wildcard kernels/*)
 	@if [ -z "$(PYTHON)" ]; then \
 		echo "trackfg needs Python 3.11 or later, and none was found; name yours: make PYTHON=/path/to/python3" >&2; exit 1; fi
 	$(PYTHON) -m venv .venv || { echo "this Python cannot make virtual environments (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -16,12 +17,13 @@ import pytest
 import trackfg
 
 ROOT = Path(__file__).parents[2]
-PARTS = ("pyproject.toml", "README.md", "LICENSE", "trackfg", "factors", "datasets")
+PARTS = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "kernels", "trackfg", "factors", "datasets")
 
 IMPORTS = """
 import importlib.util, json, trackfg, trackfg.factors, trackfg.datasets, trackfg.factors.family
 import trackfg.datasets.real.kitti
 from importlib.metadata import version
+from trackfg.numerics.kernels import kernels_in_use
 from importlib.resources import files
 
 def home(name):
@@ -31,28 +33,37 @@ def home(name):
 print(json.dumps({
     "version": version("trackfg"),
     "typed": files("trackfg").joinpath("py.typed").is_file(),
+    "kernels": kernels_in_use(),
     "homes": [module.__file__ for module in (trackfg, trackfg.factors, trackfg.datasets)],
     "strangers": [home("factors"), home("datasets")],
 }))
 """
 
 
-def run(*command: object, cwd: Path) -> str:
-    done = subprocess.run([str(part) for part in command], cwd=cwd, capture_output=True, text=True, check=False)
+COMPILER = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
+COMPILED = "compiled" if COMPILER else "numpy"
+
+
+def run(*command: object, cwd: Path, **variables: str) -> str:
+    words, environment = [str(part) for part in command], {**os.environ, **variables}
+    done = subprocess.run(words, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
-@pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def copied(folder: Path) -> Path:
     """What is packaged, apart from the checkout, so that building leaves nothing there."""
-    folder = tmp_path_factory.mktemp("source")
     for part in PARTS:
         if (ROOT / part).is_dir():
-            shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
         else:
             shutil.copy(ROOT / part, folder / part)
     return folder
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return copied(tmp_path_factory.mktemp("source"))
 
 
 @pytest.fixture(scope="module")
@@ -73,14 +84,17 @@ def new_environment(folder: Path) -> Path:
     return python
 
 
-def install(python: Path, *what: object, cwd: Path) -> None:
-    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", *what, cwd=cwd)
+def install(python: Path, *what: object, cwd: Path, **variables: str) -> None:
+    """Install, with environment variables beside those there are."""
+    command = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", *what]
+    run(*command, cwd=cwd, **variables)
 
 
-def assert_installed(python: Path, below: Path, cwd: Path) -> None:
+def assert_installed(python: Path, below: Path, cwd: Path, kernels: str = COMPILED) -> None:
     report = json.loads(run(python, "-c", IMPORTS, cwd=cwd))
     assert report["version"] == trackfg.__version__
     assert report["typed"]
+    assert report["kernels"] == kernels
     assert all(Path(home).resolve().is_relative_to(below.resolve()) for home in report["homes"])
     assert not any(home and Path(home).resolve().is_relative_to(below.resolve()) for home in report["strangers"])
     assert run(python.parent / "trackfg", "--version", cwd=cwd) == f"trackfg {trackfg.__version__}\n"
@@ -108,6 +122,7 @@ def test_source_distribution(distributions: tuple[Path, Path]) -> None:
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {*PARTS, "trackfg/py.typed", "factors/family.py", "datasets/real/kitti.py"} <= names
+    assert {f"kernels/{path.name}" for path in (ROOT / "kernels").iterdir()} <= names
 
 
 @pytest.mark.slow
@@ -115,6 +130,18 @@ def test_editable_install(source: Path, tmp_path: Path) -> None:
     python = new_environment(tmp_path / "env")
     install(python, "--editable", source, cwd=tmp_path)
     assert_installed(python, source, tmp_path)
+
+
+@pytest.mark.slow
+def test_without_a_compiler_numpy_computes_and_one_line_says_so(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    python, missing = new_environment(tmp_path / "env"), "/no/compiler"
+    install(python, "--log", tmp_path / "log", copied(source), cwd=tmp_path, CC=missing, CXX=missing)
+    said = [line for line in (tmp_path / "log").read_text().splitlines() if "without compiled kernels" in line]
+    assert len(said) == 1
+    assert "trackfg is installed without compiled kernels and computes with numpy, slower" in said[0]
+    assert_installed(python, tmp_path / "env", tmp_path, kernels="numpy")
 
 
 def test_public_names_are_imported_when_first_used() -> None:

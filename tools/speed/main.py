@@ -231,8 +231,16 @@ per pair of keyframes.
 
 Linear algebra runs on one thread (`trackfg.numerics.blas_threads`): with matrices of 20 to 60 rows a second one waits
 for the first. What the process frees it keeps (`trackfg.cli.freed_memory`): glibc maps each temporary above 32 MB anew,
-and the kernel clears it. Nothing is compiled with trackfg: the loops that are left are the QR of each keyframe (LAPACK)
-and the preintegration (GTSAM).
+and the kernel clears it.
+
+## Compiled kernels
+
+Where the installation finds a C++ compiler, it compiles `kernels/` (some seconds, nothing to configure): the QR of the
+chain. Without one, `pip install` says so in a line (`--verbose` shows it) and numpy, LAPACK and GTSAM compute the same:
+they are the reference that the tests hold each kernel against, to 1e-8 of a sigma. `TRACKFG_KERNELS=numpy` in the
+environment has them compute in any installation; `versions` in a result's `summary.json` has `kernels`, `compiled` or
+`numpy`. The kernels take arrays through Python's buffer protocol and its stable interface: one build serves Python 3.11
+and later, and building needs no package but setuptools.
 
 ## GTSAM's optimiser on the same factors
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
+from trackfg.numerics.kernels import kernels_in_use
 from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.results.verdict import Verdict
@@ -177,6 +178,7 @@ class Summary(_ResultModel):
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a result depends on."""
+    """Return the versions that a result depends on, and whether ``kernels`` were ``compiled`` or ``numpy``."""
     packages = ("trackfg", "gtsam", "numpy", "scipy", "pandas")
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+    about = {name: version(name) for name in packages}
+    return {"python": platform.python_version(), **about, "kernels": kernels_in_use()}

@@ -15,7 +15,7 @@ precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation",
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,11 +27,12 @@ from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_key
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.kernels import compiled_kernels
 from trackfg.solver.square_root import NAV, NAV_DIM, SquareRoot
 
 _PAIR = 2 * KEYFRAME_DIM
 _AT_A_TIME = 256
-"""Keyframes whose rows are stacked together."""
+"""Keyframes whose rows are stacked together: at the widest window all rows at once would fill the memory."""
 
 _INDETERMINATE = 1e-14
 """Part of a column that is left once all earlier ones are taken out: below this it is rounding."""
@@ -71,13 +72,12 @@ def eliminate_with_marginals(
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
     widths = _PAIR + NAV_DIM * ahead
     with one_thread():
-        tail = shared_dim + 1
-        conditional, alone, left = _factored(_systems(placed, widths, tail), widths, tail, leading_counts)
+        conditionals, alone, left = _factored(placed, widths, shared_dim, leading_counts)
         shared = _triangle(alone)[:shared_dim]
         if len(shared) < shared_dim:
             raise UnsolvableError(_UNDETERMINED)
         R, sign = _positive(np.triu(shared[:, :-1]))
-        return SquareRoot(*_conditionals(conditional, ahead, shared_dim), R, shared[:, -1] * sign, ahead), left
+        return SquareRoot(*conditionals, R, shared[:, -1] * sign, ahead), left
 
 
 def _shared_dim(factors: Sequence[LinearFactors]) -> int:
@@ -134,22 +134,77 @@ def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
 
 
 def _factored(
-    systems: Iterator[Array], widths: np.ndarray, tail: int, leading_counts: Collection[int]
-) -> tuple[Array, Array, dict[int, Array]]:
-    """Return rows of all keyframes, rows of the shared variables alone, and the marginals by their counts.
+    factors: Sequence[_Placed], widths: np.ndarray, shared_dim: int, leading_counts: Collection[int]
+) -> tuple[Conditionals, Array, dict[int, Array]]:
+    """Return conditionals of all keyframes, rows of the shared variables alone, and the marginals by their counts.
 
-    The first are [R_k S_k d_k], shape (n, KEYFRAME_DIM, widest window), laid out as each keyframe's window; the last
-    are those of :func:`eliminate_with_marginals`. ``tail``: columns of the shared variables and of the right-hand side.
+    The last are those of :func:`eliminate_with_marginals`.
     """
-    keyframes = len(widths)
-    conditional = np.zeros((keyframes, KEYFRAME_DIM, int(widths.max()) + tail))
-    alone = [next(systems)]
-    left, marginals = np.zeros((0, 0)), {}
-    place: np.ndarray | slice = slice(0)
-    for k, own in enumerate(systems):
-        width, carried = int(widths[k]), len(left)
+    keyframes, tail = len(widths), shared_dim + 1
+    parents = int(widths.max()) - KEYFRAME_DIM + shared_dim
+    R = np.zeros((keyframes, KEYFRAME_DIM, KEYFRAME_DIM))
+    S = np.zeros((keyframes, KEYFRAME_DIM, parents))
+    d = np.empty((keyframes, KEYFRAME_DIM))
+    alone, marginals = [_of_shared_alone(factors, tail)], {}
+    left = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
+    factored = _block_compiled if compiled_kernels() else _block_by_lapack
+    ends = sorted({*range(_AT_A_TIME, keyframes, _AT_A_TIME), keyframes, *leading_counts})
+    for begin, end in zip([0, *ends], ends, strict=False):
+        block = _Block(*_stacked(factors, begin, end, widths[begin:end], tail), _around(widths, begin, end), left)
+        left, rest = factored(block, Conditionals(R[begin:end], S[begin:end], d[begin:end]))
+        alone.append(rest)
+        if end in leading_counts:
+            marginals[end] = _left(left, np.concatenate(alone), shared_dim)
+    return Conditionals(R, S, d), np.concatenate(alone), marginals
+
+
+class _Block(NamedTuple):
+    """A block has the rows of some keyframes in a row, laid out as their windows, right-hand side last.
+
+    ``rows`` (m, widest window), those of each from ``starts`` (n + 1,) on; ``widths`` (n + 2,) without the columns of
+    the shared variables, beginning with the keyframe before and ending with the one after, 0 where there is none;
+    ``left`` is what the keyframe before left over.
+    """
+
+    rows: Array
+    starts: np.ndarray
+    widths: np.ndarray
+    left: Array
+
+
+def _around(widths: np.ndarray, begin: int, end: int) -> np.ndarray:
+    before = widths[begin - 1 : begin] if begin else [_PAIR]
+    after = widths[end : end + 1] if end < len(widths) else [0]
+    return np.concatenate([before, widths[begin:end], after])
+
+
+def _block_compiled(block: _Block, out: Conditionals) -> tuple[Array, Array]:
+    """Do as :func:`_block_by_lapack`, in ``kernels/elimination.cpp``."""
+    from trackfg.numerics import compiled
+
+    tail, most = block.rows.shape[1] - int(block.widths[1:-1].max()), int(block.widths.max()) - KEYFRAME_DIM
+    left = np.empty(most * (most + tail))
+    left[: block.left.size] = block.left.ravel()
+    alone = np.empty((len(block.rows) + len(block.left), tail))
+    nav = NAV.start, NAV_DIM
+    done = compiled.eliminate(
+        block.rows, block.starts, block.widths, nav, _INDETERMINATE, left, len(block.left), *out, alone
+    )
+    if done is None:
+        raise UnsolvableError(_UNDETERMINED)
+    columns = int(block.widths[-2]) - KEYFRAME_DIM + tail
+    return left[: done[0] * columns].reshape(-1, columns), alone[: done[1]]
+
+
+def _block_by_lapack(block: _Block, out: Conditionals) -> tuple[Array, Array]:
+    """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
+    widths, left, alone = block.widths.tolist(), block.left, []
+    tail = block.rows.shape[1] - max(widths[1:-1])
+    conditional = np.zeros((len(out.R), KEYFRAME_DIM, block.rows.shape[1]))
+    for k, (before, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
+        own, carried = block.rows[block.starts[k] : block.starts[k + 1], : width + tail], len(left)
         system = np.zeros((carried + len(own), width + tail), order="F")
-        system[:carried, place] = left
+        system[:carried, _columns_in_next(before, width, tail)] = left
         system[carried:] = own
         if len(system) < KEYFRAME_DIM:
             raise UnsolvableError(_UNDETERMINED)
@@ -157,13 +212,11 @@ def _factored(
         conditional[k, :, : width + tail] = triangle[:KEYFRAME_DIM]
         rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
-        after = width - KEYFRAME_DIM if k + 1 < keyframes else 0
+        after = width - KEYFRAME_DIM if following else 0
         alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
         left = rest[:after]
-        place = _columns_in_next(width, int(widths[min(k + 1, keyframes - 1)]), tail)
-        if k + 1 in leading_counts:
-            marginals[k + 1] = _left(left, np.concatenate(alone), tail - 1)
-    return conditional, np.concatenate(alone), marginals
+    _write_conditionals(conditional, block.widths[1:-1], tail - 1, out)
+    return left, np.concatenate(alone)
 
 
 def _left(left: Array, alone: Array, shared_dim: int) -> Array:
@@ -175,20 +228,17 @@ def _left(left: Array, alone: Array, shared_dim: int) -> Array:
     return rest
 
 
-def _conditionals(conditional: Array, ahead: np.ndarray, shared_dim: int) -> Conditionals:
-    """Return the conditionals from what :func:`_factored` gives."""
-    R, sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
+def _write_conditionals(conditional: Array, widths: np.ndarray, shared_dim: int, out: Conditionals) -> None:
+    """Write rows [R_k S_k d_k] (n, KEYFRAME_DIM, widest window), laid out as the windows, as conditionals."""
+    out.R[:], sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
     later = _PAIR - KEYFRAME_DIM + shared_dim
-    S = np.zeros((len(ahead), KEYFRAME_DIM, conditional.shape[2] - KEYFRAME_DIM - 1))
-    d = np.empty((len(ahead), KEYFRAME_DIM))
-    for count in np.unique(ahead).tolist():  # the shared variables before the later navigation states
-        own, end = np.flatnonzero(ahead == count), _PAIR + NAV_DIM * count
-        S[own, :, : _PAIR - KEYFRAME_DIM] = conditional[own, :, KEYFRAME_DIM:_PAIR]
-        S[own, :, _PAIR - KEYFRAME_DIM : later] = conditional[own, :, end : end + shared_dim]
-        S[own, :, later : later + NAV_DIM * count] = conditional[own, :, _PAIR:end]
-        d[own] = conditional[own, :, end + shared_dim]
-    S *= sign[:, :, None]
-    return Conditionals(R, S, d * sign)
+    for width in np.unique(widths).tolist():  # the shared variables before the later navigation states
+        own = np.flatnonzero(widths == width)
+        rows = conditional[own] * sign[own, :, None]
+        out.S[own, :, : _PAIR - KEYFRAME_DIM] = rows[:, :, KEYFRAME_DIM:_PAIR]
+        out.S[own, :, _PAIR - KEYFRAME_DIM : later] = rows[:, :, width : width + shared_dim]
+        out.S[own, :, later : later + width - _PAIR] = rows[:, :, _PAIR:width]
+        out.d[own] = rows[:, :, width + shared_dim]
 
 
 def _positive(R: Array) -> tuple[Array, Array]:
@@ -262,19 +312,10 @@ def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
     return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
 
 
-def _systems(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> Iterator[Array]:
-    """Yield rows of shared variables alone, then those of each keyframe, laid out as its window, right-hand side last.
-
-    Stacked some keyframes at a time: windows differ, and at the widest all rows together would fill the memory.
-    """
+def _of_shared_alone(factors: Sequence[_Placed], tail: int) -> Array:
+    """Return the rows of shared variables alone."""
     shared = [one for one in factors if one.first.size and one.first[0] < 0]
-    yield _stacked(shared, -1, 0, np.array([_PAIR]), tail)[0][:, _PAIR:] if shared else np.zeros((0, tail))
-    own = [one for one in factors if one.first.size and one.first[0] >= 0]
-    for begin in range(0, len(widths), _AT_A_TIME):
-        end = min(begin + _AT_A_TIME, len(widths))
-        rows, starts = _stacked(own, begin, end, widths[begin:end], tail)
-        for k, width in enumerate(widths[begin:end].tolist()):
-            yield rows[starts[k] : starts[k + 1], : width + tail]
+    return _stacked(shared, -1, 0, np.array([_PAIR]), tail)[0][:, _PAIR:]
 
 
 def _stacked(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -43,10 +43,12 @@ class Solved(NamedTuple):
     """The whole covariance, keyframe by keyframe, shared variables last."""
     information: np.ndarray
     """Its inverse's square root, upper triangular."""
+    factors: list[LinearFactors]
     root: SquareRoot
     ours: Covariance
 
 
+WithBoth = Callable[[Callable[[], Any]], tuple[Any, Any]]
 Linearized = Callable[[Problem, States], tuple[np.ndarray, np.ndarray]]
 
 
@@ -64,8 +66,9 @@ def solved_of(recording: Recording, linearized: Linearized) -> Solved:
     R = np.linalg.qr(A, mode="r")
     inverse = solve_triangular(R, np.eye(len(R)))
     inertial = linearize_imu_factors(problem.native, states.to_gtsam())
-    root = eliminate([inertial, *(family.linearize(states) for family in problem.families)], n)
-    return Solved(n, A, b, inverse @ inverse.T, R, root, posterior_covariance(root))
+    factors = [inertial, *(family.linearize(states) for family in problem.families)]
+    root = eliminate(factors, n)
+    return Solved(n, A, b, inverse @ inverse.T, R, factors, root, posterior_covariance(root))
 
 
 def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simulation]) -> None:
@@ -170,6 +173,31 @@ def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-7 * np.abs(R[rows]).max())
     assert (np.diagonal(solved.root.R, axis1=1, axis2=2) > 0).all()
     assert (np.diagonal(solved.root.R_shared) > 0).all()
+
+
+def test_kernels_eliminate_as_lapack_does(solved: Solved, with_both: WithBoth) -> None:
+    """Rows of the root are held against their length; the whitened step, in posterior sigmas, against its own."""
+    compiled, lapack = with_both(lambda: eliminate(solved.factors, solved.keyframes))
+    for name in ("R", "S", "R_shared"):
+        ours, theirs = getattr(compiled, name), getattr(lapack, name)
+        scale = np.linalg.norm(lapack.R if name == "S" else theirs, axis=-1, keepdims=True)
+        np.testing.assert_allclose(ours / scale, theirs / scale, atol=1e-8)
+    for name in ("d", "d_shared"):
+        ours, theirs = getattr(compiled, name), getattr(lapack, name)
+        np.testing.assert_allclose(ours, theirs, atol=1e-8 * max(1.0, lapack.length))
+    assert (compiled.ahead == lapack.ahead).all()
+
+
+def test_kernels_leave_the_same_marginals(simulated: Callable[..., Simulation], with_both: WithBoth) -> None:
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    inertial = linearize_imu_factors(problem.native, problem.initial.to_gtsam())
+    factors = [inertial, *(family.linearize(problem.initial) for family in problem.families)]
+    compiled, lapack = with_both(lambda: eliminate_with_marginals(factors, len(problem.t), {1, 7})[1])
+    assert compiled.keys() == lapack.keys() == {1, 7}
+    for count in (1, 7):
+        ours, theirs = (rows[count].T @ rows[count] for rows in (compiled, lapack))
+        scale = np.maximum(np.sqrt(np.diag(theirs)), 1.0)
+        np.testing.assert_allclose(ours / np.outer(scale, scale), theirs / np.outer(scale, scale), atol=1e-9)
 
 
 def test_covariance_times_columns_is_that_of_the_dense_system(solved: Solved) -> None:

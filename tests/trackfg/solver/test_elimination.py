@@ -12,6 +12,8 @@ from trackfg.solver.elimination import eliminate, eliminate_pair, stacked_pair
 
 KEYFRAMES = 2
 
+pytestmark = pytest.mark.usefixtures("kernels")
+
 
 def measured_once(mixed: Kind | None = None, apart: float = 0.0) -> list[LinearFactors]:
     """One row for each variable of two keyframes, ``x = 0``; but the first two entries of the variables ``mixed`` have

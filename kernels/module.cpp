@@ -1,0 +1,21 @@
+// The module trackfg.numerics.compiled: what its functions do is said above each, their types in compiled.pyi.
+#include "arrays.h"
+
+static PyMethodDef methods[] = {
+    {"eliminate", eliminate, METH_VARARGS, "Eliminate some keyframes of a chain by QR."},
+    {nullptr, nullptr, 0, nullptr},
+};
+
+static PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT, "compiled", "Kernels of trackfg in C++.", -1, methods, nullptr, nullptr, nullptr, nullptr,
+};
+
+PyMODINIT_FUNC PyInit_compiled() {
+    PyObject *module = PyModule_Create(&definition);
+    // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
+    if (module != nullptr && PyModule_AddIntConstant(module, "REVISION", 1) != 0) {
+        Py_DECREF(module);
+        return nullptr;
+    }
+    return module;
+}
