@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg import __version__
+from trackfg.cli.balises import balises
 from trackfg.cli.batch import batch
 from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
@@ -43,6 +44,7 @@ app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
 app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
 app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
+app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3

@@ -23,13 +23,14 @@ _MOST_HEAD_BYTES = 64 * 2**20
 @dataclass(frozen=True)
 class FolderKind:
     """``what`` names it in messages; its file ``head`` is JSON with a ``format`` that begins with ``format``; ``files``
-    are all that it holds.
+    are all that it holds, ``optional`` what it may hold besides.
     """
 
     what: str
     head: str
     format: str
     files: tuple[str, ...]
+    optional: tuple[str, ...] = ()
 
     def holds(self, folder: Path) -> bool:
         """Return whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
@@ -57,7 +58,7 @@ class FolderKind:
             raise BadInputError(
                 f"{folder}: exists and is not a trackfg {self.what}; it is left alone: choose another folder"
             )
-        if foreign := sorted(names - set(self.files)):
+        if foreign := sorted(names - {*self.files, *self.optional}):
             raise BadInputError(
                 f"{folder}: holds {', '.join(foreign)} beside the {self.what}, which replacing it would delete; "
                 "move what is yours or choose another folder"
@@ -78,7 +79,8 @@ class FolderKind:
                     f"{folder}: expected a folder with a trackfg {self.what}: {error.strerror}"
                 ) from error
             try:
-                return {name: read_small(name, _MOST_BYTES, folder=descriptor) for name in self.files}
+                names = (*self.files, *(name for name in os.listdir(descriptor) if name in self.optional))
+                return {name: read_small(name, _MOST_BYTES, folder=descriptor) for name in names}
             except FileNotFoundError as error:
                 if _still_there(folder, descriptor):
                     raise BadInputError(

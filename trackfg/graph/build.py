@@ -285,6 +285,8 @@ def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
     times = [gaps.ravel()]
     if recording.fixes is not None:
         times.append(recording.fixes["t_s"].to_numpy())
+    if recording.balises is not None:
+        times.append(recording.balises["t_s"].to_numpy())
     if recording.gnss is not None:
         gnss = recording.gnss["t_s"].to_numpy()
         times.append(gnss[~within(gnss, rests)])

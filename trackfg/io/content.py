@@ -14,9 +14,9 @@ from trackfg.io.table_file import resolve_inside
 from trackfg.recording.description import Table, Truth
 
 
-def tables_of(sensors: Iterable[Table]) -> tuple[str, ...]:
-    """Return the names of the files that sensors are read from, each once, in the order of the alphabet."""
-    return tuple(sorted({sensor.file for sensor in sensors}))
+def tables_of(parts: Iterable[Table]) -> tuple[str, ...]:
+    """Return the names of the files that parts are read from, each once, in the order of the alphabet."""
+    return tuple(sorted({file for part in parts for file in part.files}))
 
 
 def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
@@ -34,7 +34,7 @@ def named_files(path: Path | str) -> tuple[str, ...]:
 
 def _content_names(path: Path | str, read: ReadDescription) -> tuple[str, ...]:
     _, toml = locate(path)
-    return (toml.name, *tables_of(read.sensors.values()))
+    return (toml.name, *tables_of(read.tables))
 
 
 def files_sha256(folder: Path, names: Iterable[str]) -> str | None:

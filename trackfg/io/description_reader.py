@@ -20,6 +20,7 @@ from trackfg.files.small_file import MOST_TOML_BYTES, keys_at, read_small, toml_
 from trackfg.io.formats.registry import FORMATS
 from trackfg.recording.description import (
     MOST_OF_A_KIND,
+    Balises,
     FurtherTach,
     Imu,
     RecordingDescription,
@@ -34,8 +35,13 @@ from trackfg.recording.strict_model import Model
 FILE_NAME = "recording.toml"
 FORMAT = "trackfg-recording/1"
 
-_OTHER_PARTS: dict[str, type[Model]] = {"track": Track, "kilometrage": LineKilometrage, "truth": Truth}
-"""Besides the sensors."""
+_OTHER_PARTS: dict[str, type[Model]] = {
+    "track": Track,
+    "kilometrage": LineKilometrage,
+    "balises": Balises,
+    "truth": Truth,
+}
+"""Besides the sensors, whose tables are of numbers."""
 _LISTS = tuple(sensor.key for sensor in FORMATS if sensor.several)
 _PARTS = {**_OTHER_PARTS, **{sensor.key: sensor.model for sensor in FORMATS}}
 
@@ -74,6 +80,12 @@ class ReadDescription:
             for name, part in self.parts.items()
             if isinstance(part, Table) and name.partition("[")[0] not in _OTHER_PARTS
         }
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """The parts that are read from tables, but for the truth."""
+        balises = self.parts.get("balises")
+        return (*self.sensors.values(), *((balises,) if isinstance(balises, Balises) else ()))
 
 
 def locate(path: Path | str) -> tuple[Path, Path]:

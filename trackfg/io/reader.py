@@ -17,6 +17,7 @@ from trackfg.checks import plausibility
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
+from trackfg.io.balises import read_balises
 from trackfg.io.content import files_sha256, tables_of
 from trackfg.io.description_reader import ReadDescription, locate, read_description
 from trackfg.io.formats.gnss import GnssConverter
@@ -25,7 +26,7 @@ from trackfg.io.table_file import resolve_inside
 from trackfg.io.tables import Tables, canonical_table
 from trackfg.io.writer import write_recording
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Truth
+from trackfg.recording.description import Balises, Truth
 from trackfg.recording.findings import Finding, Section, errors
 from trackfg.recording.model import Recording
 
@@ -72,7 +73,7 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     read = read_description(path)
     findings = list(read.findings)
     sensors = read.sensors
-    digest = files_sha256(folder, (toml.name, *tables_of(sensors.values())))
+    digest = files_sha256(folder, (toml.name, *tables_of(read.tables)))
     reader = Tables(folder, sensors.values())
     tables: dict[str, pd.DataFrame] = {}
     gnss_origin = None
@@ -83,15 +84,21 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
             tables[name], converter = canonical_table(part, columns)
             if isinstance(converter, GnssConverter):
                 gnss_origin = converter.origin
+    balises = None
+    if isinstance(described := read.parts.get("balises"), Balises) and "balises" not in read.doubtful:
+        balises, faults = read_balises(folder, described)
+        findings += faults
     if isinstance(truth := read.parts.get("truth"), Truth):
         findings += _truth_files(folder, truth)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
     tables = {name: plausibility.of_this_run(tables.get("imu"), table, limits) for name, table in tables.items()}
     for name, table in tables.items():
         findings += format_of(sensors[name]).doubts(sensors[name], Section(toml.name, name), table, limits)
+    if balises is not None:
+        balises = plausibility.of_this_run(tables.get("imu"), balises, limits)
     distinct = tuple(dict.fromkeys(findings))
     recording = _assemble(read, tables, gnss_origin, folder, distinct)
-    return LoadedRecording(distinct, recording and replace(recording, files_sha256=digest))
+    return LoadedRecording(distinct, recording and replace(recording, files_sha256=digest, balises=balises))
 
 
 def _assemble(

@@ -105,6 +105,35 @@ def open_table(folder: Path, name: str, wanted: Iterable[str]) -> tuple[TableFil
     ]
 
 
+def text_column(folder: Path, name: str, column: str) -> tuple[list[str] | None, list[Finding]]:
+    """Return the cells of a column as text, whole numbers without decimals, an empty cell as ``""``; or None and why
+    not. The table was opened before, so that its rows are sound. Never raises.
+    """
+    path, findings = resolve_inside(folder, name)
+    if path is None:
+        return None, findings
+    try:
+        if name.endswith(".parquet"):
+            names = pq.ParquetFile(path).schema_arrow.names
+            cells = pq.read_table(path, columns=[column])[column] if names.count(column) == 1 else None
+        else:
+            with path.open(encoding="utf-8-sig", newline="") as stream:
+                names = next(csv.reader([stream.readline(_HEADER_LIMIT)]), [])
+            convert = pa.csv.ConvertOptions(include_columns=[column], column_types={column: pa.string()})
+            cells = pa.csv.read_csv(path, convert_options=convert)[column] if names.count(column) == 1 else None
+    except (pa.ArrowException, OSError, ValueError, csv.Error) as error:
+        return None, [Finding("error", "unreadable-table", f"cannot be read ({first_line(error)})", file=name)]
+    if cells is None:
+        return None, [*_repeated(names, [column], name).values()] or TableFile(name, tuple(names)).numbers(column)[1]
+    return [_as_text(cell) for cell in cells.to_pylist()], []
+
+
+def _as_text(cell: object) -> str:
+    if cell is None or cell != cell:
+        return ""
+    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
+
+
 def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
     with pq.ParquetFile(path) as parquet:
         schema = parquet.schema_arrow

@@ -19,6 +19,7 @@ import tomli_w
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path, replaced_folder
 from trackfg.files.parquet import write_parquet
+from trackfg.io.balises import balises_written
 from trackfg.io.description_reader import FILE_NAME, read_description
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
 from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
@@ -108,6 +109,10 @@ def _written(recording: Recording, table_format: str) -> tuple[RecordingDescript
     if changes["gnss"] is not None:
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})
+    if recording.balises is not None and description.balises is not None:
+        changes["balises"], files[f"balises.{table_format}"] = balises_written(
+            description.balises, recording.balises, f"balises.{table_format}"
+        )
     return description.model_copy(update=changes), files
 
 
@@ -151,7 +156,9 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table as the suffix of its file says, .csv or .parquet, without anything of pandas in it."""
     arrow = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata(None)
     if path.suffix == ".csv":
-        pa.csv.write_csv(arrow, path, pa.csv.WriteOptions(quoting_style="none"))
+        has_text = any(pa.types.is_string(kind) or pa.types.is_large_string(kind) for kind in arrow.schema.types)
+        style = "needed" if has_text else "none"
+        pa.csv.write_csv(arrow, path, pa.csv.WriteOptions(quoting_style=style))
     else:
         write_parquet(arrow, path)
 
@@ -182,7 +189,7 @@ def _refuse_to_destroy(folder: Path, recording: Recording) -> None:
             f"{folder}: is not a recording and not empty; expected a folder that is free or a recording"
         )
     parts = read_description(folder).parts.values()
-    own = {FILE_NAME} | {part.file for part in parts if isinstance(part, Table)}
+    own = {FILE_NAME} | {file for part in parts if isinstance(part, Table) for file in part.files}
     own |= {part.geometry for part in parts if isinstance(part, Truth) and part.geometry is not None}
     if foreign := sorted(names - own):
         raise BadInputError(

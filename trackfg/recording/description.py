@@ -57,6 +57,11 @@ class Table(Model):
     time_unit: TimeUnit = "s"
     time_offset_s: Seconds = 0.0
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The names of the files that it is read from."""
+        return (self.file,)
+
 
 class Track(Model):
     """The line and the run on it.
@@ -191,6 +196,25 @@ class Fixes(Table):
     sd: str = "sd_m"
 
 
+class Balises(Table):
+    """Balises, RFID tags and posts with an id: which one was passed when, and where each is planned to be.
+
+    The table ``file`` has one row for each passage, ``id`` names its column of ids. The table ``places`` has a row for
+    each of them; by default the chainages are columns of ``file``, if it has any.
+    """
+
+    id: str = "id"
+    places: str | None = None
+    chainage: str = "chainage_m"
+    sd: str = "sd_m"
+    reading_sd_m: Sd = 0.1
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The names of the tables of passages and of places."""
+        return (self.file,) if self.places is None else (self.file, self.places)
+
+
 class Gnss(Table):
     """Satellite positions: latitude, longitude, height (``frame = "geodetic"``) or east, north, up (``"local"``).
 
@@ -257,10 +281,20 @@ class RecordingDescription(Model):
     tach: Tach | None = None
     further_tach: Annotated[tuple[FurtherTach, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     fixes: Fixes | None = None
+    balises: Balises | None = None
     gnss: Gnss | None = None
     speed: Annotated[tuple[Speed, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     laser: Annotated[tuple[Laser, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     truth: Truth | None = None
+
+    @model_validator(mode="after")
+    def _counts_no_passage_twice(self) -> RecordingDescription:
+        if self.fixes is not None and self.balises is not None and self.fixes.file == self.balises.file:
+            raise ValueError(
+                f"[fixes] and [balises] are both read from {self.fixes.file}, so that every passage would count twice: "
+                "expected one of them"
+            )
+        return self
 
     @field_validator("laser")
     @classmethod

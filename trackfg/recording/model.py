@@ -10,6 +10,7 @@ table       columns
 ``tach``    ``t_s, distance_m``: cumulative distance with the nominal wheel, not yet scaled; ``speed`` tachs are
             integrated (trapezoid)
 ``fixes``   ``t_s, chainage_m, chainage_sd_m``
+``balises``  ``t_s, id, chainage_m, chainage_sd_m``: passages, with the place that is planned, NaN where none is known
 ``gnss``    ``t_s, east_m, north_m, up_m, east_sd_m, north_sd_m, up_sd_m``, ENU tangent at ``gnss_origin``
 ``others``  by name, ``"speed/1"``: ``t_s, speed_mps``, without rows where the sensor says nothing
 ``lasers``  by name: ``t_s, displacement_m``
@@ -36,6 +37,7 @@ from trackfg.recording.findings import Finding
 IMU_COLUMNS = ("t_s", "wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2")
 TACH_COLUMNS = ("t_s", "distance_m")
 FIX_COLUMNS = ("t_s", "chainage_m", "chainage_sd_m")
+BALISE_COLUMNS = ("t_s", "id", "chainage_m", "chainage_sd_m")
 GNSS_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "east_sd_m", "north_sd_m", "up_sd_m")
 LASER_COLUMNS = ("t_s", "displacement_m")
 
@@ -65,6 +67,8 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     others: dict[str, pd.DataFrame] = field(default_factory=dict)
     """Tables of further sensors by name."""
+    balises: pd.DataFrame | None = None
+    """Passages of what has an id: text, and therefore no table among the others."""
     files_sha256: str | None = None
     """Digest of the files that it was read from (:mod:`trackfg.io.content`)."""
 

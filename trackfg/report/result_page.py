@@ -13,6 +13,7 @@ from trackfg.config import SmoothConfig
 from trackfg.evaluation.scores import PLACE
 from trackfg.geometry.exceedances import Judgement
 from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.report.balise_section import balise_sections
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
 from trackfg.report.exceedances import exceedance_section
 from trackfg.report.flatten import leaves
@@ -74,6 +75,7 @@ def result_page(
     sections = [_summary(result, page.solver), _findings(result), *kilometrage_sections(result, line)]
     sections += _geometry(result, against, judgement)
     sections += [
+        *balise_sections(result),
         _events(result, kilometrage),
         _motion(result, against),
         _consistency(result, against),

@@ -65,3 +65,24 @@ EVENT_COLUMNS = (
     "detail",
 )
 """``distance_removed_m`` is the tachometer's error over the event that the smoother took out, else empty."""
+
+
+BALISE_COLUMNS = (
+    "id",
+    "passes",
+    "left_out",
+    "runs",
+    "planned_m",
+    "planned_m_sd",
+    "measured_m",
+    "measured_m_sd",
+    "difference_m",
+    "difference_m_sd",
+    "sigmas",
+    "place_m",
+    "place_m_sd",
+    "verdict",
+)
+"""One row per balise: how often it was passed, how many of these passages contradict the others, in how many runs;
+where it is planned; where all measurements but its own plan place it, and how far from the plan that is, in m and in
+sigmas; the place by everything together; and what to make of it."""

@@ -10,6 +10,10 @@ geometry.parquet    one row per 0.25 m of chainage, columns :data:`GEOMETRY_COLU
 covariance.parquet  joint covariance of the errors of chainage and cross-level (:mod:`trackfg.output.place_covariance`)
 events.csv          one row per event, columns :data:`EVENT_COLUMNS`
 summary.json        :class:`Summary`
+balises.csv         of a run that passed balises with ids: where each is planned and measured, columns
+                    :data:`BALISE_COLUMNS`
+passages.parquet    of such a run: how far apart it measured its fixes, with the joint covariance
+                    (:mod:`trackfg.results.balise_passages`)
 ==================  ==========================================================================================
 
 Columns carry their unit as suffix; the 1-sigma of column ``x`` is column ``x_sd``, in the same unit.
@@ -19,8 +23,10 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -29,13 +35,23 @@ from trackfg.errors import BadInputError, TrackfgError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
-from trackfg.results.columns import BAND_COLUMNS, EVENT_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.balise_passages import BalisePassages
+from trackfg.results.columns import (
+    BALISE_COLUMNS,
+    BAND_COLUMNS,
+    EVENT_COLUMNS,
+    GEOMETRY_COLUMNS,
+    RAIL_COLUMNS,
+    TRAJECTORY_COLUMNS,
+)
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.soundness import refuse_unsound
 from trackfg.results.summary import Summary
 
 _REPORT = "this is an error of trackfg: please report it, with the recording if you can"
 _EVENT_TEXT = ("kind", "detail")
+_BALISE_TEXT = ("id", "verdict")
+_NO_NUMBER = {name: [""] for name in BALISE_COLUMNS if name not in _BALISE_TEXT}
 _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
     "trajectory.parquet",
     "geometry.parquet",
@@ -45,7 +61,8 @@ _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
 )
 
 
-RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES)
+_BALISES, _PASSAGES = OPTIONAL_FILES = ("balises.csv", "passages.parquet")
+RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES, OPTIONAL_FILES)
 
 
 @dataclass(frozen=True)
@@ -60,6 +77,8 @@ class Result:
     events: pd.DataFrame
     summary: Summary
     covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
+    balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(BALISE_COLUMNS)))
+    passages: BalisePassages = field(default_factory=BalisePassages.none)
 
     def __post_init__(self) -> None:
         bands = tuple(name for name in self.geometry if name in BAND_COLUMNS)
@@ -68,6 +87,7 @@ class Result:
             (self.trajectory, TRAJECTORY_COLUMNS),
             (self.geometry, geometry_columns),
             (self.events, EVENT_COLUMNS),
+            (self.balises, BALISE_COLUMNS),
         ):
             if tuple(table.columns) != columns:
                 raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
@@ -86,6 +106,8 @@ class Result:
         refuse_unsound(_GEOMETRY, self.geometry, ascending="chainage_m", complete=False, sigmas=smoothed)
         refuse_unsound(_EVENTS, self.events.drop(columns=list(_EVENT_TEXT)), ascending=None, complete=False)
         self.covariance.refuse_unsound()
+        self.passages.refuse_unsound()
+        refuse_unsound(_BALISES, self.balises.drop(columns=list(_BALISE_TEXT)), ascending=None, complete=False)
 
     def write(self, folder: str | os.PathLike[str]) -> Path:
         """Write the result, replacing an earlier one in one step (:mod:`trackfg.files.atomic_folder` says how).
@@ -107,6 +129,9 @@ class Result:
             write_parquet(self._geometry_file(), new / _GEOMETRY)
             write_parquet(self.covariance.to_frame(), new / _COVARIANCE)
             self.events.to_csv(new / _EVENTS, index=False)
+            if len(self.passages):
+                self.balises.to_csv(new / _BALISES, index=False)
+                write_parquet(self.passages.to_frame(), new / _PASSAGES)
             (new / _SUMMARY).write_text(self.summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
         return folder
 
@@ -132,8 +157,19 @@ class Result:
                 ),
                 summary=Summary.model_validate_json(content[_SUMMARY]),
                 covariance=PlaceCovariance.from_frame(pd.read_parquet(io.BytesIO(content[_COVARIANCE]))),
+                **_of_balises(content),
             )
             result.refuse_unsound()
         except (ValueError, TypeError, KeyError, ArithmeticError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error
         return result
+
+
+def _of_balises(content: Mapping[str, bytes]) -> dict[str, Any]:
+    """Return what a run that passed balises with ids has besides."""
+    if not content.keys() >= set(OPTIONAL_FILES):
+        return {}
+    types = {name: "str" if name in _BALISE_TEXT else "float64" for name in BALISE_COLUMNS}
+    table = pd.read_csv(io.BytesIO(content[_BALISES]), dtype=types, keep_default_na=False, na_values=_NO_NUMBER)
+    passages = BalisePassages.from_frame(pd.read_parquet(io.BytesIO(content[_PASSAGES])))
+    return {"balises": table, "passages": passages}

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.verdict import Quantity, Verdict, widening
 
@@ -82,3 +83,11 @@ def widened_places(places: PlaceCovariance, verdicts: Sequence[Verdict]) -> Plac
         return PlaceCovariance.none()
     scale = np.repeat(factors, len(places.chainage_m))
     return replace(places, matrix=scale[:, None] * places.matrix * scale)
+
+
+def widened_passages(passages: BalisePassages, verdicts: Sequence[Verdict]) -> BalisePassages:
+    """Return the joint covariance of passages likewise; no passages where chainage is not to be trusted."""
+    factor = widening(verdicts, "chainage")
+    if not np.isfinite(factor):
+        return BalisePassages.none()
+    return replace(passages, covariance=factor**2 * passages.covariance)

@@ -22,11 +22,13 @@ from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem, build_problem
+from trackfg.mapping.runs.balise_survey import surveyed
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
 from trackfg.output.events import event_table
+from trackfg.output.own_passages import own_passages
 from trackfg.output.place_covariance import place_covariance
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
@@ -34,12 +36,14 @@ from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
+from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import Verdict, widening
-from trackfg.results.widening import widened, widened_places
+from trackfg.results.widening import widened, widened_passages, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
+from trackfg.smoothing.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.gnss_time import with_gnss_in_time
@@ -121,15 +125,25 @@ def smooth(
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))
     measured = with_gnss_in_time(measured)
-    smoothed = smooth_states(measured, config, feature_map=feature_map, limits=limits, progress=progress)
+    anchored = with_balise_fixes(measured)
+    smoothed = smooth_states(anchored, config, feature_map=feature_map, limits=limits, progress=progress)
     sources = EventSources.of(smoothed.problem)
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
+    passages, balises = BalisePassages.none(), None
+    found: tuple[Finding, ...] = (*measured.findings, *correction.findings)
+    if measured.balises is not None:
+        own = own_passages(measured, smoothed.problem, smoothed.solution.states)
+        passages = widened_passages(own, smoothed.verdicts)
+    if len(passages):
+        balises = surveyed([passages], [recording.description.id])
+        found = (*found, *balise_findings(balises))
     return Result(
         widened(smoothed.trajectory, smoothed.verdicts),
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
-        _summary(replace(recording, findings=(*measured.findings, *correction.findings)), config, smoothed, correction),
+        _summary(replace(recording, findings=found), config, smoothed, correction),
         widened_places(smoothed.places, smoothed.verdicts),
+        *(() if balises is None else (balises.table, passages)),
     )
 
 

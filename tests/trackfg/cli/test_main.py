@@ -41,6 +41,7 @@ COMMANDS = (
     "init",
     "statistics",
     "overlay",
+    "balises",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
 

@@ -1,0 +1,350 @@
+"""Balises are surveyed by one run or many: where each is, whether its plan is right, and which passages were misread.
+
+Each balise b has a place L_b and each run r an offset o_r. What runs measured of their passages i
+(:mod:`trackfg.results.balise_passages`), and the plans, are
+
+    y_i = L_b + o_r + e,   e ~ N(0, C_r + reading_sd^2),        z_b = L_b + e,   e ~ N(0, planned_sd^2):
+
+the graph of all states of all runs, condensed to its landmarks. Together ``l = A x + e`` with covariance S. That one
+thing is wrong is a hypothesis, which adds a column a with a free factor to A:
+
+* the plan of a balise is wrong, or a passage was misread: a is 1 in its row;
+* the wheel of a run erred unnoticed between two passages: a is 1 in the rows behind, of that run.
+
+With the residuals' projector P of the whitened A, and l, a whitened, the size of the error is ``a'Pl / a'Pa``, its
+variance ``1 / a'Pa``, and the one over the root of the other what it explains (Baarda, "A testing procedure for use in
+geodetic networks", 1968). The greatest goes into A until none is beyond the gate. For a plan this size is how far all
+measurements but itself place the balise from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.linalg import block_diag, cholesky, solve_triangular
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from trackfg.errors import BadInputError
+from trackfg.numerics.arrays import Array
+from trackfg.results.balise_passages import BalisePassages
+from trackfg.results.columns import BALISE_COLUMNS
+from trackfg.results.result import Result
+
+GATE_SIGMAS = 4.0
+"""A plan, a passage or a wheel that is off by more is wrong: 6e-5 of right ones are off by as much."""
+
+_STAYS_SIGMAS = 3.0
+"""An error that is in A and, beside those found later, smaller than this goes out again."""
+
+_LEAST_FREE = 1e-6
+"""Least share of a measurement's own variance that is left in its residual: below it nothing else says what it says,
+and the rest is rounding."""
+
+_AS_LIKELY = 2.0 * np.log(10.0)
+"""Difference of the squares of what two hypotheses explain below which neither is ten times as likely as the other."""
+
+_SAME = 1e-6
+"""Relative difference of what two hypotheses explain that is rounding: a plan and the only passage of its balise."""
+
+_SAME_PLAN_M = 1e-6
+"""Runs have the same plan of a balise if it differs by less, m: rounding of files."""
+
+MISREAD_COLUMNS = ("run", "t_s", "id", "off_m", "off_m_sd")
+SLIP_COLUMNS = ("run", "from_s", "to_s", "off_m", "off_m_sd")
+
+
+@dataclass(frozen=True)
+class BaliseSurvey:
+    """A survey's ``table`` has the columns :data:`~trackfg.results.columns.BALISE_COLUMNS`, in order of the places.
+
+    ``misread``: passages that contradict the others and were left out, columns :data:`MISREAD_COLUMNS`. ``slips``:
+    where a wheel erred unnoticed, columns :data:`SLIP_COLUMNS`.
+    """
+
+    table: pd.DataFrame
+    misread: pd.DataFrame
+    slips: pd.DataFrame
+
+
+class _Error(NamedTuple):
+    """A hypothesis: ``kind`` is "plan", "passage" or "wheel", ``row`` that of the plan, of the passage, or of the
+    first passage behind the wheel's error.
+    """
+
+    kind: str
+    row: int
+
+
+@dataclass(frozen=True)
+class _Network:
+    """The measurements: passages run by run, columns ``run, t_s, name`` and ``balise`` (its number), then plans.
+
+    ``measured`` l (m,) and ``A`` (m, n), whitened by the inverse of the root of their covariance, ``whitening``
+    (m, m). The first columns of A are the places of ``names``; ``plan_of`` (p,) are the numbers of balises with plans.
+    """
+
+    passages: pd.DataFrame
+    names: list[str]
+    plan_of: np.ndarray
+    whitening: Array
+    measured: Array
+    A: Array
+    anchored: np.ndarray
+    """Which balises are tied to a plan, by whatever runs, shape (b,)."""
+
+    def columns(self, errors: Sequence[_Error]) -> Array:
+        """Return the whitened columns of errors, shape (m, e)."""
+        a = np.zeros((len(self.measured), len(errors)))
+        run = self.passages["run"].to_numpy()
+        for column, error in zip(a.T, errors, strict=True):
+            column[error.row] = 1.0
+            if error.kind == "wheel":
+                column[error.row : len(run)] = run[error.row :] == run[error.row]
+        return np.asarray(self.whitening @ a)
+
+    def possible_errors(self) -> list[_Error]:
+        """Return all hypotheses, those first that are named where two explain the same."""
+        run, m = self.passages["run"].to_numpy(), len(self.passages)
+        plans = [_Error("plan", m + i) for i in range(len(self.plan_of))]
+        behind = np.flatnonzero(run[1:] == run[:-1]) + 1
+        return plans + [_Error("passage", i) for i in range(m)] + [_Error("wheel", int(i)) for i in behind]
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """The solution with some ``errors`` in A: places, offsets and their sizes ``x``, with ``covariance``; ``basis``
+    (m, n) is orthonormal and spans A.
+    """
+
+    errors: tuple[_Error, ...]
+    x: Array
+    covariance: Array
+    basis: Array
+
+    @property
+    def sizes(self) -> tuple[Array, Array]:
+        """The sizes of the errors in A, m, and their sigmas, each (e,)."""
+        first = len(self.x) - len(self.errors)
+        return self.x[first:], np.sqrt(np.diag(self.covariance)[first:])
+
+    def residual(self, columns: Array) -> Array:
+        """Return the part of columns (m, c), or of one (m,), that A does not explain."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+
+def surveyed_by_results(
+    results: Sequence[Result], names: Sequence[str], planned: pd.DataFrame | None = None
+) -> BaliseSurvey:
+    """Survey the balises of smoothed runs as :func:`surveyed` does.
+
+    Raises :class:`BadInputError` too for a result without passages of balises, and for a run that is there twice.
+    """
+    seen: dict[str, str] = {}
+    for result, name in zip(results, names, strict=True):
+        if not len(result.passages):
+            raise BadInputError(
+                f"{name}: has no passages of balises: expected the result of a recording with [balises], whose "
+                "chainage is to be trusted. Hint: smooth the recording again if it has them"
+            )
+        content = name if result.summary.run is None else result.summary.run.content_sha256
+        if content in seen:
+            raise BadInputError(f"{name}: is the same run as {seen[content]}: expected each run once")
+        seen[content] = name
+    return surveyed([result.passages for result in results], names, planned)
+
+
+def surveyed(runs: Sequence[BalisePassages], names: Sequence[str], planned: pd.DataFrame | None = None) -> BaliseSurvey:
+    """Survey the balises that runs passed.
+
+    ``planned`` holds instead of the runs' own plans, columns ``id, chainage_m, chainage_sd_m``, NaN where not known;
+    those of its balises that no run passed are in the table too. Raises :class:`BadInputError` where the runs' own
+    plans of a balise differ, and where no run passed any.
+    """
+    passages = _passages(runs, names)
+    plans = _plans(passages, names) if planned is None else _with_anonymous(planned, passages)
+    network = _network(runs, passages, plans)
+    possible = network.possible_errors()
+    columns = network.columns(possible)
+    estimate, undecided = _estimated(network, possible, columns)
+    table = _table(network, plans, estimate, _tested(network, columns, estimate, len(network.plan_of)), undecided)
+    return BaliseSurvey(table, *_left_out(network, names, estimate))
+
+
+def _passages(runs: Sequence[BalisePassages], names: Sequence[str]) -> pd.DataFrame:
+    """Return the passages of all runs; a fix without an id has a name of its own."""
+    tables = [run.table.assign(run=number) for number, run in enumerate(runs) if len(run)]
+    if not tables:
+        raise BadInputError(f"{', '.join(names)}: no balise with an id was passed: expected [balises] in the recording")
+    passages = pd.concat(tables, ignore_index=True)
+    anonymous = passages["id"] == ""
+    number = passages.index.to_series().astype(str)
+    return passages.assign(name=passages["id"].where(~anonymous, _ANONYMOUS + number))
+
+
+_ANONYMOUS = "\0"
+"""The first letter of the name of a fix without an id, which no id has."""
+
+
+def _plans(passages: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
+    """Return the runs' own plans, by name. Raises :class:`BadInputError` where they differ."""
+    stated = passages[["name", "run"]].assign(chainage_m=passages["planned_m"], chainage_sd_m=passages["planned_m_sd"])
+    by_name = stated.groupby("name", sort=False)[["chainage_m", "chainage_sd_m"]]
+    apart = (by_name.transform("max") - by_name.transform("min")).max(axis=1)
+    if (apart > _SAME_PLAN_M).any():
+        name = stated["name"].iloc[int(apart.to_numpy().argmax())]
+        some = stated[stated["name"] == name].drop_duplicates("chainage_m")[["run", "chainage_m", "chainage_sd_m"]]
+        said = ", ".join(f"{x:.10g} m (sigma {sd:.3g} m) in {names[run]}" for run, x, sd in some.to_numpy().tolist())
+        raise BadInputError(
+            f"balise {name!r} is planned at {said}. Hint: give the places that hold for all runs as --planned FILE"
+        )
+    return by_name.first()
+
+
+def _with_anonymous(planned: pd.DataFrame, passages: pd.DataFrame) -> pd.DataFrame:
+    """Return plans by name, with those of fixes without an id."""
+    anonymous = passages[passages["id"] == ""].set_index("name")[["planned_m", "planned_m_sd"]]
+    own = anonymous.set_axis(["chainage_m", "chainage_sd_m"], axis=1)
+    return pd.concat([planned.set_index("id").rename_axis("name"), own])
+
+
+def _network(runs: Sequence[BalisePassages], passages: pd.DataFrame, plans: pd.DataFrame) -> _Network:
+    number, names = pd.factorize(passages["name"])
+    run = passages["run"].to_numpy()
+    plans = plans.reindex(names)
+    known = plans.notna().all(axis=1).to_numpy()
+    plan_of = np.flatnonzero(known)
+    m, b, r = len(passages), len(names), int(run.max()) + 1
+    A = np.zeros((m + len(plan_of), b + r))
+    A[np.arange(m), number] = 1.0
+    A[np.arange(m), b + run] = 1.0
+    A[m + np.arange(len(plan_of)), plan_of] = 1.0
+    tied = coo_array((np.ones(m), (number, b + run)), shape=(b + r, b + r))
+    _, part = connected_components(tied, directed=False)
+    anchored = np.isin(part, part[plan_of])
+    # Where no plan says where a line begins, its first run does; a run without passages has no offset.
+    first = np.array([np.flatnonzero(part[b:] == one)[0] if (part[b:] == one).any() else -1 for one in part])
+    free = np.append(np.ones(b, dtype=bool), (anchored[b:] | (first[b:] != np.arange(r))) & np.isin(np.arange(r), run))
+    own = [run.covariance + np.diag(run.table["reading_m_sd"].to_numpy() ** 2) for run in runs if len(run)]
+    roots = [solve_triangular(cholesky(S, lower=True), np.eye(len(S)), lower=True) for S in own]
+    whitening = block_diag(*roots, np.diag(1.0 / plans["chainage_sd_m"].to_numpy()[plan_of]))
+    measured = np.concatenate([passages["chainage_m"].to_numpy(), plans["chainage_m"].to_numpy()[plan_of]])
+    return _Network(
+        passages.assign(balise=number),
+        list(names),
+        plan_of,
+        whitening,
+        whitening @ measured,
+        whitening @ A[:, free],
+        anchored[:b],
+    )
+
+
+def _estimated(network: _Network, possible: list[_Error], columns: Array) -> tuple[_Estimate, set[_Error]]:
+    """Return the solution with all errors that there are in it, and plans that may be wrong as well as the named."""
+    kept: list[int] = []
+    removed: set[int] = set()
+    undecided: set[_Error] = set()
+    while True:
+        estimate = _solution(network, [possible[i] for i in kept], columns[:, kept])
+        size, sd = estimate.sizes
+        if kept and (least := int(np.argmin(np.abs(size) / sd)), abs(size[least]) < _STAYS_SIGMAS * sd[least])[1]:
+            removed.add(kept.pop(least))
+            continue
+        explained = np.abs(_explained(network, estimate, columns)[0])
+        explained[[*kept, *removed]] = 0.0
+        greatest = float(explained.max(initial=0.0))
+        if greatest < GATE_SIGMAS:
+            return estimate, undecided
+        kept.append(int(np.argmax(explained > greatest * (1.0 - _SAME))))
+        rivals = np.flatnonzero(explained**2 > greatest**2 - _AS_LIKELY)
+        plans = {possible[i] for i in rivals if possible[i].kind == "plan"}
+        if possible[kept[-1]].kind == "plan" and len(plans) > 1:
+            undecided |= plans
+
+
+def _solution(network: _Network, errors: list[_Error], columns: Array) -> _Estimate:
+    basis, R = np.linalg.qr(np.hstack([network.A, columns]))
+    inverse = solve_triangular(R, np.eye(len(R)))
+    return _Estimate(tuple(errors), inverse @ (basis.T @ network.measured), inverse @ inverse.T, basis)
+
+
+def _explained(network: _Network, estimate: _Estimate, columns: Array) -> tuple[Array, Array]:
+    """Return the size of each error (c,) in sigmas and its sigma, m; 0 and NaN where nothing else is measured of it."""
+    left = estimate.residual(columns)
+    power = np.sum(left**2, axis=0)
+    seen = power > _LEAST_FREE * np.sum(columns**2, axis=0)
+    sd = np.where(seen, 1.0 / np.sqrt(np.where(seen, power, 1.0)), np.nan)
+    return np.where(seen, (left.T @ network.measured) * np.where(seen, sd, 0.0), 0.0), sd
+
+
+def _tested(network: _Network, columns: Array, estimate: _Estimate, plans: int) -> tuple[Array, Array]:
+    """Return how far the other measurements place balises from their plans, m, and the sigma, each (p,)."""
+    in_sigmas, sd = _explained(network, estimate, columns[:, :plans])
+    off = np.where(np.isnan(sd), np.nan, -in_sigmas * sd)
+    m = len(network.passages)
+    for error, size, size_sd in zip(estimate.errors, *estimate.sizes, strict=True):
+        if error.kind == "plan":
+            off[error.row - m], sd[error.row - m] = -size, size_sd
+    return off, sd
+
+
+def _table(
+    network: _Network, plans: pd.DataFrame, estimate: _Estimate, off: tuple[Array, Array], undecided: set[_Error]
+) -> pd.DataFrame:
+    passages, b, m = network.passages, len(network.names), len(network.passages)
+    misread = passages.iloc[[error.row for error in estimate.errors if error.kind == "passage"]]
+    table = pd.DataFrame({"id": network.names})
+    table["passes"] = passages.groupby("balise").size()
+    table["left_out"] = misread.groupby("balise").size().reindex(range(b), fill_value=0)
+    table["runs"] = passages.groupby("balise")["run"].nunique()
+    stated = plans.reindex(network.names)
+    table["planned_m"], table["planned_m_sd"] = stated["chainage_m"].to_numpy(), stated["chainage_sd_m"].to_numpy()
+    place, place_sd = estimate.x[:b], np.sqrt(np.diag(estimate.covariance)[:b])
+    measured, measured_sd = place.copy(), place_sd.copy()
+    difference_sd = place_sd.copy()
+    planned, planned_sd = (table[name].to_numpy()[network.plan_of] for name in ("planned_m", "planned_m_sd"))
+    measured[network.plan_of] = planned + off[0]
+    measured_sd[network.plan_of] = np.sqrt(np.maximum(off[1] ** 2 - planned_sd**2, _LEAST_FREE * off[1] ** 2))
+    difference_sd[network.plan_of] = off[1]
+    table["measured_m"], table["measured_m_sd"] = measured, measured_sd
+    table["difference_m"] = table["measured_m"] - table["planned_m"]
+    table["difference_m_sd"] = np.where(table["difference_m"].notna(), difference_sd, np.nan)
+    table["sigmas"] = (table["difference_m"] / table["difference_m_sd"]).where(table["planned_m_sd"].notna())
+    table["place_m"], table["place_m_sd"] = place, place_sd
+    verdict = np.where(network.anchored, "surveyed", "relative").astype(object)
+    verdict[network.plan_of] = np.where(np.isnan(off[0]), "unchecked", "agrees")
+    named = dict.fromkeys(estimate.errors, "wrong") | dict.fromkeys(undecided, "undecided")
+    for error, word in named.items():
+        if error.kind == "plan":
+            verdict[network.plan_of[error.row - m]] = word
+    table["verdict"] = verdict
+    table = table[~table["id"].str.startswith(_ANONYMOUS)].sort_values("place_m", ignore_index=True)
+    return pd.concat([table, _not_passed(plans, network.names)], ignore_index=True)[list(BALISE_COLUMNS)]
+
+
+def _not_passed(plans: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+    """Return the rows of balises that are planned and were not passed."""
+    other = plans[~plans.index.isin(names)]
+    rows = pd.DataFrame(np.nan, index=range(len(other)), columns=list(BALISE_COLUMNS))
+    rows[["passes", "left_out", "runs"]] = 0
+    planned = {"planned_m": other["chainage_m"].to_numpy(), "planned_m_sd": other["chainage_sd_m"].to_numpy()}
+    return rows.assign(id=other.index.to_numpy(), verdict="not passed", **planned)
+
+
+def _left_out(network: _Network, names: Sequence[str], estimate: _Estimate) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the passages that were misread, and where wheels erred."""
+    misread, slips = [], []
+    at = network.passages[["run", "t_s", "id"]].to_dict("records")
+    for error, size, sd in zip(estimate.errors, *estimate.sizes, strict=True):
+        if error.kind == "passage":
+            one = at[error.row]
+            misread.append((names[one["run"]], one["t_s"], one["id"], size, sd))
+        elif error.kind == "wheel":
+            before, behind = at[error.row - 1], at[error.row]
+            slips.append((names[behind["run"]], before["t_s"], behind["t_s"], size, sd))
+    return pd.DataFrame(misread, columns=list(MISREAD_COLUMNS)), pd.DataFrame(slips, columns=list(SLIP_COLUMNS))

@@ -1,0 +1,50 @@
+"""The section of a page about balises with ids: where each is planned and measured, and which plans are wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+import pandas as pd
+
+from trackfg.report.numbers import NONE, with_sd
+from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
+from trackfg.results.result import Result
+
+_MANY = 25
+"""A table of more balises is folded; those that are wrong are shown above it."""
+_BAD: dict[str, Literal["error", "warning"]] = {"wrong": "error", "undecided": "warning"}
+_HEADINGS = ("id", "passages", "planned, m", "measured, m", "difference, m", "sigmas", "verdict")
+
+
+def balise_sections(result: Result) -> Iterator[PageSection]:
+    """Yield the section of a run that passed balises with ids; nothing for others."""
+    table = result.balises
+    if table.empty:
+        return
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in table["verdict"].value_counts().items())
+    blocks: list[Block] = [Text(f"{len(table)} balises: {counts}.")]
+    rows = tuple(_row(row) for _, row in table.iterrows())
+    whole = PageTable(_HEADINGS, rows, numbers=frozenset(range(1, 6)))
+    if len(rows) <= _MANY:
+        blocks.append(whole)
+    else:
+        bad = tuple(row for row in rows if row.mark)
+        blocks += [PageTable(_HEADINGS, bad, numbers=frozenset(range(1, 6)))] if bad else []
+        blocks.append(Fold(f"All {len(rows)} balises", (whole,)))
+    yield PageSection("balises", "Balises", tuple(blocks))
+
+
+def _row(row: pd.Series) -> TableRow:
+    pairs = (_measure(row[name], row[f"{name}_sd"]) for name in ("planned_m", "measured_m", "difference_m"))
+    sigmas = float(row["sigmas"])
+    cells = (str(row["id"]), f"{row['passes']:.0f}", *pairs, NONE if math.isnan(sigmas) else f"{sigmas:+.1f}")
+    verdict = str(row["verdict"])
+    return TableRow((*cells, verdict), mark=_BAD.get(verdict, ""))
+
+
+def _measure(value: float, sd: float) -> str:
+    if math.isnan(sd):
+        return NONE if math.isnan(value) else f"{value:.3f}"
+    return with_sd(value, sd, "")
