@@ -59,6 +59,7 @@ def read_places(path: Path) -> pd.DataFrame:
 
     Columns of the answer are :data:`PLACE_COLUMNS`, one row for each id.
     """
+    path = path.resolve()  # a link is the user's own, other than one in a recording
     places, findings = _places(path.parent, path.name, Balises(file=path.name))
     if places is None:
         raise BadInputError(str(errors(findings)[0]))

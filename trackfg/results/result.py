@@ -51,6 +51,7 @@ from trackfg.results.summary import Summary
 _REPORT = "this is an error of trackfg: please report it, with the recording if you can"
 _EVENT_TEXT = ("kind", "detail")
 _BALISE_TEXT = ("id", "verdict")
+_TYPES = {name: "str" if name in _BALISE_TEXT else "float64" for name in BALISE_COLUMNS}
 _NO_NUMBER = {name: [""] for name in BALISE_COLUMNS if name not in _BALISE_TEXT}
 _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
     "trajectory.parquet",
@@ -77,7 +78,7 @@ class Result:
     events: pd.DataFrame
     summary: Summary
     covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
-    balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(BALISE_COLUMNS)))
+    balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(BALISE_COLUMNS)).astype(_TYPES))
     passages: BalisePassages = field(default_factory=BalisePassages.none)
 
     def __post_init__(self) -> None:
@@ -107,7 +108,8 @@ class Result:
         refuse_unsound(_EVENTS, self.events.drop(columns=list(_EVENT_TEXT)), ascending=None, complete=False)
         self.covariance.refuse_unsound()
         self.passages.refuse_unsound()
-        refuse_unsound(_BALISES, self.balises.drop(columns=list(_BALISE_TEXT)), ascending=None, complete=False)
+        numbers = self.balises.drop(columns=list(_BALISE_TEXT))
+        refuse_unsound(_BALISES, numbers, ascending=None, complete=False, sigmas=False)
 
     def write(self, folder: str | os.PathLike[str]) -> Path:
         """Write the result, replacing an earlier one in one step (:mod:`trackfg.files.atomic_folder` says how).
@@ -169,7 +171,6 @@ def _of_balises(content: Mapping[str, bytes]) -> dict[str, Any]:
     """Return what a run that passed balises with ids has besides."""
     if not content.keys() >= set(OPTIONAL_FILES):
         return {}
-    types = {name: "str" if name in _BALISE_TEXT else "float64" for name in BALISE_COLUMNS}
-    table = pd.read_csv(io.BytesIO(content[_BALISES]), dtype=types, keep_default_na=False, na_values=_NO_NUMBER)
+    table = pd.read_csv(io.BytesIO(content[_BALISES]), dtype=_TYPES, keep_default_na=False, na_values=_NO_NUMBER)
     passages = BalisePassages.from_frame(pd.read_parquet(io.BytesIO(content[_PASSAGES])))
     return {"balises": table, "passages": passages}

@@ -198,7 +198,9 @@ def _plans(passages: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     if (apart > _SAME_PLAN_M).any():
         name = stated["name"].iloc[int(apart.to_numpy().argmax())]
         some = stated[stated["name"] == name].drop_duplicates("chainage_m")[["run", "chainage_m", "chainage_sd_m"]]
-        said = ", ".join(f"{x:.10g} m (sigma {sd:.3g} m) in {names[run]}" for run, x, sd in some.to_numpy().tolist())
+        said = ", ".join(
+            f"{x:.10g} m (sigma {sd:.3g} m) in {names[int(run)]}" for run, x, sd in some.to_numpy().tolist()
+        )
         raise BadInputError(
             f"balise {name!r} is planned at {said}. Hint: give the places that hold for all runs as --planned FILE"
         )
