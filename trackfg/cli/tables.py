@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, Summary, VectorEstimate
-from trackfg.results.verdict import opinions
+from trackfg.results.verdict import causes, opinions
 
 if TYPE_CHECKING:
     from trackfg.comparison.estimators import Estimator
@@ -178,19 +178,20 @@ def _solver(page: Summary) -> dict[str, str]:
 
 
 def verdicts(result: Result) -> RenderableType:
-    """Return what can be believed: quantities, verdict, why and what to do, the worst first."""
-    table = titled("Verdict", show_lines=True)
-    for heading in ("quantities", "verdict", "why", "what to do"):
-        table.add_column(heading, overflow="fold")
-    for opinion in opinions(result.summary.verdicts):
+    """Return what can be believed, the worst first, and below why, and what to do."""
+    found = result.summary.verdicts
+    verdict = titled("Verdict", show_header=False)
+    verdict.add_column(no_wrap=True)
+    verdict.add_column()
+    for opinion in opinions(found):
         style = "" if opinion.verdict == "trusted" else _COLOUR["warning"]
-        table.add_row(
-            Text(", ".join(opinion.quantities)),
-            Text(opinion.verdict, style=style),
-            Text("\n".join(opinion.reasons)),
-            Text("\n".join(opinion.hints)),
-        )
-    return table
+        verdict.add_row(Text(opinion.verdict, style=style), Text(", ".join(opinion.quantities)))
+    why = titled("Why", show_lines=True)
+    for heading in ("what is seen", "concerns", "what to do"):
+        why.add_column(heading, overflow="fold")
+    for cause in causes(found):
+        why.add_row(Text(cause.reason), Text(", ".join(cause.quantities)), Text(cause.hint))
+    return Group(verdict, why)
 
 
 def named_values(title: str, rows: Mapping[str, str]) -> Table:

@@ -63,11 +63,14 @@ class Finding:
             parts.append(f"data row {self.row}" + ("" if self.time_s is None else f" (t = {self.time_s:.9g} s)"))
         return ", ".join(parts)
 
-    def __str__(self) -> str:
+    @property
+    def sentence(self) -> str:
+        """Place, message and what was expected, without the hint."""
         text = f"{self.place}: {self.message}" if self.place else self.message
-        if self.expected is not None:
-            text += f"; expected {self.expected}"
-        return text if self.hint is None else f"{text}. Hint: {self.hint}"
+        return text if self.expected is None else f"{text}; expected {self.expected}"
+
+    def __str__(self) -> str:
+        return self.sentence if self.hint is None else f"{self.sentence}. Hint: {self.hint}"
 
 
 def errors(findings: Iterable[Finding]) -> list[Finding]:

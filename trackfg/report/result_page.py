@@ -39,7 +39,7 @@ from trackfg.report.truth import Against
 from trackfg.results.official_places import KM_COLUMN, with_km
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
-from trackfg.results.verdict import opinions
+from trackfg.results.verdict import causes, opinions
 
 if TYPE_CHECKING:
     from trackfg.recording.line_kilometrage import LineKilometrage
@@ -128,16 +128,16 @@ def _summary(result: Result, solver: Solver) -> PageSection:
 
 
 def _verdicts(page: Summary) -> Iterator[PageTable]:
-    """Return what can be believed of each quantity, the worst first; nothing for results of older versions."""
-    rows = tuple(
-        TableRow(
-            (", ".join(opinion.quantities), opinion.verdict, "; ".join(opinion.reasons), "; ".join(opinion.hints)),
-            mark="" if opinion.verdict == "trusted" else "warning",
+    """Return what can be believed, the worst first, and why; nothing for results of older versions."""
+    found = page.verdicts
+    if found:
+        rows = (
+            TableRow((one.verdict, ", ".join(one.quantities)), mark="" if one.verdict == "trusted" else "warning")
+            for one in opinions(found)
         )
-        for opinion in opinions(page.verdicts)
-    )
-    if rows:
-        yield PageTable(("quantities", "verdict", "why", "what to do"), rows, caption="Can the sigmas be trusted?")
+        yield PageTable(("verdict", "quantities"), tuple(rows), caption="Can the sigmas be trusted?")
+        reasons = (TableRow((cause.reason, ", ".join(cause.quantities), cause.hint)) for cause in causes(found))
+        yield PageTable(("what is seen", "concerns", "what to do"), tuple(reasons), caption="Why?")
 
 
 def _extent(result: Result) -> str:

@@ -100,23 +100,48 @@ def widening(verdicts: Iterable[Verdict], quantity: Quantity) -> float:
 
 @dataclass(frozen=True)
 class Opinion:
-    """Quantities that the same can be said of; "all" where there are no others."""
+    """Quantities that have the same verdict; "all" where there are no others."""
 
-    quantities: tuple[str, ...]
     verdict: str
-    reasons: tuple[str, ...]
-    hints: tuple[str, ...]
+    quantities: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why quantities have the verdicts that they have, and what to do about it; an empty hint where nothing."""
+
+    reason: str
+    quantities: tuple[str, ...]
+    hint: str
 
 
 def opinions(verdicts: Iterable[Verdict]) -> list[Opinion]:
-    """Return verdicts as people read them, the worst first: quantities of which the same is said, together."""
-    groups: dict[tuple[str, tuple[str, ...], tuple[str, ...]], list[str]] = {}
-    for verdict in sorted(verdicts, key=lambda one: -one.widening):
-        reasons, hints = (tuple(dict.fromkeys(texts)) for texts in (verdict.reasons, verdict.hints))
-        if verdict.status == "trusted":
-            reasons = _tested(verdict.checked_by)
-        groups.setdefault((_in_words(verdict), reasons, hints), []).append(verdict.quantity.replace("_", "-"))
-    return [Opinion(tuple(names) if len(groups) > 1 else ("all",), *said) for said, names in groups.items()]
+    """Return verdicts as people read them, the worst first, each with its quantities."""
+    groups: dict[str, list[str]] = {}
+    for verdict in _worst_first(verdicts):
+        groups.setdefault(_in_words(verdict), []).append(_name(verdict))
+    return [Opinion(verdict, tuple(names) if len(groups) > 1 else ("all",)) for verdict, names in groups.items()]
+
+
+def causes(verdicts: Iterable[Verdict]) -> list[Cause]:
+    """Return each reason once, in the order of the verdicts that it is for."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for verdict in (listed := _worst_first(verdicts)):
+        pairs = zip(verdict.reasons, verdict.hints, strict=True)
+        for pair in dict.fromkeys(pairs) if verdict.status != "trusted" else [(_tested(verdict.checked_by), "")]:
+            groups.setdefault(pair, []).append(_name(verdict))
+    return [
+        Cause(reason, tuple(names) if len(names) < len(listed) else ("all",), hint)
+        for (reason, hint), names in groups.items()
+    ]
+
+
+def _worst_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
+    return sorted(verdicts, key=lambda one: -one.widening)
+
+
+def _name(verdict: Verdict) -> str:
+    return verdict.quantity.replace("_", "-")
 
 
 def _in_words(verdict: Verdict) -> str:
@@ -125,10 +150,10 @@ def _in_words(verdict: Verdict) -> str:
     return "trusted" if verdict.status == "trusted" else "not to be trusted"
 
 
-def _tested(checked_by: tuple[str, ...]) -> tuple[str, ...]:
+def _tested(checked_by: tuple[str, ...]) -> str:
     if not checked_by:
-        return ("nothing in the recording tests it: the sigma is the model's",)
-    return ("what is measured more than once agrees within its sigmas",)
+        return "nothing in the recording tests it: the sigma is the model's"
+    return "what is measured more than once agrees within its sigmas"
 
 
 def _verdict(quantity: Quantity, doubts: tuple[Doubt, ...], checked_by: tuple[str, ...]) -> Verdict:

@@ -13,7 +13,18 @@ from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import Summary
-from trackfg.results.verdict import QUANTITIES, Doubt, Opinion, Quantity, Verdict, opinions, verdicts, widening
+from trackfg.results.verdict import (
+    QUANTITIES,
+    Cause,
+    Doubt,
+    Opinion,
+    Quantity,
+    Verdict,
+    causes,
+    opinions,
+    verdicts,
+    widening,
+)
 from trackfg.results.widening import widened, widened_places
 
 
@@ -62,15 +73,20 @@ def test_summaries_of_before_there_were_verdicts_are_read(make_result: Callable[
     assert Summary.model_validate(page).verdicts == ()
 
 
-def test_people_read_quantities_of_which_the_same_is_said_together() -> None:
+def test_people_read_each_verdict_and_each_reason_once() -> None:
     lost = doubt(math.inf, "chainage", "speed", reason="no wheel", hint="add one")
-    shaky = doubt(2.04, "cross_level", reason="shaky", hint="damp it")
-    read = opinions(verdicts([shaky, shaky, lost], {"roll": ("3 rests",)}))
-    assert read[0] == Opinion(("chainage", "speed"), "not to be trusted", ("no wheel",), ("add one",))
-    assert read[1] == Opinion(("cross-level",), "sigmas widened by 2.7", ("shaky",), ("damp it",))
-    assert (Opinion(("roll",), "trusted", ("what is measured more than once agrees within its sigmas",), ())) in read
-    assert read[2].reasons == ("nothing in the recording tests it: the sigma is the model's",)
+    shaky = doubt(2.04, "cross_level", "speed", reason="shaky", hint="damp it")
+    found = verdicts([shaky, shaky, lost], {"roll": ("3 rests",)})
+    read, why = opinions(found), causes(found)
+    assert read[0] == Opinion("not to be trusted", ("chainage", "speed"))
+    assert read[1] == Opinion("sigmas widened by 2.7", ("cross-level",))
+    assert (read[2].verdict, "roll" in read[2].quantities) == ("trusted", True)
+    assert why[0] == Cause("no wheel", ("chainage", "speed"), "add one")
+    assert why[1] == Cause("shaky", ("speed", "cross-level"), "damp it")
+    assert Cause("what is measured more than once agrees within its sigmas", ("roll",), "") in why
+    assert "nothing in the recording tests it: the sigma is the model's" in [cause.reason for cause in why]
     assert [opinion.quantities for opinion in opinions(verdicts([]))] == [("all",)]
+    assert [cause.quantities for cause in causes(verdicts([]))] == [("all",)]
 
 
 def test_sigmas_are_widened_by_the_factor_of_their_quantity(make_result: Callable[..., Result]) -> None:

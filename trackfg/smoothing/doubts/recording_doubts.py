@@ -49,7 +49,7 @@ def recording_doubts(recording: Recording, findings: Sequence[Finding]) -> tuple
     """Return what the findings make untrustworthy; an absent tach spoils nothing where another sensor has the speed."""
     has_speed = recording.gnss is not None or len(recording.others) > 0
     return tuple(
-        Doubt(SPOILED[finding.code], math.inf, str(finding), finding.hint or _HINT)
+        Doubt(SPOILED[finding.code], math.inf, finding.sentence, finding.hint or _HINT)
         for finding in findings
         if finding.code in SPOILED and not (finding.code == "tach-absent" and has_speed)
     )
