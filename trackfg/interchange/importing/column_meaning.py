@@ -14,13 +14,22 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import guessed_unit
 from trackfg.numerics.units import STANDARD_GRAVITY
 
-_AXIS = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])")
+_AXIS = re.compile(
+    r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|(?<=^[AGW])([XYZ])$"
+)
+_NAMED_AXIS = {
+    "x": re.compile(r"roll|wank|longitudinal|l(ä|ae)ngs"),
+    "y": re.compile(r"pitch|nick|lateral|quer"),
+    "z": re.compile(r"yaw|gier|vertical|vertikal|hoch"),
+}
+"""Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes."""
 _PATTERNS = {
     "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|lin.?acc|gravity.?free",
     "gyro": (
-        r"gyr|omega|ang(ular)?[\s_]*(vel|rate)|drehrate|rotation.?rate|\bw_?[xyz]\b|^w_?[xyz]|dtheta|delta.?(theta|ang)"
+        r"gyr|omega|ang(ular)?[\s_]*(vel|rate)|drehrate|rotation.?rate|(roll|pitch|yaw).?rate|(wank|nick|gier).?(rate|geschw)|"
+        r"\bw_?[xyz]\b|^w_?[xyz]|^g_?[xyz]\b|dtheta|delta.?(theta|ang)"
     ),
-    "accel": r"acc|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
+    "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
     "speed": r"speed|geschw|veloc|vitesse|^v$|^v[\s_\[(]|kmh|km/h",
     "count": r"pulse|impuls|count|ticks|encoder|tacho|zähl",
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
@@ -40,6 +49,11 @@ _GYRO_UNITS = {
     r"(deg|°)/h": "deg/h",
     r"rad": "rad/s",
 }
+_IMU_UNITS = {
+    "gyro": re.compile(r"(m?rad|deg|°|grad)\s?/\s?(s|sec|h)|dps"),
+    "accel": re.compile(r"m?g|gal|m\s?/\s?s\s?(\^2|²|/s)"),
+}
+"""Units that say by themselves that a column is a gyro's or an accelerometer's."""
 _TIME_UNITS = {"ns": "ns", "us": "us", "µs": "us", "ms": "ms", "s": "s", "sec": "s", "seconds": "s"}
 _ACCEL_UNITS = {r"^mg$": "mg", r"^g$|_g$": "g", r"gal": "gal", r"m.?/?.?s": "m/s^2"}
 
@@ -57,26 +71,36 @@ class Triple:
 def meaning(name: str) -> str | None:
     """Return the kind of quantity that a column's name means; None where it means none that is known."""
     folded = name.casefold().strip()
-    if re.search(r"[xyz]", folded) is None:
-        kinds = [kind for kind in _PATTERNS if kind not in ("gyro", "accel", "free_accel")]
-    else:
-        kinds = list(_PATTERNS)
+    kinds = _PATTERNS if axis_of(name) else [kind for kind in _PATTERNS if kind not in ("gyro", "accel", "free_accel")]
     return next((kind for kind in kinds if re.search(_PATTERNS[kind], folded)), None)
 
 
 def axis_of(name: str) -> str | None:
-    """Return the axis that a column's name ends in or has apart, ``"x"``, ``"y"`` or ``"z"``; else None."""
+    """Return the axis that a column's name ends in or has apart, ``"x"``, ``"y"`` or ``"z"``, or names; else None."""
+    axis, _ = _axis_and_rest(name)
+    return axis
+
+
+def _axis_and_rest(name: str) -> tuple[str | None, str]:
+    """Return the axis in a name, None where there is none, and the name's other letters in alphabetical order."""
+    folded = name.casefold()
     found = [next(filter(None, match)) for match in _AXIS.findall(name)]
-    return found[-1].casefold() if found else None
+    if found:
+        axis = found[-1].casefold()
+        return axis, "".join(sorted(folded.replace(axis, "", 1)))
+    for axis, words in _NAMED_AXIS.items():
+        if words.search(folded):
+            return axis, "".join(sorted(words.sub("", folded, count=1)))
+    return None, folded
 
 
 def triples(table: SourceTable, kind: Literal["gyro", "accel", "free_accel"]) -> list[Triple]:
-    """Return the triples of columns of one kind, with equal names but for the axis."""
+    """Return the triples of columns of one kind, by name or else by unit, with equal names but for the axis."""
     found: dict[str, dict[str, str]] = {}
     for name in table.columns:
-        if meaning(name) == kind and (axis := axis_of(name)):
-            stem = "".join(sorted(name.casefold().replace(axis, "", 1)))
-            found.setdefault(stem, {})[axis] = name
+        axis, rest = _axis_and_rest(name)
+        if axis and kind == (meaning(name) or _kind_by_unit(table.units.get(name, ""))):
+            found.setdefault(rest, {})[axis] = name
     out = []
     for axes in found.values():
         if len(axes) == 3:
@@ -84,6 +108,10 @@ def triples(table: SourceTable, kind: Literal["gyro", "accel", "free_accel"]) ->
             unit, known = _unit(table, columns, kind)
             out.append(Triple(table, columns, unit, known))
     return out
+
+
+def _kind_by_unit(unit: str) -> str | None:
+    return next((kind for kind, units in _IMU_UNITS.items() if units.fullmatch(unit.casefold().strip())), None)
 
 
 def _unit(table: SourceTable, columns: tuple[str, str, str], kind: str) -> tuple[str, bool]:

@@ -6,6 +6,7 @@ the proposal makes is examined as ``trackfg check`` does, which finds the axes.
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -30,6 +31,10 @@ FIX_SD_M = 1.0
 GNSS_SD_M = (3.0, 3.0, 6.0)
 """Proposed for positions without a sigma: a single-frequency receiver in the open (GPS SPS Performance Standard 2020:
 about 3 m horizontally, twice as much in height)."""
+
+
+_WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
+"""Names of speeds that no GNSS receiver gives."""
 
 
 @dataclass(frozen=True)
@@ -127,11 +132,12 @@ def _time(table: SourceTable) -> dict[str, Any]:
 
 
 def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
+    imu = proposal.sections["imu"]["file"]
     for kind in ("count", "distance", "speed"):
         for table in tables:
             name = first_of(table, kind)
-            if name is None or first_of(table, "latitude") is not None:
-                continue  # the speed of a receiver is no wheel's
+            if name is None or (kind == "speed" and not _is_wheels(table, name, imu, ask)):
+                continue
             section: dict[str, Any] = {"file": table.name, **_time(table), "column": name}
             if kind == "count":
                 section |= {
@@ -151,6 +157,15 @@ def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
                     proposal.reasons["tach.signed"] = "some speeds are negative"
             proposal.sections["tach"] = section
             return
+
+
+def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) -> bool:
+    """Return whether a speed is a wheel's: one beside latitudes is the receiver's, or nobody knows in a log of all."""
+    if first_of(table, "latitude") is None or _WHEEL.search(name.casefold()):
+        return True
+    if table.name != imu:
+        return False
+    return ask(Question("tach.column", f"Is {name} measured at a wheel, not by GNSS?", "no", ("yes", "no"))) == "yes"
 
 
 def _unit_is(table: SourceTable, name: str, *units: str) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +14,16 @@ from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.column_meaning import axis_of, meaning, triples
+from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of
 from trackfg.interchange.importing.text_table import read_text
 from trackfg.interchange.importing.times import TimeNotation, read_times, spread_stamps, unwrapped
+
+sys.path.insert(0, str(Path(__file__).parents[4] / "tools"))
+
+from interchange.foreign_forms import Drive
 
 
 def _write(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -196,6 +203,17 @@ def test_a_cell_that_is_no_place_is_named_with_its_row():
         ("fz_mps2", "accel", "z"),
         ("Linear Acceleration x", "free_accel", "x"),
         ("userAccelerationY", "free_accel", "y"),
+        ("ACC_Z", "accel", "z"),
+        ("Gyro X", "gyro", "x"),
+        ("GX", "gyro", "x"),
+        ("Gy", "gyro", "y"),
+        ("AZ", "accel", "z"),
+        ("YawRate", "gyro", "z"),
+        ("Nickrate", "gyro", "y"),
+        ("AccLateral", "accel", "y"),
+        ("Längsbeschleunigung", "accel", "x"),
+        ("Roll", None, "x"),
+        ("vertical accuracy", "sd_vertical", None),
         ("Geschwindigkeit", "speed", None),
         ("Impulse", "count", None),
         ("latitude", "latitude", None),
@@ -217,6 +235,17 @@ def test_a_cell_without_end_and_bytes_within_a_cell_are_one_line(tmp_path: Path)
             read_text(path)
 
 
+def test_a_unit_says_what_names_leave_open() -> None:
+    names = (
+        [f"Kanal {axis.upper()}" for axis in "xyz"] + [f"Sensor2 {axis}" for axis in "xyz"] + ["Roll", "Nick", "Gier"]
+    )
+    units = dict(zip(names, ["g"] * 3 + ["°/s"] * 3 + ["deg"] * 3, strict=True))
+    table = SourceTable("log.csv", pd.DataFrame({name: [0.1, 1.0] for name in names}), units=units)
+    (gyro,), (accel,) = triples(table, "gyro"), triples(table, "accel")
+    assert (gyro.columns, gyro.unit) == (("Sensor2 x", "Sensor2 y", "Sensor2 z"), "deg/s")
+    assert (accel.columns, accel.unit) == (("Kanal X", "Kanal Y", "Kanal Z"), "g")
+
+
 @pytest.mark.parametrize(
     ("names", "unit"), [("w{}_radps", "rad/s"), ("gyro_{}_dps", "deg/s"), ("gyro_{}_deg/s", "deg/s")]
 )
@@ -224,3 +253,21 @@ def test_a_gyros_unit_is_that_of_its_columns_names(names: str, unit: str) -> Non
     columns = pd.DataFrame({names.format(axis): [0.01, 0.02] for axis in "xyz"})
     (triple,) = triples(SourceTable("log.csv", columns), "gyro")
     assert (triple.unit, triple.known) == (unit, True)
+
+
+@pytest.mark.parametrize(
+    ("speed", "is_wheels"), [("Speed", False), ("Radgeschwindigkeit", True), ("wheel speed", True)]
+)
+def test_a_speed_beside_positions_is_the_receivers_unless_its_name_says_a_wheel(
+    speed: str, is_wheels: bool, drive: Drive, imported: Callable[..., Imported], tmp_path: Path
+) -> None:
+    columns = {"Time [s]": drive.t}
+    columns |= {f"{kind}{axis} [{unit}]": values[:, i] for kind, unit, values in (
+        ("G", "rad/s", drive.gyro), ("A", "m/s^2", drive.accel)) for i, axis in enumerate("XYZ")}  # fmt: skip
+    columns |= {"Lat": np.interp(drive.t, drive.gnss_t, drive.latitude), "Lon": 7.4 + 0 * drive.t, speed: drive.speed}
+    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
+    recording = imported(tmp_path / "log.csv").loaded.recording
+    assert recording is not None
+    assert (recording.tach is not None) == is_wheels
+    assert recording.gnss is not None
+    assert recording.description.imu.axes == "FLU"

@@ -9,7 +9,7 @@ import tomli_w
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
 from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
-from trackfg.interchange.importing.column_meaning import meaning
+from trackfg.interchange.importing.column_meaning import triples
 from trackfg.interchange.importing.conversion import table_named
 from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.mapping import FORMAT, Mapping
@@ -34,7 +34,7 @@ def geometry_in(
         assert mapping.geometry is not None
         table = table_named(tables, mapping.geometry.file, "geometry")
         return table, mapping.geometry, str(mapping.top.get("id", path.stem))
-    if any(meaning(name) == "gyro" for table in tables for name in table.columns):
+    if any(triples(table, "gyro") for table in tables):
         return None
     reading = proposed_reading(tables)
     if reading is None:
