@@ -11,7 +11,7 @@ import html
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from trackfg.plots.decimation import extremes
 from trackfg.plots.sheet import BAND
 from trackfg.report.columns import Column, ColumnDifference, packed
 
-TRUTH_COLOUR = "#f0b429"
+TRUTH_COLOUR = "#b87300"
+"""Beside the blue of estimates: ochre, which the colour-blind can tell from it, 3.8 times as dark as white paper."""
 VIEW_STRETCHES = 1200
 """More than a chart has columns of pixels."""
 
@@ -79,6 +80,72 @@ class FirstView:
             yield self.sigma
 
 
+@dataclass(frozen=True, eq=False)
+class ChartLimit:
+    """A dashed line over the axis, broken where it is NaN: ``x`` and ``y`` (n,). An empty label: it has none."""
+
+    label: str
+    x: Array
+    y: Array
+
+    def spec(self) -> dict[str, Any]:
+        """Return what ``page.js`` draws."""
+        return {"label": self.label, "x": _listed(self.x), "y": _listed(self.y)}
+
+
+PlaceKind = Literal["left", "right", "fix", "station", "standstill", "slip", "gap", "other"]
+"""What a place along the line is: a curve to the left or right, a fix, a station, or an event."""
+
+
+@dataclass(frozen=True)
+class ChartPlace:
+    """A place of the axis, or a stretch, that has a name."""
+
+    start: float
+    end: float
+    text: str
+    kind: PlaceKind
+
+
+@dataclass(frozen=True)
+class PlaceRow:
+    """Places beside each other, in a row above the axis."""
+
+    name: str
+    places: tuple[ChartPlace, ...]
+
+    def spec(self) -> dict[str, Any]:
+        """Return what ``page.js`` draws."""
+        return {"name": self.name, "places": [[at.start, at.end, at.text, at.kind] for at in self.places]}
+
+
+@dataclass(frozen=True)
+class OfficialStretch:
+    """A stretch has from ``from_x`` on the official place ``official_m`` at ``x``, growing by ``rate`` m per unit of x.
+
+    ``post_km`` is the post that metres count from, None where each 1000 m begin the next kilometre.
+    """
+
+    from_x: float
+    x: float
+    official_m: float
+    rate: float
+    post_km: int | None
+
+
+@dataclass(frozen=True)
+class OfficialAxis:
+    """Official places along an axis; ``plus``: they are written ``12+345``, otherwise ``12.345``."""
+
+    stretches: tuple[OfficialStretch, ...]
+    plus: bool
+
+    def spec(self) -> dict[str, Any]:
+        """Return what ``page.js`` writes at its ticks."""
+        rows = [[s.from_x, s.x, s.official_m, s.rate, s.post_km] for s in self.stretches]
+        return {"stretches": rows, "plus": self.plus}
+
+
 @dataclass(frozen=True)
 class ChartPanel:
     """Lines in one unit. ``y_range``: what is shown at first; ``base``: where a line marks zero.
@@ -93,6 +160,7 @@ class ChartPanel:
     base: float | None = None
     marks: tuple[tuple[float, float, str], ...] = ()
     share: float = 1.0
+    limits: tuple[ChartLimit, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -106,7 +174,11 @@ class Span:
 
 @dataclass(frozen=True)
 class Strips:
-    """Panels from top to bottom over one axis ``x_label`` in ``x_unit``."""
+    """Panels from top to bottom over one axis ``x_label`` in ``x_unit``.
+
+    ``places`` stand in rows beside the axis, which stays in sight; ``official`` writes official places at it.
+    ``paper_m``: on paper each of so many metres of the axis gets a sheet; None where the chart is printed whole.
+    """
 
     x_label: str
     x_unit: str
@@ -114,6 +186,31 @@ class Strips:
     panels: tuple[ChartPanel, ...]
     spans: tuple[Span, ...] = ()
     legend: bool = False
+    places: tuple[PlaceRow, ...] = ()
+    official: OfficialAxis | None = None
+    paper_m: float | None = None
+
+    @property
+    def alternative(self) -> str:
+        """Return in words what is drawn."""
+        names = ", ".join(dict.fromkeys(panel.label.replace("\n", " ") for panel in self.panels))
+        low, high = self.x_range
+        return f"Strips over {self.x_label} from {low:.6g} to {high:.6g}: {names}. The table below has their extremes."
+
+    def extremes(self) -> list[tuple[str, ...]]:
+        """Return panel, line, unit, least value and its place, greatest value and its place of every line: the chart
+        for who does not see it.
+        """
+        rows = []
+        for panel in self.panels:
+            for line in panel.lines:
+                y = line.y.numbers
+                if not np.isfinite(y).any():
+                    continue
+                ends = (int(np.nanargmin(y)), int(np.nanargmax(y)))
+                values = (text for at in ends for text in (f"{y[at]:.4g}", f"{line.x.numbers[at]:.6g}"))
+                rows.append((panel.label.replace("\n", " "), line.name, panel.unit, *values))
+        return rows
 
     @cached_property
     def views(self) -> dict[ChartLine, FirstView | None]:
@@ -143,6 +240,9 @@ class Strips:
         return {
             "kind": "strips",
             "x": {"label": plain(self.x_label), "unit": self.x_unit, "range": list(self.x_range)},
+            "official": None if self.official is None else self.official.spec(),
+            "places": [row.spec() for row in self.places],
+            "paper": self.paper_m,
             "band": BAND,
             "legend": self.legend,
             "spans": [[span.start, span.end, span.colour] for span in self.spans],
@@ -154,6 +254,7 @@ class Strips:
                     "base": panel.base,
                     "share": panel.share,
                     "marks": [[start, end, plain(text)] for start, end, text in panel.marks],
+                    "limits": [limit.spec() for limit in panel.limits],
                     "lines": [
                         {
                             "name": plain(line.name),
@@ -174,15 +275,23 @@ class Strips:
 
 @dataclass(frozen=True)
 class Figure:
-    """A plotly figure: its traces, its layout, and its height in pixels. Texts from data go through :func:`plain`."""
+    """A plotly figure: its traces, its layout, its height in pixels, and in words what it shows.
+
+    Texts from data go through :func:`plain`, but for ``alternative``, which plotly does not get.
+    """
 
     traces: tuple[dict[str, Any], ...]
     layout: dict[str, Any]
     height: int
+    alternative: str
 
     def columns(self) -> Iterator[Column]:
         """Yield nothing: its numbers are in its traces."""
         yield from ()
+
+    def extremes(self) -> list[tuple[str, ...]]:
+        """Return nothing: ``alternative`` says it."""
+        return []
 
     def spec(self, _: dict[Column, int]) -> dict[str, Any]:
         """Return what ``page.js`` draws. It refers to no column of the page."""
@@ -206,6 +315,10 @@ def whole_range(*axes: Array) -> tuple[float, float]:
     values = np.concatenate(axes)
     low, high = float(values.min()), float(values.max())
     return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _listed(values: Array) -> list[float | None]:
+    return [round(float(value), 6) if np.isfinite(value) else None for value in values]
 
 
 def plain(text: str) -> str:

@@ -234,7 +234,9 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
                 }
             )
             named.add(name)
-    return Figure(tuple(traces), layout, height=430)
+    shown = ", ".join(QUANTITIES[quantity].label for quantity in quantities)
+    said = f"Error over speed of {shown}, a line each for {', '.join(named)}; the tables by speed have the numbers."
+    return Figure(tuple(traces), layout, 430, said)
 
 
 def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None:
@@ -271,4 +273,5 @@ def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None
         "yaxis": {"automargin": True, "ticklabelstandoff": 8},
         "margin": {"l": 90, "r": 50, "t": 10, "b": 46},
     }
-    return Figure((trace,), layout, height=70 + _BAR_PX * len(typical))
+    said = "Bars of run time: " + ", ".join(f"{name} {seconds:.3g} s per km" for seconds, name in reversed(typical))
+    return Figure((trace,), layout, 70 + _BAR_PX * len(typical), f"{said}.")

@@ -98,7 +98,10 @@ def noise_bars(ratios: Mapping[str, float]) -> Figure:
             "yaxis": {"autorange": "reversed", "automargin": True, "ticklabelstandoff": 8},
             "margin": {"l": 90, "r": 30, "t": 10, "b": 46},
         },
-        height=70 + _BAR_PX * len(ratios),
+        70 + _BAR_PX * len(ratios),
+        "Bars of actual over assumed noise: "
+        + ", ".join(f"{name} {digits(ratio)}" for name, ratio in ratios.items())
+        + ".",
     )
 
 
@@ -195,7 +198,9 @@ def histograms(errors: pd.DataFrame) -> Figure | None:
                 "font": {"size": 12, "color": GREY},
             }
         )
-    return Figure(tuple(traces), layout, height=40 + _ROW_PX * rows)
+    names = ", ".join(named(name).name for name, _ in found)
+    said = f"Histograms of error over sigma of {names} beside the normal density"
+    return Figure(tuple(traces), layout, 40 + _ROW_PX * rows, f"{said}; the table below counts them.")
 
 
 def _normalised(errors: pd.DataFrame) -> Iterator[tuple[str, Array]]:

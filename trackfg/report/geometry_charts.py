@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -18,9 +20,19 @@ from trackfg.plots.geometry_channels import (
     channel_values,
     measured_channels,
 )
-from trackfg.plots.scales import symmetric, with_margin
+from trackfg.plots.scales import symmetric, with_limits, with_margin
 from trackfg.plots.sheet import BAND, BLUE
-from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Strips, whole_range
+from trackfg.plots.strip_chart import LimitLine
+from trackfg.report.charts import (
+    TRUTH_COLOUR,
+    ChartLimit,
+    ChartLine,
+    ChartPanel,
+    OfficialAxis,
+    PlaceRow,
+    Strips,
+    whole_range,
+)
 from trackfg.report.columns import Column, ColumnDifference, packed, packed_sigma, packed_value
 from trackfg.report.exceedances import exceedance_spans
 from trackfg.results.result import Result
@@ -29,6 +41,8 @@ from trackfg.results.summary import GeometryConventions
 LONG_M = 2000.0
 """Above this length chainage is in km."""
 
+_PAPER_M = 1000.0
+"""What a sheet of paper shows at first: a kilometre is 250 mm long, a scale of 1:4000."""
 _PLACE = 1e-3
 """Accuracy of the chainage in the page, m."""
 _ROBUST = 0.998
@@ -46,11 +60,18 @@ def chainage_axis(chainage_m: Array) -> tuple[str, float]:
 
 
 def geometry_strips(
-    result: Result, errors: pd.DataFrame, judgement: Judgement | None = None
+    result: Result,
+    errors: pd.DataFrame,
+    judgement: Judgement | None = None,
+    *,
+    limits: Sequence[LimitLine] = (),
+    rows: tuple[PlaceRow, ...] = (),
+    official: OfficialAxis | None = None,
 ) -> tuple[Strips, Strips | None]:
     """Return the chart of the geometry, and that of its errors if ``errors`` has any; the two share their data.
 
-    Exceedances of ``judgement`` are shaded.
+    Exceedances of ``judgement`` are shaded, ``limits`` are lines, ``rows`` stand beside the axis, on which
+    ``official`` places are written where they are wanted.
     """
     table = result.geometry
     chainage = table["chainage_m"].to_numpy()
@@ -69,13 +90,15 @@ def geometry_strips(
             packed_error = packed_value(error, sigmas)
             lines.append(ChartLine("truth", TRUTH_COLOUR, x, ColumnDifference(y, packed_error), wide=True))
             error_panels.append(_error_panel(channel, x, error, packed_error, sigmas, sigma))
-        panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), scale))
+        own = tuple(line for line in limits if line.column == channel.column)
+        panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), own, scale))
     label = f"chainage, {unit}"
     with_truth = bool(error_panels)
-    return (
-        Strips(label, unit, x_range, tuple(panels), exceedance_spans(judgement, scale), legend=with_truth),
-        Strips(label, unit, x_range, tuple(error_panels)) if with_truth else None,
-    )
+    spans = exceedance_spans(judgement, scale)
+    chart = Strips(label, unit, x_range, tuple(panels), spans, with_truth, rows, official, _PAPER_M)
+    if not with_truth:
+        return chart, None
+    return chart, Strips(label, unit, x_range, tuple(error_panels), places=rows, official=official)
 
 
 def _panel(
@@ -83,10 +106,12 @@ def _panel(
     table: pd.DataFrame,
     conventions: GeometryConventions,
     lines: tuple[ChartLine, ...],
+    limits: tuple[LimitLine, ...],
     scale: float,
 ) -> ChartPanel:
     base = base_of(channel, conventions)
     low, high = channel_extent(table, channel, base)
+    low, high = with_limits(low, high, base, channel.scale * np.concatenate([[], *(line.value for line in limits)]))
     if channel.deviation:
         low, high = symmetric(low, high, base)
     low, high = with_margin(low, high)
@@ -96,7 +121,8 @@ def _panel(
         found = curves(table["chainage_m"].to_numpy(), table[channel.column].to_numpy())
         marks = tuple((scale * start, scale * end, text) for start, end, text in found)
     share = 1.3 if channel is CURVATURE else channel.share
-    return ChartPanel(channel.label, channel.unit, lines, (low, high), base, marks=marks, share=share)
+    drawn = tuple(ChartLimit(line.label, scale * line.chainage_m, channel.scale * line.value) for line in limits)
+    return ChartPanel(channel.label, channel.unit, lines, (low, high), base, marks=marks, share=share, limits=drawn)
 
 
 def _error_panel(

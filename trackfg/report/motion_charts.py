@@ -121,6 +121,18 @@ def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
             "hovermode": "closest",
         },
         height=560,
+        alternative=_path_in_words(table),
+    )
+
+
+def _path_in_words(table: pd.DataFrame) -> str:
+    east, north = table["east_m"].to_numpy(), table["north_m"].to_numpy()
+    ends = ", ".join(
+        f"{what} {np.ptp(axis):.0f} m" for what, axis in (("east to west", east), ("north to south", north))
+    )
+    return (
+        f"Map of the path: {ends} wide, from ({east[0]:.0f}, {north[0]:.0f}) to ({east[-1]:.0f}, {north[-1]:.0f}) m "
+        "east and north, with chainages along it and the events."
     )
 
 

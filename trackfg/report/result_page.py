@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.evaluation.scores import PLACE
 from trackfg.geometry.exceedances import Judgement
 from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.plots.strip_chart import LimitLine
 from trackfg.report.balise_section import balise_sections
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
 from trackfg.report.exceedances import exceedance_section
 from trackfg.report.flatten import leaves
-from trackfg.report.geometry_charts import channels, geometry_strips
+from trackfg.report.geometry_charts import chainage_axis, channels, geometry_strips
 from trackfg.report.kilometrage_section import kilometrage_sections
 from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
-from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
+from trackfg.report.numbers import NONE, digits, duration, length, with_sd
 from trackfg.report.page import (
     Block,
     Code,
@@ -32,20 +32,19 @@ from trackfg.report.page import (
     PageTable,
     TableRow,
     Text,
-    Tile,
-    Tiles,
 )
+from trackfg.report.sections.curve_section import curve_section, curves_of
+from trackfg.report.sections.places import PagePlaces
+from trackfg.report.sections.quality import quality_section
+from trackfg.report.sections.strip_places import place_rows
+from trackfg.report.sections.summary import measured_elsewhere, measured_table, sensor_facts, summary_section
 from trackfg.report.truth import Against
 from trackfg.results.official_places import KM_COLUMN, with_km
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
-from trackfg.results.verdict import causes, opinions
 
 if TYPE_CHECKING:
     from trackfg.recording.line_kilometrage import LineKilometrage
 
-_DEG_PER_HOUR = math.degrees(1.0) * 3600.0
-"""From rad/s to deg/h."""
 _MANY_EVENTS = 25
 """A table of more events is folded."""
 _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm")
@@ -58,128 +57,41 @@ def result_page(
     against: Against | None,
     judgement: Judgement | None = None,
     line: LineKilometrage | None = None,
+    *,
+    limits: Sequence[LimitLine] = (),
 ) -> Page:
     """Return the page of a result.
 
     ``command`` is what made the page; ``against`` the truth, where it is known; ``judgement`` says where the geometry
-    exceeds limits, where any were given. Of a ``line`` the page has the kilometrage, and official places.
+    exceeds limits, where any were given, and ``limits`` are those that are drawn. Of a ``line`` the page has the
+    kilometrage, and official places.
     """
     page = result.summary
     kilometrage = None if line is None else line.kilometrage()
     way = "distance not determined" if page.distance_m is None else length(page.distance_m)
+    track = _track(result, against, (judgement, tuple(limits)), PagePlaces(kilometrage))
     if page.solver is None:
-        sections = [_measured_elsewhere(result), _findings(result), *kilometrage_sections(result, line)]
-        sections += _geometry(result, against, judgement)
+        sections = [measured_elsewhere(result), *track, _findings(result), *kilometrage_sections(result, line)]
         subtitle = f"{way}, measured by another system, imported by trackfg {_version(result)}"
         return Page("result", page.recording_id, subtitle, (*sections, _made(result, command)))
-    sections = [_summary(result, page.solver), _findings(result), *kilometrage_sections(result, line)]
-    sections += _geometry(result, against, judgement)
-    sections += [
+    sections = [
+        summary_section(result, page.solver),
+        *track,
+        _findings(result),
+        *kilometrage_sections(result, line),
         *balise_sections(result),
         _events(result, kilometrage),
         _motion(result, against),
         _consistency(result, against),
         _map(result, against),
+        _made(result, command),
     ]
-    sections.append(_made(result, command))
     subtitle = f"{way} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
     return Page("result", page.recording_id, subtitle, tuple(sections))
 
 
-def _measured_elsewhere(result: Result) -> PageSection:
-    """Return the summary of a geometry that was not smoothed here."""
-    tile = Tile("length", length(result.summary.distance_m), _extent(result))
-    return PageSection("summary", "Summary", (Tiles((tile,)), _measured(result)))
-
-
-def _summary(result: Result, solver: Solver) -> PageSection:
-    page = result.summary
-    squares = 2.0 * solver.cost / solver.degrees_of_freedom if solver.degrees_of_freedom > 0 else math.nan
-    tiles = [
-        Tile("length", length(page.distance_m), _extent(result)),
-        Tile("duration", duration(page.duration_s), f"{page.keyframes} keyframes"),
-        Tile("mean speed", _mean_speed(page)),
-        Tile("squared residual per degree of freedom", digits(squares), "1 is right; less: cautious"),
-        Tile("wheel scale", _estimate(page.wheel_scale), "true over nominal distance"),
-        Tile("computed in", f"{sum(page.timings_s.values()):.1f} s", _per_km(result)),
-    ]
-    verdict = (
-        Text(f"The solver converged: {solver.reason} ({solver.iterations} iterations).", "good")
-        if solver.converged
-        else Text(f"The solver did not converge: {solver.reason}. Do not trust the sigmas.", "warning")
-    )
-    facts = (
-        ("recording", page.recording_id),
-        ("clock offset of the tachometer", _estimate(page.clock_offset_s, "s")),
-        ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, _DEG_PER_HOUR, "deg/h")),
-        ("accelerometer bias x, y, z at the end", _vector(page.accel_bias_mps2, 1000.0, "mm/s²")),
-        ("cost", f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom"),
-        ("time by stage", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in page.timings_s.items())),
-    )
-    blocks: list[Block] = [
-        verdict,
-        *_verdicts(page),
-        Tiles(tuple(tiles)),
-        Facts(tuple((k, v) for k, v in facts if v != NONE)),
-    ]
-    if not result.geometry.empty:
-        blocks.append(_measured(result))
-    return PageSection("summary", "Summary", tuple(blocks))
-
-
-def _verdicts(page: Summary) -> Iterator[PageTable]:
-    """Return what can be believed, the worst first, and why; nothing for results of older versions."""
-    found = page.verdicts
-    if found:
-        rows = (
-            TableRow((one.verdict, ", ".join(one.quantities)), mark="" if one.verdict == "trusted" else "warning")
-            for one in opinions(found)
-        )
-        yield PageTable(("verdict", "quantities"), tuple(rows), caption="Can the sigmas be trusted?")
-        reasons = (TableRow((cause.reason, ", ".join(cause.quantities), cause.hint)) for cause in causes(found))
-        yield PageTable(("what is seen", "concerns", "what to do"), tuple(reasons), caption="Why?")
-
-
-def _extent(result: Result) -> str:
-    if result.geometry.empty:
-        return "no geometry"
-    first, last = result.geometry["chainage_m"].iloc[[0, -1]]
-    return f"chainage {first / 1000.0:.3f} – {last / 1000.0:.3f} km"
-
-
-def _mean_speed(page: Summary) -> str:
-    if page.distance_m is None or page.duration_s <= 0.0:
-        return NONE
-    return f"{3.6 * page.distance_m / page.duration_s:.1f} km/h"
-
-
-def _per_km(result: Result) -> str:
-    if not result.summary.distance_m:
-        return ""
-    return f"{1000.0 * sum(result.summary.timings_s.values()) / result.summary.distance_m:.2f} s per km"
-
-
 def _version(result: Result) -> str:
     return result.summary.versions.get("trackfg", "")
-
-
-def _measured(result: Result) -> PageTable:
-    rows = []
-    for channel in channels(result.geometry):
-        values = channel.scale * result.geometry[channel.column].to_numpy()
-        known = values[np.isfinite(values)]
-        sigmas = channel.scale * result.geometry.get(f"{channel.column}_sd", pd.Series(dtype=float)).to_numpy()
-        sigmas = sigmas[np.isfinite(sigmas)]
-        typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
-        low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
-        cells = (digits(low), digits(high), digits(typical), digits(poor), percent(known.size / values.size))
-        rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))
-    return PageTable(
-        ("quantity", "unit", "least", "greatest", "1 sigma, median", "1 sigma, 95 % below", "of the length"),
-        tuple(rows),
-        numbers=frozenset(range(2, 7)),
-        caption="What was measured",
-    )
 
 
 def _findings(result: Result) -> PageSection:
@@ -235,25 +147,34 @@ def _measure(value: float, sd: float) -> str:
     return with_sd(value, sd, "") if math.isfinite(value) else NONE
 
 
-def _geometry(result: Result, against: Against | None, judgement: Judgement | None) -> Iterator[PageSection]:
+def _track(
+    result: Result,
+    against: Against | None,
+    limits: tuple[Judgement | None, tuple[LimitLine, ...]],
+    places: PagePlaces,
+) -> Iterator[PageSection]:
+    """Yield what the run says of the track: exceedances, quality, curves, then the strips and their errors."""
+    judgement, lines = limits
     if result.geometry.empty:
         text = "The run says nothing of the track: there is no geometry. docs/results.md says when that is so."
         yield PageSection("geometry", "Track geometry", (Text(text),))
         return
-    errors = _errors(result, against)
-    strips, error_chart = geometry_strips(result, errors, judgement)
-    c = result.summary.geometry
-    sure = digits(float(result.geometry["chainage_m_sd"].max()))
-    note = (
-        f"Left and right facing {c.facing}. Positive: up, to the left, left rail higher, uphill. Level and alignment "
-        f"in the band {c.band_m[0]:g}-{c.band_m[1]:g} m, twist on {c.twist_base}, versines on a chord of "
-        f"{c.chord_m:g} m, curvature over {c.curvature_base_m:g} m, gradient over {c.gradient_base_m:g} m, cross-level "
-        f"on {c.cross_level_base_m:g} m. Bands: 95 % (1.96 sigma). 1 sigma of the chainage up to {sure} m. A wide view "
-        "is drawn by its extremes, so that no peak is lost; a narrow one shows every row."
-    )
-    yield PageSection("geometry", "Track geometry", (Drawing(strips, note=note),))
     if judgement is not None:
-        yield exceedance_section(judgement)
+        yield exceedance_section(judgement, result)
+    curves = curves_of(result)
+    if len(result.geometry) > 1:
+        yield quality_section(result, judgement, places)
+        yield curve_section(curves, result, places)
+    errors = _errors(result, against)
+    chainage = result.geometry["chainage_m"].to_numpy()
+    _, scale = chainage_axis(chainage)
+    rows = place_rows(result, curves, (), scale)
+    strips, error_chart = geometry_strips(
+        result, errors, judgement, limits=lines, rows=rows, official=places.axis(chainage, scale)
+    )
+    yield PageSection(
+        "geometry", "Track geometry", (Drawing(strips, note=_conventions(result)), measured_table(result))
+    )
     if against is None or error_chart is None:
         return
     blocks: tuple[Block, ...] = (
@@ -266,6 +187,18 @@ def _geometry(result: Result, against: Against | None, judgement: Judgement | No
         Drawing(error_chart, note="Bands: 95 % of the sigmas that the result claims, about zero."),
     )
     yield PageSection("errors", "Errors of the geometry", blocks)
+
+
+def _conventions(result: Result) -> str:
+    c = result.summary.geometry
+    sure = digits(float(result.geometry["chainage_m_sd"].max()))
+    return (
+        f"Left and right facing {c.facing}. Positive: up, to the left, left rail higher, uphill. Level and alignment "
+        f"in the band {c.band_m[0]:g}-{c.band_m[1]:g} m, twist on {c.twist_base}, versines on a chord of "
+        f"{c.chord_m:g} m, curvature over {c.curvature_base_m:g} m, gradient over {c.gradient_base_m:g} m, cross-level "
+        f"on {c.cross_level_base_m:g} m. Bands: 95 % (1.96 sigma). 1 sigma of the chainage up to {sure} m. A wide view "
+        "is drawn by its extremes, so that no peak is lost; a narrow one shows every row."
+    )
 
 
 def _errors(result: Result, against: Against | None) -> pd.DataFrame:
@@ -289,7 +222,7 @@ def _motion(result: Result, against: Against | None) -> PageSection:
 
 
 def _consistency(result: Result, against: Against | None) -> PageSection:
-    blocks: list[Block] = []
+    blocks: list[Block] = [sensor_facts(result.summary)]
     if result.summary.noise_ratios:
         note = (
             "Of the residuals of each group of factors, 1 is right. Above 2 (red) the noise is larger than assumed and "
@@ -351,15 +284,3 @@ def _setting(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else NONE if value is None else str(value)
-
-
-def _estimate(estimate: Estimate | None, unit: str = "") -> str:
-    return NONE if estimate is None else with_sd(estimate.value, estimate.sd, unit)
-
-
-def _vector(estimate: VectorEstimate | None, scale: float, unit: str) -> str:
-    if estimate is None:
-        return NONE
-    sds: tuple[float | None, ...] = (None,) * 3 if estimate.sd is None else tuple(scale * sd for sd in estimate.sd)
-    pairs = zip(estimate.value, sds, strict=True)
-    return ", ".join(with_sd(scale * value, sd, "") for value, sd in pairs) + f" {unit}"

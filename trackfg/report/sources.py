@@ -13,6 +13,7 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
 from trackfg.files.owned_folder import FolderKind
 from trackfg.geometry.limits import LimitChoice
+from trackfg.plots.strip_limits import limit_lines
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
@@ -87,8 +88,10 @@ def _source_of(folder: Path) -> _Source:
 def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:
     result, limits = Result.read(folder), wanted.limits
     judgement = None if limits is None else judge(result, limits.table(), limits.line_speed_kmh, km=wanted.km)
+    lines = [] if limits is None else limit_lines(result, limits.table(), limits.line_speed_kmh)[0]
     truth = None if wanted.recording is None else against(result, wanted.recording)
-    return result_page(result, command, truth, judgement, line_kilometrage(result) if wanted.km else None)
+    line = line_kilometrage(result) if wanted.km else None
+    return result_page(result, command, truth, judgement, line, limits=lines)
 
 
 def _of_comparison(folder: Path, command: str, wanted: _Wanted) -> Page:

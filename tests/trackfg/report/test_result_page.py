@@ -70,7 +70,10 @@ def test_what_stands_in_it(result: Result) -> None:
 
 def test_sections(result: Result, run: tuple[Result, Path], known: Against) -> None:
     sections = [section.name for section in result_page(result, "", None).sections]
-    assert sections == ["summary", "findings", "geometry", "events", "motion", "consistency", "map", "made"]
+    assert sections == [
+        *("summary", "quality", "curves", "geometry"),
+        *("findings", "events", "motion", "consistency", "map", "made"),
+    ]
     assert "errors" in [section.name for section in result_page(run[0], "", known).sections]
 
 
@@ -79,7 +82,7 @@ def test_exceedances_have_a_section_and_are_shaded(result: Result) -> None:
     unjudged = limit.model_copy(update={"parameter": "runoff"})
     judgement = judge(result, [limit, unjudged])
     page = result_page(result, "", None, judgement)
-    assert [section.name for section in page.sections][2:4] == ["geometry", "limits"]
+    assert [section.name for section in page.sections][:5] == ["summary", "limits", "quality", "curves", "geometry"]
     html = page.html()
     assert "alert (rule &lt;1&gt;)" in html
     assert "where the track was raised" in html

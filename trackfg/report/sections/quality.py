@@ -1,0 +1,127 @@
+"""The section of a page about the quality of each 200 m: standard deviations, the track quality index, a colour bar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.geometry.bands import D1
+from trackfg.geometry.exceedances import Judgement
+from trackfg.geometry.section_quality import index_channels
+from trackfg.numerics.arrays import Array
+from trackfg.report.consistency import named
+from trackfg.report.numbers import digits
+from trackfg.report.page import BarCell, BarRow, Block, ColourBar, Fold, PageSection, PageTable, TableRow, Text
+from trackfg.report.sections.places import PagePlaces
+from trackfg.report.track_statistics import track_statistics
+from trackfg.results.result import Result
+
+SECTION_M = 200.0
+"""Length of a section, m: that of EN 13848-6 and of the track quality index of TB/T 3355."""
+_WORST = 10
+"""Sections that stand open, the worst first."""
+_STEPS = 5
+"""Colours of the bar, from the best sections to the worst."""
+_WORST_SHARE = 0.95
+"""The last colour begins below this share of the sections, so that a single bad place does not pale the others."""
+
+
+def quality_section(result: Result, judgement: Judgement | None, places: PagePlaces) -> PageSection:
+    """Return the section; ``judgement`` adds the shares of each section beyond limits."""
+    table = track_statistics(result, section_m=SECTION_M, judgement=judgement)
+    names = [str(name) for name in table]
+    channels = index_channels([name.removeprefix("sd_") for name in names if name.startswith("sd_")])
+    table = table[table[[f"sd_{name}" for name in channels]].notna().any(axis=1)]
+    if table.empty:
+        return PageSection("quality", "Quality of each 200 m", (Text("No section is known well enough to be rated."),))
+    rated = [name for name in ("tqi", *(f"sd_{name}" for name in channels)) if table[name].notna().any()]
+    leading = next((name for name in rated if name.startswith("sd_level")), rated[0])
+    worst = table.sort_values(leading, ascending=False, kind="stable", na_position="last").head(_WORST)
+    whole = _table(table, channels, places)
+    blocks: list[Block] = [
+        _bar(table, rated, places),
+        Text(_note(result, channels), "note"),
+    ]
+    if len(table) > _WORST:
+        first = _table(worst, channels, places, f"The {len(worst)} sections of the greatest {_label(leading)}")
+        blocks += [first, Fold(f"All {len(table)} sections", (whole,))]
+    else:
+        blocks.append(whole)
+    return PageSection("quality", "Quality of each 200 m", tuple(blocks))
+
+
+def _label(column: str) -> str:
+    return "TQI" if column == "tqi" else f"SD of {named(column.removeprefix('sd_')).name}"
+
+
+def _note(result: Result, channels: tuple[str, ...]) -> str:
+    low, high = result.summary.geometry.band_m
+    band = "D1" if (low, high) == (D1.shortest_m, D1.longest_m) else "their band"
+    names = ", ".join(named(name).name for name in channels)
+    return (
+        f"Standard deviations over sections of {SECTION_M:g} m, in mm; level and alignment in {band} "
+        f"({low:g}-{high:g} m). TQI: the sum of those of {names}. Cross-level and twist hold the designed cant: "
+        "they and the TQI are great where a transition lies. A section of which less than half is known has none."
+    )
+
+
+def _table(table: pd.DataFrame, channels: tuple[str, ...], places: PagePlaces, caption: str = "") -> PageTable:
+    shares = [name for name in table if str(name).startswith("share_beyond_")]
+    columns = ["tqi", *(f"sd_{name}" for name in channels)]
+    ends = zip(places.written(table["from_m"]), places.written(table["to_m"]), strict=True)
+    rows = tuple(
+        TableRow((start, end, *(digits(value) for value in values), *(f"{100.0 * share:.0f}" for share in beyond)))
+        for (start, end), values, beyond in zip(ends, table[columns].to_numpy(), table[shares].to_numpy(), strict=True)
+    )
+    headings = (
+        "from km",
+        "to km",
+        "TQI, mm",
+        *(f"{named(name).name}, mm" for name in channels),
+        *(
+            f"% beyond {str(name).removeprefix('share_beyond_').replace('_mm_', ', ').replace('_', ' ')}"
+            for name in shares
+        ),
+    )
+    return PageTable(headings, rows, numbers=frozenset(range(len(headings))), caption=caption)
+
+
+def _beyond(column: str) -> str:
+    channel, _, level = column.removeprefix("share_beyond_").partition("_mm_")
+    return f"{channel}, {level}".replace("_", " ")
+
+
+def _bar(table: pd.DataFrame, rated: list[str], places: PagePlaces) -> ColourBar:
+    """Return a row of coloured sections for each of the rated columns."""
+    starts, ends = table["from_m"].to_numpy(), table["to_m"].to_numpy()
+    names = [f"km {a} to {b}" for a, b in zip(places.written(starts), places.written(ends), strict=True)]
+    rows = []
+    for column in rated:
+        values = table[column].to_numpy()
+        step, edges = _colour_steps(values)
+        cells = tuple(
+            BarCell(float(a), float(b), int(k), f"{name}: {digits(value)} mm")
+            for a, b, k, name, value in zip(starts, ends, step, names, values, strict=True)
+        )
+        rows.append(BarRow(_label(column), cells, f"{digits(edges[0], 2)} to {digits(edges[-1], 2)} mm and more"))
+    first = table[rated[0]].to_numpy()
+    worst = int(np.nanargmax(first))
+    said = (
+        f"Coloured bars of {', '.join(row.label for row in rows)} along the line; the greatest {_label(rated[0])} is "
+        f"{digits(float(first[worst]))} mm at {names[worst]}. The table has them all."
+    )
+    return ColourBar(tuple(rows), _bar_places(starts, ends, places), said)
+
+
+def _bar_places(starts: Array, ends: Array, places: PagePlaces) -> tuple[str, ...]:
+    """Return the places written below a bar, evenly from its first section to its last."""
+    return tuple(places.written(np.linspace(starts[0], ends[-1], 5)))
+
+
+def _colour_steps(values: Array) -> tuple[Array, Array]:
+    """Return the colour of each value, 0 to the last, -1 where it is not known; and the edges between colours."""
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(np.quantile(known, _WORST_SHARE))
+    edges = np.linspace(low, high, _STEPS + 1)[:-1] if high > low else np.array([low])
+    step = np.searchsorted(edges, values, side="right") - 1
+    return np.where(np.isfinite(values), np.clip(step, 0, _STEPS - 1), -1), edges

@@ -1,0 +1,143 @@
+"""The first section of a result's page: what can be believed, and the run in figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from trackfg.report.geometry_charts import channels
+from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
+from trackfg.report.page import Block, Facts, PageSection, PageTable, TableRow, Text, Tile, Tiles
+from trackfg.results.result import Result
+from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
+from trackfg.results.verdict import Verdict, causes, opinions
+
+_DEG_PER_HOUR = math.degrees(1.0) * 3600.0
+"""From rad/s to deg/h."""
+
+
+def measured_elsewhere(result: Result) -> PageSection:
+    """Return the summary of a geometry that was not smoothed here."""
+    tile = Tile("length", length(result.summary.distance_m), _extent(result))
+    text = "Another system measured this geometry: what its sigmas are worth is not known here."
+    return PageSection("summary", "Summary", (Text(text), Tiles((tile,)), measured_table(result)))
+
+
+def summary_section(result: Result, solver: Solver) -> PageSection:
+    """Return the verdict, what each quantity can be trusted for, and the run in figures."""
+    page = result.summary
+    squares = 2.0 * solver.cost / solver.degrees_of_freedom if solver.degrees_of_freedom > 0 else math.nan
+    tiles = (
+        Tile("length", length(page.distance_m), _extent(result)),
+        Tile("duration", duration(page.duration_s), f"{page.keyframes} keyframes"),
+        Tile("mean speed", _mean_speed(page)),
+        Tile("squared residual per degree of freedom", digits(squares), "1 is right; less: cautious"),
+        Tile("wheel scale", _estimate(page.wheel_scale), "true over nominal distance"),
+        Tile("computed in", f"{sum(page.timings_s.values()):.1f} s", _per_km(result)),
+    )
+    blocks: tuple[Block, ...] = (_verdict(page, solver), *_trust(page), Tiles(tiles))
+    return PageSection("summary", "Verdict", blocks)
+
+
+def sensor_facts(page: Summary) -> Facts:
+    """Return what the run says of its sensors and of the solver."""
+    solver = page.solver
+    cost = NONE if solver is None else f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom"
+    facts = (
+        ("recording", page.recording_id),
+        ("clock offset of the tachometer", _estimate(page.clock_offset_s, "s")),
+        ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, _DEG_PER_HOUR, "deg/h")),
+        ("accelerometer bias x, y, z at the end", _vector(page.accel_bias_mps2, 1000.0, "mm/s²")),
+        ("cost", cost),
+        ("time by stage", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in page.timings_s.items())),
+    )
+    return Facts(tuple((name, value) for name, value in facts if value != NONE))
+
+
+def measured_table(result: Result) -> PageTable:
+    """Return what was measured: extremes and sigmas of each channel, and of how much of the length."""
+    rows = []
+    for channel in channels(result.geometry):
+        values = channel.scale * result.geometry[channel.column].to_numpy()
+        known = values[np.isfinite(values)]
+        sigmas = channel.scale * result.geometry.get(f"{channel.column}_sd", pd.Series(dtype=float)).to_numpy()
+        sigmas = sigmas[np.isfinite(sigmas)]
+        typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
+        low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
+        cells = (digits(low), digits(high), digits(typical), digits(poor), percent(known.size / values.size))
+        rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))
+    return PageTable(
+        ("quantity", "unit", "least", "greatest", "1 sigma, median", "1 sigma, 95 % below", "of the length"),
+        tuple(rows),
+        numbers=frozenset(range(2, 7)),
+        caption="What was measured",
+    )
+
+
+def _verdict(page: Summary, solver: Solver) -> Text:
+    """Return one sentence: whether the solver converged, and what cannot be trusted as it is."""
+    if not solver.converged:
+        return Text(f"The solver did not converge: {solver.reason}. Do not trust the sigmas.", "warning")
+    converged = f"The solver converged: {solver.reason} ({solver.iterations} iterations)."
+    doubted = [_named(page.verdicts, status) for status in ("not_trusted", "widened")]
+    said = [
+        f"{what}: {', '.join(names)}."
+        for what, names in zip(("Not to be trusted", "Trusted with widened sigmas"), doubted, strict=True)
+        if names
+    ]
+    if page.verdicts and not said:
+        said = ["Every quantity can be trusted within its sigmas."]
+    bad = sum(finding.level != "info" for finding in page.findings)
+    said += [f"Reading the data found {bad} thing{'s' if bad > 1 else ''} to look at."] if bad else []
+    return Text(" ".join([*said, converged]), "warning" if doubted[0] else "good")
+
+
+def _named(verdicts: tuple[Verdict, ...], status: str) -> list[str]:
+    return [verdict.quantity.replace("_", "-") for verdict in verdicts if verdict.status == status]
+
+
+def _trust(page: Summary) -> Iterator[PageTable]:
+    """Return what can be believed, the worst first, and why; nothing for results of older versions."""
+    found = page.verdicts
+    if found:
+        rows = (
+            TableRow((one.verdict, ", ".join(one.quantities)), mark="" if one.verdict == "trusted" else "warning")
+            for one in opinions(found)
+        )
+        yield PageTable(("verdict", "quantities"), tuple(rows), caption="Can the sigmas be trusted?")
+        reasons = (TableRow((cause.reason, ", ".join(cause.quantities), cause.hint)) for cause in causes(found))
+        yield PageTable(("what is seen", "concerns", "what to do"), tuple(reasons), caption="Why?")
+
+
+def _extent(result: Result) -> str:
+    if result.geometry.empty:
+        return "no geometry"
+    first, last = result.geometry["chainage_m"].iloc[[0, -1]]
+    return f"chainage {first / 1000.0:.3f} – {last / 1000.0:.3f} km"
+
+
+def _mean_speed(page: Summary) -> str:
+    if page.distance_m is None or page.duration_s <= 0.0:
+        return NONE
+    return f"{3.6 * page.distance_m / page.duration_s:.1f} km/h"
+
+
+def _per_km(result: Result) -> str:
+    if not result.summary.distance_m:
+        return ""
+    return f"{1000.0 * sum(result.summary.timings_s.values()) / result.summary.distance_m:.2f} s per km"
+
+
+def _estimate(estimate: Estimate | None, unit: str = "") -> str:
+    return NONE if estimate is None else with_sd(estimate.value, estimate.sd, unit)
+
+
+def _vector(estimate: VectorEstimate | None, scale: float, unit: str) -> str:
+    if estimate is None:
+        return NONE
+    sds: tuple[float | None, ...] = (None,) * 3 if estimate.sd is None else tuple(scale * sd for sd in estimate.sd)
+    pairs = zip(estimate.value, sds, strict=True)
+    return ", ".join(with_sd(scale * value, sd, "") for value, sd in pairs) + f" {unit}"
