@@ -26,6 +26,7 @@ class FactorType(Enum):
     WITHHELD_FIX = "withheld fix"
     LANDMARK = "landmark"
     GNSS_POSITION = "GNSS position"
+    KNOWN_LINE = "known line"
     GRAVITY_TILT = "gravity tilt"
     PRIOR_NAV = "prior on nav"
     PRIOR_BIAS = "prior on bias"

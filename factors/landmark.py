@@ -1,4 +1,4 @@
-"""The vehicle passed a known piece of track: a landmark."""
+"""What is known of the track beforehand: the vehicle passed a landmark, and is on the centre line."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
-from trackfg.factors.states import Kind, Odo
+from trackfg.factors.states import Kind, Nav, Odo
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import skew
 
 
 def _passed(first: Odo, second: Odo, fraction: Array, distance: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -29,3 +30,26 @@ def landmark(first: np.ndarray, fraction: Array, distance: Array, sigma: Array, 
     slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1))
     data = {"fraction": fraction[:, None], "distance": distance[:, None]}
     return Family(FactorType.LANDMARK, _passed, slots, data, sigma, loss)
+
+
+def _across(nav: Nav, place: Array, normal: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
+    at_reference = nav.p - np.einsum("mij,mj->mi", nav.R, lever_arm)
+    offset = at_reference[:, :2] - place
+    by_body = np.einsum("mi,mij->mj", normal, nav.R[:, :2])
+    d_nav = np.zeros((len(nav), 1, Kind.NAV.dim))
+    d_nav[:, 0, :3] = np.einsum("mi,mij->mj", by_body, skew(lever_arm))
+    d_nav[:, 0, 3:6] = by_body
+    return np.sum(normal * offset, axis=1)[:, None], (d_nav,)
+
+
+def across_line(
+    index: np.ndarray, place: Array, normal: Array, lever_arm: Array, sigma: Array, loss: Loss | None
+) -> Family:
+    """The vehicle reference point is on the centre line, in plan.
+
+    Residual (m): ``n' (p - R l - f)``, horizontal, positive where the vehicle is to the left of the line's direction.
+    ``f`` (m, 2) is the foot of keyframe ``index`` (m,) on the line, ``n`` (m, 2) the line's unit normal to the left
+    there, ``l`` (3,) the IMU's position in the vehicle, m. Heights are not used: lines are known in plan. sigma (m, 1).
+    """
+    data = {"place": place, "normal": normal, "lever_arm": np.tile(lever_arm, (len(index), 1))}
+    return Family(FactorType.KNOWN_LINE, _across, (Slot(Kind.NAV, index),), data, sigma, loss)

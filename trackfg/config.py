@@ -127,6 +127,18 @@ class PositionConfig(_Section):
     gnss_correlation_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
 
 
+class LineConfig(_Section):
+    """A known line (``--line``): the sigma of its tracks across, and the length along it over which its errors change;
+    where, in sigmas, it begins to lose its weight.
+
+    By default sigma and length are those of an infrastructure manager's network against fixed RTK positions.
+    """
+
+    sd_m: Positive = 1.5
+    correlation_m: Positive = 500.0
+    robust_width: Positive = 3.0
+
+
 class NoiseConfig(_Section):
     """Factors on the assumed sigmas: of the gyro's and the accelerometer's declared white noise, of the vehicle's
     sideways motion at an instant and along the path, of the wheel's rolling, of GNSS positions.
@@ -207,6 +219,7 @@ class SmoothConfig(_Section):
     motion: MotionConfig = MotionConfig()
     laser: LaserConfig = LaserConfig()
     position: PositionConfig = PositionConfig()
+    line: LineConfig = LineConfig()
     noise: NoiseConfig = NoiseConfig()
     output: OutputConfig = OutputConfig()
     geometry: GeometryConfig = GeometryConfig()

@@ -21,6 +21,7 @@ from trackfg.cli.batch import batch
 from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
+from trackfg.cli.known_line import SmoothOptions
 from trackfg.cli.maps import maps
 from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
 from trackfg.cli.overlay import overlay
@@ -213,20 +214,8 @@ def check(recording: RecordingFolder, json: Json = False) -> None:
 
 
 @app.command(epilog="Example: trackfg smooth run1 -o out1")
-def smooth(
-    recording: RecordingFolder,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the result.")],
-    config: Annotated[
-        Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
-    ] = None,
-    map_location: Annotated[
-        str | None,
-        typer.Option(
-            "--map", metavar="MAP", help="A map to locate the run on: its newest version.", show_default=False
-        ),
-    ] = None,
-    json: Json = False,
-) -> None:
+@with_options(SmoothOptions)
+def smooth(options: SmoothOptions) -> None:
     """Smooth a recording: trajectory, track geometry and events, each with its uncertainty, and a summary.
 
     The summary says of each quantity whether its sigmas can be trusted. Exit status 3 if none can, since the solution
@@ -239,25 +228,32 @@ def smooth(
     from trackfg.results.result import RESULT_FOLDER
     from trackfg.smoothing.smoother import smooth as run_smoother
 
-    RESULT_FOLDER.refuse_foreign(out)
-    settings = SmoothConfig.from_toml(config) if config else None
+    RESULT_FOLDER.refuse_foreign(options.out)
+    settings = SmoothConfig.from_toml(options.config) if options.config else None
     feature_map = None
-    if map_location is not None:
+    if options.map_location is not None:
         from trackfg.maps import read_map
 
-        feature_map = read_map(map_location)
+        feature_map = read_map(options.map_location)
+    known_line = options.known_line()
     with progress_bar(of_all=False) as progress:
-        result = run_smoother(read_recording(recording), settings, feature_map=feature_map, progress=progress)
-    result.write(out)
+        result = run_smoother(
+            read_recording(options.recording),
+            settings,
+            feature_map=feature_map,
+            known_line=known_line,
+            progress=progress,
+        )
+    result.write(options.out)
     _warn_unless_converged(result)
     _warn_unless_located(result)
-    if json:
+    if options.json:
         print(result.summary.model_dump_json(indent=2))
     else:
         tell(tables.summary(result), tables.verdicts(result))
         if result.summary.findings:
             tell(tables.findings(result.summary.findings))
-        tell(f"result: {out}")
+        tell(f"result: {options.out}")
     if not result.summary.converged:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
 

@@ -19,6 +19,8 @@ _POINT_Z = 1001
 """Code of a point with height."""
 _LINESTRINGS = {3: 1002, 4: 3002}
 """Code of a line by the numbers of a vertex: with height, and with a measure too."""
+_LINESTRING, _MULTILINESTRING, _ZM = 2, 5, 3
+"""Codes of a line and of several, without the thousands; the thousands of height and measure together."""
 _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
 """Codes of the extent in GeoPackage's header: none, and x and y (OGC 12-128r14, 2.1.3)."""
 
@@ -47,3 +49,32 @@ def geopackage_line(xyzm: Array, srs_id: int) -> bytes:
 
 def _header(srs_id: int, envelope: int) -> bytes:
     return b"GP" + struct.pack("<BBi", 0, envelope << 1 | _LITTLE_ENDIAN, srs_id)
+
+
+def lines_of_wkb(blob: bytes) -> list[Array]:
+    """Return the vertices (n, 2 to 4) of a line, or of each part of a multi-line; of other geometries none.
+
+    Both byte orders, with or without heights and measures. Raises ``ValueError`` for bytes that end too soon.
+    """
+    return _lines_from(blob, 0)[0]
+
+
+def _lines_from(blob: bytes, at: int) -> tuple[list[Array], int]:
+    try:
+        order = "<" if blob[at] == _LITTLE_ENDIAN else ">"
+        (code,) = struct.unpack_from(f"{order}I", blob, at + 1)
+        dims = 2 + (code // 1000 in (1, 2)) + 2 * (code // 1000 == _ZM)
+        if code % 1000 not in (_LINESTRING, _MULTILINESTRING):
+            return [], at
+        (count,) = struct.unpack_from(f"{order}I", blob, at + 5)
+        at += 9
+        if code % 1000 == _LINESTRING:
+            line = np.frombuffer(blob, dtype=f"{order}f8", count=dims * count, offset=at).reshape(count, dims)
+            return [line.astype(np.float64)], at + 8 * dims * count
+        lines: list[Array] = []
+        for _ in range(count):
+            part, at = _lines_from(blob, at)
+            lines += part
+    except (struct.error, IndexError, ValueError) as error:
+        raise ValueError("the geometry is damaged") from error
+    return lines, at

@@ -46,10 +46,18 @@ EVENT_TABLES = {
 
 
 def event_table(
-    sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
+    sources: EventSources,
+    states: States,
+    covariance: Covariance,
+    trajectory: pd.DataFrame,
+    further: Sequence[Event] = (),
 ) -> pd.DataFrame:
-    """Return a table of the events in order of their start, columns :data:`trackfg.results.columns.EVENT_COLUMNS`."""
-    table = events_frame(events(sources, states, covariance, trajectory))
+    """Return a table of these events, and of ``further`` ones, in order of their start.
+
+    Its columns are :data:`trackfg.results.columns.EVENT_COLUMNS`.
+    """
+    rows = [*events(sources, states, covariance, trajectory), *further]
+    table = events_frame(sorted(rows, key=lambda event: event.span_s[0]))
     return table.rename(columns={"t_s": "start_s", "until_s": "end_s"})[list(EVENT_COLUMNS)]
 
 

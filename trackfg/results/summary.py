@@ -130,6 +130,38 @@ class MapUse(_ResultModel):
     found_after_m: float | None
 
 
+class LineStretch(_ResultModel):
+    """A stretch of the run and the track of a known line that it is on.
+
+    ``status``: ``on``, the track is known and was used; ``undecided`` among ``tracks``; ``disagrees``, the run keeps
+    ``across_m`` away from it; ``absent``, no track of the file is there. ``probability``: that of the status and the
+    track; ``tracks``: that of each track. ``across_m``: where the run is, without the line, to the left of the track's
+    direction, on average, with the sigma of run and line together.
+    """
+
+    status: Literal["on", "undecided", "disagrees", "absent"]
+    track: str | None
+    probability: float
+    tracks: dict[str, float]
+    start_s: float
+    end_s: float
+    start_chainage_m: float
+    end_chainage_m: float
+    across_m: float | None
+    across_m_sd: Sigma | None
+
+
+class LineUse(_ResultModel):
+    """The known line that the run was smoothed with: its file, and which track the run is on from where to where."""
+
+    name: str
+    stretches: tuple[LineStretch, ...]
+
+    def length_m(self, status: str) -> float:
+        """Return the length of all stretches of a status, m."""
+        return sum(abs(s.end_chainage_m - s.start_chainage_m) for s in self.stretches if s.status == status)
+
+
 class Summary(_ResultModel):
     """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
@@ -144,6 +176,7 @@ class Summary(_ResultModel):
     recording_id: str
     run: RunFacts | None = None
     map: MapUse | None = None
+    line: LineUse | None = None
     versions: dict[str, str] = Field(default_factory=lambda: versions())
     settings: dict[str, JsonValue] | None = None
     configuration: dict[str, JsonValue]

@@ -48,6 +48,7 @@ from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
+from trackfg.smoothing.known_line import OnLine, on_line
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.noise_levels import levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
@@ -61,6 +62,7 @@ from trackfg.solver.variance_components import noise_ratios
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
+    from trackfg.recording.known_line import KnownLine
 
 Progress = Callable[[str, float], None]
 
@@ -103,6 +105,7 @@ class SmoothedStates(SolvedRun):
     timings_s: dict[str, float]
     verdicts: tuple[Verdict, ...] = ()
     located: Located | None = None
+    on_line: OnLine | None = None
 
 
 @one_thread()
@@ -111,10 +114,12 @@ def smooth(
     config: SmoothConfig | None = None,
     *,
     feature_map: FeatureMap | None = None,
+    known_line: KnownLine | None = None,
     limits: CheckLimits | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Estimate the whole run from all its measurements, and from a map if there is one to be recognised on.
+    """Estimate the whole run from all its measurements, from a map if there is one to be recognised on, and from a
+    known line if there is one for it to be on.
 
     ``limits`` are those of the checks of the recording, as of :func:`~trackfg.io.check.check_recording`.
     ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "check", "output", "geometry"
@@ -126,9 +131,12 @@ def smooth(
     measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))
     measured = with_gnss_in_time(measured)
     anchored = with_balise_fixes(measured)
-    smoothed = smooth_states(anchored, config, feature_map=feature_map, limits=limits, progress=progress)
+    smoothed = smooth_states(
+        anchored, config, feature_map=feature_map, known_line=known_line, limits=limits, progress=progress
+    )
     sources = EventSources.of(smoothed.problem)
-    events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory)
+    of_line = () if smoothed.on_line is None else smoothed.on_line.events
+    events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, of_line)
     passages, balises = BalisePassages.none(), None
     found: tuple[Finding, ...] = (*measured.findings, *correction.findings)
     if measured.balises is not None:
@@ -152,17 +160,21 @@ def smooth_states(
     config: SmoothConfig,
     *,
     feature_map: FeatureMap | None = None,
+    known_line: KnownLine | None = None,
     limits: CheckLimits | None = None,
     progress: Progress | None = None,
 ) -> SmoothedStates:
     """Smooth as :func:`smooth` does, but return states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
-    solved = _solved(recording, config, views, stages)
+    solved, of_line = _solved(recording, config, views, stages), None
+    if known_line is not None:
+        of_line = on_line(solved, recording, known_line, _solved_again(stages))
+        solved = of_line.run
     with stages.stage("check"):
         findings = recording_findings(recording, limits or CheckLimits())
         doubts = (*recording_doubts(recording, findings), *solved.doubts)
     solved = replace(solved, findings=(*findings, *solved.findings), doubts=doubts)
-    smoothed = _with_tables(recording, views, stages, solved)
+    smoothed = replace(_with_tables(recording, views, stages, solved), on_line=of_line)
     if feature_map is not None:
         smoothed = _on_map(recording, views, stages, smoothed, feature_map)
     with stages.stage("covariance"):
@@ -182,14 +194,20 @@ def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], s
             solution = solve(problem, config.solver, report)
     run = SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
 
+    run = with_roll_of_mounting(reassessed(run, _solved_again(stages), REASSESSORS))
+    return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
+
+
+def _solved_again(stages: _Stages) -> Callable[[SolvedRun, bool], SolvedRun]:
+    """Return what solves the problem of a run once more, from its initial values, near to or far from the minimum."""
+
     def solved_again(run: SolvedRun, far: bool) -> SolvedRun:
         with stages.stage("solve") as report:
-            solution = solve(run.problem, config.solver, report, near=not far)
+            solution = solve(run.problem, run.config.solver, report, near=not far)
         covariance, ratios = _covariance(run.problem, solution, stages)
         return replace(run, solution=solution, covariance=covariance, noise_ratios=ratios)
 
-    run = with_roll_of_mounting(reassessed(run, solved_again, REASSESSORS))
-    return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
+    return solved_again
 
 
 def _with_noise_levels(config: SmoothConfig, levels: dict[str, float]) -> SmoothConfig:
@@ -260,7 +278,7 @@ def _on_map(
     covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
     solved = SolvedRun(config, alone.declared, at.problem, solution, covariance, ratios, alone.findings, alone.doubts)
     again = _with_tables(recording, views, stages, solved)
-    return replace(again, located=at, places=PlaceCovariance.none())
+    return replace(again, located=at, on_line=alone.on_line, places=PlaceCovariance.none())
 
 
 def _speed_is_measured(recording: Recording) -> bool:
@@ -333,6 +351,7 @@ def _summary(
         recording_id=recording.description.id,
         run=_run_facts(recording),
         map=None if smoothed.located is None else smoothed.located.use,
+        line=None if smoothed.on_line is None else smoothed.on_line.use,
         settings=settings.model_dump(mode="json"),
         configuration=smoothed.config.model_dump(mode="json"),
         solver=Solver(
@@ -359,6 +378,7 @@ def _summary(
             *noise_findings(smoothed.noise_ratios),
             *smoothed.findings,
             *(() if smoothed.located is None else smoothed.located.findings),
+            *(() if smoothed.on_line is None else smoothed.on_line.findings),
         ),
         verdicts=smoothed.verdicts,
     )

@@ -1,0 +1,173 @@
+"""A network of tracks in plan: what is near a point, and where a vehicle gets from there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from trackfg.numerics.arrays import Array
+
+_VERTEX_M = 10.0
+"""Vertices are at most so far apart where they are searched, m: less than the distances that are searched."""
+_ON_TRACK_M = 1.0
+"""A place was a foot if its track is within this and a vertex of it, m."""
+
+
+class Feet(NamedTuple):
+    """The foot of each of several points on each piece that is near: one row per pair, in order of the points.
+
+    ``point``, ``piece``: which. ``along`` m from the piece's start; ``across`` m, positive where the point is to the
+    left of the piece; ``place`` (k, 2), m; ``normal`` (k, 2), to the left; ``beyond`` m past an end of the piece.
+    """
+
+    point: np.ndarray
+    piece: np.ndarray
+    along: Array
+    across: Array
+    place: Array
+    normal: Array
+    beyond: Array
+
+    def take(self, rows: np.ndarray) -> Feet:
+        """Return some rows."""
+        return Feet(*(column[rows] for column in self))
+
+
+@dataclass(frozen=True)
+class TrackNetwork:
+    """Pieces of tracks in plan, and the ways from one to another.
+
+    ``track`` (p,) is the id of each piece; ``lines`` its vertices, (m, 2) east and north, m. ``ways`` leads from
+    (piece, end) to where a vehicle gets that leaves it there: pieces and the ends at which it enters; ends are 0 and 1.
+    """
+
+    track: tuple[str, ...]
+    lines: tuple[Array, ...]
+    ways: dict[tuple[int, int], tuple[tuple[int, int], ...]]
+
+    @cached_property
+    def length_m(self) -> Array:
+        """The length of each piece, m, shape (p,)."""
+        return np.array([stations(line)[-1] for line in self.lines])
+
+    @cached_property
+    def _segments(self) -> _Segments:
+        return _Segments.of(self.lines)
+
+    def feet(self, points: Array, within_m: Array) -> Feet:
+        """Return the feet of ``points`` (n, 2) on all pieces within ``within_m`` (n,), the nearest of each piece."""
+        return self._segments.feet(points, within_m)
+
+    def feet_on(self, pieces: np.ndarray, points: Array, before: Array) -> Feet:
+        """Return the feet of ``points`` (n, 2) on one piece each, which has ``before`` (n, 2) on it or ahead of it."""
+        feet = self.feet(points, np.linalg.norm(points - before, axis=1) + _ON_TRACK_M + _VERTEX_M)
+        count = len(self.lines)
+        rows = np.searchsorted(feet.point * count + feet.piece, np.arange(len(points)) * count + pieces)
+        return feet.take(rows)
+
+    def reached(self, start: tuple[int, float, int], most_m: float) -> dict[tuple[int, int], float]:
+        """Return the ends of pieces that a vehicle enters within ``most_m``, and how far it has gone there, m.
+
+        ``start``: piece, m along it, and in which sense of the piece it goes, 1 or -1.
+        """
+        piece, along, sense = start
+        left = float(self.length_m[piece] - along if sense > 0 else along)
+        entered: dict[tuple[int, int], float] = {}
+        leaving = [((piece, 1 if sense > 0 else 0), left)]
+        while leaving:
+            end, gone = leaving.pop()
+            if gone > most_m:
+                continue
+            for way in self.ways.get(end, ()):
+                if gone < entered.get(way, np.inf):
+                    entered[way] = gone
+                    leaving.append(((way[0], 1 - way[1]), gone + float(self.length_m[way[0]])))
+        return entered
+
+
+class _Segments(NamedTuple):
+    """The segments of all pieces, none longer than :data:`_VERTEX_M`, and a tree of their starts.
+
+    ``piece`` (s,), ``start`` and ``end`` (s, 2), ``station`` (s,) of the start along its piece; ``first`` and ``last``
+    mark those at the ends of a piece.
+    """
+
+    piece: np.ndarray
+    start: Array
+    end: Array
+    station: Array
+    first: np.ndarray
+    last: np.ndarray
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, lines: tuple[Array, ...]) -> _Segments:
+        dense = [_dense(line) for line in lines]
+        counts = [len(line) - 1 for line in dense]
+        start = np.concatenate([line[:-1] for line in dense])
+        end = np.concatenate([line[1:] for line in dense])
+        station = np.concatenate([stations(line)[:-1] for line in dense])
+        ends = np.cumsum(counts) - 1
+        first, last = np.zeros((2, len(start)), dtype=bool)
+        first[np.append(0, ends[:-1] + 1)], last[ends] = True, True
+        return cls(np.repeat(np.arange(len(lines)), counts), start, end, station, first, last, cKDTree(start))
+
+    def feet(self, points: Array, within_m: Array) -> Feet:
+        near = self.tree.query_ball_point(points, within_m + _VERTEX_M)
+        counts = [len(segments) for segments in near]
+        point = np.repeat(np.arange(len(points)), counts)
+        k = np.concatenate([np.asarray(segments, dtype=np.int64) for segments in near]) if sum(counts) else point
+        step = self.end[k] - self.start[k]
+        length = np.linalg.norm(step, axis=1)
+        tangent = step / length[:, None]
+        offset = points[point] - self.start[k]
+        free = np.sum(offset * tangent, axis=1)
+        along = np.clip(free, np.where(self.first[k], free, 0.0), np.where(self.last[k], free, length))
+        place = self.start[k] + along[:, None] * tangent
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        across = np.sum(offset * normal, axis=1)
+        beyond = np.maximum(np.where(self.first[k], -along, 0.0), np.where(self.last[k], along - length, 0.0))
+        beyond = np.maximum(beyond, 0.0)
+        apart = points[point] - place
+        distance = np.hypot(apart[:, 0], apart[:, 1])
+        across = np.copysign(distance, np.sum(offset * normal, axis=1))  # also at a corner, beside both segments
+        distance = np.hypot(distance, beyond)
+        order = np.lexsort((distance, self.piece[k], point))
+        point, piece = point[order], self.piece[k][order]
+        nearest = np.ones(len(order), dtype=bool)
+        nearest[1:] = (point[1:] != point[:-1]) | (piece[1:] != piece[:-1])
+        rows = order[nearest & (distance[order] <= within_m[point])]
+        feet = Feet(
+            np.repeat(np.arange(len(points)), counts),
+            self.piece[k],
+            self.station[k] + along,
+            across,
+            place,
+            normal,
+            beyond,
+        )
+        return feet.take(rows)
+
+
+def stations(line: Array) -> Array:
+    """Return how far each vertex (m, 2) is along its line, m, shape (m,)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+
+
+def place_at(line: Array, station: Array) -> Array:
+    """Return the places (n, 2) at distances ``station`` (n,) along a line, m."""
+    of_vertices = stations(line)
+    return np.stack([np.interp(station, of_vertices, line[:, k]) for k in (0, 1)], axis=-1)
+
+
+def _dense(line: Array) -> Array:
+    of_vertices = stations(line)
+    lengths = np.diff(of_vertices)
+    parts = np.maximum(np.ceil(lengths / _VERTEX_M).astype(int), 1)
+    share = np.concatenate([np.arange(n) / n for n in parts])
+    between = np.repeat(of_vertices[:-1], parts) + share * np.repeat(lengths, parts)
+    return place_at(line, np.append(between, of_vertices[-1]))
