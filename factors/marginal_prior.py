@@ -162,14 +162,39 @@ def rebased_to_interval_bias(family: Family, response: Array) -> Family:
 def with_distance_shifted(family: Family, by_m: float, sd_m: float) -> Family:
     """Move a marginal prior along the track by ``by_m``, uncertain to ``sd_m``; all else stays.
 
-    Its distance D was wrong by e ~ N(by, sd^2): the rows ``A (x - u e) = b`` with u the direction of D
-    and ``e / sd = 0``, counted from D + by, and e eliminated.
+    Its distance D was wrong by e ~ N(by, sd^2), e being counted from D + by.
     """
-    A, b, at = family.data["A"], family.data["b"], offset_in_keyframe(Kind.ODO)
     odo = Odo(family.data["odo"]).moved_along(by_m).array
-    rows = np.column_stack([-A[0, :, at], A[0], b[0]])
-    error = np.zeros((1, rows.shape[1]))
-    error[0, 0] = 1.0 / sd_m
-    left = np.asarray(np.linalg.qr(np.concatenate([error, rows]), mode="r"))[1:, 1:]
-    data = {**family.data, "odo": odo, "A": left[None, :, :-1], "b": left[None, :, -1]}
-    return replace(family, data=data, sigma=np.ones((1, len(left))))
+    errors = np.zeros((1, family.data["A"].shape[2]))
+    errors[0, offset_in_keyframe(Kind.ODO) + Odo.DISTANCE] = sd_m
+    return _with_errors(family.with_data(odo=odo), errors)
+
+
+def with_scale_walked(family: Family, way_m: float, per_sqrt_m: float) -> Family:
+    """Let the wheel's scale have walked over the last ``way_m`` (signed) before a marginal prior; all else stays.
+
+    Its scale S was wrong by s, its distance D by d, and its velocity v by ``v s / S``, where a scale that walks by
+    ``per_sqrt_m`` = q in every root of a metre makes
+
+        Cov(d, s) = q^2 [w^3 / 3, w^2 / 2; w^2 / 2, w].
+    """
+    root_way, odo = np.sqrt(abs(way_m)), Odo(family.data["odo"])
+    distance, scale, velocity = np.zeros((3, family.data["A"].shape[2]))
+    at = offset_in_keyframe(Kind.ODO)
+    distance[at + Odo.DISTANCE], scale[at + Odo.SCALE] = 1.0, 1.0
+    at = offset_in_keyframe(Kind.NAV) + 6
+    velocity[at : at + 3] = Nav(*(family.data[name] for name in ("R", "p", "v"))).own_velocity[0] / odo.scale[0]
+    with_scale = scale + velocity + 0.5 * way_m * distance
+    alone = np.sqrt(1.0 / 12.0) * way_m * distance
+    return _with_errors(family, per_sqrt_m * root_way * np.stack([with_scale, alone]))
+
+
+def _with_errors(family: Family, errors: Array) -> Family:
+    """Return a marginal prior that may be wrong by each of the ``errors`` (k, n) times a normal variable, eliminated.
+
+    ``A (x - errors' e) = b``, ``e = 0`` of unit sigma.
+    """
+    k, (A, b) = len(errors), (family.data[name][0] for name in ("A", "b"))
+    rows = np.block([[np.eye(k), np.zeros((k, A.shape[1] + 1))], [-A @ errors.T, A, b[:, None]]])
+    left = np.asarray(np.linalg.qr(rows, mode="r"))[k:, k:]
+    return replace(family.with_data(A=left[None, :, :-1], b=left[None, :, -1]), sigma=np.ones((1, len(left))))

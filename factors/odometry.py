@@ -20,6 +20,14 @@ from trackfg.factors.motion import mount_derivative, mount_matrix, tracking_poin
 from trackfg.factors.states import Kind, Nav, Odo
 from trackfg.numerics.arrays import Array
 
+MOST_CREEP = 0.02
+"""Share of the distance by which a wheel that does not slip is off, at most: the top of the creep curve (Polach, "Creep
+forces in simulations of traction vehicles running on adhesion limit", Wear 258, 2005).
+"""
+
+ANY_DISTANCE_SD_M = 1e4
+"""Sigma of the distance of an interval in which the wheel says nothing, m: any distance."""
+
 
 def _chain(first: Odo, second: Odo) -> tuple[Array, tuple[Array, ...]]:
     residual = np.stack([second.distance - first.distance - second.step, second.scale - first.scale], axis=1)

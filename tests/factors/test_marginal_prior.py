@@ -13,6 +13,7 @@ from trackfg.factors.marginal_prior import (
     retract_in_chart,
     step_from,
     with_distance_shifted,
+    with_scale_walked,
 )
 from trackfg.factors.states import KEYFRAME_DIM, SHARED, SHARED_DIM, Kind, Nav, Odo, States, Step, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
@@ -96,6 +97,26 @@ def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:
     x = np.concatenate([step.keyframes[0], step.shared])
     there = replace(states, odo=states.odo.moved_along(by))
     np.testing.assert_allclose(family.residual(there)[0], A @ x - b, atol=1e-9)
+
+
+def test_a_scale_that_may_have_walked_makes_distance_and_speed_unsure_with_it() -> None:
+    """Draws of a walk in 200 steps of the way have the covariance that the prior gets besides its own."""
+    rng = np.random.default_rng(4)
+    origin, way, walk = one_keyframe(rng), -400.0, 5e-3
+    rows = np.eye(DIM, DIM + 1) + 0.05 * rng.standard_normal((DIM, DIM + 1))
+    family = with_scale_walked(marginal_prior(rows, origin), way, walk)
+    A, b = family.data["A"][0], family.data["b"][0]
+    scale = np.cumsum(rng.normal(0.0, walk * np.sqrt(abs(way) / 200), (20000, 200)), axis=1)
+    drawn = np.zeros((20000, DIM))
+    odo, nav = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
+    drawn[:, odo + Odo.DISTANCE], drawn[:, odo + Odo.SCALE] = scale.mean(axis=1) * way, scale[:, -1]
+    drawn[:, nav + 6 : nav + 9] = scale[:, -1:] * origin.nav.own_velocity / origin.odo.scale
+    added = np.linalg.inv(A.T @ A) - np.linalg.inv(rows[:, :-1].T @ rows[:, :-1])
+    expected = np.cov(drawn.T)
+    size = np.sqrt(np.diagonal(expected))
+    assert (np.abs(added - expected) <= 0.03 * np.outer(size, size) + 1e-6).all()
+    before, after = np.linalg.solve(rows[:, :-1], rows[:, -1]), np.linalg.lstsq(A, b, rcond=None)[0]
+    np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-6)
 
 
 def test_yaw_is_measured_the_short_way_round() -> None:

@@ -99,7 +99,7 @@ _FACTORS = (
                 ("bias=bias + imu @", "bias=bias - imu @"),
             ),
             _one("velocities are not compared in the vehicle's own axes", "- cross(before, turn)", "- 0.0 * turn"),
-            _one("a jump along the track is known to a sigma", "1.0 / sd_m", "1.0"),
+            _one("a jump along the track is known to a sigma", "Odo.DISTANCE] = sd_m", "Odo.DISTANCE] = 1.0"),
         ),
     ),
     Part(
@@ -621,6 +621,15 @@ _STREAMING = (
                 "other.further_m + innovation)",
             ),
             _one("a fix read again at rest votes again", "if not repeated:", "if True:"),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/wheel_creep.py",
+        ("tests/trackfg/streaming/window/test_wheel_creep.py",),
+        (
+            _one("any fix is creep", "return bool(crept > np.log(", "return bool(crept > -1e9 + np.log("),
+            _one("the place stays where creep shows", "+= creep.further_m * since", "+= 0.0 * since"),
+            _one("the likelihood of a walk is not asked", "return gain > (", "return gain > 1e9 + ("),
         ),
     ),
     Part(

@@ -18,8 +18,8 @@ from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.scores import score_run
 from trackfg.evaluation.trajectory_errors import from_the_true_start, trajectory_errors
 from trackfg.numerics.arrays import Array
+from trackfg.results.events import DOUBT
 from trackfg.smoothing.smoother import smooth
-from trackfg.streaming.sigma_test import DOUBT
 from trackfg.streaming.sources.source import RecordingSource
 
 SMOOTHER, ORACLE, FLOOR, STREAM = "smoother", "oracle", "dead-reckoning", "stream"

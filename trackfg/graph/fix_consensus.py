@@ -23,11 +23,11 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 
-_WRONG = 0.1
+WRONG = 0.1
 """Probability that a fix is wrong, before anything is known of it: up to one in five shall be found, and good
 recordings have fewer than one in a hundred; the result changes with the logarithm only."""
 
-_ERRED = 0.05
+ERRED = 0.05
 """Probability that a wheel errs between two fixes by more than its sigma says, unnoticed."""
 
 _SHARE = 0.005
@@ -50,7 +50,7 @@ _LEVELS = np.array([1.0, 3.0, 10.0, 30.0])
 _LEVEL_COST = 1.0
 """Negative logarithm of the prior of each step on that grid: declared sigmas are right more often than not."""
 
-_SHORTEST_LINE_M = 1000.0
+SHORTEST_LINE_M = 1000.0
 """A wrong fix may be anywhere on the line, which is at least as long, m."""
 
 _MOST_IN_A_ROW = 30
@@ -145,15 +145,15 @@ def _step_cost(passages: Passages, i: np.ndarray, j: int) -> Array:
     def log_density(variance: Array) -> Array:
         return np.asarray(-0.5 * (squares / variance + np.log(2.0 * np.pi * variance)))
 
-    density: Array = np.logaddexp(np.log1p(-_ERRED) + log_density(narrow), np.log(_ERRED) + log_density(wide))
+    density: Array = np.logaddexp(np.log1p(-ERRED) + log_density(narrow), np.log(ERRED) + log_density(wide))
     return -density
 
 
 def _most_likely(passages: Passages, scale_sd: float) -> np.ndarray:
     """Return the most likely choice of right fixes, (n,) of bool."""
     n, levels, scales = len(passages), len(_LEVELS), len(_LOG_SCALES)
-    line = np.log(max(np.ptp(passages.place), np.ptp(passages.rolled), _SHORTEST_LINE_M))
-    wrong, right = line - np.log(_WRONG), -np.log1p(-_WRONG)
+    line = np.log(max(np.ptp(passages.place), np.ptp(passages.rolled), SHORTEST_LINE_M))
+    wrong, right = line - np.log(WRONG), -np.log1p(-WRONG)
     cost = np.empty((n, levels, scales))
     before = np.full((n, levels, scales), -1)
     for j in range(n):

@@ -20,7 +20,15 @@ import numpy as np
 
 from trackfg.factors.family import Family
 from trackfg.factors.loss import SwitchChain
-from trackfg.factors.odometry import arc_length, creep_sd, distance_chain, tach_distance, tach_reading, wheel_response
+from trackfg.factors.odometry import (
+    ANY_DISTANCE_SD_M,
+    arc_length,
+    creep_sd,
+    distance_chain,
+    tach_distance,
+    tach_reading,
+    wheel_response,
+)
 from trackfg.factors.states import Kind
 from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
@@ -35,8 +43,8 @@ _ARC_SD_M = 2e-4
 _ARC_SD_RELATIVE = 1e-5
 """The same, in proportion to the distance."""
 
-ANY_DISTANCE_SD_M = 1e4
-"""Sigma of the distance of an interval in which the wheel says nothing, m: any distance."""
+ROLLED_AT_REST_M = 0.01
+"""Distance that is added to that of every interval, m, so that no sigma that grows with it is 0 at rest."""
 
 
 def odometer(inputs: GraphInputs) -> list[Family]:
@@ -48,7 +56,9 @@ def path_length_factors(inputs: GraphInputs) -> list[Family]:
     """Return the factors that need no wheel: distance adds up, and is the length of the path."""
     config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
     distance = np.abs(inputs.distance)
-    chain_sd = np.stack([np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + 0.01)], 1)
+    chain_sd = np.stack(
+        [np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + ROLLED_AT_REST_M)], 1
+    )
     return [
         distance_chain(k, chain_sd),
         arc_length(k, inputs.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
@@ -87,7 +97,7 @@ def creep_variance(inputs: GraphInputs) -> Array:
     config, distance = inputs.config.tach, np.abs(inputs.distance)
     force = inputs.mean_accel[:, 0] / inputs.world.gravity
     return np.asarray(
-        config.creep_m_per_sqrt_m**2 * (distance + 0.01)
+        config.creep_m_per_sqrt_m**2 * (distance + ROLLED_AT_REST_M)
         + creep_sd(config.creep_per_traction, distance, force) ** 2 / inputs.durations
     )
 

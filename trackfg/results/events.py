@@ -11,6 +11,9 @@ import pandas as pd
 from trackfg.errors import printable
 from trackfg.results.columns import EVENT_COLUMNS
 
+DOUBT = "sigmas-doubted"
+"""The kind of event that names quantities whose sigmas are too small."""
+
 
 @dataclass(frozen=True)
 class Event:

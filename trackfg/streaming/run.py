@@ -20,13 +20,12 @@ from dataclasses import dataclass, field
 
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.results.events import Event
+from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.events import event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
-from trackfg.streaming.sigma_test import DOUBT
 from trackfg.streaming.sinks.sink import Sink
 from trackfg.streaming.sources.source import Source
 

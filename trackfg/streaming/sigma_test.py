@@ -16,12 +16,9 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance, independent_number
 from trackfg.output.trajectory import QUANTITIES
-from trackfg.results.events import Event
+from trackfg.results.events import DOUBT, Event
 from trackfg.results.verdict import Quantity
 from trackfg.results.widening import QUANTITY_OF_COLUMN
-
-DOUBT = "sigmas-doubted"
-"""The kind of event that names a quantity whose sigmas are too small."""
 
 _LEAST_SHARE = 0.3
 """Least share of the filtered variance that the lag removes. Below it the sigmas are nearly equal, and estimates differ

@@ -63,7 +63,7 @@ def test_wider_walks_are_tried_while_they_are_likelier(
 ) -> None:
     """A walk of 1e-5 may be a little likelier than none, and one of 3e-4 by far."""
     seen = iter(likelihoods)
-    monkeypatch.setattr("trackfg.smoothing.wheel_scale._log_likelihood", lambda *_: next(seen))
+    monkeypatch.setattr("trackfg.solver.scale_evidence.ScaleEvidence.log_likelihood", lambda *_: next(seen))
     before, after = (
         problem.family(FactorType.DISTANCE_CHAIN) for problem in (constant.problem, wheel_scale(constant).problem)
     )

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from trackfg.results.columns import TRAJECTORY_COLUMNS
-from trackfg.streaming.sigma_test import DOUBT, SigmaTest
+from trackfg.results.events import DOUBT
+from trackfg.streaming.sigma_test import SigmaTest
 
 FILTERED_SD, SMOOTHED_SD = 0.5, 0.3
 """Their difference has the sigma 0.4."""

@@ -14,10 +14,9 @@ import pytest
 from trackfg.datasets.scenarios import simulate
 from trackfg.output.events import EVENT_TABLES
 from trackfg.results.columns import TRAJECTORY_COLUMNS
-from trackfg.results.events import Event
+from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.events import LOSS_KINDS, event_table
 from trackfg.streaming.intake.intake import Intake
-from trackfg.streaming.sigma_test import DOUBT
 from trackfg.streaming.sinks.parquet_parts import ROWS_PER_PART, ParquetParts
 from trackfg.streaming.sinks.sink import TABLES, json_lines
 from trackfg.streaming.sources.json_lines import JsonLinesSource

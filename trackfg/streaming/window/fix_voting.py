@@ -5,6 +5,8 @@ robust loss would reject every correct one. So votes are counted per hypothesis 
 estimated distance D, the innovation of a fix at d is ``r = d - D`` with the variance ``V = var(D) + sigma^2``. The fix
 
 * votes for the accepted hypothesis, where ``|r| <= GATE sqrt(V)``: it goes into the graph, with its robust loss;
+* or shows that the wheel crept since the last one that did, where that is likelier than that the fix is wrong
+  (:mod:`trackfg.streaming.window.wheel_creep`): the place shifts, and distance and scale are less sure;
 * or else for a rival hypothesis, ``r`` further along the track. It is withheld: a factor that moves nothing
   (:func:`~trackfg.factors.odometry.withheld_fix`). Other fixes that agree with it vote for the same hypothesis.
 
@@ -31,6 +33,7 @@ from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance
+from trackfg.streaming.window.wheel_creep import Creep
 from trackfg.streaming.window.window import Interval, Window
 
 GATE = 5.0
@@ -60,13 +63,20 @@ class FixVotes:
     """The ``votes`` for the accepted hypothesis, and its ``rivals``.
 
     ``distance_scale_covariance`` (2, 2): of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position
-    of the newest fix; one that is read again at rest is no second vote. ``events``: those that have not been popped.
+    of the newest fix; one that is read again at rest is no second vote. ``agreed_m``, ``agreed_s``: place and time of
+    the newest one that agreed. ``creep``: what a fix has shown and has not been popped; the scale walks by
+    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``events``: those that have not been popped.
     """
 
     votes: int = 0
     rivals: tuple[Rival, ...] = ()
     distance_scale_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
     newest_m: float | None = None
+    agreed_m: float | None = None
+    agreed_s: float = 0.0
+    creep: Creep | None = None
+    walk_per_sqrt_m: float = 0.0
+    walks_for: int = 0
     events: tuple[Event, ...] = ()
 
     @property
@@ -81,27 +91,35 @@ class FixVotes:
         events, self.events = self.events, ()
         return events
 
+    def pop_creep(self) -> Creep | None:
+        """Return the creep that a fix has shown since the last call."""
+        creep, self.creep = self.creep, None
+        return creep
+
     def update_covariance(self, covariance: Covariance) -> None:
         """Take the part of the newest keyframe's covariance that predictions of fixes need."""
         at = offset_in_keyframe(Kind.ODO)
         self.distance_scale_covariance = covariance.marginal[-1, at : at + 2, at : at + 2].copy()
 
-    def count_first_window(self, fixes: Family | None, states: States) -> None:
-        """Count the fixes of a window that was solved as a batch, by whether its solution follows them."""
+    def count_first_window(self, fixes: Family | None, states: States, t: Array) -> None:
+        """Count the fixes of a window that was solved as a batch, keyframes at ``t`` (n,), s, by whether its solution
+        follows them.
+        """
         if fixes is None or fixes.loss is None:
             return
         used = fixes.weights(states) >= _USED
-        for _ in range(np.count_nonzero(used)):
-            self._count_agreement()
+        for keyframe, position in zip(fixes.slots[0].index[used], fixes.data["distance"][used, 0], strict=True):
+            self._count_agreement(float(position), float(t[keyframe]))
         for further, sigma in zip(-fixes.residual(states)[~used, 0], fixes.sigma[~used, 0], strict=True):
             rival = self._nearest_rival(float(further), float(sigma))
             votes = 1 if rival is None else rival.votes + 1
             self._replace(rival, Rival(float(further), float(sigma), min(votes, self.votes)))
 
-    def vote_on_fixes(self, interval: Interval, newest: States) -> tuple[Interval, float]:
+    def vote_on_fixes(self, interval: Interval, newest: States, *, wheel_alone: bool = False) -> tuple[Interval, float]:
         """Count the fixes of the interval after the ``newest`` keyframe; return it with contradicting fixes withheld.
 
-        The second value is by how much the accepted position shifts, m; the interval is not shifted by it.
+        The second value is by how much the accepted position shifts, m; the interval is not shifted by it, nor by the
+        ``creep`` that a fix may show. ``wheel_alone``: nothing else measures the distance, so that creep is unnoticed.
         """
         fixes = family_of(interval.families, FactorType.ABSOLUTE_FIX)
         if fixes is None or fixes.loss is None:
@@ -112,14 +130,17 @@ class FixVotes:
             along = np.array([1.0, ends[1] - ends[0] if keyframe else 0.0])
             variance = float(along @ self.distance_scale_covariance @ along) + (_CREEP * along[1]) ** 2
             position, sigma = float(fixes.data["distance"][i, 0]), float(fixes.sigma[i, 0])
-            innovation, sd = position - ends[keyframe] - shift_m, float(np.hypot(sigma, np.sqrt(variance)))
+            moved = shift_m + (0.0 if self.creep is None else self.creep.further_m)
+            innovation, sd = position - ends[keyframe] - moved, float(np.hypot(sigma, np.sqrt(variance)))
             repeated = self.newest_m is not None and abs(position - self.newest_m) <= sigma
             self.newest_m = position
             if abs(innovation) <= GATE * sd:
                 if not repeated:
-                    self._count_agreement()
+                    self._count_agreement(position, interval.t)
                 continue
-            shift = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd, interval.t)
+            if wheel_alone and not repeated and not shift_m and self._has_crept(innovation, sd, position, interval.t):
+                continue
+            shift = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd, position, interval.t)
             shift_m += shift
             withheld[i] = not shift
         if not withheld.any():
@@ -128,16 +149,35 @@ class FixVotes:
         parted = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
         return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
 
-    def _count_agreement(self) -> None:
+    def _count_agreement(self, position: float, t: float) -> None:
+        """Count a vote of a fix at ``position``, m, and time ``t``, s, for the accepted hypothesis."""
+        self.agreed_m, self.agreed_s = position, t
+        self.walks_for = max(self.walks_for - 1, 0)
+        if not self.walks_for:
+            self.walk_per_sqrt_m = 0.0
         if self.votes < MOST_VOTES:
             self.votes += 1
         else:
             self.rivals = _with_vote_less(self.rivals)
 
-    def _count_contradiction(self, innovation: float, sigma: float, sd: float, t: float) -> float:
+    def _has_crept(self, innovation: float, sd: float, position: float, t: float) -> bool:
+        """Return whether a fix at ``position``, m, and time ``t``, s, shows that the wheel crept, and follow that."""
+        if self.agreed_m is None or self.creep is not None:
+            return False
+        creep = Creep(innovation, position - innovation - self.agreed_m, self.agreed_s)
+        if not creep.is_likely(sd**2):
+            return False
+        self.creep, self.walk_per_sqrt_m, self.walks_for = creep, creep.walk_per_sqrt_m, MOST_VOTES
+        self.agreed_m, self.agreed_s = position, t
+        moved = tuple(replace(rival, further_m=rival.further_m - innovation) for rival in self.rivals)
+        self.rivals = tuple(rival for rival in moved if abs(rival.further_m) > GATE * np.hypot(sd, rival.sd_m))
+        self.events += (creep.event(t),)
+        return True
+
+    def _count_contradiction(self, innovation: float, sigma: float, sd: float, position: float, t: float) -> float:
         """Return by how much the accepted position shifts, m: 0 unless the fix makes a rival the accepted one.
 
-        ``t``: the time of the event that this is, s.
+        ``position``, m, and ``t``, s: of the fix.
         """
         rival = self._nearest_rival(innovation, sd)
         votes = 1 if rival is None else rival.votes + 1
@@ -146,7 +186,7 @@ class FixVotes:
             return 0.0
         self._replace(rival, Rival(0.0, sigma, self.votes))
         self.rivals = tuple(replace(other, further_m=other.further_m - innovation) for other in self.rivals)
-        self.votes = votes
+        self.votes, self.agreed_m, self.agreed_s = votes, position, t
         if votes > MOST_VOTES:
             self.votes, self.rivals = MOST_VOTES, _with_vote_less(self.rivals)
         detail = f"{'1 fix agrees' if votes == 1 else f'{votes} fixes agree'} on a place {innovation:+.1f} m on"

@@ -34,6 +34,7 @@ from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.rows import NO_SAMPLES
 from trackfg.streaming.window.stream_context import StreamContext
+from trackfg.streaming.window.wheel_creep import with_walking_scale
 from trackfg.streaming.window.window import Interval, Window
 
 _NO_RESTS = np.zeros((0, 2))
@@ -58,6 +59,14 @@ class Prediction(NamedTuple):
 
     inputs: GraphInputs
     interval: Interval
+
+    def with_walking_scale(self, per_sqrt_m: float) -> Prediction:
+        """Return the prediction with a wheel's scale that walks by so much, if that is more than the settings say."""
+        if not per_sqrt_m:
+            return self
+        sd = per_sqrt_m * np.sqrt(np.abs(self.interval.predicted.odo.step))
+        families = with_walking_scale(self.interval.families, sd)
+        return self._replace(interval=self.interval._replace(families=families))
 
 
 def predict_interval(

@@ -42,6 +42,7 @@ from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.starting_window import AFTER_S, FirstProblem, late_tach
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
+from trackfg.streaming.window.wheel_creep import WALK_PER_SQRT_M, Creep, scale_walks, with_creep, with_walk
 from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window, WindowStep
 
 FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
@@ -107,6 +108,7 @@ class RunningWindow:
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
     ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event.
+    ``walks``: whether the wheel's scale walks, as the accelerometer tells.
     ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first window.
     """
 
@@ -128,6 +130,7 @@ class RunningWindow:
     heading_known: bool = False
     damped: bool = False
     speed_sd: float = 0.0
+    walks: bool = False
     undelivered_pass: Relinearisation | None = None
 
     @classmethod
@@ -141,7 +144,7 @@ class RunningWindow:
         window = Window(problem.t, states, problem.measured, problem.response, problem.families)
         newest = window.gauss_newton_step({len(window) - 1}).window_without_first(len(window) - 1)
         if not on_map:
-            votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states)
+            votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states, problem.t)
         rests, context = Rests(lag_s, problem.rests), first.context
         running = cls(
             buffer=buffer,
@@ -208,9 +211,12 @@ class RunningWindow:
             wheel = self.tach.wheel_until(t + AFTER_S, buffer.tach, last, speed, buffer.uncounted)
         interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
         if not self.on_map:
-            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states)
+            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, wheel_alone=self._wheel_alone)
+            creep = self.votes.pop_creep()
             if shift_m:
                 return self._record(self._jump_along_track(interval, shift_m))
+            if creep is not None:
+                return self._record(self._follow_creep(interval, creep))
         result = self._filter_step(pair, interval)
         if result is None:
             return self._record(self._resolve_recent_keyframes(interval))
@@ -245,6 +251,8 @@ class RunningWindow:
             edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
             prediction = predict_interval(self.context, self.newest, data, edges, broken=broken)
+            walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if self.walks else 0.0)
+            prediction = prediction.with_walking_scale(walk)
             self.predicted = PredictedPair.of(self.newest, prediction, self.context.description.imu.noise)
         return self.predicted
 
@@ -286,20 +294,39 @@ class RunningWindow:
         self.linearisation_point = shift_states(self.linearisation_point, shift_m)
         return self._resolve_recent_keyframes(interval)
 
+    def _follow_creep(self, interval: Interval, creep: Creep) -> FilterUpdate:
+        """Let the scale have walked since the fix before, and estimate the next keyframe by a pass of the window."""
+        self.added.append(interval)
+        oldest = float(self.window.t[0])
+        if creep.since_s < oldest:
+            self.votes.events += (creep.doubt(oldest),)
+        self.undelivered_pass = self._relinearise_window(creep=creep)
+        return FilterUpdate.of(self.undelivered_pass.whole_window, self.undelivered_pass.root)
+
+    @property
+    def _wheel_alone(self) -> bool:
+        """Return whether nothing in the window but the wheel and fixes measures the distance."""
+        types = (family.type for family in self.window.families)
+        return not any(kind is FactorType.GNSS_POSITION or kind.of_further_sensor for kind in types)
+
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd
         self.votes.update_covariance(update.covariance)
         return update
 
-    def _relinearise_window(self, failure: str | None = None) -> Relinearisation:
+    def _relinearise_window(self, failure: str | None = None, creep: Creep | None = None) -> Relinearisation:
         """Relinearise the whole window and marginalise what is older than the lag.
 
         ``failure``: why the recent keyframes could not take their step; their states are then no linearisation point.
+        ``creep``: what the last fix has shown of the wheel.
         """
+        tach = self.context.config.tach
         config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
         window = self.window.extended(*self.added)
         now = float(window.t[-1])
-        if failure is None:
+        if creep is not None:
+            window = with_creep(window, creep)
+        elif failure is None:
             window = replace(window, states=self._back_substituted_states(window))
         self.rests.update(self.buffer, self.tach, window, config, (last_pass - LOOK_S, now + AFTER_S))
         walk = walk_of(window.t, window.response, imu.noise)
@@ -309,7 +336,15 @@ class RunningWindow:
             leaving = int(np.searchsorted(window.t, now - self.lag_s))
             before_recent = max(len(window) - _BEFORE_PASS, leaving)
         last = len(window) - 1
-        step, event = self._settle_window(window, {leaving, before_recent, last} - {0}, failure)
+        marginalise = {leaving, before_recent, last} - {0}
+        step, event = self._settle_window(window, marginalise, failure)
+        if self.heading_known:
+            walked, self.walks = self.walks, scale_walks(step.window, tach.scale_walk_per_sqrt_m, walks=self.walks)
+            if self.walks and not walked:
+                step, _ = self._settle_window(with_walk(step.window), marginalise, None)
+                event = event or Event(
+                    "wheel-crept", "tach", last_pass, now, 0, "the wheel's scale changes: it may walk"
+                )
         self.heading_known = self.heading_known or self._heading_sd(step.window, step.root) < _HEADING_SD_RAD
         marginalised = step.marginalised_first(leaving) if leaving else None
         self.window, self.recent = step.window_without_first(leaving), step.window_without_first(before_recent)

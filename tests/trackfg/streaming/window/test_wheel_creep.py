@@ -1,0 +1,149 @@
+"""A wheel that creeps for a while: fixes and the accelerometer tell a stream, and right fixes stay in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.datasets.vehicle.driving import Service
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.imu import Preintegration
+from trackfg.factors.loss import Cauchy
+from trackfg.factors.odometry import absolute_fix
+from trackfg.factors.states import Kind, Nav, Odo, States
+from trackfg.recording.model import Recording
+from trackfg.results.events import DOUBT
+from trackfg.streaming.fixed_lag import FixedLagSmoother
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
+from trackfg.streaming.window.fix_voting import MOST_VOTES, FixVotes
+from trackfg.streaming.window.wheel_creep import Creep
+from trackfg.streaming.window.window import Interval
+
+SD_M = 0.1
+CREEPS = (50.0, 75.0)
+"""From when to when the wheel creeps, s."""
+
+
+@pytest.mark.parametrize(
+    ("further_m", "way_m", "likely"),
+    [(6.0, 500.0, True), (-6.0, -500.0, True), (30.0, 2000.0, True), (60.0, 500.0, False), (300.0, 2000.0, False)],
+)
+def test_a_few_per_cent_of_the_way_are_creep_and_more_is_a_wrong_fix(
+    further_m: float, way_m: float, likely: bool
+) -> None:
+    assert Creep(further_m, way_m, 0.0).is_likely(0.3**2) == likely
+
+
+def test_a_neighbouring_balise_is_no_creep_however_far_the_last_one_is() -> None:
+    assert not Creep(3.0, 1.0, 0.0).is_likely(0.1**2)
+    assert not any(Creep(apart, 5.0 * apart, 0.0).is_likely(0.3**2) for apart in (100.0, 500.0, 2000.0))
+
+
+def passing(distance: float, fix: float, t: float) -> tuple[Interval, States]:
+    """The last 10 m to a place, with a fix there, and the state before."""
+    nav = Nav(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+
+    def at(place: float) -> States:
+        odo = Odo(np.array([[place, 1.0, 0.0, 0.0]]))
+        return States(nav, np.zeros((1, 6)), odo, np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
+
+    family = absolute_fix(np.array([1]), np.array([fix]), np.array([[SD_M]]), Cauchy(4.0))
+    nothing = cast(Preintegration, None)
+    return Interval(t, np.zeros(6), at(distance), nothing, np.zeros((6, Kind.IMU.dim)), (family,)), at(distance - 10.0)
+
+
+def votes_after(offset: float, *, wheel_alone: bool) -> tuple[FixVotes, list[FactorType]]:
+    """The votes after three fixes that agree and one that does not, 500 m apart, and what became of the last."""
+    votes = FixVotes(distance_scale_covariance=np.diag([0.1, 1e-6]))
+    for i, off in enumerate([0.0, 0.0, 0.0, offset]):
+        interval, newest = passing(500.0 * i, 500.0 * i + off, 20.0 * i)
+        interval, _ = votes.vote_on_fixes(interval, newest, wheel_alone=wheel_alone)
+    return votes, [family.type for family in interval.families]
+
+
+@pytest.mark.parametrize(
+    ("offset", "wheel_alone", "follows"), [(8.0, True, True), (8.0, False, False), (200.0, True, False)]
+)
+def test_only_what_nobody_else_would_notice_is_creep(offset: float, wheel_alone: bool, follows: bool) -> None:
+    votes, became = votes_after(offset, wheel_alone=wheel_alone)
+    assert became == [FactorType.ABSOLUTE_FIX if follows else FactorType.WITHHELD_FIX]
+    assert (votes.pop_creep() is not None) == follows
+    assert votes.pop_creep() is None
+    assert (votes.walk_per_sqrt_m > 0.0) == follows
+    assert [event.kind for event in votes.pop_events()] == ["wheel-crept"] * follows
+
+
+def test_the_scale_walks_until_so_many_fixes_agree_as_a_place_has_votes() -> None:
+    votes, _ = votes_after(8.0, wheel_alone=True)
+    creep = votes.pop_creep()
+    assert creep is not None
+    assert (creep.further_m, creep.way_m, creep.since_s) == pytest.approx((8.0, 500.0, 40.0))
+    for left in reversed(range(MOST_VOTES)):
+        assert votes.walk_per_sqrt_m == pytest.approx(creep.walk_per_sqrt_m)
+        place = 2000.0 + 500.0 * (MOST_VOTES - left)
+        votes.vote_on_fixes(*passing(place, place, 100.0), wheel_alone=True)
+    assert votes.walk_per_sqrt_m == 0.0
+
+
+@pytest.fixture(scope="module")
+def run() -> Simulation:
+    """Two minutes past a balise every 300 m, with a wheel that creeps by 1.5 % for 25 s."""
+    plan = scenario("mainline")
+    assert isinstance(plan.driver, Service)
+    balises = BaliseModel(spacing_m=300.0, sd_m=SD_M)
+    plan = replace(plan, driver=replace(plan.driver, start_rest_s=9.0), adhesion=None, balises=balises)
+    made = simulate(plan, seed=2, duration_s=120.0)
+    assert made.recording.tach is not None
+    tach = made.recording.tach.copy()
+    t, column = tach["t_s"].to_numpy(), tach.columns[1]
+    rolled = np.interp(t, made.truth["t_s"], np.abs(made.truth["chainage_m"] - made.truth["chainage_m"].iloc[0]))
+    creep = 0.015 * np.interp(t, [CREEPS[0], CREEPS[0] + 2.0, CREEPS[1] - 2.0, CREEPS[1]], [0.0, 1.0, 1.0, 0.0])
+    counts = np.diff(tach[column], prepend=tach[column].iloc[0])
+    assert rolled[-1] > 1500.0
+    tach[column] += np.cumsum(counts * creep)
+    return replace(made, recording=replace(made.recording, tach=tach))
+
+
+def streamed(recording: Recording, lag_s: float) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+    """Filtered and smoothed rows, and the kinds of events."""
+    source = RecordingSource(recording, batch_s=1.0)
+    smoother, intake = FixedLagSmoother(source.description, lag_s=lag_s), Intake.of(source)
+    pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
+    pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
+    kinds = [event.kind for piece in pieces for event in piece.events]
+    return pd.concat([piece.filtered for piece in pieces]), pd.concat([piece.smoothed for piece in pieces]), kinds
+
+
+def beyond(table: pd.DataFrame, run: Simulation, column: str, sigmas: float) -> float:
+    """Return the share of the rows that are off by more than so many of their sigmas."""
+    error = table[column] - np.interp(table["t_s"], run.truth["t_s"], run.truth[column])
+    return float((error.abs() > sigmas * table[f"{column}_sd"]).mean())
+
+
+def test_right_fixes_stay_while_the_wheel_creeps_and_a_wrong_one_does_not(run: Simulation) -> None:
+    fixes = run.recording.fixes
+    assert fixes is not None
+    fixes = fixes.copy()
+    wrong = fixes.index[fixes["t_s"] > CREEPS[1]][0]
+    fixes.loc[wrong, "chainage_m"] -= 600.0
+    *tables, kinds = streamed(replace(run.recording, fixes=fixes), 20.0)
+    filtered, smoothed = (table[table["chainage_m_sd"] < 100.0] for table in tables)
+    assert kinds.count("fix set aside") == 1
+    assert "place-changed" not in kinds
+    assert beyond(smoothed, run, "chainage_m", 4.0) == 0.0
+    assert beyond(smoothed, run, "speed_mps", 4.0) < 0.05
+    assert beyond(filtered, run, "chainage_m", 4.0) < 0.05
+    assert DOUBT not in kinds
+
+
+def test_without_fixes_the_accelerometer_shows_creep_as_it_begins(run: Simulation) -> None:
+    _, smoothed, kinds = streamed(replace(run.recording, fixes=None), 20.0)
+    assert "wheel-crept" in kinds
+    assert beyond(smoothed, run, "speed_mps", 4.0) < 0.05

@@ -1,0 +1,150 @@
+"""The wheel creeps for a while: fixes tell so, and the accelerometer where creep begins or ends within the window.
+
+**Fixes.** Where creep comes slowly, the accelerometer's bias explains it as well. A fix that is off then may be right,
+and the wheel have crept since the last fix that agreed. Where it differs by r from the distance D, whose variance is v
+with that of the fix, its density is
+
+    right, the wheel rolled     (1 - W) (1 - E) N(r; 0, v)
+    right, the wheel crept      (1 - W) E       N(r; 0, v + q^2 w^3 / 3)
+    wrong                       W / R
+
+with the probabilities W and E and the length R of the line as in the batch's consensus of fixes
+(:mod:`trackfg.graph.fix_consensus`). Creep is a scale that walks from the last fix that agreed, w metres before, to a
+share of ``MOST_CREEP`` in all, so that ``q^2 w = MOST_CREEP^2``: r is up to 3 % of w then, and the chainage of another
+balise is further off.
+
+If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for what walked
+before it. Where in the window the scale changed, the accelerometer tells. The scale goes on walking until as many more
+fixes agree as a hypothesis has votes. The sigmas of rows that have left the window by then are doubted.
+
+**Accelerometer.** A change of the scale by a per cent within seconds is large residuals of the wheel, one after the
+other, or slip in each of them. There the likelihood of the window's rows tells whether the scale walks, as in the batch
+(:mod:`trackfg.solver.scale_evidence`); it goes on walking until the likelihood of a window says that it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed, family_of
+from trackfg.factors.imu import linearize_imu_factors
+from trackfg.factors.marginal_prior import with_scale_walked
+from trackfg.factors.odometry import MOST_CREEP
+from trackfg.factors.states import Odo
+from trackfg.graph.fix_consensus import ERRED, SHORTEST_LINE_M, WRONG
+from trackfg.graph.inertial import graph_of
+from trackfg.graph.odometry import ROLLED_AT_REST_M
+from trackfg.numerics.arrays import Array
+from trackfg.results.events import DOUBT, Event
+from trackfg.solver.scale_evidence import CLEARLY, ScaleEvidence
+from trackfg.streaming.window.window import Window
+
+WALK_PER_SQRT_M = 3e-4
+"""By how much a scale walks that the accelerometer sees change, 1/sqrt(m): 1 % in a kilometre, the widest walk that the
+batch tries (:mod:`trackfg.smoothing.wheel_scale`). In creep of 1 and 2 % the likelihood has its maximum within a factor
+of three of it."""
+
+_QUIET = 0.25
+"""Mean square of the wheel's whitened residuals below which no likelihood is computed, which costs a third of a pass.
+A wheel that rolls makes 0.04 to 0.2: its creep is declared three times what it is."""
+
+
+@dataclass(frozen=True)
+class Creep:
+    """The wheel crept over the last ``way_m`` (signed), which began at ``since_s``, so that the vehicle is
+    ``further_m`` along the track.
+    """
+
+    further_m: float
+    way_m: float
+    since_s: float
+
+    @property
+    def walk_per_sqrt_m(self) -> float:
+        """The scale walks by so much, 1/sqrt(m)."""
+        return MOST_CREEP / float(np.sqrt(abs(self.way_m)))
+
+    @property
+    def variance(self) -> float:
+        """The variance of the distance after it, m^2."""
+        return MOST_CREEP**2 * self.way_m**2 / 3.0
+
+    def is_likely(self, variance: float) -> bool:
+        """Return whether it is likelier than a wrong fix; ``variance`` (m^2) is that of the difference without it."""
+        wide = variance + self.variance
+        crept = np.log(ERRED * (1.0 - WRONG)) - 0.5 * (self.further_m**2 / wide + np.log(2.0 * np.pi * wide))
+        return bool(crept > np.log(WRONG / max(SHORTEST_LINE_M, abs(self.way_m))))
+
+    def event(self, t: float) -> Event:
+        """Return the event of a fix at ``t``, s, that shows the creep."""
+        percent = 100.0 * self.further_m / abs(self.way_m)
+        detail = f"a fix is {self.further_m:+.1f} m on, {percent:+.1f} % of the way since the one before: followed"
+        return Event("wheel-crept", "fixes", self.since_s, t, 0, detail)
+
+    def doubt(self, until_s: float) -> Event:
+        """Return the event that estimates before ``until_s``, which are written, did not know of it."""
+        detail = (
+            f"chainage, speed: the wheel crept, by {abs(self.further_m):.1f} m in all, which sigmas did not allow for: "
+            "widen that of chainage by as much, or smooth the recording"
+        )
+        return Event(DOUBT, "fixes", self.since_s, until_s, 0, detail)
+
+
+def with_creep(window: Window, creep: Creep) -> Window:
+    """Return the window with a scale that walks over the creep's way, up to its last keyframe, and the place there."""
+    since = _way_since(window.states.odo.distance, creep)
+    odo = window.states.odo.array.copy()
+    odo[:, Odo.DISTANCE] += creep.further_m * since / creep.way_m
+    walk, before = creep.walk_per_sqrt_m, float(since[0])
+    way = np.sqrt(np.abs(window.states.odo.step[1:])) * (since[1:] != 0.0)
+    families = with_walking_scale(window.families, walk * way)
+    if before:
+        families = changed(families, FactorType.MARGINAL_PRIOR, lambda one: with_scale_walked(one, before, walk))
+    return replace(window, states=replace(window.states, odo=Odo(odo)), families=families)
+
+
+def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> bool:
+    """Return whether the wheel's scale walks in a window by more than declared, where that or the contrary is clear;
+    else what is known so far, ``walks``.
+    """
+    tach, chain = (family_of(window.families, kind) for kind in (FactorType.TACH_DISTANCE, FactorType.DISTANCE_CHAIN))
+    if tach is None or chain is None or declared_per_sqrt_m >= WALK_PER_SQRT_M:
+        return False
+    if not walks and np.mean((tach.residual(window.states) / tach.sigma) ** 2) < _QUIET:
+        return False
+    inertial = linearize_imu_factors(graph_of(window.measured), window.states.inertial_to_gtsam())
+    evidence = ScaleEvidence.of(inertial, window.families, window.states, len(window))
+    root_way = np.sqrt(np.abs(window.states.odo.step[chain.slots[0].index + 1]) + ROLLED_AT_REST_M)
+
+    def likelihood(per_sqrt_m: float) -> float:
+        return evidence.log_likelihood(replace(chain, sigma=np.stack([chain.sigma[:, 0], per_sqrt_m * root_way], 1)))
+
+    gain = likelihood(WALK_PER_SQRT_M) - likelihood(declared_per_sqrt_m)
+    return gain > (-CLEARLY if walks else CLEARLY)
+
+
+def with_walk(window: Window) -> Window:
+    """Return the window with a scale that walks, as one that the accelerometer sees change."""
+    sd = WALK_PER_SQRT_M * np.sqrt(np.abs(window.states.odo.step[1:]))
+    return replace(window, families=with_walking_scale(window.families, sd))
+
+
+def with_walking_scale(families: Sequence[Family], sd: Array) -> tuple[Family, ...]:
+    """Return families with a wheel's scale that walks by ``sd`` (n - 1,) or more from each keyframe to the next."""
+
+    def walking(chain: Family) -> Family:
+        sigma = chain.sigma.copy()
+        sigma[:, 1] = np.maximum(sigma[:, 1], sd[chain.slots[0].index])
+        return replace(chain, sigma=sigma)
+
+    return changed(families, FactorType.DISTANCE_CHAIN, walking)
+
+
+def _way_since(distance: Array, creep: Creep) -> Array:
+    """Return how much of the creep's way (m, signed) has been gone at distances (n,), m, the last one at its end."""
+    way = creep.way_m - (distance[-1] - distance)
+    return np.asarray(np.clip(way, min(0.0, creep.way_m), max(0.0, creep.way_m)))
