@@ -22,7 +22,10 @@ Two more things count as noise of an interval:
 - steps q of the numbers that the sensor puts out: q^2/12 for as long as a value stays, that is times dt of a signal
   that changes at each sample, and of one that rests on a value, times the time that it rests there;
 - samples that are missing but not bridged, and samples at the end of the sensor's range: what was there may be as large
-  as the largest deviation nearby.
+  as the largest deviation nearby;
+- shocks: a vehicle does not change its speed within some hundredths of a second, so what a shock's samples sum up to
+  along the vehicle is an error of the sensor's, in or beyond its range. Across and upwards the track moves the sensor
+  as fast, but what the sensor makes of shocks is as large there.
 """
 
 from __future__ import annotations
@@ -35,8 +38,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.robust import robust_sd
-from trackfg.numerics.spans import within
+from trackfg.numerics.robust import SD_PER_MAD, robust_sd
+from trackfg.numerics.spans import true_stretches, within
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
 
 _BLOCK_S = 1.28
@@ -96,6 +99,19 @@ _FINE_STEPS = 50.0
 _NEAR_EXTREME = 0.1
 """Share of the way from median to extreme within which a channel that is not cut off has more samples than at it."""
 
+_SHOCK_SIGMAS = 6.0
+"""A sample further from the median of its block, in its robust sigmas, is part of a shock: none of a hundred million of
+normal noise is."""
+
+_SHOCK_PAUSE_S = 0.05
+"""Swings of one shock follow each other within this, s: frames and sensors ring at 20 Hz or more."""
+
+_SHOCK_S = 0.2
+"""A shock lasts no longer, s: what does is vibration or motion."""
+
+_SHOCK_LIMIT = 3.0
+"""Of the rms of what the shocks of a run sum up to along the vehicle: beyond it, across and upwards, it is motion."""
+
 
 @dataclass(frozen=True)
 class WhiteNoise:
@@ -131,13 +147,16 @@ class WhiteNoise:
 class NoiseFloor:
     """The floor of spectra is a density squared, ``seen`` (b, 6), gyro first, between times ``knots`` (b + 1,), s.
 
-    At times ``lost_t`` (h,), s, samples hide a turn (rad) or a change of velocity (m/s) of about ``lost`` (h, 6).
+    At times ``lost_t`` (h,), s, samples hide a turn (rad) or a change of velocity (m/s) of about ``lost`` (h, 6), and
+    at ``shock_t`` (k,), s, they show a change ``shock`` (k, 6) that was none.
     """
 
     knots: Array
     seen: Array
     lost_t: Array
     lost: Array
+    shock_t: Array
+    shock: Array
 
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
@@ -145,9 +164,10 @@ class NoiseFloor:
         length = 2 ** round(np.log2(max(min(_BLOCK_S / float(np.median(data.durations)), len(data)), 1.0)))
         length = length if length <= len(data) else length // 2
         if length < _SHORTEST_BLOCK:
-            return cls(data.edges[[0, -1]], np.zeros((1, 6)), np.zeros(0), np.zeros((0, 6)))
+            nowhere = np.zeros(0), np.zeros((0, 6))
+            return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
         blocks = _Blocks.of(data, length)
-        return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden())
+        return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden(), *blocks.shocks())
 
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
         """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
@@ -171,12 +191,19 @@ class NoiseFloor:
         declared, span = np.repeat([gyro, accel], 3) ** 2, np.diff(t)[:, None]
         white = np.where(self.seen > _CLEARLY * declared, self.seen, declared)
         total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
-        lost, first = np.zeros((len(span), 6)), np.searchsorted(t, self.lost_t, side="right") - 1
-        inside = (first >= 0) & (first < len(lost))
-        np.add.at(lost, first[inside], self.lost[inside])
+        lost, shocks = (_summed(t, *parts) for parts in ((self.lost_t, self.lost), (self.shock_t, self.shock)))
         return WhiteNoise.of_variance(
-            np.diff(interpolate_columns(t, self.knots, total), axis=0) / span + lost**2 / span
+            np.diff(interpolate_columns(t, self.knots, total), axis=0) / span + (lost**2 + shocks**2) / span
         )
+
+
+def _summed(edges: Array, t: Array, values: Array) -> Array:
+    """Return the sums of ``values`` (k, 6) at ``t`` (k,) between ``edges`` (m + 1,). Shape (m, 6)."""
+    first = np.searchsorted(edges, t, side="right") - 1
+    inside = (first >= 0) & (first < len(edges) - 1)
+    sums = np.zeros((len(edges) - 1, 6))
+    np.add.at(sums, first[inside], values[inside])
+    return sums
 
 
 def vibration_power(data: Intervals) -> Array:
@@ -251,10 +278,36 @@ class _Blocks:
         longer = np.where((durations > _LONGER * self.dt) & ~self.data.bridged, durations - self.dt, 0.0)
         lost = np.maximum(longer[:, None], self.dt * self._cut_off())
         rows = np.flatnonzero(lost.any(axis=1))
-        block = np.clip((rows - self.length // 4) // (self.length // 2), 0, len(self.starts) - 1)
-        near = self.views[block]
+        near = self.views[self._block_of(rows)]
         furthest = np.abs(near - np.median(near, axis=2, keepdims=True)).max(axis=2)
         return self.data.edges[rows], lost[rows] * furthest
+
+    def _block_of(self, rows: np.ndarray) -> np.ndarray:
+        """Return the block in whose middle each sample is."""
+        return np.asarray(np.clip((rows - self.length // 4) // (self.length // 2), 0, len(self.starts) - 1))
+
+    def shocks(self) -> tuple[Array, Array]:
+        """Return the times of samples in shocks (k,), s, and the changes of velocity that they show (k, 6), m/s."""
+        force, block = self.samples[:, 3:], self._block_of(np.arange(len(self.data)))
+        centre = np.median(self.views[:, 3:], axis=2)
+        spread = SD_PER_MAD * np.median(np.abs(self.views[:, 3:] - centre[:, :, None]), axis=2)
+        beyond = np.abs(force - centre[block]) > np.maximum(_SHOCK_SIGMAS * spread, _FINE_STEPS * self._step[3:])[block]
+        spans = true_stretches(beyond.any(axis=1), round(_SHOCK_PAUSE_S / self.dt))
+        spans = spans[np.diff(spans, axis=1)[:, 0] * self.dt <= _SHOCK_S]
+        if not len(spans):
+            return np.zeros(0), np.zeros((0, 6))
+        count = np.diff(spans, axis=1)[:, 0]
+        which = np.repeat(np.arange(len(spans)), count)
+        rows = np.arange(len(which)) + np.repeat(spans[:, 0] - np.cumsum(count) + count, count)
+        around = 0.5 * (force[np.maximum(spans[:, 0] - 1, 0)] + force[np.minimum(spans[:, 1], len(force) - 1)])
+        change = (force[rows] - around[which]) * self.data.durations[rows, None]
+        starts = np.cumsum(count) - count
+        change *= np.add.reduceat(beyond[rows], starts).astype(bool)[which]
+        size = np.abs(np.add.reduceat(change, starts))
+        most = _SHOCK_LIMIT * np.sqrt(np.mean(size[:, 0] ** 2))
+        change[:, 1:] *= np.minimum(1.0, most / np.maximum(size[:, 1:], np.finfo(float).tiny))[which]
+        edges = self.data.edges
+        return 0.5 * (edges[rows] + edges[rows + 1]), np.pad(change, [(0, 0), (3, 0)])
 
     def _cut_off(self) -> np.ndarray:
         """Return which samples are at an end of their range: more of them than near it. Shape (n, 6)."""

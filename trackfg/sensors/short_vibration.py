@@ -3,15 +3,21 @@
 A block of samples shows a spectrum of angular rate and of specific force. Above the frequency ``v / 0.7 m`` it is not
 the track's, nor anything but vibration above 1.5 Hz at rest. What is above the white floor there, over (2 pi f)^2 and
 (2 pi f)^4, is a variance of the sensor's attitude and place that the path of the track does not have.
+
+On longer waves the track hides it. There the angular acceleration is taken to be as dense as on the shortest: vibration
+of running gear is specified as an acceleration of even density from 5 Hz on (IEC 61373, categories 1 and 2). The angle
+above a frequency f has a variance that goes with f^-3 then, and with the square of the speed. The kinks at both ends of
+a cant ramp have such a spectrum, too, but few blocks have one: the median over blocks passes over them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import robust_sd
 from trackfg.numerics.spans import median_interval
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import EULER
@@ -26,6 +32,16 @@ _BLOCK_S = 2.56
 
 _LEAST_HZ = 1.5
 """At rest what is faster is vibration: boarding passengers sway a body at 1 Hz."""
+
+_EVEN_FROM_HZ = 5.0
+"""The angular acceleration is of even density from here on, Hz: IEC 61373, the lower end of functional random vibration
+of bodies and bogies; that of axles is 10 Hz."""
+
+_CHANCE_SIGMAS = 3.0
+"""What is above the floor is vibration where its median over the blocks is beyond so many of its sigmas."""
+
+_EFFICIENCY = 2.0 / np.pi
+"""Of a median against a mean, of normal values: its variance is larger by the reciprocal."""
 
 _AT_REST_MPS, _IN_MOTION_MPS = 0.1, 1.0
 """Blocks slower and faster than these are those of a rest and of motion, m/s."""
@@ -49,10 +65,11 @@ class Shaking:
 _NOTHING = Shaking(np.nan, np.nan, np.nan)
 
 
-def shaking(data: Intervals, t: Array, speed: Array) -> tuple[Shaking, Shaking]:
+def shaking(data: Intervals, t: Array, speed: Array, roll_wave_m: float = SHORTEST_WAVE_M) -> tuple[Shaking, Shaking]:
     """Return the shaking at rest and in motion of a vehicle of ``speed`` (n,), m/s, at times ``t`` (n,), s.
 
-    In motion it is what is seen on waves below :data:`SHORTEST_WAVE_M`.
+    In motion it is what is seen on waves below :data:`SHORTEST_WAVE_M`, and the roll that on waves up to
+    ``roll_wave_m``, as far as it is vibration of 5 Hz or more.
     """
     step = median_interval(data.edges)
     length = 2 ** round(np.log2(_BLOCK_S / step))
@@ -63,20 +80,36 @@ def shaking(data: Intervals, t: Array, speed: Array) -> tuple[Shaking, Shaking]:
     channels = np.column_stack([data.gyro[:, 0], data.accel[:, 1:]])
     window = np.hanning(length + 1)[:-1]
     f = np.fft.rfftfreq(length, step)
+    seen_from = np.maximum(speeds / SHORTEST_WAVE_M, _LEAST_HZ)
     variance = np.empty((len(starts), 3))
     for block, start in enumerate(starts):
         samples = channels[start : start + length]
         lines = np.fft.rfft((samples - samples.mean(axis=0)) * window[:, None], axis=0)
         power = 2.0 * np.abs(lines) ** 2 / (length * np.sum(window**2))
         floor = np.exp(np.mean(np.log(np.maximum(power[f > 0.5 * f[-1]], 1e-30)), axis=0) + EULER)
-        fast = f > max(speeds[block] / SHORTEST_WAVE_M, _LEAST_HZ)
+        fast = f > seen_from[block]
         over = (power - floor)[fast] / (2.0 * np.pi * f[fast, None]) ** [2.0, 4.0, 4.0]
         variance[block] = over.sum(axis=0)
     resting, moving = speeds < _AT_REST_MPS, speeds > _IN_MOTION_MPS
-    return _rms(variance[resting]), _rms(variance[moving])
+    in_motion = _rms(variance[moving])
+    if moving.any():
+        hidden_from = np.clip(speeds / roll_wave_m, _EVEN_FROM_HZ, seen_from)
+        density = _lasting(variance[moving, 0] * seen_from[moving] ** 3 / speeds[moving] ** 2)
+        longer = np.sqrt(density * np.mean(speeds[moving] ** 2 / hidden_from[moving] ** 3))
+        in_motion = replace(in_motion, roll=float(longer))
+    return _rms(variance[resting]), in_motion
 
 
 def _rms(variance: Array) -> Shaking:
     if len(variance) < _LEAST_BLOCKS:
         return _NOTHING
     return Shaking(*np.sqrt(np.maximum(variance.mean(axis=0), 0.0)).tolist())
+
+
+def _lasting(density: Array) -> float:
+    """Return the median of densities (n,) about their true one; 0 where that may be chance, NaN of too few."""
+    if len(density) < _LEAST_BLOCKS:
+        return np.nan
+    usual = float(np.median(density))
+    chance = robust_sd(density - usual) / np.sqrt(_EFFICIENCY * len(density))
+    return usual if usual > _CHANCE_SIGMAS * chance else 0.0

@@ -41,15 +41,35 @@ def test_vibration_without_a_filter_counts_where_and_along_the_axis_that_it_is_o
     assert noise.accel[:, [0, 2]] == pytest.approx(ACCEL, rel=1e-9)
 
 
-def test_motion_lines_and_a_shock_do_not_count() -> None:
+def test_motion_lines_and_a_shock_that_swings_back_do_not_count() -> None:
     t = np.arange(6000)[:, None] / RATE_HZ
     swaying = 3.0 * np.sin(2.0 * np.pi * 1.3 * t) + 0.5 * np.sin(2.0 * np.pi * 31.0 * t + np.arange(3))
     accel = white(ACCEL, 1) + swaying
     accel[2000] += 30.0
+    accel[2002] -= 30.0
     seen = noise_of(white(GYRO), accel).accel / ACCEL
     assert np.median(seen) == pytest.approx(1.0)
     assert np.quantile(seen, 0.9) == pytest.approx(1.0)
-    assert seen.max() < 2.0  # where the shock is, next to a line
+    assert ACCEL * seen.max() < 0.05 * 0.3  # a swing of 0.3 m/s, next to a line
+
+
+def test_a_shock_that_moves_the_vehicle_ahead_is_an_error_on_every_axis() -> None:
+    """30 m/s^2 for 0.02 s would be 0.6 m/s; across and upwards alone it may be the track."""
+    accel = np.tile([0.0, 0.0, 9.8], (6000, 1)) + white(ACCEL, 1)
+    accel[2050:2052] += [30.0, 20.0, 0.0]
+    accel[4050:4052, 1] += 20.0
+    seen = noise_of(white(GYRO), accel).accel
+    assert seen[20] == pytest.approx([0.6, 0.4, ACCEL], rel=0.02)
+    assert seen[40, [0, 2]] == pytest.approx(ACCEL, rel=1e-9)
+    accel[2050:2052, 0] = accel[4050:4052, 0]
+    assert noise_of(white(GYRO), accel).accel == pytest.approx(ACCEL, rel=1e-9)
+
+
+def test_a_shock_at_the_end_of_an_interval_counts_in_both_by_its_parts() -> None:
+    accel = np.tile([0.0, 0.0, 9.8], (6000, 1)) + white(ACCEL, 1)
+    accel[1997:2001, 0] += 10.0
+    seen = noise_of(white(GYRO), accel).accel[:, 0]
+    assert seen[19:21] == pytest.approx([0.3, 0.1], rel=0.03)
 
 
 def test_a_value_that_stays_hides_what_is_between_two_steps() -> None:
@@ -64,7 +84,7 @@ def test_a_value_that_stays_hides_what_is_between_two_steps() -> None:
 
 def test_a_missing_sample_may_hide_as_much_as_the_largest_one_nearby() -> None:
     accel = np.tile([0.0, 0.0, 9.8], (6000, 1)) + white(ACCEL, 1)
-    accel[3050, 0] = 5.0
+    accel[3050:3052, 0] = [5.0, -5.0]
     edges = np.arange(6001) / RATE_HZ
     edges[3046:] += 0.01  # one sample is missing there
     data = Intervals(edges, white(GYRO), accel, np.zeros(6000, dtype=bool))

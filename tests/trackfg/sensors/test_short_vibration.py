@@ -44,6 +44,34 @@ def test_in_motion_a_line_is_seen_where_no_track_has_its_wave(quiet: Intervals, 
     assert (moving.roll > 0.9 * AMPLITUDE / np.sqrt(2.0)) == is_seen
 
 
+def shaken(data: Intervals, seed: int) -> tuple[Intervals, float]:
+    """Return samples with angular acceleration of even density from 5 Hz to 60 Hz, and the rms of the roll of that."""
+    step = float(np.median(data.durations))
+    f = np.fft.rfftfreq(len(data), step)
+    band = (f > 5.0) & (f < 60.0)
+    drawn = np.random.default_rng(seed).standard_normal((2, len(f)))
+    rate = np.where(band, drawn[0] + 1j * drawn[1], 0.0) / np.maximum(2.0 * np.pi * f, 1.0)
+    roll = np.fft.irfft(rate / np.maximum(2.0 * np.pi * f, 1.0), len(data))
+    size = AMPLITUDE / np.std(roll)
+    return replace(data, gyro=data.gyro + size * np.fft.irfft(rate, len(data))[:, None] * [1.0, 0.0, 0.0]), AMPLITUDE
+
+
+def test_roll_on_the_waves_of_a_twist_is_told_from_that_on_shorter_ones(quiet: Intervals) -> None:
+    """At 15 m/s 0.7 m are 21 Hz: of the angle above 5 Hz a tenth is seen, and the rest follows from its density."""
+    data, roll = shaken(quiet, 3)
+    ends, speed = data.edges[[0, -1]], np.full(2, 15.0)
+    assert shaking(data, ends, speed)[1].roll == pytest.approx((5.0 / 21.4) ** 1.5 * roll, rel=0.15)
+    assert shaking(data, ends, speed, 6.0)[1].roll == pytest.approx(roll, rel=0.15)
+
+
+def test_kinks_of_cant_ramps_are_no_vibration(quiet: Intervals) -> None:
+    """A ramp of 3 mrad/s between two kinks, as at 20 m/s in a transition of 60 m."""
+    t = quiet.edges[:-1] - quiet.edges[0]
+    ramp = np.where((t > 10.0) & (t < 13.0), 3e-3, 0.0)
+    data = replace(quiet, gyro=quiet.gyro + ramp[:, None] * [1.0, 0.0, 0.0])
+    assert shaking(data, data.edges[[0, -1]], np.full(2, 20.0), 6.0)[1].roll == 0.0
+
+
 def test_a_sway_across_is_integrated_twice(quiet: Intervals) -> None:
     size = 1e-4
     sway = -size * (2.0 * np.pi * HZ) ** 2 * np.cos(2.0 * np.pi * HZ * quiet.edges[:-1])

@@ -25,17 +25,16 @@ def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
     """Return doubts of the geometry's short waves, where the sensor vibrates by more than their sigmas.
 
     At rest all vibration shows. In motion only that below :data:`~trackfg.sensors.short_vibration.SHORTEST_WAVE_M`
-    does, and where its angular rate has no less density on the waves of a twist, its angle there is larger by the root
-    of the ratio of wavelengths.
+    does, and what that says of the roll on the waves of a twist, of up to twice its base: most of it is on the longest,
+    where the ends of the base move against each other.
     """
     if geometry.empty:
         return []
     nav, context = run.solution.states.nav, run.problem.run
     conventions = context.conventions
-    resting, moving = shaking(context.inertial, context.t, np.linalg.norm(nav.v, axis=1))
-    longer = math.sqrt(2.0 * conventions.twist_base_m / SHORTEST_WAVE_M)
-    roll = _largest(resting.roll, longer * moving.roll)
-    twist = math.sqrt(2.0) * conventions.cross_level_base_m * roll
+    speed, longest = np.linalg.norm(nav.v, axis=1), max(2.0 * conventions.twist_base_m, SHORTEST_WAVE_M)
+    resting, moving = shaking(context.inertial, context.t, speed, longest)
+    twist = conventions.cross_level_base_m * _largest(math.sqrt(2.0) * resting.roll, 2.0 * moving.roll)
     moved: tuple[tuple[Quantity, str, float], ...] = (
         ("twist", "twist_mm", twist),
         ("level", "versine_level_mm", _VERSINE * _largest(resting.up, moving.up)),
