@@ -84,21 +84,20 @@ def _held_against_the_smoother(
         name: _scored(name, known[name], one, recording, truth) for name, one in estimates.items() if name != SMOOTHER
     }
     curves = [smoother.geometry.assign(estimator=SMOOTHER), *(one.geometry for one in others.values())]
-    geometry = with_first_column("case", run.case.name, joined(curves))
-    positions = with_first_column("case", run.case.name, joined(one.positions for one in others.values()))
+    case = run.case.name
     return replace(
         run,
         distance_km=truth.distance_km,
         basis="smoother",
-        geometry=geometry,
-        positions=positions,
+        geometry=with_first_column("case", case, joined(curves)),
+        positions=with_first_column("case", case, joined(one.positions for one in others.values())),
         differences=tuple(
             difference
-            for name in others
+            for name, one in others.items()
             for difference in differences(
                 known[name].tasks,
-                geometry[geometry["estimator"] == name],
-                positions[positions["estimator"] == name],
+                with_first_column("case", case, one.geometry),
+                with_first_column("case", case, one.positions),
                 smoother.trajectory,
             )
         ),

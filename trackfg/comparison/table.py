@@ -86,7 +86,7 @@ QUANTITIES: dict[str, Quantity] = {
     "north_m": Quantity("distance and position", "north", "m"),
     "withheld_fix_m": Quantity("what was withheld", "fixes, withheld", "m"),
     "withheld_position_m": Quantity("what was withheld", "GNSS positions, withheld", "m"),
-    "withheld_way_m": Quantity("what was withheld", "way within 20 s of tachometer, withheld", "m"),
+    "withheld_way_m": Quantity("what was withheld", "distance within 20 s of tachometer, withheld", "m"),
     "slip_angle_mrad": Quantity("friction", "slip angle", "mrad"),
     "friction": Quantity("friction", "friction", ""),
 }

@@ -39,7 +39,7 @@ _LEAST_WAY_M = 10.0
 """Minimum distance that a tachometer counts over a span that is scored, m."""
 
 _STEP_S = 1.0
-"""Step at which the way within a span is scored, s."""
+"""Step at which the distance within a span is scored, s."""
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ def _what(comparison: Comparison, runs: int) -> PageSection:
             Tile("cases", str(len(about.cases))),
             Tile("runs", str(runs)),
             Tile("estimators", str(len(estimator_names(about)))),
-            Tile("way", f"{sum(case.distance_km * len(case.seeds) for case in about.cases):.1f} km"),
+            Tile("distance", f"{sum(case.distance_km * len(case.seeds) for case in about.cases):.1f} km"),
             Tile("computed in", duration(about.seconds)),
         )
     )

@@ -10,6 +10,7 @@ import pytest
 
 from trackfg.comparison.estimators import SMOOTHER, estimator, estimators
 from trackfg.comparison.friction_case import friction_estimators
+from trackfg.comparison.railway_case import run_railway_case
 from trackfg.comparison.run import Case, cases_of, compare
 from trackfg.comparison.table import SCORE_COLUMNS, TRUTH, Comparison
 from trackfg.datasets.scenarios import simulate
@@ -130,6 +131,16 @@ def test_one_recording_without_truth_is_judged_by_what_was_withheld(tmp_path: Pa
     assert Comparison.read(result.write(tmp_path / "cmp")).about == result.about
     page = write_report(tmp_path / "cmp", tmp_path / "page.html")
     assert "Where estimators differ from the smoother" in page.read_text()
+
+
+def test_a_recording_on_springs_without_truth_has_differences_but_of_geometry(tmp_path: Path) -> None:
+    simulate("mainline", seed=1, duration_s=120.0).write(tmp_path / "run")
+    toml = without_truth(tmp_path / "run") / "recording.toml"
+    toml.write_text(toml.read_text().replace("rigid = true", "rigid = false"))
+    alone, *_ = cases_of([tmp_path / "run"])
+    run = run_railway_case(alone, peers=False, keep=True, show=lambda *_: None)
+    assert run.geometry.empty
+    assert {"roll_mrad", "speed_kmh"} <= {one.quantity for one in run.differences}
 
 
 def test_unknown_names_and_ids_given_twice(tmp_path: Path) -> None:
