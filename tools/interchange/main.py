@@ -1,9 +1,9 @@
 """What comes back through other systems' formats: a table of formats, directions and checks.
 
-Usage: ``python tools/interchange.py [--duration S]``. A simulated run is written in each foreign form, imported, and
-smoothed: the chainage is compared with that of the original. Then its result is exported in each format, and sizes and
-times are printed; that exports hold the result's values is tested by reading them back with other libraries
-(``tests/trackfg/interchange/exporting``).
+Usage: ``python tools/interchange.py [--duration S] [--seeds N]``. A simulated run is written in each foreign form,
+imported, and smoothed: the chainage is compared with that of the original. Then its result is exported in each format,
+and sizes and times are printed; that exports hold the result's values is tested by reading them back with other
+libraries (``tests/trackfg/interchange/exporting``). At last balises are surveyed, one of them planned wrong.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 
+from interchange.balises import print_balises
 from interchange.foreign_forms import WRITERS, Drive
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError
@@ -40,11 +41,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--duration", type=float, default=120.0, help="length of the run, s")
-    duration = parser.parse_args(arguments).duration
+    parser.add_argument("--seeds", type=int, default=5, help="lines of balises")
+    options = parser.parse_args(arguments)
+    duration, seeds = options.duration, options.seeds
     recording, drive = _run(duration)
     with tempfile.TemporaryDirectory() as folder:
         _imports(recording, drive, Path(folder))
         _exports(recording, Path(folder))
+    print_balises(seeds, duration)
     return 0
 
 

@@ -109,10 +109,10 @@ def _written(recording: Recording, table_format: str) -> tuple[RecordingDescript
     if changes["gnss"] is not None:
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})
+    changes["balises"] = None
     if recording.balises is not None and description.balises is not None:
-        changes["balises"], files[f"balises.{table_format}"] = balises_written(
-            description.balises, recording.balises, f"balises.{table_format}"
-        )
+        file = f"balises.{table_format}"
+        changes["balises"], files[file] = balises_written(description.balises, recording.balises, file)
     return description.model_copy(update=changes), files
 
 

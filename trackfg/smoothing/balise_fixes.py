@@ -19,7 +19,8 @@ _NAMED = 5
 def with_balise_fixes(recording: Recording) -> Recording:
     """Return the recording with a fix for every passage of a balise whose place is known.
 
-    Its sigma is that of the place and of the reading together.
+    Its sigma is that of the place and of the reading together. A place that is passed n times errs n times alike, which
+    n fixes do not know of each other: so its variance counts n-fold in each, and once in all together.
     """
     passages, part = recording.balises, recording.description.balises
     if passages is None or part is None:
@@ -27,7 +28,8 @@ def with_balise_fixes(recording: Recording) -> Recording:
     known = passages.dropna()
     if known.empty:
         return recording
-    sd = np.hypot(known["chainage_sd_m"], part.reading_sd_m)
+    passes = known.groupby("id")["id"].transform("size")
+    sd = np.hypot(np.sqrt(passes) * known["chainage_sd_m"], part.reading_sd_m)
     of_balises = known.assign(chainage_sd_m=sd)[list(FIX_COLUMNS)]
     fixes = of_balises if recording.fixes is None else pd.concat([recording.fixes, of_balises])
     described = recording.description.fixes or Fixes(file=part.file, time=part.time, time_offset_s=part.time_offset_s)

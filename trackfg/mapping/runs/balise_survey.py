@@ -97,22 +97,17 @@ class _Network:
     anchored: np.ndarray
     """Which balises are tied to a plan, by whatever runs, shape (b,)."""
 
-    def columns(self, errors: Sequence[_Error]) -> Array:
-        """Return the whitened columns of errors, shape (m, e)."""
-        a = np.zeros((len(self.measured), len(errors)))
-        run = self.passages["run"].to_numpy()
-        for column, error in zip(a.T, errors, strict=True):
-            column[error.row] = 1.0
-            if error.kind == "wheel":
-                column[error.row : len(run)] = run[error.row :] == run[error.row]
-        return np.asarray(self.whitening @ a)
-
-    def possible_errors(self) -> list[_Error]:
-        """Return all hypotheses, those first that are named where two explain the same."""
+    def possible_errors(self) -> tuple[list[_Error], Array]:
+        """Return all hypotheses, those first that are named where two explain the same, and their whitened columns."""
         run, m = self.passages["run"].to_numpy(), len(self.passages)
-        plans = [_Error("plan", m + i) for i in range(len(self.plan_of))]
         behind = np.flatnonzero(run[1:] == run[:-1]) + 1
-        return plans + [_Error("passage", i) for i in range(m)] + [_Error("wheel", int(i)) for i in behind]
+        rows = {"plan": np.arange(m, len(self.measured)), "passage": np.arange(m), "wheel": behind}
+        later = np.empty((len(self.measured), m))
+        for one in np.unique(run):
+            of_run = np.flatnonzero(run == one)
+            later[:, of_run] = np.cumsum(self.whitening[:, of_run[::-1]], axis=1)[:, ::-1]
+        columns = np.hstack([self.whitening[:, m:], self.whitening[:, :m], later[:, behind]])
+        return [_Error(kind, int(row)) for kind, some in rows.items() for row in some], columns
 
 
 @dataclass(frozen=True)
@@ -168,8 +163,7 @@ def surveyed(runs: Sequence[BalisePassages], names: Sequence[str], planned: pd.D
     passages = _passages(runs, names)
     plans = _plans(passages, names) if planned is None else _with_anonymous(planned, passages)
     network = _network(runs, passages, plans)
-    possible = network.possible_errors()
-    columns = network.columns(possible)
+    possible, columns = network.possible_errors()
     estimate, undecided = _estimated(network, possible, columns)
     table = _table(network, plans, estimate, _tested(network, columns, estimate, len(network.plan_of)), undecided)
     return BaliseSurvey(table, *_left_out(network, names, estimate))
