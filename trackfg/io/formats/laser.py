@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from trackfg.checks import plausibility
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.sensor_format import Converter, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
@@ -49,6 +48,8 @@ class LaserFormat(SensorFormat[Laser]):
 
     def doubts(self, part: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """A unit that is off by 1000."""
+        from trackfg.checks import plausibility  # late: with SciPy's filters it takes as long as a batch's planning
+
         return plausibility.laser_findings(part, section, table, limits)
 
     def written(self, part: Laser, table: pd.DataFrame) -> WrittenTable:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.checks import plausibility
 from trackfg.checks.columns import ColumnPlace, falling, negative_speed
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
@@ -79,6 +78,8 @@ class TachFormat(SensorFormat[Tach]):
 
     def doubts(self, part: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """Speeds and wheels of no vehicle."""
+        from trackfg.checks import plausibility  # late: with SciPy's filters it takes as long as a batch's planning
+
         return plausibility.tach_findings(part, section, table, limits)
 
     def impossible(self, part: Tach, columns: Sequence[Array]) -> Impossible | None:
