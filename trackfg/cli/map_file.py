@@ -1,71 +1,152 @@
 """Maps in files and databases: started there, or extended by more runs.
 
-Concurrent writers are serialised: on a version conflict the newest map is read again and the runs are joined to that.
+Runs are results, recordings, or all results of a line in a store. Concurrent writers are serialised: on a version
+conflict the newest map is read again and the runs are joined to that.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from trackfg.config import SmoothConfig
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line, printable
+from trackfg.fleet.machine import processes
+from trackfg.fleet.places import PlaceError, joined, local_files, read
+from trackfg.fleet.store import Store, is_store
+from trackfg.fleet.workers import Mapped, mapped_here, mapped_on_cluster
 from trackfg.io.reader import read_recording
-from trackfg.mapping.joining.build import build_map, with_runs
+from trackfg.mapping.joining.build import BLOCK, JoinableRun, Joining, build_map, with_runs
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.maps.location import locate
 from trackfg.maps.store import MapConflictError, newest_version, read_map, write_map
 from trackfg.results.result import RESULT_FOLDER, Result
+from trackfg.results.summary import Summary
 from trackfg.smoothing.smoother import smooth
 
 Progress = Callable[[str, float], None]
+Runs = Sequence[Result | JoinableRun]
+
+_MEMORY_BYTES = 1_000_000_000
+"""Memory that a process needs to condense runs: 0.6 GB were measured with 5 km, of which libraries are a half."""
+
+
+@dataclass(frozen=True)
+class FleetRuns:
+    """Which runs of a store are joined to a map, those of ``line``, and where that is computed.
+
+    ``scheduler``: on its cluster; None for this machine, in ``jobs`` processes, None for as many as fit.
+    """
+
+    line: str | None = None
+    jobs: int | None = None
+    scheduler: str | None = None
 
 
 def build_map_file(
-    folders: Sequence[Path],
+    places: Sequence[str | os.PathLike[str]],
     location: str | os.PathLike[str],
     *,
     name: str | None = None,
     config: SmoothConfig | None = None,
+    fleet: FleetRuns | None = None,
     progress: Progress | None = None,
 ) -> FeatureMap:
     """Join runs, results or recordings (which are smoothed first), to the map at ``location``, or start one there.
 
-    Returns the version written. ``name`` is the line's, for a new map; if absent, that of the file or of the database
-    schema. Raises :class:`~trackfg.errors.BadInputError` as :func:`trackfg.mapping.joining.build.build_map` and where a
-    name is given for a map that has another.
+    A place may be a store too: then its runs that are in the map already are passed over, and those that cannot be
+    joined are named on standard error. Returns the version written, or the newest where there is nothing to add.
+    ``name`` is the line's, for a new map; if absent, that of the file or of the database schema. Raises
+    :class:`~trackfg.errors.BadInputError` as :func:`trackfg.mapping.joining.build.build_map` and where a name is given
+    for a map that has another.
     """
-    place = locate(location)
+    place, fleet = locate(location), fleet or FleetRuns()
     newest = newest_version(location)
     if newest is not None and name is not None and (stored_name := read_map(location).name) != name:
         raise BadInputError(f"{place.shown}: is the map {stored_name!r}; expected no other name, or another place")
     show = progress or (lambda what, done: None)
-    share = 0.9
-    results = [
-        _result(folder, config, show, share * i / len(folders), share / len(folders))
-        for i, folder in enumerate(folders)
+    stores = [str(given) for given in places if is_store(str(given))]
+    if fleet.line is not None and not stores:
+        raise BadInputError("--line chooses among the runs of a store: expected one")
+    recordings = [Path(given) for given in places if str(given) not in stores]
+    share = 0.9 * len(recordings) / max(len(places), 1)
+    given = [
+        _result(folder, config, show, share * i / len(recordings), share / len(recordings))
+        for i, folder in enumerate(recordings)
     ]
-
-    def joining(what: str, done: float) -> None:
-        show(what, share + (1.0 - share) * done)
-
+    stored = [run for store in stores for run in _of_store(Store(store, create=False), fleet.line)]
     while True:
         newest = newest_version(location)
-        if newest is None:
-            joined = build_map(results, name=name or place.name, progress=joining)
-        else:
-            joined = with_runs(read_map(location, newest), results, progress=joining)
+        begun = None if newest is None else read_map(location, newest)
+        contents = set() if begun is None else set(begun.runs["content_sha256"])
+        added = [run for run in stored if run.summary.run is None or run.summary.run.content_sha256 not in contents]
+        runs: Runs = [*given, *added]
+        if not runs and begun is not None:
+            return begun
+        with _mapped(fleet, len(runs)) as mapped:
+            joining = Joining(
+                lambda what, done: show(what, share + (1.0 - share) * done), mapped, *([_name] if stores else [])
+            )
+            if begun is None:
+                built = build_map(runs, name=name or place.name, joining=joining)
+            else:
+                built = with_runs(begun, runs, joining=joining)
         try:
-            return write_map(joined, location, parent=newest)
+            return write_map(built, location, parent=newest)
         except MapConflictError:
             continue
 
 
-def _result(folder: Path, config: SmoothConfig | None, show: Progress, start: float, share: float) -> Result:
+def _mapped(fleet: FleetRuns, runs: int) -> AbstractContextManager[Mapped]:
+    if runs <= BLOCK:
+        return nullcontext(map)
+    if fleet.scheduler is not None:
+        return mapped_on_cluster(fleet.scheduler)
+    return mapped_here(max(1, min(fleet.jobs or processes(_MEMORY_BYTES), runs // BLOCK)))
+
+
+def _name(recording_id: str, error: BadInputError) -> None:
+    print(f"trackfg: warning: left out: {printable(str(error))}", file=sys.stderr)
+
+
+def _of_store(store: Store, line: str | None) -> Iterator[JoinableRun]:
+    """Yield the results of a line that a store lists."""
+    rows = [row for row in store.read(["run", "status"]) if row["status"] == "done"]
+    lines = sorted({row["line"] for row in rows})
+    if line is None and len(lines) == 1:
+        line = lines[0]
+    if line not in lines:
+        raise BadInputError(f"{store.place}: has runs of line {', '.join(lines)}: expected one of these as --line")
+    for run in sorted(row["run"] for row in rows if row["line"] == line):
+        yield _stored(store.result(run))
+
+
+def _stored(place: str) -> JoinableRun:
+    try:
+        summary = Summary.model_validate_json(read(joined(place, RESULT_FOLDER.head)))
+    except (OSError, ValueError, PlaceError) as error:
+        raise BadInputError(f"{place}: not a readable trackfg result: {first_line(error)}") from error
+    return JoinableRun(summary, partial(_read_result, place))
+
+
+def _read_result(place: str) -> Result:
+    try:
+        with local_files(place, RESULT_FOLDER.files) as folder:
+            return Result.read(folder)
+    except PlaceError as error:
+        raise BadInputError(str(error)) from error
+
+
+def _result(
+    folder: Path, config: SmoothConfig | None, show: Progress, start: float, share: float
+) -> Result | JoinableRun:
     if RESULT_FOLDER.holds(folder):
-        show(folder.name, start)
-        return Result.read(folder)
+        return _stored(str(folder))
     return smooth(
         read_recording(folder),
         config,

@@ -27,7 +27,8 @@ _NEWEST = "The newest if absent."
 @maps.command(epilog="Example: trackfg map build out1 out2 run3 -o line.gpkg")
 def build(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Folders of results, or of recordings.", show_default=False)
+        list[str],
+        typer.Argument(metavar="RUN...", help="Folders of results, or of recordings; a store.", show_default=False),
     ],
     place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE, show_default=False)],
     name: Annotated[
@@ -37,19 +38,34 @@ def build(
         Path | None,
         typer.Option(metavar="C.toml", help="Settings for recordings, which are smoothed first.", show_default=False),
     ] = None,
+    line: Annotated[
+        str | None, typer.Option(metavar="LINE", help="Of the runs of a store with several.", show_default=False)
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Processes. As many as cores and memory allow if absent.", show_default=False
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Of a running dask.distributed cluster: tcp://HOST:8786.", show_default=False),
+    ] = None,
 ) -> None:
     """Join runs into a map: a new one, or the newest version of the one that is there.
 
     Runs may go either way, with any wheel and sensor, and need no fix if the map knows where it is. A run in the map
-    already is refused. What is there stays readable as the version before.
+    already is refused. What is there stays readable as the version before. Of a store, the runs are joined that are not
+    in the map yet.
     """
-    from trackfg.cli.map_file import build_map_file
+    from trackfg.cli.map_file import FleetRuns, build_map_file
     from trackfg.config import SmoothConfig
     from trackfg.maps.location import locate
 
     settings = SmoothConfig.from_toml(config) if config else None
     with progress_bar() as progress:
-        built = build_map_file(runs, place, name=name, config=settings, progress=progress)
+        fleet = FleetRuns(line, jobs, scheduler)
+        built = build_map_file(runs, place, name=name, config=settings, fleet=fleet, progress=progress)
     curves = built.landmarks["curve_id"].replace("", None).nunique()
     km = 1e-3 * len(built.grid) * built.conventions.step_m
     tell(f"map: {locate(place).shown} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")

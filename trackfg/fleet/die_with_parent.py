@@ -14,9 +14,15 @@ import sys
 _PR_SET_PDEATHSIG = 1
 """Send a signal to this process when its parent ends; kept over execve (Linux, prctl.h)."""
 
-if __name__ == "__main__":
+
+def die_with(parent: int) -> None:
+    """End this process when its parent, which has this id, does."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != int(sys.argv[1]):
+        if os.getppid() != parent:
             sys.exit("the parent has ended")
+
+
+if __name__ == "__main__":
+    die_with(int(sys.argv[1]))
     os.execvp(sys.argv[2], sys.argv[2:])

@@ -132,6 +132,12 @@ class Store:
         return joined(self._catalogue, *folders, _RUNS)
 
 
+def is_store(place: str) -> bool:
+    """Return whether there is a store at a place."""
+    head = joined(place, _HEAD)
+    return exists(head) and _is_store(head)
+
+
 def _is_store(head: str) -> bool:
     try:
         content = json.loads(read(head))

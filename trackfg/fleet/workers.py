@@ -1,23 +1,33 @@
 """Runs are computed by processes of this machine, or by the workers of a dask cluster that runs already.
 
-Both take jobs and give futures; what a job does is the same (:mod:`trackfg.fleet.isolated_run`).
+Both take jobs and give futures; what a job does is the same (:mod:`trackfg.fleet.isolated_run`). Both also call a
+function with many items, as ``map`` does: that is how maps are made of runs.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from trackfg.errors import BadInputError, TrackfgError, first_line
+from trackfg.fleet.die_with_parent import die_with
 from trackfg.fleet.freshness import algorithm
 from trackfg.fleet.isolated_run import ATTEMPTS, Job, Outcome, run_isolated
 from trackfg.fleet.places import exists, is_url, joined, read, remove, write
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 Submit = Callable[[Job], "Future[Outcome]"]
+Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""Calls a function with each item, as ``map`` does; results come in the order of the items."""
 
 _CONNECTING_S = 30.0
 """Longest time to reach a scheduler, s."""
@@ -37,11 +47,41 @@ def local_processes(number: int) -> Iterator[Submit]:
 
 
 @contextmanager
+def mapped_here(number: int) -> Iterator[Mapped]:
+    """Give a ``map`` that calls its function in so many processes; in this one, if that is one."""
+    if number == 1:
+        yield map
+        return
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(number, mp_context=fresh, initializer=die_with, initargs=(os.getpid(),)) as pool:
+        yield pool.map
+
+
+@contextmanager
+def mapped_on_cluster(address: str) -> Iterator[Mapped]:
+    """Give a ``map`` that calls its function on the workers of a cluster. Raises as :func:`cluster`."""
+    with _connected(address) as client, client.get_executor(pure=False) as executor:
+        yield executor.map
+
+
+@contextmanager
 def cluster(address: str, store: str) -> Iterator[Submit]:
     """Give the workers of a running cluster, which see what this machine sees, for runs into a store.
 
     Raises :class:`BadInputError` where there is no scheduler, and where a worker has other versions of what computes.
     """
+    tallies = joined(store, f".begun-{uuid4().hex}")
+    try:
+        with _connected(address) as client, client.get_executor(pure=False) as executor:
+            yield lambda job: executor.submit(run_on_worker, job, joined(tallies, job.run.name))
+    finally:
+        if not is_url(tallies):
+            shutil.rmtree(tallies, ignore_errors=True)
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    """Give a client of a running cluster whose workers all have the versions that are here."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -50,17 +90,13 @@ def cluster(address: str, store: str) -> Iterator[Submit]:
         client = Client(address, timeout=_CONNECTING_S)
     except (OSError, ValueError) as error:
         raise BadInputError(f"{address}: no scheduler of dask.distributed answers: {first_line(error)}") from error
-    tallies = joined(store, f".begun-{uuid4().hex}")
     try:
         for worker, versions in client.run(algorithm).items():
             if versions != algorithm():
                 raise BadInputError(f"worker {worker} has {versions}, this is {algorithm()}: expected the same")
-        with client.get_executor(pure=False) as executor:
-            yield lambda job: executor.submit(run_on_worker, job, joined(tallies, job.run.name))
+        yield client
     finally:
         client.close()
-        if not is_url(tallies):
-            shutil.rmtree(tallies, ignore_errors=True)
 
 
 def run_on_worker(job: Job, tally: str) -> Outcome:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Iterator
-from typing import TypeAlias
+from collections.abc import Iterator, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -92,26 +92,48 @@ def _series(name: str, values: tuple[object, ...]) -> pd.Series:
     return pd.Series(np.array(values, dtype=np.float64))
 
 
-def put_matrix(connection: sa.Connection, schema: Schema, names: tuple[str, ...], values: Array) -> str:
-    """Store a matrix of float64 with a name for each column, unless it is there. Returns its address, a SHA-256."""
-    column_names = json.dumps(names, ensure_ascii=False)
-    data = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    address = hashlib.sha256(column_names.encode() + b"\0" + data).hexdigest()
-    matrices = schema.matrices
-    if connection.execute(sa.select(matrices.c.fid).where(matrices.c.sha256 == address)).first() is None:
-        row = {"sha256": address, "column_names": column_names, "row_count": len(values), "data": data}
-        connection.execute(matrices.insert(), row)
-    return address
+Matrix: TypeAlias = tuple[tuple[str, ...], Array]
+"""A matrix of float64, (m, n), after the names of its columns."""
+
+_ADDRESSES_AT_A_TIME = 500
+"""Matrices that are looked up at a time: some MB of them, and fewer parameters than any database allows."""
 
 
-def get_matrix(connection: sa.Connection, schema: Schema, address: str) -> tuple[tuple[str, ...], Array]:
-    """Return the column names and the matrix (m, n). Raises ``ValueError`` where it is missing or damaged."""
-    matrices = schema.matrices
-    row = connection.execute(sa.select(matrices).where(matrices.c.sha256 == address)).first()
-    if row is None:
-        raise ValueError(f"matrix {address} is missing")
-    names = tuple(str(name) for name in json.loads(row.column_names))
-    values = np.frombuffer(row.data, dtype="<f8")
-    if values.size != row.row_count * len(names):
-        raise ValueError(f"matrix {address} has {values.size} numbers: expected {row.row_count} x {len(names)}")
-    return names, values.reshape(row.row_count, len(names)).astype(np.float64)
+def put_matrices(connection: sa.Connection, schema: Schema, matrices: Sequence[Matrix]) -> list[str]:
+    """Store matrices, unless they are there. Returns their addresses, SHA-256."""
+    rows = []
+    for names, values in matrices:
+        column_names = json.dumps(names, ensure_ascii=False)
+        data = np.ascontiguousarray(values, dtype="<f8").tobytes()
+        address = hashlib.sha256(column_names.encode() + b"\0" + data).hexdigest()
+        rows.append({"sha256": address, "column_names": column_names, "row_count": len(values), "data": data})
+    addresses = [row["sha256"] for row in rows]
+    known = {address for (address,) in _at(connection, schema.matrices.c.sha256, addresses, schema.matrices.c.sha256)}
+    if new := {row["sha256"]: row for row in rows if row["sha256"] not in known}:
+        connection.execute(schema.matrices.insert(), list(new.values()))
+    return addresses
+
+
+def get_matrices(connection: sa.Connection, schema: Schema, addresses: Sequence[str]) -> dict[str, Matrix]:
+    """Return matrices by address. Raises ``ValueError`` where one is missing or damaged."""
+    stored = schema.matrices.c
+    found = {}
+    columns = stored.sha256, stored.column_names, stored.row_count, stored.data
+    for address, column_names, row_count, data in _at(connection, stored.sha256, addresses, *columns):
+        names = tuple(str(name) for name in json.loads(column_names))
+        values = np.frombuffer(data, dtype="<f8")
+        if values.size != row_count * len(names):
+            raise ValueError(f"matrix {address} has {values.size} numbers: expected {row_count} x {len(names)}")
+        found[address] = names, values.reshape(row_count, len(names)).astype(np.float64)
+    if missing := [address for address in addresses if address not in found]:
+        raise ValueError(f"matrix {missing[0]} is missing")
+    return found
+
+
+def _at(
+    connection: sa.Connection, column: sa.Column[Any], values: Sequence[str], *wanted: sa.Column[Any]
+) -> Iterator[sa.Row[Any]]:
+    """Yield the wanted columns of the rows that have one of some values in a column."""
+    for start in range(0, len(values), _ADDRESSES_AT_A_TIME):
+        part = values[start : start + _ADDRESSES_AT_A_TIME]
+        yield from connection.execute(sa.select(*wanted).where(column.in_(part)))

@@ -24,8 +24,9 @@ from trackfg.maps import geopackage, postgres
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.maps.layers import LAYERS, layers
 from trackfg.maps.location import Location, locate
-from trackfg.maps.rows import get_matrix, insert_frame, put_matrix, read_frame
+from trackfg.maps.rows import get_matrices, insert_frame, put_matrices, read_frame
 from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS
+from trackfg.numerics.arrays import Array
 
 _RIGHT_HAND_SIDE = "d"
 _DAMAGE = (ValueError, TypeError, OverflowError, RecursionError)
@@ -204,7 +205,7 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
         **dict(zip(ORIGIN_COLUMNS, written.origin or (None,) * 3, strict=True)),
         "configuration": configuration,
         "software": software,
-        "covariance_sha256": put_matrix(connection, schema, names, written.covariance),
+        "covariance_sha256": put_matrices(connection, schema, [(names, written.covariance)])[0],
     }
     connection.execute(schema.versions.insert(), head)
     for table, frame in (
@@ -221,31 +222,31 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
 
 
 def _runs_with_addresses(connection: sa.Connection, place: Location, written: FeatureMap) -> pd.DataFrame:
-    addresses: list[str | None] = []
-    for run in written.runs["run_id"]:
-        rows = written.information.get(run)
-        if rows is None:
-            addresses.append(None)
-        else:
-            names = (*rows.variables, _RIGHT_HAND_SIDE)
-            addresses.append(put_matrix(connection, place.schema, names, np.column_stack([rows.R, rows.d])))
-    return written.runs.assign(information_sha256=pd.Series(addresses, dtype="object"))
+    matrices = [
+        ((*rows.variables, _RIGHT_HAND_SIDE), np.column_stack([rows.R, rows.d]))
+        for rows in written.information.values()
+    ]
+    addresses = dict(zip(written.information, put_matrices(connection, place.schema, matrices), strict=True))
+    by_run = [addresses.get(run) for run in written.runs["run_id"]]
+    return written.runs.assign(information_sha256=pd.Series(by_run, dtype="object"))
 
 
 def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, ...]]) -> FeatureMap:
     schema = place.schema
     head = row._mapping
     version = int(row.version)
-    names, covariance = get_matrix(connection, schema, row.covariance_sha256)
+    names, covariance = get_matrices(connection, schema, [row.covariance_sha256])[row.covariance_sha256]
     landmarks = read_frame(connection, schema.landmarks, version)
     if names != tuple(landmarks["landmark_id"]):
         raise ValueError("the covariance is of other landmarks")
     runs = read_frame(connection, schema.runs, version)
-    information = {
-        run: _information(connection, place, root)
-        for run, root in zip(runs["run_id"], runs.pop("information_sha256"), strict=True)
-        if isinstance(root, str)
+    addresses = {
+        run: address
+        for run, address in zip(runs["run_id"], runs.pop("information_sha256"), strict=True)
+        if isinstance(address, str)
     }
+    matrices = get_matrices(connection, schema, list(addresses.values()))
+    information = {run: _information(*matrices[address]) for run, address in addresses.items()}
     origin = tuple(head[name] for name in ORIGIN_COLUMNS)
     return FeatureMap(
         name=row.name,
@@ -265,6 +266,5 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
     )
 
 
-def _information(connection: sa.Connection, place: Location, root: str) -> RunInformation:
-    names, values = get_matrix(connection, place.schema, root)
+def _information(names: tuple[str, ...], values: Array) -> RunInformation:
     return RunInformation(names[:-1], values[:, :-1], values[:, -1])

@@ -54,6 +54,11 @@ def offset_variable(run_id: str) -> str:
     return f"run/{run_id}/offset_m"
 
 
+def is_offset(variable: str) -> bool:
+    """Return whether a variable is the offset of a run."""
+    return variable.startswith("run/")
+
+
 def roll_variable(sensor: str) -> str:
     """Return the name of the roll of a sensor's mounting, mrad."""
     return f"sensor/{sensor}/roll_mrad"
@@ -115,11 +120,20 @@ def information_on_anchors(
     L = cholesky(covariance[np.ix_(kept, kept)], lower=True)
     values = np.r_[seen.chainage_m, seen.cross_level_mm[level]]
     R, d = solve_triangular(L, H, lower=True), solve_triangular(L, values, lower=True)
-    if level.size and sensor is not None and sensor.roll_sd_rad is not None:
-        prior = np.zeros((1, len(variables)))
-        prior[0, variables.index(roll_variable(sensor.name))] = 1e-3 / sensor.roll_sd_rad
-        R, d = np.concatenate([R, prior]), np.r_[d, 0.0]
-    return RunInformation(tuple(variables), R, d)
+    seen_alone = RunInformation(tuple(variables), R, d)
+    if sensor is None or sensor.roll_sd_rad is None:
+        return seen_alone
+    return with_roll_prior(seen_alone, sensor.name, sensor.roll_sd_rad)
+
+
+def with_roll_prior(information: RunInformation, sensor: str, roll_sd_rad: float) -> RunInformation:
+    """Return the rows of a run with the prior of its sensor's roll, if they say anything of the roll."""
+    roll = roll_variable(sensor)
+    if roll not in information.variables:
+        return information
+    prior = np.zeros((1, len(information.variables)))
+    prior[0, information.variables.index(roll)] = 1e-3 / roll_sd_rad
+    return RunInformation(information.variables, np.concatenate([information.R, prior]), np.append(information.d, 0.0))
 
 
 def sighted_values(information: RunInformation) -> pd.Series[float]:

@@ -5,43 +5,203 @@ on the map's variables (``joining.anchors``), its profile merged into the grid (
 of all runs (``joining.joint_solution``), and grid, landmarks and line moved to that (``joining.finishing``).
 
 The runs in the map are not needed again: their information is kept, and the grid is their weighted mean.
+
+The first runs are joined one after another. The others are held against the map as these made it, each by itself, so
+that they may be anywhere: blocks of them are condensed to what they add, and the blocks are added up two by two. Runs
+that make the map longer are joined by themselves. Which runs are in a block, and which blocks are added, depends on the
+runs alone: the map is the same to the last bit whoever computes the blocks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial, reduce
+from typing import Any
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.joining.finishing import finished
-from trackfg.mapping.joining.joining import joined, run_facts
+from trackfg.mapping.joining.joining import Part, joined, part_of_run, run_facts, together
 from trackfg.mapping.joining.survey import Survey, reopened
 from trackfg.maps.feature_map import FeatureMap
+from trackfg.numerics.blas_threads import one_thread
 from trackfg.results.result import Result
+from trackfg.results.summary import Summary
 
 Progress = Callable[[str, float], None]
+Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""Calls a function with each item, as ``map`` does, here or elsewhere; results come in the order of the items."""
+LeaveOut = Callable[[str, BadInputError], None]
+"""Called with the id of a recording that is left out, and why; it may raise that."""
+
+_ONE_BY_ONE = 8
+"""Runs that are joined one after another: their mean has a third of the noise of one, and shows the others' places
+nearly as well as a mean of any number."""
+BLOCK = 8
+"""Runs that are condensed together: what is sent about, the survey and a part, is then a third of what they read."""
 
 
-def build_map(results: Sequence[Result], *, name: str, progress: Progress | None = None) -> FeatureMap:
+@dataclass(frozen=True)
+class JoinableRun:
+    """A run to be joined, which is ``read`` where and when it is, and its summary."""
+
+    summary: Summary
+    read: Callable[[], Result]
+
+
+def _raise(recording_id: str, error: BadInputError) -> None:
+    raise error
+
+
+@dataclass(frozen=True)
+class Joining:
+    """How runs are joined: ``progress(what, fraction)`` is called before each, ``mapped`` with what is done to blocks.
+
+    ``leave_out`` is called for a run that cannot be joined; without it that is raised.
+    """
+
+    progress: Progress = lambda what, done: None
+    mapped: Mapped = map
+    leave_out: LeaveOut = _raise
+
+
+def build_map(
+    runs: Sequence[Result | JoinableRun], *, name: str, progress: Progress | None = None, joining: Joining | None = None
+) -> FeatureMap:
     """Build one map from any number of smoothed runs.
 
     ``progress(run, fraction)`` is called before each. Raises :class:`~trackfg.errors.BadInputError` for a run without
     track geometry, one that is there twice, has other conventions, or is not recognised.
     """
-    if not results:
+    if not runs:
         raise BadInputError("a map needs at least one run")
-    return _with_runs(Survey(name), results, progress)
+    return _with_runs(Survey(name), runs, joining or _joining(progress))
 
 
-def with_runs(feature_map: FeatureMap, results: Sequence[Result], *, progress: Progress | None = None) -> FeatureMap:
+def with_runs(
+    feature_map: FeatureMap,
+    runs: Sequence[Result | JoinableRun],
+    *,
+    progress: Progress | None = None,
+    joining: Joining | None = None,
+) -> FeatureMap:
     """Return the map with more runs. Raises as :func:`build_map`."""
-    return _with_runs(reopened(feature_map), results, progress)
+    return _with_runs(reopened(feature_map), runs, joining or _joining(progress))
 
 
-def _with_runs(survey: Survey, results: Sequence[Result], progress: Progress | None) -> FeatureMap:
-    """Join runs with fixes first, since the others are placed by them."""
-    show = progress or (lambda what, done: None)
-    for number, result in enumerate(sorted(results, key=lambda result: not run_facts(result).anchored)):
-        show(result.summary.recording_id, number / (len(results) + 1))
-        survey = joined(survey, result)
-    show("landmarks", len(results) / (len(results) + 1))
-    return finished(survey)
+def _joining(progress: Progress | None) -> Joining:
+    return Joining() if progress is None else Joining(progress)
+
+
+def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Joining) -> FeatureMap:
+    with one_thread():
+        waiting = dict(_named(survey, runs, joining.leave_out))
+        steps = len(waiting) + 1
+        for run_id, run in list(waiting.items()):
+            if len(survey.runs) >= _ONE_BY_ONE:
+                break
+            joining.progress(run.summary.recording_id, 1.0 - (len(waiting) + 1) / steps)
+            with suppress(BadInputError):  # a longer survey may know it: the blocks say if that is not so
+                survey = joined(survey, part_of_run(survey, run_id, run.read()))
+                del waiting[run_id]
+        while waiting:
+            survey, left = _with_blocks(survey, waiting, joining, steps)
+            waiting = {run_id: run for run_id, run in waiting.items() if run_id in left}
+        if survey.grid is None:
+            raise BadInputError("no run is left: a map needs at least one")
+        joining.progress("landmarks", 1.0 - 1.0 / steps)
+        return finished(survey)
+
+
+def _named(
+    survey: Survey, runs: Sequence[Result | JoinableRun], leave_out: LeaveOut
+) -> Iterator[tuple[str, JoinableRun]]:
+    """Yield runs, each with an id that no other has; those with fixes first, since the others are placed by them."""
+    contents = {run.facts.content_sha256: run_id for run_id, run in survey.runs.items()}
+    taken, fit = set(survey.runs), []
+    for run in runs:
+        try:
+            fit.append((run_facts(run.summary), run))
+        except BadInputError as error:
+            leave_out(run.summary.recording_id, error)
+    for facts, run in sorted(fit, key=lambda pair: not pair[0].anchored):
+        recording_id = run.summary.recording_id
+        if (there := contents.get(facts.content_sha256)) is not None:
+            leave_out(recording_id, BadInputError(f"run {recording_id}: is in the map already, as {there}"))
+            continue
+        number, run_id = 1, recording_id
+        while run_id in taken:
+            number += 1
+            run_id = f"{recording_id}-{number}"
+        taken.add(run_id)
+        contents[facts.content_sha256] = run_id
+        yield run_id, run if isinstance(run, JoinableRun) else JoinableRun(run.summary, partial(_itself, run))
+
+
+def _itself(result: Result) -> Result:
+    return result
+
+
+@dataclass(frozen=True)
+class _Block:
+    """What a block of runs adds together; of runs that make the survey longer by how many anchors; why others are
+    lost.
+    """
+
+    part: Part | None
+    longer: dict[str, int]
+    lost: dict[str, str]
+
+
+def _with_blocks(
+    survey: Survey, waiting: Mapping[str, JoinableRun], joining: Joining, steps: int
+) -> tuple[Survey, set[str]]:
+    """Return the survey with all runs that do not make it longer and one that does, and the ids of those left.
+
+    Where it was not made longer, runs that cannot be joined are left out.
+    """
+    runs = list(waiting.items())
+    cut = [runs[first : first + BLOCK] for first in range(0, len(runs), BLOCK)]
+    blocks: list[_Block] = []
+    for block in joining.mapped(partial(_condensed, survey), cut):
+        blocks.append(block)
+        left = len(runs) - BLOCK * len(blocks)
+        joining.progress("runs", 1.0 - (max(left, 0) + 1) / steps)
+    parts = [block.part for block in blocks if block.part is not None]
+    while len(parts) > 1:
+        parts = list(joining.mapped(_added_up, [parts[first : first + 2] for first in range(0, len(parts), 2)]))
+    for part in parts:
+        survey = joined(survey, part)
+    longer = {run_id: anchors for block in blocks for run_id, anchors in block.longer.items()}
+    lost = {run_id: why for block in blocks for run_id, why in block.lost.items()}
+    if longer:
+        longest = max(longer, key=longer.__getitem__)
+        survey = joined(survey, part_of_run(survey, longest, waiting[longest].read()))
+        del longer[longest]
+        return survey, {*longer, *lost}
+    for run_id, why in lost.items():
+        joining.leave_out(waiting[run_id].summary.recording_id, BadInputError(why))
+    return survey, set()
+
+
+def _condensed(survey: Survey, runs: Sequence[tuple[str, JoinableRun]]) -> _Block:
+    parts: list[Part] = []
+    longer: dict[str, int] = {}
+    lost: dict[str, str] = {}
+    with one_thread():
+        for run_id, run in runs:
+            try:
+                part = part_of_run(survey, run_id, run.read())
+            except BadInputError as error:
+                lost[run_id] = str(error)
+                continue
+            if part.makes_longer(survey):
+                longer[run_id] = len(part.place)
+            else:
+                parts = [_added_up([*parts, part])]
+    return _Block(parts[0] if parts else None, longer, lost)
+
+
+def _added_up(parts: Sequence[Part]) -> Part:
+    return reduce(together, parts)

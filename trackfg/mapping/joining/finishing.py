@@ -20,6 +20,9 @@ from trackfg.numerics.arrays import Array
 from trackfg.results.place_covariance import interpolated_variance, interpolation_weights
 from trackfg.results.summary import versions
 
+_NO_LENGTH_M2 = 1e-6
+"""Moment of a run's anchors about their middle, m^2, where it passed one alone, so that there is no slope."""
+
 
 def finished(survey: Survey) -> FeatureMap:
     """Return the map of a survey: grid, line and landmarks moved to the joint solution."""
@@ -82,21 +85,19 @@ def _run_row(
     Offset and scale are those of the straight line through the anchors, the bias is the mean over them.
     """
     values = sighted_values(information)
-    place, level = (
-        values[values.index.str.endswith("/chainage_m")],
-        values[values.index.str.endswith("/cross_level_mm")],
-    )
-    x, which = place.to_numpy(), joint.rows(list(place.index))
-    line = np.vander(x - x.mean(), min(2, len(x)), increasing=True)
-    fit = np.linalg.pinv(line)
-    (middle, *slope), spread = fit @ joint.x[which], fit @ joint.covariance[np.ix_(which, which)] @ fit.T
-    scale, scale_sd = (slope[0], np.sqrt(spread[1, 1])) if slope else (1.0, np.nan)
-    to_zero = np.array([1.0, -x.mean()])[: len(fit)]
+    own, names = values.to_numpy(), list(values.index)
+    which = joint.rows(names)
+    is_place = np.array([name.endswith("/chainage_m") for name in names])
+    x, places, levels = own[is_place], which[is_place], which[~is_place]
+    about_middle = x - x.mean()
+    line = np.array([np.full(len(x), 1.0 / len(x)), about_middle / max(about_middle @ about_middle, _NO_LENGTH_M2)])
+    (middle, slope), spread = line @ joint.x[places], line @ joint.covariance[np.ix_(places, places)] @ line.T
+    scale, scale_sd = (float(slope), float(np.sqrt(spread[1, 1]))) if len(x) > 1 else (1.0, np.nan)
+    to_zero = np.array([1.0, -x.mean()])
     bias, bias_sd = np.nan, np.nan
-    if len(level):
-        which = joint.rows(list(level.index))
-        bias = run.facts.direction * float((level.to_numpy() - joint.x[which]).mean())
-        bias_sd = float(np.sqrt(joint.covariance[np.ix_(which, which)].mean()))
+    if len(levels):
+        bias = run.facts.direction * float((own[~is_place] - joint.x[levels]).mean())
+        bias_sd = float(np.sqrt(joint.covariance[np.ix_(levels, levels)].mean()))
     return (
         run_id,
         run.recording_id,
@@ -105,8 +106,8 @@ def _run_row(
         run.facts.direction,
         float(middle - scale * x.mean()),
         float(np.sqrt(to_zero @ spread @ to_zero)),
-        float(scale),
-        float(scale_sd),
+        scale,
+        scale_sd,
         bias,
         bias_sd,
     )

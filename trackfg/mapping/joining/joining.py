@@ -1,8 +1,9 @@
-"""One run joined to a survey: recognised on its grid, condensed to rows on its variables, merged into its grid."""
+"""Runs joined to a survey: recognised on its grid, condensed to rows on its variables, merged into its grid."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pandas as pd
@@ -17,22 +18,21 @@ from trackfg.mapping.joining.anchors import (
     anchor_names,
     chainage_variable,
     information_on_anchors,
-    roll_variable,
     sensor_name,
 )
 from trackfg.mapping.joining.merging import MERGED, local_cross_level_sd, merged, window_means, with_place_noise
-from trackfg.mapping.joining.reference_line import positions_of_run, with_positions
+from trackfg.mapping.joining.reference_line import Origin, positions_of_run, with_positions
 from trackfg.mapping.joining.survey import Chainages, Survey, SurveyedRun
 from trackfg.mapping.joining.unstated_sigmas import with_unstated_sigmas
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
-from trackfg.maps.feature_map import MapConventions
+from trackfg.maps.feature_map import MapConventions, RunInformation
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import multiples_between
 from trackfg.results.place_covariance import APART_M
 from trackfg.results.result import Result
-from trackfg.results.summary import RunFacts
+from trackfg.results.summary import RunFacts, Summary
 
 _NEAR_SECTION_M = 150.0
 """An anchor counts as sighted where the middle of a recognised section is this near, m: 1.5 sections."""
@@ -49,35 +49,83 @@ metre, as a bridge, has 5 mm there and 4 mm on average."""
 _NO_SIGHTINGS = Sightings((), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
-def run_facts(result: Result) -> RunFacts:
+def run_facts(summary: Summary) -> RunFacts:
     """Return the facts of a run that a map needs.
 
     Raises :class:`BadInputError` for a result without any, and for one that is not to be trusted.
     """
-    facts, what = result.summary.run, f"run {result.summary.recording_id}"
+    facts, what = summary.run, f"run {summary.recording_id}"
     if facts is None:
         raise BadInputError(f"{what}: smoothed by an older version: smooth it again")
-    if result.summary.map is not None and result.summary.map.sections:
+    if summary.map is not None and summary.map.sections:
         raise BadInputError(f"{what}: smoothed with a map, so its chainage is the map's: expected one smoothed without")
-    for verdict in result.summary.verdicts:
+    for verdict in summary.verdicts:
         if verdict.quantity in ("chainage", "cross_level") and verdict.status == "not_trusted":
             raise BadInputError(
                 f"{what}: its {verdict.quantity.replace('_', '-')} is not to be trusted: {verdict.reasons[0]}. "
                 f"Hint: {verdict.hints[0]}"
             )
-    if len(result.covariance.chainage_m) == 0:
-        raise BadInputError(f"{what}: its result has no track geometry: a map needs it")
     return facts
 
 
-def joined(survey: Survey, result: Result) -> Survey:
-    """Return the survey with one run more, on the grid as it is.
+@dataclass(frozen=True)
+class Part:
+    """What runs add to a survey, on its grid and on its variables; parts of one survey are added in any groups.
 
-    Raises :class:`~trackfg.errors.BadInputError` for a run without track geometry, one that is in the survey already,
-    has other conventions, or is not recognised.
+    ``grid`` and ``line``: their profiles and positions, averaged. ``place``, ``level``: of new anchors. ``origin`` is
+    that of the line's frame.
     """
-    facts, conventions = run_facts(result), _conventions(result)
-    run_id = _run_id(survey, result.summary.recording_id, facts)
+
+    conventions: MapConventions
+    grid: pd.DataFrame
+    line: pd.DataFrame | None
+    origin: Origin | None
+    information: Mapping[str, RunInformation]
+    runs: Mapping[str, SurveyedRun]
+    configuration: Mapping[str, JsonValue]
+    place: Mapping[str, float]
+    level: Mapping[str, float]
+
+    def makes_longer(self, survey: Survey) -> bool:
+        """Return whether the part has anchors or a frame that the survey has not, so that further runs build on it."""
+        return bool(self.place) or (survey.origin is None and self.origin is not None)
+
+
+def joined(survey: Survey, part: Part) -> Survey:
+    """Return the survey with what runs add to it."""
+    return replace(
+        survey.with_information(part.runs, part.information),
+        conventions=part.conventions,
+        grid=part.grid if survey.grid is None else merged(survey.grid, part.grid),
+        line=_averaged_line(survey.line, part.line),
+        origin=survey.origin or part.origin,
+        place={**survey.place, **part.place},
+        level={**survey.level, **part.level},
+        configuration={**survey.configuration, **part.configuration},
+    )
+
+
+def together(a: Part, b: Part) -> Part:
+    """Return what two parts of one survey add to it, neither of which makes it longer."""
+    return replace(
+        a,
+        grid=merged(a.grid, b.grid),
+        line=_averaged_line(a.line, b.line),
+        information={**a.information, **b.information},
+        runs={**a.runs, **b.runs},
+        configuration={**a.configuration, **b.configuration},
+    )
+
+
+def part_of_run(survey: Survey, run_id: str, result: Result) -> Part:
+    """Return what a run adds to a survey: recognised on its grid, condensed to rows on its variables.
+
+    Raises :class:`~trackfg.errors.BadInputError` for a run without track geometry, with other conventions, or that is
+    not recognised.
+    """
+    facts, conventions = run_facts(result.summary), _conventions(result)
+    if len(result.covariance.chainage_m) == 0:
+        raise BadInputError(f"run {run_id}: its result has no track geometry: a map needs it")
     if survey.conventions is not None:
         check_conventions(result.summary.geometry, survey.conventions, run_id)
     geometry = with_unstated_sigmas(result.geometry, (*MERGED, "twist_mm"))
@@ -94,7 +142,7 @@ def joined(survey: Survey, result: Result) -> Survey:
             profile = with_place_noise(profile, float(np.hypot(match_sd, _BETWEEN_SECTIONS_SD_M)))
     offset = _offset(survey, sighted, profile["chainage_m"].to_numpy())
     profile = profile.assign(cross_level_mm=profile["cross_level_mm"] - offset)
-    added, places = _new_anchors(survey, profile, to_map)
+    added, places = _new_anchors(survey, profile, to_map, sighted)
     if survey.grid is not None and not sighted.anchors and not (added.anchors and facts.anchored and survey.anchored):
         raise BadInputError(
             f"run {run_id}: it passes none of the map's anchors, which are some {APART_M:g} m apart: "
@@ -104,27 +152,29 @@ def joined(survey: Survey, result: Result) -> Survey:
         run_id,
         _in_order(sighted, replace(added, cross_level_mm=added.cross_level_mm + _offset(survey, sighted, places))),
         result.covariance,
-        _sensor(survey, run_id, facts, conventions.cross_level_base_m),
+        _sensor(run_id, facts, conventions.cross_level_base_m),
         anchored=facts.anchored,
     )
-    line = _line_seen(survey, result, facts, to_map)
     level = {
         anchor: mean
         for anchor, mean in zip(added.anchors, added.cross_level_mm.tolist(), strict=True)
         if np.isfinite(mean)
     }
-    return replace(
-        survey,
+    return Part(
         conventions=conventions,
-        grid=profile[["chainage_m", *_merged_columns()]] if survey.grid is None else merged(survey.grid, profile),
-        line=line if survey.line is None else survey.line if line is None else with_positions(survey.line, line),
+        grid=profile[["chainage_m", *_merged_columns()]],
+        line=_line_seen(survey, result, facts, to_map),
         origin=survey.origin or facts.origin,
-        place={**survey.place, **dict(zip(added.anchors, places.tolist(), strict=True))},
-        level={**survey.level, **level},
-        information={**survey.information, run_id: information},
-        runs={**survey.runs, run_id: SurveyedRun(result.summary.recording_id, facts)},
-        configuration={**survey.configuration, run_id: _configuration(survey, result, facts)},
+        information={run_id: information},
+        runs={run_id: SurveyedRun(result.summary.recording_id, facts)},
+        configuration={run_id: _configuration(survey, result, facts)},
+        place=dict(zip(added.anchors, places.tolist(), strict=True)),
+        level=level,
     )
+
+
+def _averaged_line(a: pd.DataFrame | None, b: pd.DataFrame | None) -> pd.DataFrame | None:
+    return b if a is None else a if b is None else with_positions(a, b)
 
 
 def _configuration(survey: Survey, result: Result, facts: RunFacts) -> dict[str, JsonValue]:
@@ -136,28 +186,15 @@ def _configuration(survey: Survey, result: Result, facts: RunFacts) -> dict[str,
     return settings
 
 
-def _sensor(survey: Survey, run_id: str, facts: RunFacts, cross_level_base_m: float) -> Sensor | None:
+def _sensor(run_id: str, facts: RunFacts, cross_level_base_m: float) -> Sensor | None:
     """Return the run's sensor, None where its description gives the roll of the mounting without a sigma."""
     if facts.mount_roll_sd_rad == 0.0:
         return None
-    name = sensor_name(facts.imu_id, run_id)
-    in_map = roll_variable(name) in survey.variables
-    return Sensor(name, None if in_map else facts.mount_roll_sd_rad, facts.direction * cross_level_base_m)
+    return Sensor(sensor_name(facts.imu_id, run_id), None, facts.direction * cross_level_base_m)
 
 
 def _merged_columns() -> list[str]:
     return [*(column for name in MERGED for column in (name, f"{name}_sd")), "observations"]
-
-
-def _run_id(survey: Survey, recording_id: str, facts: RunFacts) -> str:
-    for run_id, run in survey.runs.items():
-        if run.facts.content_sha256 == facts.content_sha256:
-            raise BadInputError(f"run {recording_id}: is in the map already, as {run_id}")
-    taken, number, run_id = set(survey.runs), 1, recording_id
-    while run_id in taken:
-        number += 1
-        run_id = f"{recording_id}-{number}"
-    return run_id
 
 
 def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tuple[Warp, Recognition | None]:
@@ -221,13 +258,18 @@ def _offset(survey: Survey, sightings: Sightings, chainage: Array) -> Array:
     return np.interp(chainage, places[known], offset[known]) if known.any() else np.zeros(len(chainage))
 
 
-def _new_anchors(survey: Survey, profile: pd.DataFrame, to_map: Warp) -> tuple[Sightings, Array]:
-    """Return sightings of new anchors, where the map has none, with the grid's cross-level, and their places on it."""
+def _new_anchors(survey: Survey, profile: pd.DataFrame, to_map: Warp, sighted: Sightings) -> tuple[Sightings, Array]:
+    """Return sightings of new anchors, where the map has none, with the grid's cross-level, and their places on it.
+
+    A run that sighted anchors needs none at an end between the map's.
+    """
     x = profile["chainage_m"].to_numpy()
     at = np.array(list(survey.place.values()))
     regular = multiples_between(x[0], x[-1], APART_M)
     regular = regular[(_distance(regular, at) >= _NEW_ANCHOR_M) & (_distance(regular, x) <= 1.0)]
     ends = x[[0, -1]]
+    if sighted.anchors:
+        ends = ends[(ends < at.min()) | (ends > at.max())]
     ends = ends[_distance(ends, np.concatenate([at, regular])) >= _END_ANCHOR_M]
     places = np.sort(np.concatenate([regular, ends]))
     levels = window_means(profile, "cross_level_mm", places, WINDOW_M)

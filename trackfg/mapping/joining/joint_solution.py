@@ -4,11 +4,14 @@ A run gives rows ``R_r x = d_r + e``, ``e ~ N(0, I)``, on the variables x that i
 (:mod:`trackfg.mapping.joining.anchors`). The runs' errors are independent, so the joint estimate is the least-squares
 solution of all rows stacked, by QR. It equals that of the joint graph of all states of all runs, since the order of
 elimination does not change the solution.
+
+So runs can be pooled one by one: after each, what it alone knows of (its offset, the roll of a sensor without an id) is
+eliminated, and a triangle on the variables that runs share is left, whose size does not grow with the number of runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,6 +63,18 @@ def joint_solution(information: Iterable[RunInformation]) -> JointSolution:
     R, d = triangle[: len(names), :-1], triangle[: len(names), -1]
     inverse = solve_triangular(R, np.eye(len(names)))
     return JointSolution(names, inverse @ d, inverse @ inverse.T)
+
+
+def pooled(some: RunInformation, more: RunInformation, alone: Collection[str] = ()) -> RunInformation:
+    """Return the information of both as an upper triangle, with the variables ``alone`` eliminated from it."""
+    names = sorted(dict.fromkeys((*some.variables, *more.variables)), key=lambda name: name not in alone)
+    column = {name: i for i, name in enumerate(names)}
+    with one_thread():
+        rows = np.concatenate([_widened(some, column), _widened(more, column)])
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    first = len(set(names).intersection(alone))
+    kept = triangle[first : len(names), first:]
+    return RunInformation(tuple(names[first:]), kept[:, :-1], kept[:, -1])
 
 
 def _widened(information: RunInformation, column: dict[str, int]) -> Array:

@@ -1,4 +1,4 @@
-"""The survey is a map in the making: the grid as it is, and the information of every run.
+"""The survey is a map in the making: the grid as it is, the information of every run, and that of all together.
 
 While runs are joined, the grid stays in the chainage of the first one; once all are in, everything is moved to the
 joint solution (:mod:`trackfg.mapping.joining.finishing`). A finished map opens again for more runs.
@@ -7,7 +7,7 @@ joint solution (:mod:`trackfg.mapping.joining.finishing`). A finished map opens 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,13 +15,23 @@ import pandas as pd
 from pydantic import JsonValue
 
 from trackfg.errors import BadInputError
-from trackfg.mapping.joining.anchors import chainage_variable, cross_level_variable, offset_variable
-from trackfg.mapping.joining.joint_solution import JointSolution, joint_solution
+from trackfg.mapping.joining.anchors import (
+    chainage_variable,
+    cross_level_variable,
+    is_offset,
+    offset_variable,
+    roll_variable,
+    sensor_name,
+    with_roll_prior,
+)
+from trackfg.mapping.joining.joint_solution import JointSolution, joint_solution, pooled
 from trackfg.mapping.joining.reference_line import Origin
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.numerics.arrays import Array
 from trackfg.results.place_covariance import interpolated_variance
 from trackfg.results.summary import RunFacts
+
+_NOTHING = RunInformation((), np.zeros((0, 0)), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,8 @@ class Survey:
     """A map in the making.
 
     ``place`` and ``level``: chainage and mean cross-level of each anchor on the grid as it is. The sigma of the grid's
-    cross-level is that of its shape between anchors.
+    cross-level is that of its shape between anchors. ``pooled``: the ``information`` of all runs together, what one run
+    alone knows of eliminated.
     """
 
     name: str
@@ -48,6 +59,7 @@ class Survey:
     place: Mapping[str, float] = field(default_factory=dict)
     level: Mapping[str, float] = field(default_factory=dict)
     information: Mapping[str, RunInformation] = field(default_factory=dict)
+    pooled: RunInformation = _NOTHING
     runs: Mapping[str, SurveyedRun] = field(default_factory=dict)
     landmarks: pd.DataFrame | None = None
     configuration: Mapping[str, JsonValue] = field(default_factory=dict)
@@ -56,17 +68,31 @@ class Survey:
     @cached_property
     def chainages(self) -> Chainages:
         """The joint estimate from the runs so far."""
-        return Chainages.of(joint_solution(self.information.values()))
+        return Chainages.of(joint_solution([self.pooled]))
 
     @property
     def anchored(self) -> bool:
         """True if any run had fixes."""
         return any(run.facts.anchored for run in self.runs.values())
 
-    @property
-    def variables(self) -> set[str]:
-        """The names of all variables."""
-        return {name for information in self.information.values() for name in information.variables}
+    def with_information(self, runs: Mapping[str, SurveyedRun], information: Mapping[str, RunInformation]) -> Survey:
+        """Return the survey with the information of more runs, in their order.
+
+        The first run of a sensor brings the prior of its roll. The first run's offset is kept while no run had a fix,
+        since the survey counts from its start.
+        """
+        whole, anchored, kept = self.pooled, self.anchored, dict(self.information)
+        for run_id, rows in information.items():
+            facts = runs[run_id].facts
+            sensor = sensor_name(facts.imu_id, run_id)
+            if facts.mount_roll_sd_rad and roll_variable(sensor) not in whole.variables:
+                rows = with_roll_prior(rows, sensor, facts.mount_roll_sd_rad)
+            anchored = anchored or facts.anchored
+            alone = {name for name in (*whole.variables, *rows.variables) if anchored and is_offset(name)}
+            alone |= {roll_variable(run_id)} if facts.imu_id is None else set()
+            alone |= {offset_variable(run_id)} if kept else set()
+            whole, kept[run_id] = pooled(whole, rows, alone), rows
+        return replace(self, information=kept, runs={**self.runs, **runs}, pooled=whole)
 
 
 @dataclass(frozen=True)
@@ -118,13 +144,29 @@ def reopened(feature_map: FeatureMap) -> Survey:
 
 
 def _reopened(feature_map: FeatureMap) -> Survey:
-    at = Chainages.of(joint_solution(feature_map.information.values()))
+    survey = Survey(feature_map.name).with_information(_runs(feature_map), feature_map.information)
+    at = survey.chainages
     grid = feature_map.grid.drop(columns=["cant_mm", "cant_mm_sd"])
     anchors, place, level, covariance = at.levels()
     if anchors:
         common = interpolated_variance(place, covariance, grid["chainage_m"].to_numpy())
         local = np.maximum(grid["cross_level_mm_sd"] ** 2 - common, 1e-6 * grid["cross_level_mm_sd"] ** 2)
         grid = grid.assign(cross_level_mm_sd=np.sqrt(local))
+    return replace(
+        survey,
+        conventions=feature_map.conventions,
+        grid=grid,
+        line=None if feature_map.origin is None else feature_map.line,
+        origin=feature_map.origin,
+        place=dict(zip(at.anchors, at.place.tolist(), strict=True)),
+        level=dict(zip(anchors, level.tolist(), strict=True)),
+        landmarks=feature_map.landmarks,
+        configuration=dict(feature_map.configuration),
+        version=feature_map.version,
+    )
+
+
+def _runs(feature_map: FeatureMap) -> dict[str, SurveyedRun]:
     runs = {}
     columns = ["run_id", "recording_id", "start", "content_sha256", "direction"]
     for run_id, recording_id, start, content, direction in feature_map.runs[columns].to_numpy().tolist():
@@ -138,20 +180,7 @@ def _reopened(feature_map: FeatureMap) -> Survey:
             mount_roll_sd_rad=0.0,
         )
         runs[run_id] = SurveyedRun(recording_id, facts)
-    return Survey(
-        name=feature_map.name,
-        conventions=feature_map.conventions,
-        grid=grid,
-        line=None if feature_map.origin is None else feature_map.line,
-        origin=feature_map.origin,
-        place=dict(zip(at.anchors, at.place.tolist(), strict=True)),
-        level=dict(zip(anchors, level.tolist(), strict=True)),
-        information=dict(feature_map.information),
-        runs=runs,
-        landmarks=feature_map.landmarks,
-        configuration=dict(feature_map.configuration),
-        version=feature_map.version,
-    )
+    return runs
 
 
 def _sensor_in(information: RunInformation, run_id: str) -> str | None:
