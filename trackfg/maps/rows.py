@@ -101,16 +101,19 @@ _ADDRESSES_AT_A_TIME = 500
 
 def put_matrices(connection: sa.Connection, schema: Schema, matrices: Sequence[Matrix]) -> list[str]:
     """Store matrices, unless they are there. Returns their addresses, SHA-256."""
-    rows = []
+    rows: dict[str, dict[str, Any]] = {}
+    addresses = []
     for names, values in matrices:
         column_names = json.dumps(names, ensure_ascii=False)
         data = np.ascontiguousarray(values, dtype="<f8").tobytes()
         address = hashlib.sha256(column_names.encode() + b"\0" + data).hexdigest()
-        rows.append({"sha256": address, "column_names": column_names, "row_count": len(values), "data": data})
-    addresses = [row["sha256"] for row in rows]
-    known = {address for (address,) in _at(connection, schema.matrices.c.sha256, addresses, schema.matrices.c.sha256)}
-    if new := {row["sha256"]: row for row in rows if row["sha256"] not in known}:
-        connection.execute(schema.matrices.insert(), list(new.values()))
+        rows[address] = {"sha256": address, "column_names": column_names, "row_count": len(values), "data": data}
+        addresses.append(address)
+    stored = schema.matrices.c.sha256
+    for row in _at(connection, stored, addresses, stored):
+        rows.pop(row[0], None)
+    if rows:
+        connection.execute(schema.matrices.insert(), list(rows.values()))
     return addresses
 
 
@@ -119,7 +122,8 @@ def get_matrices(connection: sa.Connection, schema: Schema, addresses: Sequence[
     stored = schema.matrices.c
     found = {}
     columns = stored.sha256, stored.column_names, stored.row_count, stored.data
-    for address, column_names, row_count, data in _at(connection, stored.sha256, addresses, *columns):
+    for row in _at(connection, stored.sha256, addresses, *columns):
+        address, column_names, row_count, data = row
         names = tuple(str(name) for name in json.loads(column_names))
         values = np.frombuffer(data, dtype="<f8")
         if values.size != row_count * len(names):
@@ -132,8 +136,8 @@ def get_matrices(connection: sa.Connection, schema: Schema, addresses: Sequence[
 
 def _at(
     connection: sa.Connection, column: sa.Column[Any], values: Sequence[str], *wanted: sa.Column[Any]
-) -> Iterator[sa.Row[Any]]:
+) -> Iterator[tuple[Any, ...]]:
     """Yield the wanted columns of the rows that have one of some values in a column."""
     for start in range(0, len(values), _ADDRESSES_AT_A_TIME):
         part = values[start : start + _ADDRESSES_AT_A_TIME]
-        yield from connection.execute(sa.select(*wanted).where(column.in_(part)))
+        yield from map(tuple, connection.execute(sa.select(*wanted).where(column.in_(part))))
