@@ -23,6 +23,7 @@ from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.known_line import SmoothOptions
 from trackfg.cli.maps import maps
+from trackfg.cli.noise import noise
 from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
 from trackfg.cli.overlay import overlay
 from trackfg.cli.statistics import statistics
@@ -44,6 +45,7 @@ app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping 
 app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
 app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
+app.command(epilog="Example: trackfg noise rest.csv -o allan.png")(noise)
 app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
 app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)
 

@@ -73,10 +73,14 @@ def tell(*parts: RenderableType) -> None:
     if _Loudness.quiet:
         return
     for part in parts:
-        if isinstance(part, str):
-            print(part)
-        else:
-            show(part)
+        _print(part)
+
+
+def _print(part: RenderableType) -> None:
+    if isinstance(part, str):
+        print(part)
+    else:
+        show(part)
 
 
 def show_or_tell(*parts: RenderableType, written: str | None) -> None:
@@ -85,7 +89,7 @@ def show_or_tell(*parts: RenderableType, written: str | None) -> None:
         tell(*parts, written)
         return
     for part in parts:
-        show(part)
+        _print(part)
 
 
 def note(text: str) -> None:

@@ -42,6 +42,7 @@ COMMANDS = (
     "statistics",
     "overlay",
     "balises",
+    "noise",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
 
