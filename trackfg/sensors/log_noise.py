@@ -104,15 +104,16 @@ def log_noise(
             begin(f"{sensor} {name}: Allan deviation", 0.5 * number + 0.1 + 0.4 * axis / 3.0)
             curve = _curve(samples[:, axis], rest.dt, factors, fit)
             curves.append(curve.assign(sensor=sensor, axis=name))
-            lowest = curve.loc[curve["deviation"][curve["degrees_of_freedom"] >= _TRUSTED].idxmin()]
-            place = {"lowest": lowest["deviation"], "lowest_at_s": lowest["tau_s"]}
+            certain = curve[curve["degrees_of_freedom"] >= _TRUSTED]
+            lowest = certain.iloc[int(np.argmin(certain["deviation"]))]
+            place = {"lowest": float(lowest["deviation"]), "lowest_at_s": float(lowest["tau_s"])}
             rows.append({"sensor": sensor, "axis": name, **_row(fit), **place})
         rows.append({"sensor": sensor, "axis": "all", **_row(pooled(fits))})
     allan, axes = pd.concat(curves, ignore_index=True), pd.DataFrame(rows)
     allan = allan[["sensor", "axis", *allan.columns[:-2]]]
     declared, remarks = _declared(axes, rest.end_s - rest.begin_s)
-    name = None if temperature is None else temperature[0]
-    return LogNoise(recording.description.id, rest, allan, axes, declared, remarks, name)
+    column = None if temperature is None else temperature[0]
+    return LogNoise(recording.description.id, rest, allan, axes, declared, remarks, column)
 
 
 _TRUSTED = 5.0
@@ -150,14 +151,11 @@ def _curve(y: Array, dt: float, factors: np.ndarray, fit: NoiseFit) -> pd.DataFr
 
 def _row(fit: NoiseFit) -> dict[str, float]:
     names = ("white", "bias_instability", "bias_walk")
-    row = {}
+    row: dict[str, float] = {}
     for name, value, sd in zip(names, fit.coefficients, fit.sds, strict=True):
         row |= {name: float(value), f"{name}_sd": float(sd) if value > 0.0 else np.nan}
-    known = fit.per_kelvin is not None
-    return row | {
-        "per_kelvin": fit.per_kelvin if known else np.nan,
-        "per_kelvin_sd": fit.per_kelvin_sd if known else np.nan,
-    }
+    slope, sd = (np.nan if value is None else value for value in (fit.per_kelvin, fit.per_kelvin_sd))
+    return row | {"per_kelvin": slope, "per_kelvin_sd": sd}
 
 
 def _declared(axes: pd.DataFrame, duration_s: float) -> tuple[dict[str, float], dict[str, str]]:
