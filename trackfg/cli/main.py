@@ -369,16 +369,24 @@ def plot(
     level: Level = None,
     line_speed: LineSpeed = None,
 ) -> None:
-    """Draw the strip chart of a result: its geometry over chainage, with bands of 95 %."""
+    """Draw the strip chart of a result: its geometry over chainage, with bands of 95 %.
+
+    Of a result without track geometry the trajectory over time is drawn.
+    """
     from trackfg.plots.draw import picture_path
     from trackfg.plots.strip_chart import plot_geometry
+    from trackfg.plots.trajectory_chart import plot_trajectory
     from trackfg.results.result import Result
 
     folder = real_path(result)
     path = picture_path(out or folder.parent / f"{folder.name}.png")
     _refuse_inside(result, path)
     content = Result.read(result)
-    lines = _limit_lines(content, _limit_choice(limits, level, line_speed))
+    choice = _limit_choice(limits, level, line_speed)
+    if content.geometry.empty and choice is None and from_m is None and to_m is None:
+        tell(f"chart of the trajectory, since there is no track geometry: {plot_trajectory(content, path)}")
+        return
+    lines = _limit_lines(content, choice)
     tell(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
 
 

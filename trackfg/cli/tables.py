@@ -153,6 +153,7 @@ def summary(result: Result) -> RenderableType:
     rows = {
         "recording": page.recording_id,
         "length": f"{page.duration_s:.1f} s, {_distance(page.distance_m)}",
+        "track geometry": _geometry(result),
         **_solver(page),
         "wheel scale": _estimate(page.wheel_scale),
         "clock offset": _estimate(page.clock_offset_s, "s"),
@@ -164,6 +165,13 @@ def summary(result: Result) -> RenderableType:
         "time": ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in page.timings_s.items()),
     }
     return named_values("Summary", rows)
+
+
+def _geometry(result: Result) -> str:
+    if result.geometry.empty:
+        return "none: the sensor does not follow the track (rigid in [imu]), or did not move"
+    low, high = result.geometry["chainage_m"].iloc[[0, -1]]
+    return f"{low:.0f} to {high:.0f} m, every {result.summary.geometry.step_m:g} m"
 
 
 def _solver(page: Summary) -> dict[str, str]:

@@ -101,9 +101,7 @@ def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, lim
 
 
 def _between(result: Result, from_m: float | None, to_m: float | None) -> pd.DataFrame:
-    table = result.geometry
-    if table.empty:
-        raise BadInputError(f"{result.summary.recording_id}: the result holds no geometry to draw")
+    table = result.geometry_for("a strip chart")
     low = -np.inf if from_m is None else from_m
     high = np.inf if to_m is None else to_m
     inside = table[table["chainage_m"].between(low, high)]

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError
 from trackfg.files.atomic_file import write_whole
 from trackfg.geometry.bands import Band
 from trackfg.geometry.exceedances import Judgement, exceedances
@@ -34,12 +33,10 @@ def judge(
     each exceedance is beside its chainage. Raises ``BadInputError`` for a result without geometry, and where limits
     depend on the line's speed and it is None.
     """
-    if len(result.geometry) < 2:
-        raise BadInputError("the result has no geometry to judge")
+    geometry = result.geometry_for("limits")
     conventions = result.summary.geometry
     kilometrage = line_kilometrage(result).kilometrage() if km else None
     applying = at_line_speed(limits, line_speed_kmh)
-    geometry = result.geometry
     if result.summary.solver is not None and any(limit.band in ("D2", "D3") for limit in applying):
         geometry = with_long_bands(geometry, conventions.step_m, conventions.chord_m)
     judgement = exceedances(

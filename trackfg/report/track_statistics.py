@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trackfg.errors import BadInputError
 from trackfg.geometry.exceedances import Judgement
 from trackfg.geometry.section_quality import section_quality
 from trackfg.geometry.versine_bands import with_long_bands
@@ -22,9 +21,7 @@ def track_statistics(result: Result, *, section_m: float = 200.0, judgement: Jud
     ``judgement`` there is a share for each column and level that has a peak beyond it.
     Raises :class:`BadInputError` for a result without geometry.
     """
-    if len(result.geometry) < 2:
-        raise BadInputError(f"{result.summary.recording_id}: has no track geometry; expected one")
-    geometry, meaning = result.geometry, result.summary.geometry
+    geometry, meaning = result.geometry_for("statistics"), result.summary.geometry
     if result.summary.solver is not None:  # the versines of another system may be of a band alone
         geometry = with_long_bands(geometry, meaning.step_m, meaning.chord_m)
     channels = [name for name in CHANNELS if name in geometry and geometry[name].notna().any()]

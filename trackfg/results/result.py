@@ -93,6 +93,15 @@ class Result:
             if tuple(table.columns) != columns:
                 raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
 
+    def geometry_for(self, purpose: str) -> pd.DataFrame:
+        """Return the geometry. Raises :class:`BadInputError` that names the ``purpose`` where there is none."""
+        if len(self.geometry) < 2:
+            raise BadInputError(
+                f"{self.summary.recording_id}: the result has no track geometry; expected it for {purpose}. Hint: it "
+                "comes from a sensor that follows the track (rigid = true in [imu]) or displacement sensors, in motion"
+            )
+        return self.geometry
+
     @property
     def has_rails(self) -> bool:
         """Return whether the geometry has each rail by itself and the gauge."""

@@ -488,6 +488,17 @@ def test_plot_beside_the_result(run: Run, result: Path) -> None:
     Result.read(result)
 
 
+def test_plot_of_a_result_without_geometry_is_that_of_its_trajectory(
+    run: Run, make_result: Callable[..., Result], tmp_path: Path
+) -> None:
+    result = make_result(rows=300)
+    folder = replace(result, geometry=result.geometry.iloc[:0]).write(tmp_path / "out")
+    done = run("plot", folder)
+    assert (done.status, done.err) == (0, "")
+    assert done.out == f"chart of the trajectory, since there is no track geometry: {tmp_path / 'out.png'}\n"
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize("suffix", ["svg", "html"])
 def test_plot_a_range_twice_the_same(run: Run, result: Path, tmp_path: Path, suffix: str) -> None:
     a, b = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
@@ -626,7 +637,7 @@ def test_plot_a_result_without_geometry(run: Run, make_result: Callable[..., Res
     replace(whole, geometry=whole.geometry.iloc[:0]).write(tmp_path / "out")
     done = run("plot", tmp_path / "out", "--limits", "cfr-213")
     assert done.status == 2
-    assert "no geometry to draw" in done.err
+    assert "the result has no track geometry; expected it for a strip chart" in done.err
     assert not (tmp_path / "out.png").exists()
 
 

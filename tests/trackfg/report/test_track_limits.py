@@ -45,7 +45,7 @@ def test_limits_by_speed_need_the_speed_of_the_line(result: Result) -> None:
 
 
 def test_a_result_without_geometry_cannot_be_judged(result: Result) -> None:
-    with pytest.raises(BadInputError, match="no geometry to judge"):
+    with pytest.raises(BadInputError, match=r"no track geometry; expected it for limits\. Hint: it comes from"):
         judge(replace(result, geometry=result.geometry.iloc[:0]), [TWIST])
 
 

@@ -100,9 +100,7 @@ def _searches(run: pd.DataFrame, reference: pd.DataFrame, section_m: float) -> I
 
 def _compared(result: Result, step_m: float, *, band_only: bool) -> pd.DataFrame:
     """Return the columns of a geometry that runs are compared by, on the reference's step."""
-    table = result.geometry
-    if len(table) < 2:
-        raise BadInputError(f"{result.summary.recording_id}: has no track geometry; expected one to lay over another")
+    table = result.geometry_for("laying runs over each other")
     names = [name for kind in KINDS for name in kind if name in table and table[name].notna().any()]
     for quantity in ("level", "alignment"):
         if band_only and f"{quantity}_mm" in names and f"versine_{quantity}_mm" in names:

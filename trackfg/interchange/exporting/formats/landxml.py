@@ -16,7 +16,6 @@ from scipy.integrate import simpson
 
 from trackfg.curves import Curve, find_curves
 from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
-from trackfg.errors import BadInputError
 from trackfg.interchange.exporting.located import located_geometry
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
@@ -64,11 +63,10 @@ class LandXml(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the alignment. Raises :class:`BadInputError` where the result has no geometry."""
-        if result.geometry.empty:
-            raise BadInputError(f"{result.summary.recording_id}: has no track geometry; expected it for landxml")
+        measured = result.geometry_for("landxml")
         geometry = located_geometry(result).dropna(subset=["east_m", "north_m"])
         conventions = result.summary.geometry
-        curves = find_curves(result.geometry, base_m=conventions.curvature_base_m)
+        curves = find_curves(measured, base_m=conventions.curvature_base_m)
         start, end = float(geometry["chainage_m"].iloc[0]), float(geometry["chainage_m"].iloc[-1])
         elements = _elements(curves, start, end)
         first = geometry[["north_m", "east_m"]].to_numpy()
