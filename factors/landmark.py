@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
@@ -42,14 +44,49 @@ def _across(nav: Nav, place: Array, normal: Array, lever_arm: Array) -> tuple[Ar
     return np.sum(normal * offset, axis=1)[:, None], (d_nav,)
 
 
-def across_line(
-    index: np.ndarray, place: Array, normal: Array, lever_arm: Array, sigma: Array, loss: Loss | None
-) -> Family:
+class OnLine(NamedTuple):
+    """Keyframes (m,) have feet on a centre line: ``place`` (m, 2) in plan, m, and ``normal`` (m, 2), the line's unit
+    normal to the left there.
+    """
+
+    keyframe: np.ndarray
+    place: Array
+    normal: Array
+
+
+def across_line(feet: OnLine, lever_arm: Array, sigma: Array, loss: Loss | None) -> Family:
     """The vehicle reference point is on the centre line, in plan.
 
-    Residual (m): ``n' (p - R l - f)``, horizontal, positive where the vehicle is to the left of the line's direction.
-    ``f`` (m, 2) is the foot of keyframe ``index`` (m,) on the line, ``n`` (m, 2) the line's unit normal to the left
-    there, ``l`` (3,) the IMU's position in the vehicle, m. Heights are not used: lines are known in plan. sigma (m, 1).
+    Residual (m): ``c = n' (p - R l - f)``, horizontal, positive where the vehicle is to the left of the line's
+    direction; ``f`` is the foot, ``n`` the normal, ``l`` (3,) the IMU's position in the vehicle, m. Heights are not
+    used: lines are known in plan. sigma (m, 1).
     """
-    data = {"place": place, "normal": normal, "lever_arm": np.tile(lever_arm, (len(index), 1))}
-    return Family(FactorType.KNOWN_LINE, _across, (Slot(Kind.NAV, index),), data, sigma, loss)
+    data = {"place": feet.place, "normal": feet.normal, "lever_arm": np.tile(lever_arm, (len(feet.keyframe), 1))}
+    return Family(FactorType.KNOWN_LINE, _across, (Slot(Kind.NAV, feet.keyframe),), data, sigma, loss)
+
+
+def _along(
+    first: Nav, second: Nav, places: Array, normals: Array, correlation: Array, lever_arm: Array
+) -> tuple[Array, tuple[Array, ...]]:
+    before, (d_before,) = _across(first, places[:, 0], normals[:, 0], lever_arm)
+    after, (d_after,) = _across(second, places[:, 1], normals[:, 1], lever_arm)
+    return after - correlation * before, (-correlation[:, :, None] * d_before, d_after)
+
+
+def along_line(
+    first: OnLine, second: OnLine, correlation: Array, lever_arm: Array, sigma: Array, loss: Loss | None
+) -> Family:
+    """The vehicle goes along the centre line from one keyframe to another, as far beside it as before.
+
+    Residual (m): ``c_2 - rho c_1`` with c as of :func:`across_line` and the ``correlation`` rho (m,) of the line's
+    errors at both places. With sigma (m, 1) of what changes, and :func:`across_line` for the first keyframe, the
+    factors of a stretch are together those of errors that last: a constant one counts once.
+    """
+    data = {
+        "places": np.stack([first.place, second.place], axis=1),
+        "normals": np.stack([first.normal, second.normal], axis=1),
+        "correlation": correlation[:, None],
+        "lever_arm": np.tile(lever_arm, (len(first.keyframe), 1)),
+    }
+    slots = (Slot(Kind.NAV, first.keyframe), Slot(Kind.NAV, second.keyframe))
+    return Family(FactorType.KNOWN_LINE, _along, slots, data, sigma, loss)

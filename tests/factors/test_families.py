@@ -14,7 +14,7 @@ from trackfg.factors.further_sensors import speed_distance, tach_increment
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
-from trackfg.factors.landmark import across_line, landmark
+from trackfg.factors.landmark import OnLine, across_line, along_line, landmark
 from trackfg.factors.loss import Cauchy, Huber, Loss, Switch, SwitchChain
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
@@ -84,7 +84,15 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
         landmark(first, rng.uniform(0.0, 1.0, f), normal(f), sigma(f, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
-        across_line(all_k, normal(n, 2), normal(n, 2), lever, sigma(n, 1), loss),
+        across_line(OnLine(all_k, normal(n, 2), normal(n, 2)), lever, sigma(n, 1), loss),
+        along_line(
+            OnLine(first, normal(f, 2), normal(f, 2)),
+            OnLine(first + 1, normal(f, 2), normal(f, 2)),
+            rng.uniform(0.5, 1.0, f),
+            lever,
+            sigma(f, 1),
+            loss,
+        ),
         follows_path(first, near_one(f), near_one(f) * 0.9, near_one(f) * 0.5, lever, sigma(f, 2), loss),
         prior(Kind.BIAS, all_k, normal(n, 6), sigma(n, 6)),
         prior(Kind.MOUNT, np.array([0]), normal(1, 5), sigma(1, 5)),

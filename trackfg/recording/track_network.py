@@ -126,7 +126,11 @@ class _Segments(NamedTuple):
         tangent = step / length[:, None]
         offset = points[point] - self.start[k]
         free = np.sum(offset * tangent, axis=1)
-        along = np.clip(free, np.where(self.first[k], free, 0.0), np.where(self.last[k], free, length))
+        least, most = (
+            np.where(self.first[k], np.minimum(free, 0.0), 0.0),
+            np.where(self.last[k], np.maximum(free, length), length),
+        )
+        along = np.clip(free, least, most)
         place = self.start[k] + along[:, None] * tangent
         normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
         across = np.sum(offset * normal, axis=1)

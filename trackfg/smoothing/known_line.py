@@ -5,10 +5,9 @@ The run is smoothed by itself first. Which track it is on, from point to point, 
 across it becomes a factor; where several tracks are possible, where the run contradicts the line and where there is no
 track there is none, so that a line that is wrong pulls nothing.
 
-Errors of a line last for ``line.correlation_m`` L. Factors ``d`` apart tell together as much as independent ones whose
-sigma is larger by ``sqrt(2 L / d)`` (as of GNSS positions, :mod:`trackfg.graph.positions`). So that a factor is an
-outlier where it is one by the line's own sigma, the width of its loss is smaller by as much: Cauchy's loss divided by n
-is Cauchy's loss of sigmas and width divided by sqrt(n).
+Errors of a line last for kilometres (``line.correlation_m``): a factor says how far across the run is where a stretch
+begins, and the next ones how that changes from point to point (:func:`trackfg.factors.landmark.along_line`), so that a
+constant error counts once and the shape of the line is used besides.
 """
 
 from __future__ import annotations
@@ -20,7 +19,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from trackfg.factors.landmark import across_line
+from trackfg.factors.family import Family
+from trackfg.factors.landmark import OnLine, across_line, along_line
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.states import Kind, Odo
 from trackfg.mapping.recognition.track_hmm import LineError, Points, TrackPosterior, track_posterior
@@ -48,6 +48,9 @@ _SETTLED_M = 0.1
 """Feet that move less from solution to solution, m, are where they were: over 0.1 m no track turns by 0.5 deg."""
 _ROUNDS = 4
 """Solutions with the line at most: where it bends, feet move along it by less and less."""
+_REACH_M = 200.0
+"""Points of a track that are further apart begin a new stretch, m: a factor between distant keyframes fills the
+solver's matrices, and few stretches are interrupted."""
 _NAMED = 0.01
 """Probability from which a track is listed among those that are possible."""
 _Status = Literal["on", "disagrees", "absent", "undecided"]
@@ -62,7 +65,7 @@ EVENT_KINDS = {
 
 
 @dataclass(frozen=True)
-class OnLine:
+class RunOnLine:
     """A run that was solved with a known line, and what of the line was used."""
 
     run: SolvedRun
@@ -97,18 +100,18 @@ class _Passage(NamedTuple):
 
 def on_line(
     run: SolvedRun, recording: Recording, line: KnownLine, solved_again: Callable[[SolvedRun, bool], SolvedRun]
-) -> OnLine:
+) -> RunOnLine:
     """Find the tracks of a solved run, and solve it again with their lines.
 
     Raises :class:`~trackfg.errors.BadInputError` for a run without GNSS, and where line and run are not in one frame.
     """
     network, config = line.network(recording), run.config.line
-    passage = _passage(run, network, LineError(config.sd_m, config.correlation_m))
+    passage = _passage(run, network, _line_error(config))
     use = LineUse(name=line.name, stretches=tuple(_stretches(run, passage, network, config)))
     used = np.flatnonzero(passage.posterior.right >= SURE)
     if used.size:
         run = _solved_with(run, passage, used, network, solved_again)
-    return OnLine(run, use, tuple(_findings(use)))
+    return RunOnLine(run, use, tuple(_findings(use)))
 
 
 def _passage(run: SolvedRun, network: TrackNetwork, error: LineError) -> _Passage:
@@ -158,21 +161,39 @@ def _solved_with(
     solved_again: Callable[[SolvedRun, bool], SolvedRun],
 ) -> SolvedRun:
     """Solve with the lines at points ``used``, until their feet stay where they are."""
-    problem, config = run.problem, run.config.line
-    keyframes, pieces = passage.keyframes[used], passage.feet.piece[passage.posterior.row[used]]
-    apart = np.linalg.norm(np.diff(passage.points.place, axis=0), axis=1)
-    inflation = np.sqrt(max(1.0, 2.0 * config.correlation_m / float(np.median(apart))))
-    sigma = np.full((len(used), 1), config.sd_m * inflation)
-    loss = Cauchy(config.robust_width / inflation) if run.config.position.robust else None
-    feet = passage.feet.take(passage.posterior.row[used])
+    problem, keyframes, feet = run.problem, passage.keyframes[used], passage.feet.take(passage.posterior.row[used])
     for _ in range(_ROUNDS):
-        family = across_line(keyframes, feet.place, feet.normal, problem.run.lever_arm, sigma, loss)
-        solvable = replace(problem.with_family(family), initial=run.solution.states)
-        run = solved_again(replace(run, problem=solvable), False)
-        before, feet = feet, network.feet_on(pieces, _places(run, keyframes), feet.place)
-        if np.linalg.norm(feet.place - before.place, axis=1).max() < _SETTLED_M:
+        solvable = replace(problem, families=(*problem.families, *_families(run, keyframes, feet)))
+        run = solved_again(replace(run, problem=replace(solvable, initial=run.solution.states)), False)
+        before, feet = feet.place, network.feet_on(feet.piece, _places(run, keyframes), feet.place)
+        if np.linalg.norm(feet.place - before, axis=1).max() < _SETTLED_M:
             break
     return run
+
+
+def _families(run: SolvedRun, keyframes: np.ndarray, feet: Feet) -> Iterator[Family]:
+    """Return the factors of points along the line: across it where a stretch begins, and on from point to point."""
+    error, lever_arm = _line_error(run.config.line), run.problem.run.lever_arm
+    loss = Cauchy(run.config.line.robust_width) if run.config.position.robust else None
+    turned = np.sum(feet.normal[1:] * feet.normal[:-1], axis=1) < 0.0  # a piece that is drawn the other way round
+    normal = feet.normal * np.where(np.append(0, np.cumsum(turned)) % 2, -1.0, 1.0)[:, None]
+    points = OnLine(keyframes, feet.place, normal)
+    apart = np.linalg.norm(np.diff(feet.place, axis=0), axis=1)
+    begins = np.append(True, apart > _REACH_M)
+
+    def some(rows: np.ndarray) -> OnLine:
+        return OnLine(*(column[rows] for column in points))
+
+    yield across_line(some(begins), lever_arm, np.full((begins.sum(), 1), error.sd_m), loss)
+    second = np.flatnonzero(~begins)
+    if second.size:
+        between = apart[second - 1]
+        sigma = error.step_sd_m(between)[:, None]
+        yield along_line(some(second - 1), some(second), error.correlation(between), lever_arm, sigma, loss)
+
+
+def _line_error(config: LineConfig) -> LineError:
+    return LineError(config.sd_m, config.correlation_m)
 
 
 def _status(passage: _Passage) -> np.ndarray:

@@ -48,7 +48,7 @@ from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
-from trackfg.smoothing.known_line import OnLine, on_line
+from trackfg.smoothing.known_line import RunOnLine, on_line
 from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.noise_levels import levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
@@ -105,7 +105,7 @@ class SmoothedStates(SolvedRun):
     timings_s: dict[str, float]
     verdicts: tuple[Verdict, ...] = ()
     located: Located | None = None
-    on_line: OnLine | None = None
+    on_line: RunOnLine | None = None
 
 
 @one_thread()

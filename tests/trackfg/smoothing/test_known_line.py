@@ -181,16 +181,15 @@ def test_without_gnss_nothing_says_where_the_run_is() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gnss_sd", [1.0, 1.9])
-def test_the_right_track_of_two_is_named(tmp_path_factory: pytest.TempPathFactory, gnss_sd: float) -> None:
+def test_the_right_track_of_two_is_named(tmp_path_factory: pytest.TempPathFactory) -> None:
     named = []
-    for seed in range(10):
-        recording, _ = driven(tmp_path_factory, seed, gnss_sd)
+    for seed in range(4):
+        recording, _ = driven(tmp_path_factory, seed, gnss_sd=1.9)
         result = smooth(recording, known_line=network())
         assert result.summary.line is not None
         named += [
             (s.track == "south") == (s.end_chainage_m < SWITCH_M + 30.0) for s in result.summary.line.stretches
             if s.status == "on" and s.track != "crossover"
         ]  # fmt: skip
-    assert len(named) >= 18
-    assert np.mean(named) >= 0.95
+    assert len(named) == 8
+    assert all(named)

@@ -40,7 +40,9 @@ _ABSENT = 0.05
 _STEP_SIGMAS = 4.0
 """A step across a track that is larger in sigmas is more likely one off the network."""
 _ROUGHNESS = 0.1
-"""Share of a line's sigma that changes from vertex to vertex."""
+"""Share of a line's sigma that changes from place to place: errors 25 m apart differ by 0.27 m where sigma is 1.75 m
+(data of :class:`~trackfg.config.LineConfig`), of which 0.17 m, 0.1 sigma, remain beside what changes over kilometres.
+"""
 _BEYOND_M = 0.5
 """Sigma of where a track ends, m: its vertices are where the next one begins."""
 _WALK_M, _WALK_SHARE = 5.0, 0.3
@@ -69,6 +71,19 @@ class LineError:
 
     sd_m: float
     along_m: float
+
+    def correlation(self, distance_m: Array | float) -> Array:
+        """Return the correlation of errors so far apart."""
+        return np.asarray(np.exp(-np.asarray(distance_m) / self.along_m))
+
+    @property
+    def rough_sd_m(self) -> float:
+        """The part of the error that changes from place to place, m."""
+        return _ROUGHNESS * self.sd_m
+
+    def step_sd_m(self, distance_m: Array | float) -> Array:
+        """Return the sigma of the error given the one so far before it, m."""
+        return np.asarray(np.hypot(self.sd_m * np.sqrt(1.0 - self.correlation(distance_m) ** 2), self.rough_sd_m))
 
 
 class Hypotheses(NamedTuple):
@@ -173,9 +188,9 @@ class _Trellis:
         moved = self.points.place[j + 1] - self.points.place[j]
         distance = float(np.linalg.norm(moved))
         s_a, s_b = np.sqrt(self.variance[first])[:, None], np.sqrt(self.variance[second])[None, :]
-        alike = np.sign(a.normal @ b.normal.T) * self.error.sd_m**2 * np.exp(-distance / self.error.along_m)
+        alike = np.sign(a.normal @ b.normal.T) * self.error.sd_m**2 * float(self.error.correlation(distance))
         rho = (a.normal @ self.points.covariance[j] @ b.normal.T + alike) / (s_a * s_b)
-        rest = s_b**2 * np.clip(1.0 - rho**2, 0.0, 1.0) + (_ROUGHNESS * self.error.sd_m) ** 2
+        rest = s_b**2 * np.clip(1.0 - rho**2, 0.0, 1.0) + self.error.rough_sd_m**2
         ways = self._ways(a, b, moved) + self.end[second]
         same_side = np.sign(a.normal @ b.normal.T)
         goes_on = _log_normal(b.across - rho * s_b / s_a * a.across[:, None], rest) + ways
@@ -189,7 +204,7 @@ class _Trellis:
         out[k:-1, :m] = ways + entry_right + np.log(mend)
         stays_wrong = keeps_shape + np.log1p(-min(mend + leave, 0.5))
         out[k:-1, m:-1] = np.logaddexp(stays_wrong, ways + entry_wrong + np.log(err))
-        change = 1.0 - np.exp(-2.0 * distance / self.error.along_m) + _ROUGHNESS**2
+        change = float(self.error.step_sd_m(distance) / self.error.sd_m) ** 2
         none = self._absent(second, change)
         out[:-1, -1] = none + np.log(leave)
         out[-1, -1] = none + np.log1p(-min(2.0 * mend, 0.5))

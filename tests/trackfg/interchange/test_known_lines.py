@@ -1,0 +1,168 @@
+"""Files of known tracks: written by other libraries, read back equal; broken ones are refused with place and reason."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.known_lines import read_known_line
+from trackfg.numerics.geometry_blob import lines_of_wkb
+
+TRACKS = {"A": [[139.0, 35.2], [139.01, 35.2]], "B": [[139.01, 35.2], [139.02, 35.2], [139.03, 35.201]]}
+
+
+def feature(track: str, line: object, kind: str = "LineString") -> dict[str, Any]:
+    return {"type": "Feature", "properties": {"id": track}, "geometry": {"type": kind, "coordinates": line}}
+
+
+def relation(**about: object) -> dict[str, Any]:
+    own = {"netelementA": "A", "positionOnA": 1, "netelementB": "B", "positionOnB": 0, "navigability": "AB"}
+    return {"type": "Feature", "properties": own | about, "geometry": None}
+
+
+def written(path: Path, *features: object, **more: object) -> Path:
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": list(features)} | more))
+    return path
+
+
+def test_geojson_with_netrelations(tmp_path: Path) -> None:
+    tracks = [feature(track, line) for track, line in TRACKS.items()]
+    dangling, closed = relation(netelementB="elsewhere"), relation(navigability="none")
+    line = read_known_line(written(tmp_path / "net.geojson", *tracks, relation(), dangling, closed))
+    assert line.ids == ("A", "B")
+    np.testing.assert_array_equal(line.vertices[1][:, ::-1], TRACKS["B"])
+    assert line.relations is not None
+    assert [(r.a, r.on_a, r.b, r.on_b, r.forth, r.back) for r in line.relations] == [("A", 1.0, "B", 0.0, True, False)]
+    assert not line.is_local
+    assert line.only(["B"]).ids == ("B",)
+    assert line.only(["B"]).relations == ()
+    with pytest.raises(BadInputError, match="no track 'C'"):
+        line.only(["C"])
+
+
+def test_ids_and_parts(tmp_path: Path) -> None:
+    parts = feature("both", list(TRACKS.values()), "MultiLineString")
+    unnamed = {"type": "Feature", "properties": None, "geometry": {"type": "LineString", "coordinates": TRACKS["A"]}}
+    named = {"type": "Feature", "id": 7, "properties": {"NAME": "x"}, "geometry": unnamed["geometry"]}
+    line = read_known_line(written(tmp_path / "net.json", parts, unnamed, named))
+    assert line.ids == ("both", "both", "2", "7")
+    assert line.relations is None
+
+
+def test_other_reference_systems(tmp_path: Path) -> None:
+    pyproj = pytest.importorskip("pyproj")
+    to_plane = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:6677", always_xy=True)
+    plane = [list(to_plane.transform(*vertex)) for vertex in TRACKS["B"]]
+    named = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::6677"}}
+    by_file = read_known_line(written(tmp_path / "net.geojson", feature("B", plane), crs=named))
+    by_option = read_known_line(written(tmp_path / "net.geojson", feature("B", plane)), "EPSG:6677")
+    for line in (by_file, by_option):
+        np.testing.assert_allclose(line.vertices[0][:, ::-1], TRACKS["B"], atol=1e-9)
+    local = read_known_line(tmp_path / "net.geojson", "local")
+    assert local.is_local
+    np.testing.assert_array_equal(local.vertices[0], plane)
+    with pytest.raises(BadInputError, match="unknown reference system 'EPSG:1'"):
+        read_known_line(tmp_path / "net.geojson", "EPSG:1")
+
+
+def test_geopackage(tmp_path: Path) -> None:
+    """A layer of tracks and one of relations without geometry, in a national grid, written by GDAL."""
+    raw, pyproj = pytest.importorskip("pyogrio.raw"), pytest.importorskip("pyproj")
+    to_plane = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:6677", always_xy=True)
+    blobs = [
+        struct.pack("<BII", 1, 2, len(line)) + np.array([to_plane.transform(*v) for v in line]).tobytes()
+        for line in TRACKS.values()
+    ]
+    path = tmp_path / "net.gpkg"
+    ids = [np.array(list(TRACKS), dtype=object)]
+    geometry = np.array(blobs, dtype=object)
+    raw.write(path, geometry, ids, ["id"], layer="tracks", geometry_type="LineString", crs="EPSG:6677")
+    about = relation()["properties"]
+    columns = [np.array([value], dtype=object if isinstance(value, str) else float) for value in about.values()]
+    raw.write(path, None, columns, list(about), layer="relations", geometry_type=None, append=True, driver="GPKG")
+    line = read_known_line(path)
+    assert line.ids == ("A", "B")
+    for vertices, track in zip(line.vertices, TRACKS.values(), strict=True):
+        np.testing.assert_allclose(vertices[:, ::-1], track, atol=1e-9)
+    assert line.relations is not None
+    assert len(line.relations) == 1
+    (tmp_path / "bad.gpkg").write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(BadInputError, match=r"bad\.gpkg: not a GeoPackage"):
+        read_known_line(tmp_path / "bad.gpkg")
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_well_known_binary(order: str) -> None:
+    """Lines with height, with measure, with both, and several, in both byte orders; of other geometries none."""
+    flag = 1 if order == "<" else 0
+    values = np.arange(12.0)
+    for code, dims in ((2, 2), (1002, 3), (2002, 3), (3002, 4)):
+        line = values[: 3 * dims].reshape(3, dims)
+        blob = struct.pack(f"{order}BII", flag, code, 3) + line.astype(f"{order}f8").tobytes()
+        np.testing.assert_array_equal(lines_of_wkb(blob)[0], line)
+        several = lines_of_wkb(struct.pack(f"{order}BII", flag, code + 3, 2) + blob + blob)
+        assert [len(part) for part in several] == [3, 3]
+        with pytest.raises(ValueError, match="damaged"):
+            lines_of_wkb(blob[:-1])
+    assert lines_of_wkb(struct.pack(f"{order}BI2d", flag, 1, 0.0, 0.0)) == []
+
+
+BROKEN: dict[str, tuple[tuple[object, ...], dict[str, object], str]] = {
+    "no features": ((), {"features": None}, "no list of features"),
+    "no lines": ((relation(),), {}, "has no line"),
+    "a point only": ((feature("A", [1.0, 2.0], "Point"),), {}, "has no line"),
+    "a feature that is a number": ((7,), {}, "feature 1: is no object"),
+    "one vertex": ((feature("A", [[139.0, 35.2]]),), {}, r"feature 1 \('A'\): has 1 vertices at one place"),
+    "one place": ((feature("A", [[1.0, 2.0], [1.0, 2.0]]),), {}, "at one place"),
+    "a vertex of text": ((feature("A", [["x", 2.0], [1.0, 2.0]]),), {}, "a vertex is no position"),
+    "a vertex of one number": ((feature("A", [[1.0], [1.0, 2.0]]),), {}, "a vertex is no position"),
+    "no coordinates": ((feature("A", None),), {}, "a vertex is no position"),
+    "coordinates that are a number": ((feature("A", 7, "MultiLineString"),), {}, "coordinates are no list"),
+    "metres": ((feature("A", [[155000.0, 174000.0], [155100.0, 174000.0]]),), {}, "no place in EPSG:4326.*--line-crs"),
+    "latitude": ((feature("A", [[10.0, 95.0], [10.0, 94.0]]),), {}, "vertex 1: .*no place"),
+    "a crs without a name": ((feature("A", TRACKS["A"]),), {"crs": {"type": "name"}}, "crs has no name"),
+    "no netelement": ((relation(netelementA=None),), {}, "netelementA or netelementB is missing"),
+    "a share of 2": ((relation(positionOnA=2),), {}, "positionOnA is 2: expected a share"),
+    "a share that is true": ((relation(positionOnB=True),), {}, "positionOnB is True"),
+    "navigability": (
+        (relation(navigability="left"),),
+        {},
+        "navigability is 'left': expected one of both, AB, BA, none",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_geojson_is_refused(case: str, tmp_path: Path) -> None:
+    features, more, message = BROKEN[case]
+    path = written(tmp_path / "net.geojson", *features, **more)
+    with pytest.raises(BadInputError, match=f"net.geojson: .*{message}") as error:
+        read_known_line(path)
+    assert "expected" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[1]", b"NaN", b'{"features": [' * 2000])
+def test_what_is_no_geojson_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "net.geojson"
+    path.write_bytes(content)
+    with pytest.raises(BadInputError, match=r"net\.geojson: .*expected"):
+        read_known_line(path)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="cannot be read"):
+        read_known_line(tmp_path / "missing.geojson")
+    with pytest.raises(BadInputError, match="cannot be read"):
+        read_known_line(tmp_path / "missing.gpkg")
+    with pytest.raises(BadInputError, match=r"expected one of \.geojson"):
+        read_known_line(tmp_path / "line.shp")
+    values = [[float("nan"), 1.0], [1.0, 2.0]]
+    with pytest.raises(BadInputError, match="not finite"):
+        read_known_line(written(tmp_path / "net.geojson", feature("A", values)))
