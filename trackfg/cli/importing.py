@@ -125,16 +125,18 @@ def _assume(question: Question) -> str:
 
 def _ask(question: Question) -> str:
     """Ask in the terminal until the answer is one of the choices, or a number where the default is one."""
+    from rich.markup import escape
     from rich.prompt import FloatPrompt, Prompt
 
     from trackfg.errors import BadInputError
 
     try:
         if question.choices:
-            return Prompt.ask(question.text, choices=list(question.choices), default=question.default)
+            text = f"{escape(question.text)} [prompt.choices]({', '.join(question.choices)})[/]"
+            return Prompt.ask(text, choices=list(question.choices), show_choices=False, default=question.default)
         if question.default.replace(".", "", 1).isdigit():
-            return str(FloatPrompt.ask(question.text, default=float(question.default)))
-        return Prompt.ask(question.text, default=question.default)
+            return str(FloatPrompt.ask(escape(question.text), default=float(question.default)))
+        return Prompt.ask(escape(question.text), default=question.default)
     except EOFError:
         raise BadInputError(
             f"{question.key}: nobody answers ({question.text}). Hint: take the defaults by --yes"

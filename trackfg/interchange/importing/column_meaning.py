@@ -37,7 +37,7 @@ _PATTERNS = {
     "latitude": r"^lat|latitude|breite",
     "longitude": r"^lon|^lng|longitude|länge|laenge",
     "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh",
-    "sd_horizontal": r"h(or\w*)?_?acc|horizontal.?accuracy|^accuracy|hdop|sd_?[neh]\b",
+    "sd_horizontal": r"h(or\w*)?_?acc|horizontal.?accuracy|^accuracy|sd_?[neh]\b",
     "sd_vertical": r"v(er\w*)?_?acc\b|vertical.?accuracy|altitude.?accuracy|sd_?[uv]\b",
     "time": r"^t$|time|zeit|uhr|datum|date|utc|stamp|elapsed|epoch|seconds?$|^ts$",
 }

@@ -214,6 +214,7 @@ def test_a_cell_that_is_no_place_is_named_with_its_row():
         ("Längsbeschleunigung", "accel", "x"),
         ("Roll", None, "x"),
         ("vertical accuracy", "sd_vertical", None),
+        ("hdop", None, None),  # no metres
         ("Geschwindigkeit", "speed", None),
         ("Impulse", "count", None),
         ("latitude", "latitude", None),
