@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from trackfg.comparison.table import REFERENCE, Comparison
+from trackfg.comparison.table import REFERENCE, Comparison, Row
 from trackfg.report.comparison_charts import by_speed, case_curves, colours, run_times
 from trackfg.report.comparison_tables import (
     beaten_table,
+    best_table,
     case_table,
     difference_table,
     estimator_names,
@@ -41,6 +42,7 @@ def comparison_page(comparison: Comparison, command: str) -> Page:
     )
     title = ", ".join(case.name for case in about.cases if case.basis != "withheld")
     sections = [
+        *_best(comparison),
         _beaten(comparison),
         _what(comparison, runs),
         *_tasks(comparison, colour),
@@ -51,6 +53,17 @@ def comparison_page(comparison: Comparison, command: str) -> Page:
         _made(comparison, command),
     ]
     return Page("comparison", title, subtitle, tuple(sections))
+
+
+def _best(comparison: Comparison) -> Iterator[PageSection]:
+    table = best_table(comparison.about)
+    if not table.rows:
+        return
+    note = (
+        "Of each quantity the system with the least error over the smoother's in the same runs; ratio: their geometric "
+        "mean, above 1 where the smoother is better. Below are all systems, and where others win."
+    )
+    yield PageSection("best", "The smoother against the best published system", (table, Text(note, "note")))
 
 
 def _beaten(comparison: Comparison) -> PageSection:
@@ -64,8 +77,7 @@ def _beaten(comparison: Comparison) -> PageSection:
     table, shown = beaten_table(comparison.about), max(sure, _FEW)
     blocks: list[Block] = [
         Text(
-            f"In {beaten} of {len(held)} scores, speed bands among them; in {sure} of these the whole 95 % interval is "
-            "below 1.",
+            f"In {beaten} of {len(held)} scores, speed bands among them; {_how_sure(sure, held)}.",
             "warning",
         ),
         replace(table, rows=table.rows[:shown]),
@@ -74,10 +86,17 @@ def _beaten(comparison: Comparison) -> PageSection:
         rest = replace(table, rows=table.rows[shown:])
         blocks.append(Fold(f"{len(rest.rows)} more, which may all be chance", (rest,)))
     note = (
-        "Ratio: error over the smoother's error in the same runs, geometric mean. It is sure where the whole 95 % "
-        "interval is below 1; otherwise another choice of runs may say the opposite."
+        "Ratio: error over the smoother's error in the same runs, geometric mean. With several runs it is sure where "
+        "the whole 95 % interval is below 1; otherwise another choice of runs may say the opposite."
     )
     return PageSection("beaten", title, (*blocks, Text(note, "note")))
+
+
+def _how_sure(sure: int, held: Sequence[Row]) -> str:
+    """Return how many of the scores are more than chance; of one run nothing can be said."""
+    if all(row.to_smoother_interval is None for row in held):
+        return "one run does not say which of them are chance"
+    return f"in {sure} of these the whole 95 % interval is below 1"
 
 
 def _what(comparison: Comparison, runs: int) -> PageSection:

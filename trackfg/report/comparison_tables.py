@@ -58,6 +58,65 @@ def estimator_table(about: About) -> PageTable:
     return PageTable(("estimator", "what it is"), rows)
 
 
+def best_table(about: About) -> PageTable:
+    """Return the smoother against the best of the others, a row per case and quantity, over whole runs."""
+    places: dict[tuple[str, str], list[Score]] = {}
+    for row in about.rows:
+        if row.from_kmh is None:
+            places.setdefault((row.case, row.quantity), []).append(row)
+    rows = []
+    for (case, quantity), of_place in places.items():
+        own = next((row for row in of_place if row.estimator == REFERENCE), None)
+        others = [row for row in of_place if row.to_smoother is not None]
+        if own is None or not others:
+            continue
+        best = min(others, key=lambda row: row.to_smoother or 0.0)
+        rows.append(
+            TableRow(
+                (
+                    case,
+                    f"{quantity_text(quantity)} ({_STATISTIC[best.statistic]})",
+                    _error(own),
+                    _error(best),
+                    best.estimator,
+                    digits(best.to_smoother),
+                    interval(best.to_smoother_interval),
+                    str(best.runs),
+                    verdict_on(best),
+                ),
+                mark="bad" if best.beats_the_smoother else "",
+            )
+        )
+    headings = (
+        "case",
+        "error of",
+        "smoother",
+        "best published system",
+        "which",
+        "ratio",
+        "95 % interval",
+        "runs",
+        "verdict",
+    )
+    return PageTable(headings, tuple(rows), numbers=frozenset((2, 3, 5, 6, 7)))
+
+
+def verdict_on(row: Score) -> str:
+    """Return in words what the ratio of a system's error to the smoother's says, and how far so many runs say it."""
+    if row.to_smoother is None:
+        return "no ratio"
+    better = row.to_smoother > 1.0
+    if row.to_smoother_interval is None:
+        side = "better" if better else "worse"
+        return f"the smoother is {side} in this {'run' if row.runs == 1 else 'set of runs'}; others may differ"
+    low, high = row.to_smoother_interval
+    if low > 1.0:
+        return "the smoother is better: the whole interval is above 1"
+    if high < 1.0:
+        return "the smoother is worse: the whole interval is below 1"
+    return f"not told apart by {row.runs} runs: the interval holds 1"
+
+
 def beaten_table(about: About) -> PageTable:
     """Return every score in which another system is better than the smoother: the sure ones first, then by the
     ratio.
@@ -130,7 +189,7 @@ def score_table(about: About, task: Task) -> PageTable:
         "over the smoother's",
         "95 % interval",
         "s per km",
-        "",
+        "remark",
     )
     return PageTable(headings, tuple(rows), numbers=frozenset(range(1, 7)))
 

@@ -223,11 +223,10 @@ function scales(chart, plot, entries, range, fit) {
   return change;
 }
 
-function button(text, name, action) {
+function button(text, action) {
   const made = document.createElement("button");
   made.type = "button";
   made.textContent = text;
-  if (name) { made.title = name; made.setAttribute("aria-label", name); }
   made.addEventListener("click", action);
   return made;
 }
@@ -254,7 +253,7 @@ function tool(tools, chart, plot) {
   for (const input of [from, to]) input.addEventListener("change", go);
   fit.type = "checkbox";
   label.append(fit, " fit the vertical scales to what is shown");
-  tools.append(chart.official === null ? "from" : "chainage from", from, "to", to, chart.x.unit, button("whole run", null, () => {
+  tools.append(chart.official === null ? "from" : "chainage from", from, "to", to, chart.x.unit, button("whole run", () => {
     Plotly.relayout(plot, { "xaxis.range": [...chart.x.range] });
   }), label);
   show(chart.x.range);
@@ -276,9 +275,9 @@ function moved(chart, [from, to], [by, left]) {
 /** Buttons for what the pointer does by dragging, the scale on paper, and the chart as a picture; keys do the same. */
 function buttons(keys, chart, window_, cursor, plot) {
   const go = (key) => window_.show(moved(chart, window_.shown(), MOVES[key]));
-  keys.append(button("◀", "back", () => go("PageUp")), button("▶", "on", () => go("PageDown")),
-    button("+", "zoom in", () => go("+")), button("−", "zoom out", () => go("-")),
-    button("save picture", null, () => Plotly.downloadImage(plot, { format: "png", scale: 2, filename: document.title })));
+  keys.append(button("back", () => go("PageUp")), button("on", () => go("PageDown")),
+    button("zoom in", () => go("+")), button("zoom out", () => go("-")),
+    button("save picture", () => Plotly.downloadImage(plot, { format: "png", scale: 2, filename: document.title })));
   if (chart.paper !== null) {
     const label = document.createElement("label"), select = document.createElement("select");
     for (const metres of [250, 500, 1000, 2500, 5000]) {

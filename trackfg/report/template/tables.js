@@ -45,7 +45,7 @@ async function copied(text) {
 function sortable(table) {
   const body = table.tBodies[0], headings = [...table.tHead.rows[0].cells], first = [...body.rows];
   headings.forEach((heading, i) => {
-    const text = heading.textContent, turn = button(text, null, () => {
+    const text = heading.textContent, turn = button(text, () => {
       const sign = heading.ariaSort === "ascending" ? -1 : heading.ariaSort === "descending" ? 0 : 1;
       for (const other of headings) other.ariaSort = "none";
       heading.ariaSort = ["descending", "none", "ascending"][sign + 1];
@@ -79,7 +79,7 @@ function withTools(table) {
     });
     line.append(field);
   }
-  if (rows.length) line.append(button("copy as CSV", null, async () => {
+  if (rows.length) line.append(button("copy as CSV", async () => {
     await copied(csv(table));
     said.textContent = "copied";
   }), said);
