@@ -12,7 +12,7 @@ from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.trajectory_errors import trajectory_errors
 from trackfg.io.description_reader import read_description
-from trackfg.io.truth import read_truth, read_truth_geometry
+from trackfg.io.truth import has_truth, read_truth, read_truth_geometry
 from trackfg.results.result import Result
 
 
@@ -48,6 +48,8 @@ def against(result: Result, recording: str | os.PathLike[str]) -> Against:
     Raises :class:`BadInputError` if it has none, or is another recording.
     """
     path = os.fspath(recording)
+    if not has_truth(path):
+        raise BadInputError(f"{path}: has no [truth] to show errors against. Hint: leave out --recording")
     truth, geometry = read_truth(path), read_truth_geometry(path)
     description = read_description(path).description
     name = result.summary.recording_id
