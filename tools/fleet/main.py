@@ -1,12 +1,14 @@
 """The acceptance of `trackfg batch`, in any size.
 
     python tools/fleet.py                                     20 runs of 60 s
-    python tools/fleet.py --runs 200 --kills 10 --out fleet   all of it, kept in a folder
+    python tools/fleet.py --runs 200 --kills 10 --map-runs 300 --out fleet   all of it, kept in a folder
+    python tools/fleet.py --runs 0 --map-runs 300             maps alone
 
 Recordings are simulated once. Then they are computed by local processes, by a cluster of dask workers of which one is
 killed twice, and by a command that is itself killed again and again: catalogue and results must be the same, to the
 last bit. Faults of single runs must become rows, a second call must do nothing, one changed setting must do what it
-affects. Exit status 1 where a figure misses its target. Timings are those of a machine with nothing else to do.
+affects. A map of many runs must take no more memory than a few, and one run more must cost what it costs with 30.
+Exit status 1 where a figure misses its target. Timings are those of a machine with nothing else to do.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fleet.faults import KINDS, write_faults
+from fleet.many_runs import write_store
 from fleet.runs import write_runs
 
 _TRACKFG = [sys.executable, "-m", "trackfg"]
@@ -39,6 +42,10 @@ _MADE_UP = 100_000
 """Rows of the catalogue that is only planned."""
 _MEASURED = 6
 """Runs that throughput is measured on."""
+_FEW = 30
+"""Runs of the map that a longer one is held against."""
+_REPEATED = 3
+"""Times that a run is added: the least counts, since other processes can only cost."""
 
 
 @dataclass
@@ -64,16 +71,20 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of a run")
     parser.add_argument("--kills", type=int, default=3, help="times that the command is killed")
+    parser.add_argument("--map-runs", type=int, default=60, help="runs of a map")
     parser.add_argument("--out", type=Path, help="folder to keep; a temporary one if absent")
     options = parser.parse_args()
     folder = options.out or Path(tempfile.mkdtemp(prefix="fleet-"))
     figures = Figures()
     try:
-        table = write_runs(folder / "recordings", options.runs, options.seconds)
-        _same_everywhere(table, folder, options.kills, figures)
-        _faults(table, folder, figures)
-        _second_call(table, folder, figures)
-        _throughput(table, folder, figures)
+        if options.runs:
+            table = write_runs(folder / "recordings", options.runs, options.seconds)
+            _same_everywhere(table, folder, options.kills, figures)
+            _faults(table, folder, figures)
+            _second_call(table, folder, figures)
+            _throughput(table, folder, figures)
+        if options.map_runs:
+            _maps(folder, options.map_runs, figures)
     finally:
         if options.out is None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -271,6 +282,36 @@ def _throughput(table: Path, folder: Path, figures: Figures) -> None:
     gain, overhead = seconds[1] / seconds[2], (seconds[1] - plain) / len(rows)
     figures.add("two processes against one", f"{gain:.2f} times", ">= 1.8", gain >= 1.8)
     figures.add("overhead over a loop of smooth, s a run", f"{overhead:.2f}", "<= 0.3", overhead <= 0.3)
+
+
+def _maps(folder: Path, runs: int, figures: Figures) -> None:
+    """Build maps of few runs and of many, and add one to each, in a copy, again and again."""
+    *results, last = write_store(folder / "store-map", runs + 1)
+    few, cost = min(_FEW, runs), {}
+    for number in sorted({few, runs}):
+        place, copy = folder / f"map-{number}.gpkg", folder / "one-more.gpkg"
+        place.unlink(missing_ok=True)
+        seconds, memory = _taken(["map", "build", *map(str, results[:number]), "-o", str(place)])
+        figures.add(
+            f"map of {number} runs in {seconds:.0f} s of a core: memory, GB", f"{memory:.2f}", "<= 4", memory <= 4
+        )
+        added = []
+        for _ in range(_REPEATED):
+            shutil.copy(place, copy)
+            added.append(_taken(["map", "build", str(last), "-o", str(copy)])[0])
+        cost[number] = min(added)
+    what = f"one run more: {cost[runs]:.2f} s of a core; against {few} runs"
+    figures.add(what, f"{cost[runs] / cost[few]:.2f} times", "<= 1.5", cost[runs] <= 1.5 * cost[few])
+
+
+def _taken(command: list[str]) -> tuple[float, float]:
+    """Return the time of a core that a command took, s, and the memory of its largest process, GB."""
+    with subprocess.Popen([*_TRACKFG, *command], stdout=subprocess.DEVNULL) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024e-9
 
 
 @contextmanager

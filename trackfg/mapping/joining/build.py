@@ -14,8 +14,8 @@ runs alone: the map is the same to the last bit whoever computes the blocks.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Any
@@ -38,6 +38,8 @@ LeaveOut = Callable[[str, BadInputError], None]
 _ONE_BY_ONE = 8
 """Runs that are joined one after another: their mean has a third of the noise of one, and shows the others' places
 nearly as well as a mean of any number."""
+_TWO_OTHERS = 2
+"""Runs that do not know the first one and outvote it."""
 BLOCK = 8
 """Runs that are condensed together: what is sent about, the survey and a part, is then a third of what they read."""
 
@@ -98,13 +100,7 @@ def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Jo
     with one_thread():
         waiting = dict(_named(survey, runs, joining.leave_out))
         steps = len(waiting) + 1
-        for run_id, run in list(waiting.items()):
-            if len(survey.runs) >= _ONE_BY_ONE:
-                break
-            joining.progress(run.summary.recording_id, 1.0 - (len(waiting) + 1) / steps)
-            with suppress(BadInputError):  # a longer survey may know it: the blocks say if that is not so
-                survey = joined(survey, part_of_run(survey, run_id, run.read()))
-                del waiting[run_id]
+        survey, waiting = _in_turn(survey, waiting, lambda run, done: joining.progress(run, done / steps))
         while waiting:
             survey, left = _with_blocks(survey, waiting, joining, steps)
             waiting = {run_id: run for run_id, run in waiting.items() if run_id in left}
@@ -112,6 +108,29 @@ def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Jo
             raise BadInputError("no run is left: a map needs at least one")
         joining.progress("landmarks", 1.0 - 1.0 / steps)
         return finished(survey)
+
+
+def _in_turn(survey: Survey, runs: Mapping[str, JoinableRun], show: Progress) -> tuple[Survey, dict[str, JoinableRun]]:
+    """Return the survey with the first runs, joined one after another, and the runs that are left.
+
+    A run that begins a survey and that neither of the next two is recognised on is put last: it may be of another line.
+    Runs that cannot be joined are left too, since a longer survey may know them.
+    """
+    empty, waiting, unknown, put_last = survey, deque(runs), list[str](), set[str]()
+    while waiting and len(survey.runs) < _ONE_BY_ONE:
+        run_id = waiting.popleft()
+        show(runs[run_id].summary.recording_id, len(survey.runs) - len(empty.runs))
+        try:
+            survey = joined(survey, part_of_run(survey, run_id, runs[run_id].read()))
+        except BadInputError:
+            unknown.append(run_id)
+        (first, *others) = survey.runs or (None,)
+        if not empty.runs and not others and len(unknown) == _TWO_OTHERS and first not in (None, *put_last):
+            waiting.extendleft(reversed(unknown))
+            waiting.append(first)
+            put_last.add(first)
+            survey, unknown = empty, []
+    return survey, {run_id: runs[run_id] for run_id in (*unknown, *waiting)}
 
 
 def _named(
