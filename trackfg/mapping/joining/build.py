@@ -124,8 +124,8 @@ def _in_turn(survey: Survey, runs: Mapping[str, JoinableRun], show: Progress) ->
             survey = joined(survey, part_of_run(survey, run_id, runs[run_id].read()))
         except BadInputError:
             unknown.append(run_id)
-        (first, *others) = survey.runs or (None,)
-        if not empty.runs and not others and len(unknown) == _TWO_OTHERS and first not in (None, *put_last):
+        outvoted = not empty.runs and len(survey.runs) == 1 and len(unknown) == _TWO_OTHERS
+        if outvoted and (first := next(iter(survey.runs))) not in put_last:
             waiting.extendleft(reversed(unknown))
             waiting.append(first)
             put_last.add(first)
