@@ -21,11 +21,11 @@ from trackfg.cli.batch import batch
 from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
-from trackfg.cli.known_line import SmoothOptions
 from trackfg.cli.maps import maps
 from trackfg.cli.noise import noise
 from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
 from trackfg.cli.overlay import overlay
+from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell

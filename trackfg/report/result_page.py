@@ -34,6 +34,7 @@ from trackfg.report.page import (
     Text,
 )
 from trackfg.report.sections.curve_section import curve_section, curves_of
+from trackfg.report.sections.known_line import known_line_sections
 from trackfg.report.sections.places import PagePlaces
 from trackfg.report.sections.quality import quality_section
 from trackfg.report.sections.strip_places import place_rows
@@ -80,6 +81,7 @@ def result_page(
         _findings(result),
         *kilometrage_sections(result, line),
         *balise_sections(result),
+        *known_line_sections(result, PagePlaces(kilometrage)),
         _events(result, kilometrage),
         _motion(result, against),
         _consistency(result, against),

@@ -77,6 +77,24 @@ def test_sections(result: Result, run: tuple[Result, Path], known: Against) -> N
     assert "errors" in [section.name for section in result_page(run[0], "", known).sections]
 
 
+def test_a_known_line_has_a_section(make_result: Make) -> None:
+    stretch = {
+        **{"status": "on", "track": "<4201>", "probability": 0.993, "tracks": {"<4201>": 0.995}},
+        **{"start_s": 0.0, "end_s": 9.0, "start_chainage_m": 100.0, "end_chainage_m": 300.0},
+        **{"across_m": -0.31, "across_m_sd": 1.52},
+    }
+    unknown = {"track": None, "across_m": None, "across_m_sd": None, "start_chainage_m": 300.0, "end_chainage_m": 350.0}
+    undecided = stretch | unknown | {"status": "undecided", "tracks": {"a": 0.6, "b": 0.4}}
+    page = result_page(make_result(line={"name": "net.geojson", "stretches": [stretch, undecided]}), "", None)
+    text = page.html()
+    for expected in ("Of 250 m of the run 200 m are on a track of net.geojson", "a (60 %), b (40 %)", "&lt;4201&gt;"):
+        assert expected in text, expected
+    assert "-0.3 ± 1.5" in text
+    assert "line" in [section.name for section in page.sections]
+    many = result_page(make_result(line={"name": "net", "stretches": [stretch, undecided] * 20}), "", None).html()
+    assert "All 40 stretches" in many
+
+
 def test_exceedances_have_a_section_and_are_shaded(result: Result) -> None:
     limit = Limit(standard="rule <1>", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
     unjudged = limit.model_copy(update={"parameter": "runoff"})

@@ -1,4 +1,4 @@
-"""The known line of ``trackfg smooth``: tracks of GeoJSON or GeoPackage, or an alignment of LandXML."""
+"""The options of ``trackfg smooth``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from trackfg.cli.options import Json
@@ -15,13 +14,10 @@ from trackfg.errors import BadInputError
 if TYPE_CHECKING:
     from trackfg.recording.known_line import KnownLine
 
-_VERTEX_M = 5.0
-"""Vertices of an alignment are so far apart, m: their chords leave a curve of 150 m by 2 cm."""
-
 
 @dataclass(frozen=True)
 class SmoothOptions:
-    """The options of ``trackfg smooth``."""
+    """A recording, its result, and what the run is smoothed with besides."""
 
     recording: Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the result.")]
@@ -69,35 +65,7 @@ class SmoothOptions:
                 if value:
                     raise BadInputError(f"{option} is of a known line: expected --line too")
             return None
+        from trackfg.cli.smoothing.line_file import read_line
+
         line = read_line(self.line, self.line_crs, self.alignment)
         return line.only(self.path) if self.path else line
-
-
-def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLine:
-    """Return the tracks of a file, or the ``alignment`` of LandXML as its only one."""
-    from trackfg.interchange.known_lines import read_known_line
-
-    if path.suffix.lower() == ".xml":
-        return _of_landxml(path, system, alignment)
-    if alignment is not None:
-        raise BadInputError(f"--alignment chooses one of a LandXML file: {path} is none")
-    return read_known_line(path, system)
-
-
-def _of_landxml(path: Path, system: str | None, alignment: str | None) -> KnownLine:
-    from trackfg.datasets.line.landxml import read_landxml
-    from trackfg.datasets.line.landxml_file import open_landxml
-    from trackfg.interchange.known_lines import known_line
-
-    designed = read_landxml(path, name=alignment, speed_limit_mps=np.inf)
-    of_file = open_landxml(path).child("CoordinateSystem")
-    code = None if of_file is None else of_file.text("epsgCode")
-    if system is None and not code:
-        raise BadInputError(
-            f"{path}: has no CoordinateSystem with an epsgCode: expected the reference system of its coordinates. "
-            "Hint: give --line-crs EPSG:N, or --line-crs local where the recording has the same frame"
-        )
-    line = designed.line
-    steps = max(int(np.ceil(line.length_m / _VERTEX_M)), 1)
-    east_north = designed.start_m[:2] + line.position(np.linspace(0.0, line.length_m, steps + 1))[:, :2]
-    return known_line(path.name, {designed.name or "1": east_north}, system or f"EPSG:{code}")

@@ -1,0 +1,43 @@
+"""The file of a known line: tracks of GeoJSON or GeoPackage, or an alignment of LandXML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trackfg.datasets.line.landxml import read_landxml
+from trackfg.datasets.line.landxml_file import open_landxml
+from trackfg.errors import BadInputError
+from trackfg.interchange.known_lines import known_line, read_known_line
+
+if TYPE_CHECKING:
+    from trackfg.recording.known_line import KnownLine
+
+_VERTEX_M = 5.0
+"""Vertices of an alignment are so far apart, m: their chords leave a curve of 150 m by 2 cm."""
+
+
+def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLine:
+    """Return the tracks of a file, or the ``alignment`` of LandXML as its only one."""
+    if path.suffix.lower() == ".xml":
+        return _of_landxml(path, system, alignment)
+    if alignment is not None:
+        raise BadInputError(f"--alignment chooses one of a LandXML file: {path} is none")
+    return read_known_line(path, system)
+
+
+def _of_landxml(path: Path, system: str | None, alignment: str | None) -> KnownLine:
+    designed = read_landxml(path, name=alignment, speed_limit_mps=np.inf)
+    of_file = open_landxml(path).child("CoordinateSystem")
+    code = None if of_file is None else of_file.text("epsgCode")
+    if system is None and not code:
+        raise BadInputError(
+            f"{path}: has no CoordinateSystem with an epsgCode: expected the reference system of its coordinates. "
+            "Hint: give --line-crs EPSG:N, or --line-crs local where the recording has the same frame"
+        )
+    line = designed.line
+    steps = max(int(np.ceil(line.length_m / _VERTEX_M)), 1)
+    east_north = designed.start_m[:2] + line.position(np.linspace(0.0, line.length_m, steps + 1))[:, :2]
+    return known_line(path.name, {designed.name or "1": east_north}, system or f"EPSG:{code}")
