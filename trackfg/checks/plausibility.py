@@ -166,8 +166,8 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
             f"angular rates of {rate:.3g} rad/s as declared ({imu.gyro_unit}), held for half a second",
             f"at most {limits.rate_error_radps:g} rad/s",
         )
-    if np.isnan(motion.speed).any():
-        return []
+    if np.isnan(motion.speed).any() or np.quantile(np.abs(motion.speed), 0.99) > limits.speed_error_mps:
+        return []  # nothing can be said of the gyro by a speed that is none
     lateral = float(np.quantile(np.abs(motion.speed * motion.gyro[:, 2])[motion.valid], 0.995))
     if lateral > limits.lateral_error_mps2:
         return wrong(

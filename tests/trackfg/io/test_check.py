@@ -331,6 +331,12 @@ def test_bad_input_is_found_named_and_refused(name: str, draft: Draft, tmp_path:
     assert str(refusal.value).startswith(str(first))
 
 
+def test_a_speed_that_is_none_says_nothing_of_the_gyro(draft: Draft, tmp_path: Path) -> None:
+    declare("tach", "pulses_per_rev", value=1.0)(draft)
+    report = check_recording(draft.write(tmp_path / "rec"))
+    assert [finding.code for finding in report.findings if finding.level == "error"] == ["tach-unit"]
+
+
 def test_a_missing_folder_and_a_folder_without_description_are_findings(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for folder, words in (("nowhere", "no such folder"), ("empty", "has no recording.toml")):
