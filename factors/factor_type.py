@@ -25,6 +25,7 @@ class FactorType(Enum):
     ABSOLUTE_FIX = "absolute fix"
     WITHHELD_FIX = "withheld fix"
     LANDMARK = "landmark"
+    BALISE_PASSAGE = "balise passage"
     GNSS_POSITION = "GNSS position"
     KNOWN_LINE = "known line"
     GRAVITY_TILT = "gravity tilt"

@@ -90,3 +90,25 @@ def along_line(
     }
     slots = (Slot(Kind.NAV, first.keyframe), Slot(Kind.NAV, second.keyframe))
     return Family(FactorType.KNOWN_LINE, _along, slots, data, sigma, loss)
+
+
+def _at_balise(odo: Odo, places: Array, which: Array, carried: Array) -> tuple[Array, tuple[Array, ...]]:
+    one = np.arange(len(odo))
+    d_odo, d_places = np.zeros((len(odo), 1, Kind.ODO.dim)), np.zeros((len(odo), 1, Kind.SENSOR.dim))
+    d_odo[:, 0, Odo.DISTANCE] = 1.0
+    d_places[one, 0, which] = -1.0
+    return (odo.distance + carried - places[one, which])[:, None], (d_odo, d_places)
+
+
+def balise_passage(
+    keyframe: np.ndarray, carried: Array, balise: np.ndarray, sensors: int, sigma: Array, loss: Loss | None
+) -> Family:
+    """The vehicle is at balise number ``balise`` (m,) when it is ``carried`` (m,), m, beyond its place at a keyframe.
+
+    Residual (m): distance along the track less that of the balise, which is one of the two in its ``SENSOR`` variable;
+    those of further ``sensors`` are before these. sigma (m, 1): of reading it. A balise that is passed once tells
+    nothing.
+    """
+    slots = (Slot(Kind.ODO, keyframe), Slot(Kind.SENSOR, sensors + balise // Kind.SENSOR.dim))
+    data = {"which": balise % Kind.SENSOR.dim, "carried": carried}
+    return Family(FactorType.BALISE_PASSAGE, _at_balise, slots, data, sigma, loss)

@@ -18,7 +18,8 @@ kind       dim   content and tangent
                  creep per force in traction and in braking (share of the distance per g), and by how much a speed
                  signal is too high in motion (m/s), as :func:`trackfg.factors.odometry.tach_distance` says
 ``SENSOR`` 2     shared, one per further sensor of distance or speed: what its scale is off by (share of the distance),
-                 and its clock's offset (s) or the tangent of its mounting's yaw
+                 and its clock's offset (s) or the tangent of its mounting's yaw; behind these one for every two balises
+                 that are passed again: the distances along the track at which they are (m)
 =========  ====  =================================================================================================
 
 Position and velocity of one keyframe are one variable with its attitude, and the odometer's scalars are another: the

@@ -14,7 +14,7 @@ from trackfg.factors.further_sensors import speed_distance, tach_increment
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
-from trackfg.factors.landmark import OnLine, across_line, along_line, landmark
+from trackfg.factors.landmark import OnLine, across_line, along_line, balise_passage, landmark
 from trackfg.factors.loss import Cauchy, Huber, Loss, Switch, SwitchChain
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
@@ -83,6 +83,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         arc_length(first, lever, sigma(f, 1)),
         absolute_fix(all_k, normal(n), sigma(n, 1), loss),
         landmark(first, rng.uniform(0.0, 1.0, f), normal(f), sigma(f, 1), loss),
+        balise_passage(all_k, normal(n), all_k % 3, 0, sigma(n, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
         across_line(OnLine(all_k, normal(n, 2), normal(n, 2)), lever, sigma(n, 1), loss),
         along_line(

@@ -25,8 +25,8 @@ from trackfg.solver.elimination import eliminate
 if TYPE_CHECKING:
     from trackfg.recording.model import Recording
 
-_PLACES = (FactorType.ABSOLUTE_FIX, FactorType.LANDMARK)
-"""What tells where on the line the vehicle is."""
+_PLACES = (FactorType.ABSOLUTE_FIX, FactorType.BALISE_PASSAGE, FactorType.LANDMARK)
+"""What tells where on the line the vehicle is, or that it is there again."""
 
 
 _NO_READING_SD_M = 1e-3

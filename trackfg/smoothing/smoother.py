@@ -21,6 +21,7 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
+from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem
 from trackfg.mapping.runs.balise_survey import surveyed
 from trackfg.numerics.arrays import Array
@@ -183,7 +184,7 @@ def smooth_states(
 
 def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages) -> SolvedRun:
     with stages.stage("graph"):
-        problem = with_consensus(build_problem(recording, config))
+        problem = with_balise_ties(with_consensus(build_problem(recording, config)), recording, config.position)
         if views:
             problem = with_rail_factors(problem, problem.initial, views, config.laser)
     with stages.stage("solve") as report:
