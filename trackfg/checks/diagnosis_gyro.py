@@ -72,11 +72,14 @@ def estimate_gyro_columns(balance: ForceBalance) -> GyroColumns:
 def unexplained(balance: ForceBalance) -> Array:
     """Return the power of the force that each permutation leaves, by equation and block. Shape (48, 3, blocks).
 
-    The factor of the tach's acceleration in the forward equation is free: the tach's scale is not judged here.
+    The factor of the tach's acceleration in the forward equation is free, since its scale is not judged here, and so
+    are small tilts of the sensor.
     """
-    along = balance.acceleration / max(float(np.linalg.norm(balance.acceleration)), _NOTHING)
     residuals = balance.force - np.tensordot(SIGNED_PERMUTATIONS, balance.terms, axes=((1, 2), (1, 2)))
-    residuals[:, 0] -= np.outer(residuals[:, 0] @ along, along)
+    vertical = np.abs(SIGNED_PERMUTATIONS[:, 2]).argmax(axis=1)
+    for column, equation in itertools.product(range(3), range(3)):
+        basis = balance.by_tilt(equation, column)
+        residuals[vertical == column, equation] -= residuals[vertical == column, equation] @ basis @ basis.T
     return balance.block_sums(residuals**2)
 
 
