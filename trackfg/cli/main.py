@@ -22,9 +22,9 @@ from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
-from trackfg.cli.noise import noise
 from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
 from trackfg.cli.overlay import overlay
+from trackfg.cli.sensors.noise import noise
 from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream

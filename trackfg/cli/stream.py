@@ -58,6 +58,10 @@ class StreamOptions:
             show_default=False,
         ),
     ] = None
+    view: Annotated[
+        bool, typer.Option("--view", help="Serve a live page at 127.0.0.1, for a browser on this machine.")
+    ] = False
+    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Of the page; 0: any that is free.")] = 8765
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the unfinished stream in OUT, from its last checkpoint.")
     ] = False
@@ -90,7 +94,12 @@ def stream(options: StreamOptions) -> None:
     into_folder = options.out != _STANDARD
     if not into_folder and (options.resume or options.checkpoint_every is not None):
         raise BadInputError("-o -: expected a folder: what was written to standard output cannot be taken back")
-    with _status_line(shown=into_folder or not sys.stdout.isatty()) as watch:
+    with _view(options) as show, _status_line(shown=into_folder or not sys.stdout.isatty()) as tell_status:
+
+        def watch(step: StreamStep) -> None:
+            show(step)
+            tell_status(step)
+
         if into_folder:
             checkpoints = _CheckpointChoice(options.checkpoint_every, options.resume)
             counts = _into_folder(Path(options.out), opened, checkpoints, watch)
@@ -103,6 +112,22 @@ def stream(options: StreamOptions) -> None:
     note(f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}")
     for doubt in counts.doubts:
         print(f"trackfg: warning: {doubt}", file=sys.stderr)
+
+
+@contextmanager
+def _view(options: StreamOptions) -> Iterator[Callable[[StreamStep], None]]:
+    """Serve a page of the stream where that is asked for."""
+    if not options.view:
+        yield lambda step: None
+        return
+    from trackfg.streaming.view.live_server import serving
+    from trackfg.streaming.view.live_state import LiveState
+
+    name = "standard input" if options.source == _STANDARD else Path(options.source).name
+    state = LiveState(name, options.lag)
+    with serving(state, options.port) as address:
+        print(f"view: {address}", file=sys.stderr)
+        yield state.watch
 
 
 @contextmanager

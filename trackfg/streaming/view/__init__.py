@@ -1,0 +1,1 @@
+"""A running stream is watched in a browser on the same machine."""

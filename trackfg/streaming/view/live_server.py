@@ -1,0 +1,157 @@
+"""A page of a running stream is served on this machine alone, and pushed what is new as server-sent events.
+
+It listens at 127.0.0.1, answers nothing but GET, and only to that name: a page of the network that a browser has open
+beside it cannot ask in its stead. Server-sent events (HTML Living Standard, 9.2) come over one connection that stays
+open; a browser opens it again by itself, and is then given everything anew.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from typing import ClassVar
+
+from trackfg.errors import OutputError
+from trackfg.streaming.view.live_state import LiveState
+
+ADDRESS = "127.0.0.1"
+
+PORT = 8765
+"""The port at which a page is looked for unless another is named, so that it finds a stream that begins again."""
+
+_PAUSE_S = 0.3
+"""Least time from one message to a page to the next, s: faster, nobody sees what changes."""
+
+_ALIVE_S = 5.0
+"""A comment is sent after so long without news, s, so that either side sees that the other is gone."""
+
+_RETRY_MS = 1000
+"""A page that lost its connection tries again after this time, ms."""
+
+_LAST_S = 2.0
+"""Longest time that the end of a stream waits until pages have been told of it, s."""
+
+_PARTS = {
+    "/": ("page.html", "text/html"),
+    "/live.css": ("live.css", "text/css"),
+    "/live.js": ("live.js", "text/javascript"),
+}
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+@contextmanager
+def serving(state: LiveState, port: int = PORT) -> Iterator[str]:
+    """Serve the page of a stream while the block runs; its address. ``port`` 0: any that is free.
+
+    Raises :class:`OutputError` where the port is taken.
+    """
+    pages = _OpenPages()
+    handler = type("Handler", (_Handler,), {"state": state, "open_pages": pages})
+    try:
+        server = ThreadingHTTPServer((ADDRESS, port), handler)
+    except OSError as error:
+        raise OutputError(
+            f"{ADDRESS}:{port}: cannot be listened at ({error.strerror}). Hint: another port, by --port"
+        ) from error
+    server.daemon_threads = True
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+    thread.start()
+    try:
+        yield f"http://{ADDRESS}:{server.server_port}/"
+    finally:
+        state.end()
+        pages.wait_until_none(_LAST_S)
+        server.shutdown()
+        server.server_close()
+
+
+class _OpenPages:
+    """Counts connections that stay open."""
+
+    def __init__(self) -> None:
+        self._changed, self._count = threading.Condition(), 0
+
+    def change(self, by: int) -> None:
+        with self._changed:
+            self._count += by
+            self._changed.notify_all()
+
+    def wait_until_none(self, seconds: float) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._count == 0, seconds)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    state: ClassVar[LiveState]
+    open_pages: ClassVar[_OpenPages]
+    timeout = 30.0
+    server_version, sys_version = "trackfg", ""
+
+    def do_GET(self) -> None:
+        if self.headers.get("Host", "").partition(":")[0] not in (ADDRESS, "localhost"):
+            self.send_error(403, "asked for by another name")
+        elif self.path == "/events":
+            self._push()
+        elif self.path in _PARTS:
+            name, kind = _PARTS[self.path]
+            content = files("trackfg.streaming.view").joinpath(name).read_bytes()
+            self._head(f"{kind}; charset=utf-8", len(content))
+            self.wfile.write(content)
+        else:
+            self.send_error(404)
+
+    def _push(self) -> None:
+        self._head("text/event-stream")
+        self.open_pages.change(1)
+        try:
+            self.wfile.write(f"retry: {_RETRY_MS}\n\n".encode())
+            self._messages()
+        except OSError:
+            pass  # the page was closed
+        finally:
+            self.open_pages.change(-1)
+
+    def _messages(self) -> None:
+        count, whole = self.state.everything()
+        self._send("whole", whole)
+        while True:
+            ended = self.state.ended
+            news = self.state.since(count, 0.0 if ended else _ALIVE_S)
+            if news is None:
+                count, whole = self.state.everything()
+                self._send("whole", whole)
+                continue
+            count, messages = news
+            for message in messages:
+                self._send("news", message)
+            if ended and not messages:
+                return
+            if not messages:
+                self.wfile.write(b": no news\n\n")
+            time.sleep(0.0 if ended else _PAUSE_S)
+
+    def _send(self, kind: str, message: str) -> None:
+        self.wfile.write(f"event: {kind}\ndata: {message}\n\n".encode())
+        self.wfile.flush()
+
+    def _head(self, kind: str, length: int | None = None) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", kind)
+        if length is not None:
+            self.send_header("Content-Length", str(length))
+        for name, text in _HEADERS.items():
+            self.send_header(name, text)
+        self.end_headers()
+
+    def log_message(self, format: str, *values: object) -> None:
+        """Keep requests off the terminal, which shows the stream."""
