@@ -43,7 +43,8 @@ class LiveState:
         self._place: deque[list[float | None]] = deque(maxlen=_ROWS_OVER_PLACE)
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._updates: deque[str] = deque(maxlen=_UPDATES)
-        self._count, self._cells, self._done = 0, 0, None
+        self._count, self._cells = 0, 0
+        self._done: float | None = None
         self._kinds: Counter[str] = Counter()
         self._ended = False
 
