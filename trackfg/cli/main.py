@@ -422,33 +422,49 @@ def limits(
     show_or_tell(*limit_tables.of_judgement(judgement), written=None if out is None else f"exceedances: {out}")
 
 
-@app.command(epilog="Example: trackfg report out1 --recording run1 --limits cfr-213-class-4")
-def report(
+@dataclass(frozen=True)
+class ReportOptions:
+    """What a page is about, and what it shows besides."""
+
     folder: Annotated[
         Path, typer.Argument(metavar="OUT", help="Folder of a result or a comparison.", show_default=False)
-    ],
+    ]
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="FILE", help="Page: .html. OUT.html if absent.", show_default=False),
-    ] = None,
+    ] = None
     recording: Annotated[
         Path | None,
         typer.Option(
             metavar="REC", help="The recording of the result, to show its truth and the errors.", show_default=False
         ),
-    ] = None,
-    limits: Limits = None,
-    level: Level = None,
-    line_speed: LineSpeed = None,
-    km: Km = False,
-) -> None:
+    ] = None
+    limits: Limits = None
+    level: Level = None
+    line_speed: LineSpeed = None
+    km: Km = False
+    background: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Lines and stations behind the map: .geojson, .gpkg.", show_default=False),
+    ] = None
+
+
+@app.command(epilog="Example: trackfg report out1 --recording run1 --limits cfr-213-class-4")
+@with_options(ReportOptions)
+def report(asked: ReportOptions) -> None:
     """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
     from trackfg.report import write_report
 
-    whole = real_path(folder)
-    page = out or whole.parent / f"{whole.name}.html"
-    choice = _limit_choice(limits, level, line_speed)
-    tell(f"report: {write_report(folder, page, recording=recording, limits=choice, km=km)}")
+    whole = real_path(asked.folder)
+    page = write_report(
+        asked.folder,
+        asked.out or whole.parent / f"{whole.name}.html",
+        recording=asked.recording,
+        limits=_limit_choice(asked.limits, asked.level, asked.line_speed),
+        km=asked.km,
+        background=asked.background,
+    )
+    tell(f"report: {page}")
 
 
 def _refuse_inside(result: Path, path: Path) -> None:

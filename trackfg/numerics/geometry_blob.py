@@ -8,6 +8,7 @@ readers skip what they do not draw.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -78,3 +79,64 @@ def _lines_from(blob: bytes, at: int) -> tuple[list[Array], int]:
     except (struct.error, IndexError, ValueError) as error:
         raise ValueError("the geometry is damaged") from error
     return lines, at
+
+
+_ENVELOPE_BYTES = (0, 32, 48, 48, 64)
+"""Bytes of GeoPackage's extent by its code (OGC 12-128r14, 2.1.3)."""
+_POINT, _LINE, _POLYGON = 1, 2, 3
+_COLLECTIONS = (4, 5, 6, 7)
+"""Codes of well-known binary: of many points, lines, polygons, and of anything."""
+
+
+def geopackage_vertices(blob: bytes) -> Iterator[Array]:
+    """Yield x and y of each point, line and ring of a geometry with GeoPackage's header, shape (n, 2).
+
+    Of a point n is 1. Raises ``ValueError`` for bytes that are no such geometry.
+    """
+    if blob[:2] != b"GP" or len(blob) < 8:
+        raise ValueError("no GeoPackage geometry: expected bytes that begin with GP")
+    code = blob[3] >> 1 & 7
+    if code >= len(_ENVELOPE_BYTES):
+        raise ValueError(f"no GeoPackage geometry: the extent has the code {code}; expected 0 to 4")
+    try:
+        found, _ = _vertices(blob, 8 + _ENVELOPE_BYTES[code])
+    except struct.error as error:
+        raise ValueError("the geometry is cut off") from error
+    yield from found
+
+
+def _vertices(blob: bytes, at: int) -> tuple[list[Array], int]:
+    """Return the vertices of the well-known binary at a byte, and the byte after it."""
+    order = "<" if blob[at : at + 1] == b"\x01" else ">"
+    (code,) = struct.unpack_from(f"{order}I", blob, at + 1)
+    kind, axes = code % 1000, (2, 3, 3, 4)[min(code // 1000, 3)]
+    at += 5
+
+    def count() -> int:
+        return int(struct.unpack_from(f"{order}I", blob, at)[0])
+
+    def row(number: int) -> Array:
+        if len(blob) < at + 8 * axes * number:
+            raise struct.error("beyond the end")
+        flat = np.frombuffer(blob, f"{order}f8", axes * number, at)
+        return flat.reshape(number, axes)[:, :2].astype(np.float64)
+
+    found: list[Array] = []
+    if kind == _POINT:
+        return [row(1)], at + 8 * axes
+    if kind in (_LINE, _POLYGON):
+        lines = 1
+        if kind == _POLYGON:
+            lines, at = count(), at + 4
+        for _ in range(lines):
+            number, at = count(), at + 4
+            found.append(row(number))
+            at += 8 * axes * number
+        return found, at
+    if kind not in _COLLECTIONS:
+        raise ValueError(f"a geometry of the kind {code} cannot be read: expected points, lines or polygons")
+    parts, at = count(), at + 4
+    for _ in range(parts):
+        part, at = _vertices(blob, at)
+        found += part
+    return found, at

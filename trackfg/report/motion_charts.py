@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -31,6 +34,10 @@ _INSTANT = 1e-3
 """Accuracy of the time in the page, s."""
 _MAP_STRETCHES = 1500
 """Stretches whose extremes the path is drawn by: more than its chart has pixels."""
+_AIR = 0.06
+"""Room around the path on the map, as a share of its greatest extent."""
+_BEHIND, _MARK = "#8a96a3", "#7a3e9d"
+"""Colours of a background and of marks with ids."""
 _POSTS = 10
 """Chainages along the path, about."""
 _ERRORS = {
@@ -84,10 +91,30 @@ def error_strips(errors: pd.DataFrame, events: pd.DataFrame) -> Strips | None:
     return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(events))
 
 
-def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
-    """Draw the path, with equal scales to the east and north, chainages along it, and the events."""
+@dataclass(frozen=True)
+class PathMark:
+    """What has an id along the path: its kind, its id and its chainage, m."""
+
+    kind: str
+    id: str
+    chainage_m: float
+
+
+def path_map(
+    result: Result,
+    truth: pd.DataFrame | None,
+    marks: Sequence[PathMark] = (),
+    lines: Sequence[Array] = (),
+    named: Sequence[tuple[str, float, float]] = (),
+) -> Figure:
+    """Draw the path, with equal scales to the east and north, chainages along it, the events, and ``marks``.
+
+    Behind it lie the ``lines`` (n, 2) and ``named`` points (name, east, north) of a background, m, as far as they are
+    near.
+    """
     table = result.trajectory
-    traces = []
+    frame = _frame(table)
+    traces = [*_background_lines(lines, frame), *_background_points(named, frame)]
     if truth is not None and {"east_m", "north_m"} <= set(truth):
         traces.append(_path("truth", truth, TRUTH_COLOUR, 5.0))
     traces.append(_path("trajectory", table, BLUE, 1.8))
@@ -108,13 +135,19 @@ def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
             "showlegend": False,
         }
     )
-    traces += _event_markers(result)
+    traces += [*_event_markers(result), *_mark_traces(marks, table)]
     axis = {"gridcolor": "#e3e8ed", "zeroline": False, "exponentformat": "none", "separatethousands": True}
     return Figure(
         tuple(traces),
         {
-            "xaxis": {**axis, "title": {"text": "east, m"}},
-            "yaxis": {**axis, "title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1},
+            "xaxis": {**axis, "title": {"text": "east, m"}, "range": list(frame[0])},
+            "yaxis": {
+                **axis,
+                "title": {"text": "north, m"},
+                "scaleanchor": "x",
+                "scaleratio": 1,
+                "range": list(frame[1]),
+            },
             "margin": {"l": 80, "r": 20, "t": 36, "b": 50},
             "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
             "showlegend": True,
@@ -123,6 +156,73 @@ def path_map(result: Result, truth: pd.DataFrame | None) -> Figure:
         height=560,
         alternative=_path_in_words(table),
     )
+
+
+def _frame(table: pd.DataFrame) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the extent of the path to the east and north with some air, at least a metre."""
+    sides = (table[name].to_numpy() for name in ("east_m", "north_m"))
+    ends = [(float(np.nanmin(side)), float(np.nanmax(side))) for side in sides]
+    air = max(_AIR * max(high - low for low, high in ends), 1.0)
+    (west, east), (south, north) = ends
+    return (west - air, east + air), (south - air, north + air)
+
+
+def _background_lines(lines: Sequence[Array], frame: tuple[tuple[float, float], ...]) -> list[dict[str, object]]:
+    """Return one trace of the lines that come near the path."""
+    (west, east), (south, north) = frame
+    x: list[float | None] = []
+    y: list[float | None] = []
+    for line in lines:
+        (x0, y0), (x1, y1) = line.min(axis=0), line.max(axis=0)
+        if x0 <= east and x1 >= west and y0 <= north and y1 >= south:
+            x += [*np.round(line[:, 0], 1).tolist(), None]
+            y += [*np.round(line[:, 1], 1).tolist(), None]
+    if not x:
+        return []
+    style = {"color": _BEHIND, "width": 1}
+    return [
+        {"type": "scatter", "mode": "lines", "name": "background", "x": x, "y": y, "line": style, "hoverinfo": "skip"}
+    ]
+
+
+def _background_points(
+    named: Sequence[tuple[str, float, float]], frame: tuple[tuple[float, float], ...]
+) -> list[dict[str, object]]:
+    (west, east), (south, north) = frame
+    near = [(name, x, y) for name, x, y in named if west <= x <= east and south <= y <= north]
+    if not near:
+        return []
+    marker = {"color": GREY, "size": 7, "symbol": "diamond"}
+    return [_texts("stations", near, marker)]
+
+
+def _mark_traces(marks: Sequence[PathMark], table: pd.DataFrame) -> list[dict[str, object]]:
+    """Return a trace of each kind of mark, its ids beside it, where the path first passes its chainage."""
+    chainage, first = np.unique(table["chainage_m"].to_numpy(), return_index=True)
+    east, north = (table[name].to_numpy()[first] for name in ("east_m", "north_m"))
+    traces = []
+    for kind in dict.fromkeys(mark.kind for mark in marks):
+        of_kind = [mark for mark in marks if mark.kind == kind]
+        at = np.array([mark.chainage_m for mark in of_kind])
+        places = zip(np.interp(at, chainage, east).tolist(), np.interp(at, chainage, north).tolist(), strict=True)
+        texts = [(mark.id, x, y) for mark, (x, y) in zip(of_kind, places, strict=True)]
+        traces.append(_texts(kind, texts, {"color": "#fff", "size": 7, "line": {"color": _MARK, "width": 1.5}}))
+    return traces
+
+
+def _texts(name: str, at: Sequence[tuple[str, float, float]], marker: dict[str, object]) -> dict[str, object]:
+    return {
+        "type": "scatter",
+        "mode": "markers+text",
+        "name": plain(name),
+        "x": [round(x, 2) for _, x, _ in at],
+        "y": [round(y, 2) for _, _, y in at],
+        "text": [plain(text) for text, _, _ in at],
+        "textposition": "bottom right",
+        "textfont": {"size": 11},
+        "hovertemplate": "%{text}<br>east %{x:.2f} m<br>north %{y:.2f} m<extra>" + plain(name) + "</extra>",
+        "marker": marker,
+    }
 
 
 def _path_in_words(table: pd.DataFrame) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -19,7 +20,7 @@ from trackfg.report.exceedances import exceedance_section
 from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import chainage_axis, channels, geometry_strips
 from trackfg.report.kilometrage_section import kilometrage_sections
-from trackfg.report.motion_charts import SHADES, error_strips, motion_strips, path_map
+from trackfg.report.motion_charts import SHADES, PathMark, error_strips, motion_strips, path_map
 from trackfg.report.numbers import NONE, digits, duration, length, with_sd
 from trackfg.report.page import (
     Block,
@@ -33,6 +34,7 @@ from trackfg.report.page import (
     TableRow,
     Text,
 )
+from trackfg.report.sections.background import Background
 from trackfg.report.sections.curve_section import curve_section, curves_of
 from trackfg.report.sections.known_line import known_line_sections
 from trackfg.report.sections.places import PagePlaces
@@ -44,12 +46,41 @@ from trackfg.results.official_places import KM_COLUMN, with_km
 from trackfg.results.result import Result
 
 if TYPE_CHECKING:
+    from trackfg.curves import Curve
     from trackfg.recording.line_kilometrage import LineKilometrage
 
 _MANY_EVENTS = 25
 """A table of more events is folded."""
 _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm")
 _LEVELS = ("error", "warning", "info")
+
+
+NOTHING_BEHIND = Background()
+
+
+@dataclass(frozen=True)
+class _Along:
+    """What lies along the line: its curves, what the user has behind the map, and how places are written."""
+
+    curves: list[Curve]
+    background: Background
+    places: PagePlaces
+
+    def marks(self, result: Result) -> list[PathMark]:
+        """Return the curves by number and the balises by id, where the run passes them."""
+        marks = [
+            PathMark("curves", str(curve.id), 0.5 * (curve.bcc_m + curve.ecc_m))
+            for curve in self.curves
+            if math.isfinite(curve.bcc_m + curve.ecc_m)
+        ]
+        balises = result.balises
+        if not balises.empty:
+            known = balises[balises["measured_m"].notna()]
+            marks += [
+                PathMark("balises", str(name), float(at))
+                for name, at in zip(known["id"], known["measured_m"], strict=True)
+            ]
+        return marks
 
 
 def result_page(
@@ -60,17 +91,20 @@ def result_page(
     line: LineKilometrage | None = None,
     *,
     limits: Sequence[LimitLine] = (),
+    background: Background = NOTHING_BEHIND,
 ) -> Page:
     """Return the page of a result.
 
     ``command`` is what made the page; ``against`` the truth, where it is known; ``judgement`` says where the geometry
     exceeds limits, where any were given, and ``limits`` are those that are drawn. Of a ``line`` the page has the
-    kilometrage, and official places.
+    kilometrage, and official places. ``background`` lies behind the map, and its named points are the stations.
     """
     page = result.summary
     kilometrage = None if line is None else line.kilometrage()
     way = "distance not determined" if page.distance_m is None else length(page.distance_m)
-    track = _track(result, against, (judgement, tuple(limits)), PagePlaces(kilometrage))
+    curves = [] if result.geometry.empty else curves_of(result)
+    along = _Along(curves, background, PagePlaces(kilometrage))
+    track = _track(result, against, (judgement, tuple(limits)), along)
     if page.solver is None:
         sections = [measured_elsewhere(result), *track, _findings(result), *kilometrage_sections(result, line)]
         subtitle = f"{way}, measured by another system, imported by trackfg {_version(result)}"
@@ -85,7 +119,7 @@ def result_page(
         _events(result, kilometrage),
         _motion(result, against),
         _consistency(result, against),
-        _map(result, against),
+        _map(result, against, along),
         _made(result, command),
     ]
     subtitle = f"{way} in {duration(page.duration_s)}, smoothed by trackfg {_version(result)}"
@@ -153,24 +187,24 @@ def _track(
     result: Result,
     against: Against | None,
     limits: tuple[Judgement | None, tuple[LimitLine, ...]],
-    places: PagePlaces,
+    along: _Along,
 ) -> Iterator[PageSection]:
     """Yield what the run says of the track: exceedances, quality, curves, then the strips and their errors."""
     judgement, lines = limits
+    curves, places = along.curves, along.places
     if result.geometry.empty:
         text = "The run says nothing of the track: there is no geometry. docs/results.md says when that is so."
         yield PageSection("geometry", "Track geometry", (Text(text),))
         return
     if judgement is not None:
         yield exceedance_section(judgement, result)
-    curves = curves_of(result)
     if len(result.geometry) > 1:
         yield quality_section(result, judgement, places)
         yield curve_section(curves, result, places)
     errors = _errors(result, against)
     chainage = result.geometry["chainage_m"].to_numpy()
     _, scale = chainage_axis(chainage)
-    rows = place_rows(result, curves, (), scale)
+    rows = place_rows(result, curves, along.background.stations(result), scale)
     strips, error_chart = geometry_strips(
         result, errors, judgement, limits=lines, rows=rows, official=places.axis(chainage, scale)
     )
@@ -248,9 +282,11 @@ def _consistency(result: Result, against: Against | None) -> PageSection:
     return PageSection("consistency", "Are the sigmas right?", tuple(blocks))
 
 
-def _map(result: Result, against: Against | None) -> PageSection:
-    chart = path_map(result, None if against is None else against.trajectory)
-    note = "Local coordinates, equal scales. Circles are chainages."
+def _map(result: Result, against: Against | None, along: _Along) -> PageSection:
+    behind = along.background
+    truth = None if against is None else against.trajectory
+    chart = path_map(result, truth, along.marks(result), behind.lines, behind.points)
+    note = "Local coordinates, equal scales. Circles are chainages; curves have the numbers of their table."
     return PageSection("map", "Map of the path", (Drawing(chart, note=note),))
 
 

@@ -17,6 +17,7 @@ from trackfg.plots.strip_limits import limit_lines
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
+from trackfg.report.sections.background import Background, read_background
 from trackfg.report.track_limits import judge
 from trackfg.report.truth import against
 from trackfg.results.official_places import line_kilometrage
@@ -35,11 +36,13 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What a page is to show besides the folder: the truth of a recording, limits, official places."""
+    """What a page is to show besides the folder: the truth of a recording, limits, official
+    places, what lies behind the map."""
 
     recording: Path | None
     limits: LimitChoice | None
     km: bool
+    background: Path | None
 
 
 def write_report(
@@ -49,12 +52,13 @@ def write_report(
     recording: str | os.PathLike[str] | None = None,
     limits: LimitChoice | None = None,
     km: bool = False,
+    background: str | os.PathLike[str] | None = None,
 ) -> Path:
     """Write the page about the result or comparison in ``folder`` into the file ``path``, in one step.
 
     ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. ``limits``
-    are those that a result's geometry is held against; with ``km`` places are official ones too. The same folder gives
-    the same page.
+    are those that a result's geometry is held against; with ``km`` places are official ones too. ``background`` is a
+    GeoJSON file or a GeoPackage whose lines and named points lie behind the map. The same folder gives the same page.
 
     Raises :class:`BadInputError` if the folder is neither, if ``path`` does not end in ``.html`` or lies in it, for a
     recording without truth, of another result, or beside a comparison, for limits that cannot be read or stand beside
@@ -72,8 +76,10 @@ def write_report(
     given = [] if recording is None else ["--recording", os.fspath(recording)]
     given += [] if limits is None else limits.options()
     given += ["--km"] if km else []
+    given += [] if background is None else ["--background", os.fspath(background)]
     command = shlex.join(["trackfg", "report", os.fspath(folder), "-o", os.fspath(path), *given])
-    wanted = _Wanted(None if recording is None else Path(recording), limits, km)
+    behind = None if background is None else Path(background)
+    wanted = _Wanted(None if recording is None else Path(recording), limits, km, behind)
     return source.page(folder, command, wanted).write(path)
 
 
@@ -91,12 +97,16 @@ def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:
     lines = [] if limits is None else limit_lines(result, limits.table(), limits.line_speed_kmh)[0]
     truth = None if wanted.recording is None else against(result, wanted.recording)
     line = line_kilometrage(result) if wanted.km else None
-    return result_page(result, command, truth, judgement, line, limits=lines)
+    origin = None if result.summary.run is None else result.summary.run.origin
+    behind = Background() if wanted.background is None else read_background(wanted.background, origin)
+    return result_page(result, command, truth, judgement, line, limits=lines, background=behind)
 
 
 def _of_comparison(folder: Path, command: str, wanted: _Wanted) -> Page:
     if wanted.km:
         raise BadInputError(f"{folder}: is a comparison; expected official places beside a result only")
+    if wanted.background is not None:
+        raise BadInputError(f"{folder}: is a comparison; expected a background beside a result only")
     if wanted.recording is not None:
         raise BadInputError(f"{folder}: holds its own truth; expected a recording beside a result only")
     if wanted.limits is not None:
