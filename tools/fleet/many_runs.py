@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,21 +31,21 @@ _LOCAL = 0.1
 def write_store(place: Path, runs: int) -> list[Path]:
     """Write a store; what is there already stays. Returns the folders of its results."""
     store, rows, folders = Store(place), [], []
-    smoothed: list[Result] = []
     for number in range(runs):
         name = f"run{number:04d}"
         folder = Path(store.result(name))
         if not folder.exists():
-            if len(smoothed) < _SMOOTHED:
-                recording = simulate(
-                    scenario("measuring-car"), seed=1, run=len(smoothed), duration_s=_SECONDS
-                ).recording
-                smoothed.append(smooth(recording))
-            _repeated(smoothed[number % _SMOOTHED], name, number).write(folder)
+            _repeated(_smoothed(number % _SMOOTHED), name, number).write(folder)
         rows.append(done_row(Run(name, f"/recordings/{name}", LINE), folder))
         folders.append(folder)
     store.write(rows)
     return folders
+
+
+@cache
+def _smoothed(number: int) -> Result:
+    simulation = simulate(scenario("measuring-car"), seed=1, run=number, duration_s=_SECONDS)
+    return smooth(simulation.recording)
 
 
 def _repeated(result: Result, name: str, number: int) -> Result:

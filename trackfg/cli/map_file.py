@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
+from trackfg.cli.stored_runs import runs_of_store, stored_run
 from trackfg.config import SmoothConfig
-from trackfg.errors import BadInputError, first_line, printable
+from trackfg.errors import BadInputError, printable
 from trackfg.fleet.machine import processes
-from trackfg.fleet.places import PlaceError, joined, local_files, read
-from trackfg.fleet.store import Store, is_store
+from trackfg.fleet.store import is_store
 from trackfg.fleet.workers import Mapped, mapped_here, mapped_on_cluster
 from trackfg.io.reader import read_recording
 from trackfg.mapping.joining.build import BLOCK, JoinableRun, Joining, build_map, with_runs
@@ -26,7 +25,6 @@ from trackfg.maps.feature_map import FeatureMap
 from trackfg.maps.location import locate
 from trackfg.maps.store import MapConflictError, newest_version, read_map, write_map
 from trackfg.results.result import RESULT_FOLDER, Result
-from trackfg.results.summary import Summary
 from trackfg.smoothing.smoother import smooth
 
 Progress = Callable[[str, float], None]
@@ -79,7 +77,7 @@ def build_map_file(
         _result(folder, config, show, share * i / len(recordings), share / len(recordings))
         for i, folder in enumerate(recordings)
     ]
-    stored = [run for store in stores for run in _of_store(Store(store, create=False), fleet.line)]
+    stored = [run for store in stores for run in runs_of_store(store, fleet.line)]
     while True:
         newest = newest_version(location)
         begun = None if newest is None else read_map(location, newest)
@@ -114,39 +112,11 @@ def _name(recording_id: str, error: BadInputError) -> None:
     print(f"trackfg: warning: left out: {printable(str(error))}", file=sys.stderr)
 
 
-def _of_store(store: Store, line: str | None) -> Iterator[JoinableRun]:
-    """Yield the results of a line that a store lists."""
-    rows = [row for row in store.read(["run", "status"]) if row["status"] == "done"]
-    lines = sorted({row["line"] for row in rows})
-    if line is None and len(lines) == 1:
-        line = lines[0]
-    if line not in lines:
-        raise BadInputError(f"{store.place}: has runs of line {', '.join(lines)}: expected one of these as --line")
-    for run in sorted(row["run"] for row in rows if row["line"] == line):
-        yield _stored(store.result(run))
-
-
-def _stored(place: str) -> JoinableRun:
-    try:
-        summary = Summary.model_validate_json(read(joined(place, RESULT_FOLDER.head)))
-    except (OSError, ValueError, PlaceError) as error:
-        raise BadInputError(f"{place}: not a readable trackfg result: {first_line(error)}") from error
-    return JoinableRun(summary, partial(_read_result, place))
-
-
-def _read_result(place: str) -> Result:
-    try:
-        with local_files(place, RESULT_FOLDER.files) as folder:
-            return Result.read(folder)
-    except PlaceError as error:
-        raise BadInputError(str(error)) from error
-
-
 def _result(
     folder: Path, config: SmoothConfig | None, show: Progress, start: float, share: float
 ) -> Result | JoinableRun:
     if RESULT_FOLDER.holds(folder):
-        return _stored(str(folder))
+        return stored_run(os.path.abspath(folder))
     return smooth(
         read_recording(folder),
         config,

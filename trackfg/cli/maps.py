@@ -108,8 +108,13 @@ def changes(
 def trends(  # noqa: PLR0913  (a parameter is an option of the command)
     place: MapPlace,
     runs: Annotated[
-        list[Path], typer.Argument(metavar="OUT...", help="Folders of results, each of a date.", show_default=False)
-    ],
+        list[Path] | None,
+        typer.Argument(
+            metavar="[OUT]...",
+            help="Folders of results, each of a date. Those that the map was made of if absent.",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.", show_default=False)
     ] = None,
@@ -125,6 +130,7 @@ def trends(  # noqa: PLR0913  (a parameter is an option of the command)
     is replaced in one step.
     """
     from trackfg.cli import trend_tables
+    from trackfg.cli.stored_runs import runs_of_map
     from trackfg.geometry.limits import LimitChoice
     from trackfg.mapping.trends.trends import find_trends
     from trackfg.maps import read_map
@@ -135,7 +141,13 @@ def trends(  # noqa: PLR0913  (a parameter is an option of the command)
     chosen = () if limits is None else LimitChoice(limits, level).table()
     if out is not None:
         trend_tables.TRENDS_FOLDER.refuse_foreign(out)
-    found = find_trends([Result.read(run) for run in runs], read_map(place, version), chosen, floor_mm_per_month=floor)
+    feature_map = read_map(place, version)
+    if runs:
+        found = find_trends([Result.read(run) for run in runs], feature_map, chosen, floor_mm_per_month=floor)
+    else:
+        of_map, missing = runs_of_map(feature_map)
+        found = find_trends(of_map, feature_map, chosen, floor_mm_per_month=floor)
+        found = replace(found, left_out={**missing, **found.left_out})
     if out is not None:
         trend_tables.write(found, out)
     if json:

@@ -46,10 +46,11 @@ BLOCK = 8
 
 @dataclass(frozen=True)
 class JoinableRun:
-    """A run to be joined, which is ``read`` where and when it is, and its summary."""
+    """A run to be joined, which is ``read`` where and when it is, its summary, and the place of its result."""
 
     summary: Summary
     read: Callable[[], Result]
+    place: str | None = None
 
 
 def _raise(recording_id: str, error: BadInputError) -> None:
@@ -121,7 +122,7 @@ def _in_turn(survey: Survey, runs: Mapping[str, JoinableRun], show: Progress) ->
         run_id = waiting.popleft()
         show(runs[run_id].summary.recording_id, len(survey.runs) - len(empty.runs))
         try:
-            survey = joined(survey, part_of_run(survey, run_id, runs[run_id].read()))
+            survey = joined(survey, _part(survey, run_id, runs[run_id]))
         except BadInputError:
             unknown.append(run_id)
         outvoted = not empty.runs and len(survey.runs) == 1 and len(unknown) == _TWO_OTHERS
@@ -196,7 +197,7 @@ def _with_blocks(
     lost = {run_id: why for block in blocks for run_id, why in block.lost.items()}
     if longer:
         longest = max(longer, key=longer.__getitem__)
-        survey = joined(survey, part_of_run(survey, longest, waiting[longest].read()))
+        survey = joined(survey, _part(survey, longest, waiting[longest]))
         del longer[longest]
         return survey, {*longer, *lost}
     for run_id, why in lost.items():
@@ -211,7 +212,7 @@ def _condensed(survey: Survey, runs: Sequence[tuple[str, JoinableRun]]) -> _Bloc
     with one_thread():
         for run_id, run in runs:
             try:
-                part = part_of_run(survey, run_id, run.read())
+                part = _part(survey, run_id, run)
             except BadInputError as error:
                 lost[run_id] = str(error)
                 continue
@@ -220,6 +221,10 @@ def _condensed(survey: Survey, runs: Sequence[tuple[str, JoinableRun]]) -> _Bloc
             else:
                 parts = [_added_up([*parts, part])]
     return _Block(parts[0] if parts else None, longer, lost)
+
+
+def _part(survey: Survey, run_id: str, run: JoinableRun) -> Part:
+    return part_of_run(survey, run_id, run.read(), run.place)
 
 
 def _added_up(parts: Sequence[Part]) -> Part:

@@ -27,7 +27,7 @@ from trackfg.mapping.joining.unstated_sigmas import with_unstated_sigmas
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
-from trackfg.maps.feature_map import MapConventions, RunInformation
+from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import multiples_between
 from trackfg.results.place_covariance import APART_M
@@ -46,6 +46,8 @@ recognise."""
 _BETWEEN_SECTIONS_SD_M = 4e-3
 """Sigma, m, of the chainage half way between the middles of two sections 100 m apart: a creep of 1 mm per root of a
 metre, as a bridge, has 5 mm there and 4 mm on average."""
+_PLACE = "result"
+"""Key of the place of a run's result among its settings in a map."""
 _NO_SIGHTINGS = Sightings((), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
@@ -117,11 +119,12 @@ def together(a: Part, b: Part) -> Part:
     )
 
 
-def part_of_run(survey: Survey, run_id: str, result: Result) -> Part:
+def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None = None) -> Part:
     """Return what a run adds to a survey: recognised on its grid, condensed to rows on its variables.
 
-    Raises :class:`~trackfg.errors.BadInputError` for a run without track geometry, with other conventions, or that is
-    not recognised.
+    ``place`` is where its result is kept, which the map remembers. Raises
+    :class:`~trackfg.errors.BadInputError` for a run without track geometry, with other conventions, or that is not
+    recognised.
     """
     facts, conventions = run_facts(result.summary), _conventions(result)
     if len(result.covariance.chainage_m) == 0:
@@ -167,7 +170,7 @@ def part_of_run(survey: Survey, run_id: str, result: Result) -> Part:
         origin=survey.origin or facts.origin,
         information={run_id: information},
         runs={run_id: SurveyedRun(result.summary.recording_id, facts)},
-        configuration={run_id: _configuration(survey, result, facts)},
+        configuration={run_id: _configuration(survey, result, facts, place)},
         place=dict(zip(added.anchors, places.tolist(), strict=True)),
         level=level,
     )
@@ -177,9 +180,23 @@ def _averaged_line(a: pd.DataFrame | None, b: pd.DataFrame | None) -> pd.DataFra
     return b if a is None else a if b is None else with_positions(a, b)
 
 
-def _configuration(survey: Survey, result: Result, facts: RunFacts) -> dict[str, JsonValue]:
-    """Return the settings of a run, with its kilometrage where its chainage is the map's."""
+def place_of_result(feature_map: FeatureMap, run_id: str) -> str:
+    """Return where the result of a run was when it was joined.
+
+    Raises :class:`BadInputError` where the map does not say.
+    """
+    settings = feature_map.configuration.get(run_id)
+    place = settings.get(_PLACE) if isinstance(settings, dict) else None
+    if not isinstance(place, str):
+        raise BadInputError(f"run {run_id}: the map does not say where its result is")
+    return place
+
+
+def _configuration(survey: Survey, result: Result, facts: RunFacts, place: str | None) -> dict[str, JsonValue]:
+    """Return the settings of a run, with its kilometrage where its chainage is the map's, and its result's place."""
     settings = dict(result.summary.configuration)
+    if place is not None:
+        settings[_PLACE] = place
     shared = survey.grid is None or (facts.anchored and survey.anchored)
     if shared and facts.kilometrage is not None:
         settings["kilometrage"] = facts.kilometrage.model_dump(mode="json")

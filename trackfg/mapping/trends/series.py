@@ -19,10 +19,12 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.twist import twist
 from trackfg.mapping.changes.find import find_changes
 from trackfg.mapping.changes.overlay import SUMMARY_M
+from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.trends.drift import FEWEST_RUNS
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
+from trackfg.results.summary import Summary
 
 QUANTITIES = ("cross_level_mm", "twist_mm", "versine_level_mm", "versine_alignment_mm")
 """What is followed over time."""
@@ -63,8 +65,8 @@ class Series:
         return table[table[list(self.value)].notna().any(axis=1)].reset_index(drop=True)
 
 
-def series(results: Sequence[Result], feature_map: FeatureMap) -> tuple[Series, dict[str, str]]:
-    """Lay results over a map. Returns the series, and by id the runs that cannot be, with the reason.
+def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> tuple[Series, dict[str, str]]:
+    """Lay results over a map, one after another. Returns the series, and by id runs that cannot be, with the reason.
 
     Raises :class:`~trackfg.errors.BadInputError` for a run whose recording has no date, or is there twice, and for
     fewer runs than a trend needs.
@@ -72,13 +74,14 @@ def series(results: Sequence[Result], feature_map: FeatureMap) -> tuple[Series, 
     ids = [result.summary.recording_id for result in results]
     if twice := [name for name in ids if ids.count(name) > 1]:
         raise BadInputError(f"run {twice[0]!r} is there {ids.count(twice[0])} times; expected each once")
-    dated = sorted(((_date(result), result) for result in results), key=lambda pair: pair[0])
+    dated = sorted(((_date(result.summary), result) for result in results), key=lambda pair: pair[0])
     seen, left_out = [], {}
     for date, result in dated:
+        run = result.summary.recording_id
         try:
-            seen.append((date, result.summary.recording_id, find_changes(result, feature_map).cells))
+            read = result.read() if isinstance(result, JoinableRun) else result
+            seen.append((date, run, find_changes(read, feature_map).cells))
         except BadInputError as error:
-            run = result.summary.recording_id
             left_out[run] = str(error).removeprefix(f"run {run}: ")
     if (different := len({date for date, _, _ in seen})) < FEWEST_RUNS:
         reasons = "".join(f"; {reason}" for reason in left_out.values())
@@ -121,12 +124,12 @@ def section_series(cells: Series, correlated_m: float) -> Series:
     return Series(cells.runs, cells.dates, np.asarray(first * SUMMARY_M), SUMMARY_M, values, sd)
 
 
-def _date(result: Result) -> datetime:
-    facts = result.summary.run
+def _date(summary: Summary) -> datetime:
+    facts = summary.run
     date = None if facts is None else facts.start_utc
     if date is None:
         raise BadInputError(
-            f"run {result.summary.recording_id}: its recording has no start; expected a date and time. "
+            f"run {summary.recording_id}: its recording has no start; expected a date and time. "
             "Hint: write start = 2026-05-01T03:12:00Z into recording.toml and smooth it again"
         )
     return date

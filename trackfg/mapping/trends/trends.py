@@ -19,6 +19,7 @@ import pandas as pd
 
 from trackfg.geometry.limits import Limit
 from trackfg.mapping.changes.change_noise import FEWEST_CROSSINGS_PER_M, freedom_of, threshold
+from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.trends.drift import Drift, drift, reached
 from trackfg.mapping.trends.series import Series, section_series, series
 from trackfg.maps.feature_map import FeatureMap, MapConventions
@@ -95,7 +96,7 @@ class Trends:
 
 
 def find_trends(
-    results: Sequence[Result],
+    results: Sequence[Result | JoinableRun],
     feature_map: FeatureMap,
     limits: Iterable[Limit] = (),
     *,

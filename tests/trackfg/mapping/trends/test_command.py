@@ -66,6 +66,24 @@ def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path) 
     assert pd.read_parquet(year / "trends" / "values.parquet")["run"].nunique() == 4
 
 
+@pytest.mark.slow
+def test_a_map_knows_the_results_that_it_was_made_of(year: Path) -> None:
+    trackfg, place = [sys.executable, "-m", "trackfg", "map"], str(year / "all.gpkg")
+    outs = [str(year / f"out{month}") for month in range(4)]
+    subprocess.run([*trackfg, "build", *outs, "-o", place], check=True)
+    named, alone = (
+        subprocess.run([*trackfg, "trends", place, *given, "--json"], capture_output=True, text=True, check=True).stdout
+        for given in (outs, [])
+    )
+    assert json.loads(alone) == json.loads(named)
+    (year / "out3").rename(year / "elsewhere")
+    done = subprocess.run([*trackfg, "trends", place, "--json"], capture_output=True, text=True, check=True)
+    (reason,) = json.loads(done.stdout)["left_out"].values()
+    assert "out3: not a readable trackfg result" in reason
+    nowhere = subprocess.run([*trackfg, "trends", str(year / "line.gpkg")], capture_output=True, text=True, check=False)
+    assert (nowhere.returncode, nowhere.stderr.count("does not say where its result is")) == (2, 1)
+
+
 def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Result]) -> None:
     unused: Any = None
     undated = make_result(rows=20)
