@@ -131,13 +131,13 @@ class LineConfig(_Section):
     """A known line (``--line``): the sigma of its tracks across, and the length along it over which its errors change;
     where, in sigmas, it begins to lose its weight.
 
-    By default sigma and length are those of Infrabel's netelements around Brussels airport against its measuring train,
-    twelve logs of 2022-2024 in the repository Matdata-eu/tp-lib: 1336 fixed RTK positions are 1.75 m rms (median 1.3 m)
-    from their track, and two of them are correlated by 0.99 if 25 m apart, 0.90 at 200 m, 0.84 at 800 m and 0.78 at
-    1600 m.
+    The length is that of Infrabel's netelements around Brussels airport against its measuring train, twelve logs of
+    2022-2024 in the repository Matdata-eu/tp-lib: the distances of 1336 fixed RTK positions from their track are
+    correlated by 0.99 if 25 m apart, 0.90 at 200 m, 0.84 at 800 m and 0.78 at 1600 m. They are 1.3 m in the median and
+    1.75 m rms, with what antenna and datum add; the default is a line of which these are known.
     """
 
-    sd_m: Positive = 1.5
+    sd_m: Positive = 1.0
     correlation_m: Positive = 5000.0
     robust_width: Positive = 3.0
 

@@ -157,8 +157,22 @@ _FACTORS = (
     ),
     Part(
         "factors/landmark.py",
-        (_FAMILIES,),
-        (_one("the share of the time is the derivative by the wrong keyframe", "= 1.0 - f, f", "= f, 1.0 - f"),),
+        ("tests/factors/test_landmark.py", _FAMILIES),
+        (
+            _one("the share of the time is the derivative by the wrong keyframe", "= 1.0 - f, f", "= f, 1.0 - f"),
+            _one(
+                "the lever arm points the other way",
+                "nav.p - np.einsum",
+                "nav.p + np.einsum",
+                ("by_body, skew(lever_arm)", "by_body, -skew(lever_arm)"),
+            ),
+            _one(
+                "errors of a line do not last",
+                "after - correlation * before",
+                "after - 0.0 * correlation * before",
+                ("-correlation[:, :, None] * d_before", "-0.0 * correlation[:, :, None] * d_before"),
+            ),
+        ),
     ),
     Part(
         "factors/switching.py",
