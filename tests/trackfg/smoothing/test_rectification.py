@@ -13,6 +13,9 @@ from trackfg.datasets.effects.catalogue import effect
 from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.factors.bias import RECTIFICATION
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.states import Kind, offset_in_keyframe
+from trackfg.smoothing.reassessment import Reassessment
 from trackfg.smoothing.rectification import rectification
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
@@ -43,3 +46,37 @@ def test_without_it_the_prior_stays(smoothed: Callable[..., SmoothedStates]) -> 
     assert reassessment.problem is run.problem
     assert reassessment.findings == ()
     assert np.abs(run.solution.states.imu[0, RECTIFICATION]) == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+def with_coefficient(run: SmoothedStates, k: float) -> SmoothedStates:
+    """Return the run as if its solution had said k along x, beyond doubt."""
+    imu = run.solution.states.imu.copy()
+    imu[0, RECTIFICATION.start] = k
+    states = replace(run.solution.states, imu=imu)
+    marginal = run.covariance.marginal.copy()
+    at = offset_in_keyframe(Kind.IMU) + RECTIFICATION.start
+    marginal[:, at, at] = 1e-12
+    covariance = replace(run.covariance, marginal=marginal)
+    return replace(run, solution=replace(run.solution, states=states), covariance=covariance)
+
+
+def sigma_of(reassessment: Reassessment) -> np.ndarray:
+    prior = reassessment.problem.family(FactorType.PRIOR_IMU)
+    assert prior is not None
+    return np.asarray(prior.sigma[0, RECTIFICATION])
+
+
+def test_the_prior_follows_the_data_up_and_down_and_no_further_than_any_sensor(
+    smoothed: Callable[..., SmoothedStates],
+) -> None:
+    run = smoothed("mainline", seed=3, duration_s=300.0)
+    first = sigma_of(rectification(run))
+    wide = rectification(with_coefficient(run, 0.03))
+    assert sigma_of(wide) == pytest.approx(0.03, rel=1e-3)
+    assert wide.doubts == ()
+    widened = replace(run, problem=wide.problem)
+    assert sigma_of(rectification(with_coefficient(widened, 0.01))) == pytest.approx(0.01, rel=1e-3)
+    assert sigma_of(rectification(with_coefficient(widened, 1e-4))) == pytest.approx(first)
+    beyond = rectification(with_coefficient(run, 1.0))
+    assert sigma_of(beyond) == pytest.approx(0.065)
+    assert [doubt.factor for doubt in beyond.doubts] == [pytest.approx(1.0 / 0.065, rel=1e-3)]
