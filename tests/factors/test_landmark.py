@@ -1,10 +1,12 @@
-"""A known line, by cases worked out by hand."""
+"""A known line and balises, by cases worked out by hand."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from trackfg.factors.landmark import OnLine, across_line, along_line
+from trackfg.factors.landmark import OnLine, across_line, along_line, balise_passage
 from trackfg.factors.states import SHARED, Nav, Odo, States
 
 FACING_NORTH = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -39,3 +41,12 @@ def test_a_constant_error_of_the_line_is_counted_once() -> None:
     family = along_line(first, second, np.array([0.75]), LEVER_ARM, np.ones((1, 1)), None)
     np.testing.assert_allclose(family.residual(states((48.0, 100.0), (48.5, 120.0))), [[0.0]], atol=1e-12)
     np.testing.assert_allclose(family.residual(states((48.0, 100.0), (48.0, 120.0))), [[0.5]])
+
+
+def test_a_balise_is_where_the_vehicle_is_when_it_reads_it() -> None:
+    """Read half a metre behind the keyframes at 10 m and at 30 m, of balises at 10 m and at 31 m."""
+    standing = states((0.0, 0.0), (0.0, 0.0))
+    odo = Odo.of(np.array([10.0, 30.0]), np.ones(2), np.zeros(2), np.zeros(2))
+    at = replace(standing, odo=odo, sensor=np.array([[0.0, 0.0], [10.0, 31.0]]))
+    family = balise_passage(np.arange(2), np.full(2, 0.5), np.arange(2), 1, np.ones((2, 1)), None)
+    np.testing.assert_allclose(family.residual(at)[:, 0], [0.5, -0.5])

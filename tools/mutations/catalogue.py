@@ -172,7 +172,27 @@ _FACTORS = (
                 "after - 0.0 * correlation * before",
                 ("-correlation[:, :, None] * d_before", "-0.0 * correlation[:, :, None] * d_before"),
             ),
+            _one("a balise is passed before its time", "odo.distance + carried", "odo.distance - carried"),
         ),
+    ),
+    Part(
+        "trackfg/mapping/runs/balise_survey.py",
+        ("tests/trackfg/mapping/runs/test_balise_survey.py",),
+        (
+            _one("readings are too exact", '"reading_m_sd"].to_numpy() ** 2', '"reading_m_sd"].to_numpy() ** 4'),
+            _one("a balise is on the other side of its plan", "np.nan, -in_sigmas * sd", "np.nan, in_sigmas * sd"),
+            _one("a wheel errs in all runs at once", "np.flatnonzero(run == one)", "np.flatnonzero(run >= one)"),
+        ),
+    ),
+    Part(
+        "trackfg/smoothing/balise_fixes.py",
+        ("tests/trackfg/smoothing/test_balises.py",),
+        (_one("a place that is passed again is known better each time", "np.sqrt(passes) * ", ""),),
+    ),
+    Part(
+        "trackfg/graph/balise_ties.py",
+        ("tests/trackfg/smoothing/test_balises.py",),
+        (_one("ties are twice as exact as readings", "sigma = read * ", "sigma = 0.5 * read * "),),
     ),
     Part(
         "factors/switching.py",
