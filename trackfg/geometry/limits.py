@@ -10,8 +10,8 @@
     kind = "peak"
     value_mm = 12.0
 
-:func:`cfr_213` gives the tables of 49 CFR 213.63 and 213.327 (the law's inches as mm). Their levels are track classes;
-which class a line has follows from more than its speed, so no speed stands in them.
+:func:`cfr_213` gives the tables of 49 CFR 213.53, 213.55, 213.63 and 213.327 (the law's inches as mm). Their levels are
+track classes; which class a line has follows from more than its speed, so no speed stands in them.
 """
 
 from __future__ import annotations
@@ -126,7 +126,9 @@ def read_limits(path: Path | str) -> tuple[Limit, ...]:
 
 
 def cfr_213() -> tuple[Limit, ...]:
-    """Return the limits of track surface of classes 1 to 5 (49 CFR 213.63), of alinement of 6 to 9 (213.327)."""
+    """Return the limits of gage, alinement and track surface of classes 1 to 5 (49 CFR 213.53, 55, 63), and those of
+    alinement of 6 to 9 (213.327).
+    """
     resource = files("trackfg.geometry").joinpath("cfr_213.toml")
     return _validated(toml_of(resource.read_bytes()), resource.name)
 

@@ -57,7 +57,7 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
             for (quantity, reason), levels in judgement.not_judged_levels().items()
         )
         blocks.append(Fold("Limits that were not judged", (PageTable(("limit", "class", "why"), rows),)))
-    return PageSection("limits", "Where to send the gang", tuple(blocks))
+    return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks))
 
 
 def by_severity(found: pd.DataFrame) -> pd.DataFrame:

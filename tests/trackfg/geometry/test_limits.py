@@ -36,7 +36,7 @@ def test_the_law_is_built_in_millimetres() -> None:
         / 25.4
         for limit in limits
     }
-    assert len(inches) == len(limits) == 25 + 13 + 24
+    assert len(inches) == len(limits) == 25 + 13 + 24 + 10 + 13 + 8 + 12
     surface = "49 CFR 213.63(a)"
     for parameter, length, track, row in (
         ("runoff", 9.4488, "any", (3.5, 3, 2, 1.5, 1)),
@@ -60,7 +60,25 @@ def test_the_law_is_built_in_millimetres() -> None:
     ):
         chords = (9.4488, 18.8976, 37.7952)
         assert [inches[alinement, level, "alignment", chord, track] for chord in chords] == pytest.approx(row)
-    assert all(limit.uniformity == (limit.standard == alinement) for limit in limits)
+    for level, row in (("class 6", (0.5, 0.625, 1.25)), ("class 7", (0.5, 0.5, 1.0)), ("class 9", (0.5, 0.5, 0.75))):
+        name = f"{level}, cant deficiency above 5 in"
+        found = [inches["49 CFR 213.327(c)", name, "alignment", chord, "curved"] for chord in chords]
+        assert found == pytest.approx(row)
+    for k, wide in enumerate((1.5, 1.25, 1.25, 1.0, 1.0), start=1):
+        gage = ("49 CFR 213.53(b)", f"class {k}")
+        assert inches[*gage, "gauge_wide", None, "any"] == pytest.approx(wide)
+        assert inches[*gage, "gauge_narrow", None, "any"] == pytest.approx(0.5)
+    for k, (tangent, short, long) in enumerate(
+        ((5.0, None, 5.0), (3.0, None, 3.0), (1.75, 1.25, 1.75), (1.5, 1.0, 1.5), (0.75, 0.5, 0.625)), start=1
+    ):
+        place = ("49 CFR 213.55(a)", f"class {k}", "alignment")
+        assert inches[*place, 18.8976, "tangent"] == pytest.approx(tangent)
+        assert inches.get((*place, 9.4488, "curved")) == (None if short is None else pytest.approx(short))
+        assert inches[*place, 18.8976, "curved"] == pytest.approx(long)
+    deficient = "class 4, cant deficiency above 5 in"
+    assert inches["49 CFR 213.55(b)", deficient, "alignment", 9.4488, "curved"] == pytest.approx(0.75)
+    assert inches["49 CFR 213.55(b)", deficient, "alignment", 18.8976, "curved"] == pytest.approx(0.875)
+    assert all(limit.uniformity == (limit.parameter == "alignment") for limit in limits)
 
 
 def test_a_level_is_chosen_by_name() -> None:
