@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import textwrap
+from inspect import cleandoc
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,15 +30,18 @@ Step = Annotated[Positive, AfterValidator(_no_shorter)]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class KeyframeConfig(_Section):
     """Where states are estimated: whichever of time and distance comes first; sparser at rest."""
 
     interval_s: Step = 1.0
+    """Longest time between keyframes in motion [s]."""
     distance_m: Step = 20.0
+    """Longest distance between keyframes [m]."""
     interval_at_rest_s: Step = 5.0
+    """Time between keyframes at rest [s]."""
 
 
 class ImuConfig(_Section):
@@ -44,7 +50,9 @@ class ImuConfig(_Section):
     """
 
     bridge_gyro_white: Positive = 0.05
+    """How the body may turn over a gap of the IMU [rad/s/sqrt(Hz)]."""
     bridge_accel_white: Positive = 0.5
+    """How it may accelerate over a gap of the IMU [m/s^2/sqrt(Hz)]."""
 
 
 class TachConfig(_Section):
@@ -61,15 +69,27 @@ class TachConfig(_Section):
     """
 
     creep_m_per_sqrt_m: Positive = 1e-3
+    """Random walk of the rolled distance [m/sqrt(m)]."""
     creep_per_traction: Positive = 0.05
+    """Creep under driving and braking force, share of the distance: how it varies [1/g]."""
     creep_per_traction_sd: Positive = 0.05
+    """Sigma of the mean of that creep over the run, in traction and in braking [1/g]."""
     rail_offset_sd_m: Positive = 0.1
+    """Sigma of the place of the wheel beside the centre line, to the left and to the outside of curves [m]."""
     speed_noise_mps: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Noise of a speed signal; 0: as its rows show it, 0.1 in a stream [m/s in 1 s]."""
     scale_walk_per_sqrt_m: Positive = 1e-7
+    """Random walk of the wheel scale [1/sqrt(m)]."""
     clock_offset_sd_s: Positive = 0.1
+    """Sigma of the tach's clock offset [s]."""
     clock_drift_sd: Positive = 1e-4
+    """Sigma of the tach's clock drift [s/s]."""
     robust_width: Annotated[float, Field(gt=2.5, allow_inf_nan=False)] = 3.5
+    """Where a lone interval is as likely a slip [sigma]."""
     max_gap_s: Positive = 0.3
+    """A longer silence of the tach in motion, if also longer than 3.5 of its usual intervals, is a gap: nothing is
+    read off within it [s].
+    """
 
 
 class MotionConfig(_Section):
@@ -83,19 +103,33 @@ class MotionConfig(_Section):
     """
 
     lateral_sd_mps: Positive = 0.01
+    """Lateral velocity of the reference point: constant part [m/s]."""
     vertical_sd_mps: Positive = 0.01
+    """Vertical velocity: constant part [m/s]."""
     sd_per_speed: Positive = 1e-3
+    """Lateral and vertical velocity: part in proportion to speed [1]."""
     robust_width: Positive = 3.0
+    """Where lateral and vertical velocity and standstills begin to lose their weight [sigma]."""
     mount_sd_deg: Positive = 3.0
+    """Sigma of the direction of travel in IMU axes, pitch and yaw [deg]."""
     path_sd_m: Positive = 2e-5
+    """`rigid`: how far a path may leave the direction of travel between keyframes, constant part [m]."""
     path_sd_relative: Positive = 1e-5
+    """`rigid`: the same, part in proportion to the distance between keyframes [1]."""
     rest_speed_sd_mps: Positive = 1e-3
+    """Velocity at rest [m/s]."""
     rest_turn_sd_rad: Positive = 1e-4
+    """Turn between keyframes at rest [rad]."""
     rest_shift_sd_m: Positive = 1e-3
+    """Shift between keyframes at rest [m]."""
     rigid_rest_speed_sd_mps: Positive = 1e-5
+    """Speed of a rigid sensor at rest [m/s]."""
     rigid_rest_turn_sd_rad: Positive = 1e-5
+    """`rigid`: turn between keyframes at rest [rad]."""
     rigid_rest_shift_sd_m: Positive = 2e-5
+    """`rigid`: shift between keyframes at rest [m]."""
     min_rest_s: Positive = 1.0
+    """Shortest standstill that is looked for, less what is trimmed off its ends; 3 s at least without a tach [s]."""
 
 
 class LaserConfig(_Section):
@@ -106,11 +140,17 @@ class LaserConfig(_Section):
     """
 
     window_s: Positive = 0.06
+    """Readings of displacement sensors are means over this [s]."""
     match_sd_m: Positive = 1e-5
+    """How differently two units may see one place of a rail, besides their noise [m]."""
     robust_width: Positive = 4.0
+    """Where a pair of sights begins to lose its weight [sigma]."""
     max_keyframes: Annotated[int, Field(gt=0)] = 32
+    """Sights of one place this many keyframes apart are not tied [1]."""
     keyframe_interval_s: Step = 0.5
+    """Longest time between keyframes where there are displacement sensors [s]."""
     keyframe_distance_m: Step = 5.0
+    """Longest distance between keyframes where there are displacement sensors [m]."""
 
 
 class PositionConfig(_Section):
@@ -121,10 +161,15 @@ class PositionConfig(_Section):
     """
 
     robust: bool = True
+    """Whether fixes and GNSS positions may lose their weight at all."""
     gnss_width: Positive = 3.0
+    """Where a GNSS position begins to lose its weight [sigma]."""
     fix_width: Positive = 4.0
+    """Where a fix begins to lose its weight [sigma]."""
     gnss_clock_offset_sd_s: Positive = 0.05
+    """Sigma of the receiver's clock offset [s]."""
     gnss_correlation_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """How long GNSS errors last (multipath: tens of seconds) [s]."""
 
 
 class LineConfig(_Section):
@@ -138,8 +183,11 @@ class LineConfig(_Section):
     """
 
     sd_m: Positive = 1.0
+    """Sigma of a known line's tracks across [m]."""
     correlation_m: Positive = 5000.0
+    """Length along it over which its errors change [m]."""
     robust_width: Positive = 3.0
+    """Where a known line begins to lose its weight [sigma]."""
 
 
 class NoiseConfig(_Section):
@@ -151,13 +199,21 @@ class NoiseConfig(_Section):
     """
 
     adapt: bool = True
+    """Raise the noise levels to what the residuals show, and solve again."""
     rounds: Annotated[int, Field(gt=0)] = 3
+    """How many times at most a run is solved again [1]."""
     gyro: Positive = 1.0
+    """Factor on the gyro's declared white noise (vibration, aliasing) [1]."""
     accel: Positive = 1.0
+    """Factor on the accelerometer's declared white noise [1]."""
     motion: Positive = 1.0
+    """Factor on the sigmas of lateral and vertical velocity [1]."""
     path: Positive = 1.0
+    """Factor on the sigma of the path between keyframes [1]."""
     tach: Positive = 1.0
+    """Factor on the sigma of the rolled distance [1]."""
     gnss: Positive = 1.0
+    """Factor on the sigmas of GNSS positions [1]."""
 
     def factors(self) -> dict[str, float]:
         """The factor of each group."""
@@ -168,6 +224,7 @@ class OutputConfig(_Section):
     """The trajectory's rate."""
 
     rate_hz: Annotated[float, Field(strict=True, gt=0, le=1e4)] = 10.0
+    """Rate of the trajectory [Hz]."""
 
 
 class GeometryConfig(_Section):
@@ -179,12 +236,19 @@ class GeometryConfig(_Section):
     """
 
     step_m: Length = 0.25
+    """Step of the geometry table along the chainage [m]."""
     twist_base_m: Length = 5.0
+    """Base of the twist [m]."""
     twist_anchor: Literal["behind", "centre", "ahead"] = "behind"
+    """Where the base lies from the place that the twist is written at: `behind`, `centre`, `ahead`."""
     chord_m: Length = 10.0
+    """Chord of the versines [m]."""
     band_m: tuple[Length, Length] = (3.0, 25.0)
+    """Shortest and longest wavelength of level and alignment [m]."""
     curvature_base_m: Length = 10.0
+    """Base of the curvature [m]."""
     gradient_base_m: Length = 25.0
+    """Base of the gradient [m]."""
 
     @model_validator(mode="after")
     def _fits_the_grid(self) -> GeometryConfig:
@@ -209,8 +273,11 @@ class SolverConfig(_Section):
     """
 
     step_tolerance: Positive = 0.03
+    """Stop at a step shorter than this [sigma]."""
     cost_tolerance: Positive = 0.02
+    """Stop at a step that lowers the cost by less, once robust losses apply [1]."""
     max_iterations: Annotated[int, Field(gt=0)] = 50
+    """Stop without having converged [1]."""
 
 
 class SmoothConfig(_Section):
@@ -232,3 +299,22 @@ class SmoothConfig(_Section):
     def from_toml(cls, path: str | Path) -> SmoothConfig:
         """Read a configuration file. Raises ``BadInputError`` that names the file, the key and what was expected."""
         return read_model(Path(path), cls)
+
+    @classmethod
+    def template(cls) -> str:
+        """Return a configuration file with every default, and above each what it means and its unit."""
+        sections = []
+        for name, section in cls.model_fields.items():
+            kind = type(section.default)
+            values = section.default.model_dump(mode="json")
+            lines = [f"# {text}" for text in _paragraph(kind.__doc__ or "")] + [f"[{name}]"]
+            for key, setting in kind.model_fields.items():
+                lines += [f"# {text}" for text in _paragraph(setting.description or "")]
+                lines.append(f"{key} = {json.dumps(values[key])}")
+            sections.append("\n".join(lines))
+        return "\n\n".join(sections) + "\n"
+
+
+def _paragraph(text: str) -> list[str]:
+    """Return the first paragraph of a docstring in lines of 100 letters."""
+    return textwrap.wrap(cleandoc(text).split("\n\n")[0], 100)

@@ -26,6 +26,7 @@ from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, 
 from trackfg.cli.overlay import overlay
 from trackfg.cli.sensors.noise import noise
 from trackfg.cli.smoothing.options import SmoothOptions
+from trackfg.cli.smoothing.settings import config
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell
@@ -45,6 +46,7 @@ app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping 
 app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
 app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
+app.command(epilog="Example: trackfg config > settings.toml")(config)
 app.command(epilog="Example: trackfg noise rest.csv -o allan.png")(noise)
 app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
 app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)

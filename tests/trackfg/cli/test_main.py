@@ -16,6 +16,7 @@ import pytest
 
 import trackfg
 from trackfg.cli import main
+from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
 from trackfg.io.writer import write_recording
@@ -43,6 +44,7 @@ COMMANDS = (
     "overlay",
     "balises",
     "noise",
+    "config",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
 
@@ -120,6 +122,20 @@ def test_scenarios(run: Run) -> None:
     done = run("scenarios")
     assert done.status == 0
     assert "mainline" in done.out
+
+
+def test_the_template_of_settings_holds_the_defaults(run: Run, tmp_path: Path) -> None:
+    done = run("config")
+    assert (done.status, done.err) == (0, "")
+    assert run("config", "-o", tmp_path / "c.toml", "-q") == Done(0, "", "")
+    assert (tmp_path / "c.toml").read_text(encoding="utf-8") == done.out
+    assert SmoothConfig.from_toml(tmp_path / "c.toml") == SmoothConfig()
+    lines = done.out.splitlines()
+    keys = [i for i, line in enumerate(lines) if " = " in line and not line.startswith("#")]
+    assert all(lines[i - 1].startswith("# ") for i in keys)
+    assert len(keys) == sum(len(section) for section in SmoothConfig().model_dump().values())
+    assert "# Longest time between keyframes in motion [s].\ninterval_s = 1.0" in done.out
+    assert run("config", "-o", tmp_path / "c.toml").status == 2
 
 
 def test_simulate_is_reproducible(run: Run, tmp_path: Path) -> None:
