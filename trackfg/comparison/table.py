@@ -30,6 +30,7 @@ from trackfg.evaluation.scores import STATISTICS, margin
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
+from trackfg.numerics.key_figures import KeyFigures
 from trackfg.results.summary import versions
 
 TRUTH = "truth"
@@ -183,14 +184,23 @@ class About(_ComparisonModel):
     differences: tuple[Difference, ...] = ()
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(KeyFigures):
     """The tables of the module's docstring, in memory."""
 
     about: About
     scores: pd.DataFrame
     geometry: pd.DataFrame
     positions: pd.DataFrame
+
+    def key_figures(self) -> dict[str, str]:
+        """Return the cases, the estimators and the number of scores."""
+        return {
+            "cases": ", ".join(case.name for case in self.about.cases) or "no case",
+            "runs": f"{sum(len(case.seeds) for case in self.about.cases)} runs",
+            "estimators": f"{len(self.about.estimators)} estimators",
+            "scores": f"{len(self.scores)} scores",
+        }
 
     def write(self, folder: str | os.PathLike[str]) -> Path:
         """Write it, replacing an earlier one in one step. Raises :class:`BadInputError` if ``folder`` holds anything

@@ -36,6 +36,7 @@ import pandas as pd
 from pydantic import JsonValue
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import KeyFigures
 
 CURVE_POINTS = ("BTC", "BCC", "ECC", "ETC")
 """Kinds of landmarks of a curve, in order of chainage."""
@@ -136,8 +137,8 @@ class RunInformation:
             raise ValueError("R and d: expected finite numbers")
 
 
-@dataclass(frozen=True, eq=False)
-class FeatureMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class FeatureMap(KeyFigures):
     """One version of the map of a line. Tables have the columns of this module, in their order.
 
     ``origin``: (latitude deg, longitude deg, height m) of WGS 84, or None. ``information`` by run id. ``configuration``
@@ -161,6 +162,16 @@ class FeatureMap:
     version: int | None = field(default=None, kw_only=True)
     parent: int | None = field(default=None, kw_only=True)
     written_at: str | None = field(default=None, kw_only=True)
+
+    def key_figures(self) -> dict[str, str]:
+        """Return the version, the length, and how many runs and landmarks there are."""
+        return {
+            "map": self.name,
+            "version": "not written" if self.version is None else f"version {self.version}",
+            "length": f"{1e-3 * len(self.grid) * self.conventions.step_m:.3f} km",
+            "runs": f"{len(self.runs)} runs",
+            "landmarks": f"{len(self.landmarks)} landmarks",
+        }
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or "\0" in self.name:

@@ -31,6 +31,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import KeyFigures
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.findings import Finding
 
@@ -49,8 +51,8 @@ LASER_TABLE = "laser/"
 _SINGLE = ("tach", "fixes", "gnss")
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, repr=False)
+class Recording(KeyFigures):
     """One run. ``gnss_origin`` is (latitude deg, longitude deg, height m), or None where GNSS is local or absent.
 
     ``findings`` is what reading the files noticed about the quality of the data; it goes into the result's summary.
@@ -86,6 +88,22 @@ class Recording:
         tach, fixes, gnss = (tables.get(name) for name in _SINGLE)
         others = {n: t for n, t in tables.items() if n not in ("imu", *_SINGLE) and not n.startswith(LASER_TABLE)}
         return cls(description, tables["imu"], tach, fixes, gnss, lasers, others=others)
+
+    def key_figures(self) -> dict[str, str]:
+        """Return the length, each table's rows and rate, and how much was found in the files."""
+        t = self.imu["t_s"].to_numpy()
+        figures = {"recording": self.description.id, "length": f"{np.ptp(t) if t.size else 0.0:.1f} s"}
+        for name, table in self.tables.items():
+            if name.startswith(LASER_TABLE):
+                continue
+            step = median_interval(table["t_s"].to_numpy())
+            rate = f" at {1.0 / step:.4g} Hz" if step > 0.0 and name not in ("fixes", "tach") else ""
+            figures[name] = f"{name} {len(table)} rows{rate}"
+        if self.lasers:
+            figures["lasers"] = f"{len(self.lasers)} lasers"
+        if self.findings:
+            figures["findings"] = f"{len(self.findings)} findings"
+        return figures
 
     @property
     def gyro(self) -> Array:

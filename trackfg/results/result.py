@@ -35,6 +35,7 @@ from trackfg.errors import BadInputError, TrackfgError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
+from trackfg.numerics.key_figures import KeyFigures
 from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.columns import (
     BALISE_COLUMNS,
@@ -66,8 +67,8 @@ _BALISES, _PASSAGES = OPTIONAL_FILES = ("balises.csv", "passages.parquet")
 RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES, OPTIONAL_FILES)
 
 
-@dataclass(frozen=True)
-class Result:
+@dataclass(frozen=True, repr=False)
+class Result(KeyFigures):
     """The smoothed run, or a geometry that another system measured, which has no trajectory and no solver.
 
     Raises ``ValueError`` if a table has other columns than the contract's.
@@ -92,6 +93,22 @@ class Result:
         ):
             if tuple(table.columns) != columns:
                 raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
+
+    def key_figures(self) -> dict[str, str]:
+        """Return the length, whether it is to be trusted, and how much there is of each table."""
+        page = self.summary
+        doubted = [verdict.quantity for verdict in page.verdicts if verdict.status != "trusted"]
+        trust = "all trusted" if not doubted else f"sigmas widened or not trusted: {', '.join(doubted)}"
+        distance = "distance not determined" if page.distance_m is None else f"{page.distance_m:.1f} m"
+        return {
+            "result": page.recording_id,
+            "length": f"{page.duration_s:.1f} s, {distance}",
+            "solver": "converged" if page.converged else "not converged",
+            **({"verdict": trust} if page.verdicts else {}),
+            "trajectory": f"trajectory {len(self.trajectory)} rows",
+            "geometry": f"geometry {len(self.geometry)} rows",
+            "events": f"{len(self.events)} events",
+        }
 
     def geometry_for(self, purpose: str) -> pd.DataFrame:
         """Return the geometry. Raises :class:`BadInputError` that names the ``purpose`` where there is none."""
