@@ -96,7 +96,7 @@ Levels of tens of seconds scatter by a quarter."""
 _FINDING = 2.0
 """A level, or its rms over the run, from which on it is a finding: sigmas were wrong by as much."""
 
-_FEWEST = 10
+FEWEST = 10
 """Positions below which there is nothing to be learnt of their errors."""
 
 _NAMED = 3
@@ -129,7 +129,7 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     """Reassess the sigmas of GNSS positions by their residuals."""
     problem = run.problem
     family, declared = problem.family(FactorType.GNSS_POSITION), run.declared.family(FactorType.GNSS_POSITION)
-    if family is None or declared is None or family.loss is None or len(family) < _FEWEST:
+    if family is None or declared is None or family.loss is None or len(family) < FEWEST:
         return Reassessment(problem)
     if np.array_equal(family.sigma, declared.sigma) and others_are_worse(run, run.noise_ratios.get("gnss", 1.0)):
         return Reassessment(problem)

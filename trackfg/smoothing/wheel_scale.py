@@ -6,8 +6,11 @@ scale that walks, ``S(k+1) - S(k)`` of sigma ``q sqrt(distance)``, the inertial 
 changes, and the sigma of a distance between two positions is that of a scale that may have changed on the way.
 
 How fast it walks the data decide, by their likelihood with the states integrated out
-(:mod:`trackfg.solver.scale_evidence`). Fixes that were withheld while the scale was a constant, and are off by no more
-than a wheel creeps, are used again.
+(:mod:`trackfg.solver.scale_evidence`). A scale that may walk everywhere makes every distance unsure, though creep
+begins and ends at a few places. So where a run has been solved with one, spans in which a constant scale is as likely
+are sought by halving, and the scale walks in the others alone.
+
+Fixes that were withheld while the scale was a constant, and are off by no more than a wheel creeps, are used again.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.odometry import MOST_CREEP, followed_fix
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
+from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.smoothing.wrong_fixes import with_fixes
@@ -32,22 +36,40 @@ _WALKS = (1e-5, 3e-5, 1e-4, 3e-4)
 where the one before is more likely than those before it: the likelihood has one maximum.
 """
 
+_SHORTEST_S = 10.0
+"""Spans are not halved below this, s: within such a time a wheel begins to creep, or ceases to (adhesion changes over
+one to a few hundred metres)."""
+
+_WIDER = (3.0, 10.0)
+"""By how much more a scale is let walk that walks in a few spans: a change by 2 % in 10 s at 20 m/s is 1.4e-3 per root
+of a metre, five times the widest walk that is tried on the whole run."""
+
 _NAMED = 1e-3
 """A change of the scale below this is none worth a finding."""
 
 
 def wheel_scale(run: SolvedRun) -> Reassessment:
-    """Reassess how much the wheel's scale walks: once, since a wider walk contradicts nothing any more."""
+    """Reassess how much the wheel's scale walks, and of a run that was solved with one that does, where.
+
+    Each is done once, since a wider walk contradicts nothing any more.
+    """
     problem = run.problem
     chain = problem.family(FactorType.DISTANCE_CHAIN)
     declared = run.declared.family(FactorType.DISTANCE_CHAIN)
     if problem.wheel is None or chain is None or declared is None:
         return Reassessment(problem)
-    if (chain.sigma != declared.sigma).any():
+    walks = chain.sigma[:, 1] != declared.sigma[:, 1]
+    if walks.any() and not walks.all():
         return Reassessment(problem, _findings(run))
     states = run.solution.states
     inertial = linearize_imu_factors(problem.native, run.solution.values)
     evidence = ScaleEvidence.of(inertial, problem.families, states, len(problem.t))
+    if walks.all():
+        parted = _walking_where_it_changes(evidence, chain, declared, problem.t)
+        if (parted.sigma == chain.sigma).all():
+            return Reassessment(problem, _findings(run))
+        families = changed(problem.families, FactorType.DISTANCE_CHAIN, lambda _: parted)
+        return Reassessment(replace(problem, families=families), _findings(run), changed=True)
     per_sqrt_m = run.config.tach.scale_walk_per_sqrt_m
     constant = evidence.log_likelihood(chain)
     best, most = per_sqrt_m, constant
@@ -68,6 +90,32 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
 def _walking(chain: Family, factor: float) -> Family:
     """Return the chain of distances with a scale that walks so many times as fast."""
     return replace(chain, sigma=chain.sigma * [1.0, factor])
+
+
+def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: Family, t: Array) -> Family:
+    """Return the chain with a scale that walks in those spans alone in which it is likelier than a constant one.
+
+    ``t`` (n,): times of the keyframes, s.
+    """
+    begins = t[chain.slots[0].index]
+    most = evidence.log_likelihood(chain)
+    spans = [(0, len(begins))]
+    while spans:
+        begin, end = spans.pop()
+        sigma = chain.sigma.copy()
+        sigma[begin:end] = declared.sigma[begin:end]
+        trial = replace(chain, sigma=sigma)
+        likelihood = evidence.log_likelihood(trial)
+        if likelihood >= most:
+            chain, most = trial, likelihood
+        elif begins[end - 1] - begins[begin] > 2.0 * _SHORTEST_S:
+            half = int(np.searchsorted(begins, 0.5 * (begins[begin] + begins[end - 1])))
+            spans += [(half, end), (begin, half)]
+    walks = chain.sigma[:, 1] != declared.sigma[:, 1]
+    if walks.all() or not walks.any():
+        return chain
+    wider = [replace(chain, sigma=np.where(walks[:, None], chain.sigma * [1.0, by], chain.sigma)) for by in _WIDER]
+    return max((chain, *wider), key=evidence.log_likelihood)
 
 
 def _with_fixes_again(problem: Problem, states: States) -> Problem:

@@ -87,6 +87,13 @@ def test_another_wheel_is_noticed_and_allowed_for(run: Simulation) -> None:
     error = trajectory["chainage_m"] - np.interp(trajectory["t_s"], run.truth["t_s"], run.truth["chainage_m"])
     assert (error.abs() < 3.0 * trajectory["chainage_m_sd"]).mean() > 0.9
     assert error.abs().max() < 1.5
+    chain, declared = (p.family(FactorType.DISTANCE_CHAIN) for p in (smoothed.problem, smoothed.declared))
+    assert chain is not None
+    assert declared is not None
+    begins = smoothed.problem.t[chain.slots[0].index]
+    walks = begins[chain.sigma[:, 1] > 2.0 * declared.sigma[:, 1]]
+    assert walks.min() < 90.0 < walks.max() + 2.0
+    assert np.ptp(walks) < 60.0  # it changes at one time, and is a constant before and after
 
 
 def test_fixes_that_a_creeping_wheel_explains_are_used_again(run: Simulation) -> None:

@@ -36,6 +36,7 @@ from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_states, shift_window
+from trackfg.streaming.window.gnss_record import GnssRecord
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
 from trackfg.streaming.window.rests import LOOK_S, Rests
 from trackfg.streaming.window.sample_buffer import SampleBuffer
@@ -109,7 +110,8 @@ class RunningWindow:
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
     ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event.
     ``walks``: whether the wheel's scale walks, as the accelerometer tells.
-    ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first window.
+    ``gnss``: what its positions have shown of their errors. ``undelivered_pass``: the result of a pass that
+    :meth:`add_keyframe` had to take, or of the first window.
     """
 
     buffer: SampleBuffer
@@ -131,6 +133,7 @@ class RunningWindow:
     damped: bool = False
     speed_sd: float = 0.0
     walks: bool = False
+    gnss: GnssRecord = field(default_factory=GnssRecord)
     undelivered_pass: Relinearisation | None = None
 
     @classmethod
@@ -210,6 +213,8 @@ class RunningWindow:
             speed = float(nav.v[0] @ nav.R[0, :, 0])
             wheel = self.tach.wheel_until(t + AFTER_S, buffer.tach, last, speed, buffer.uncounted)
         interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
+        gnss_width = self.context.config.position.gnss_width
+        interval = interval._replace(families=self.gnss.weigh_next(interval.families, gnss_width))
         if not self.on_map:
             interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, wheel_alone=self._wheel_alone)
             creep = self.votes.pop_creep()
@@ -312,6 +317,7 @@ class RunningWindow:
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd
         self.votes.update_covariance(update.covariance)
+        self.gnss.put(update.newest_keyframes, update.covariance)
         return update
 
     def _relinearise_window(self, failure: str | None = None, creep: Creep | None = None) -> Relinearisation:
@@ -324,6 +330,8 @@ class RunningWindow:
         config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
         window = self.window.extended(*self.added)
         now = float(window.t[-1])
+        self.gnss.judge()
+        window = self.gnss.weigh(window, self.context.config.position.gnss_width)
         if creep is not None:
             window = with_creep(window, creep)
         elif failure is None:

@@ -1,0 +1,103 @@
+"""A stream learns from their residuals how good GNSS positions are, and how long their errors last."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.positioning import GnssModel
+from trackfg.datasets.vehicle.driving import Service
+from trackfg.factors.family import Family
+from trackfg.factors.gnss import gnss_position
+from trackfg.factors.loss import Huber
+from trackfg.factors.states import States
+from trackfg.recording.model import Recording
+from trackfg.streaming.fixed_lag import FixedLagSmoother
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
+from trackfg.streaming.window.gnss_record import GnssRecord
+from trackfg.streaming.window.window import Window
+
+WIDTH = 3.0
+CANYON = (60.0, 100.0)
+"""From when to when positions are off by the same 8 m, s."""
+
+
+def record(residual: np.ndarray) -> GnssRecord:
+    """A record of positions of 2 m at 1 Hz with these residuals, in declared sigmas."""
+    n = len(residual)
+    return GnssRecord(np.arange(n) * 1.0, residual, np.full((n, 3), 0.01), np.full((n, 3), 2.0), np.ones((n, 3)))
+
+
+def positions(n: int) -> Family:
+    return gnss_position(np.arange(n), np.zeros((n, 3)), np.zeros(3), np.zeros(n), np.full((n, 3), 2.0), Huber(WIDTH))
+
+
+def test_errors_as_declared_leave_the_sigmas() -> None:
+    one = record(np.random.default_rng(0).standard_normal((300, 3)))
+    one.judge()
+    assert (one.factor >= 1.0).all()
+    assert np.median(one.factor) < 1.1
+
+
+def test_errors_that_last_widen_the_sigmas_while_they_do() -> None:
+    residual = np.random.default_rng(1).standard_normal((300, 3))
+    residual[200:240] += 4.0
+    one = record(residual)
+    one.judge()
+    assert one.factor[205:235].min() > 5.0
+    assert np.median(one.factor[:180]) < 1.3
+
+
+def test_positions_of_the_window_have_their_own_factor_and_those_to_come_the_newest() -> None:
+    one = record(np.zeros((12, 3)))
+    one.factor = np.repeat(np.arange(1.0, 13.0)[:, None], 3, axis=1)
+    nothing = cast(States, None)
+    window = Window(np.arange(8.0, 14.0), nothing, (), np.zeros((6, 6, 0)), (positions(6),))
+    (weighed,) = one.weigh(window, WIDTH).families
+    np.testing.assert_allclose(weighed.sigma[:, 0], [18.0, 20.0, 22.0, 24.0, 2.0, 2.0])
+    (coming,) = one.weigh_next((positions(1),), WIDTH)
+    np.testing.assert_allclose(coming.sigma, 24.0)
+
+
+def test_with_too_few_positions_nothing_is_learnt() -> None:
+    one = record(np.full((5, 3), 10.0))
+    one.judge()
+    assert (one.factor == 1.0).all()
+
+
+@pytest.fixture(scope="module")
+def run() -> Simulation:
+    """A train with GNSS of 2 m."""
+    plan = scenario("mainline")
+    assert isinstance(plan.driver, Service)
+    driver = replace(plan.driver, start_rest_s=9.0)
+    gnss = GnssModel(sd_m=(2.0, 2.0, 4.0))
+    return simulate(replace(plan, driver=driver, adhesion=None, gnss=gnss, balises=None), seed=3, duration_s=120.0)
+
+
+def smoothed(recording: Recording) -> pd.DataFrame:
+    source = RecordingSource(recording, batch_s=1.0)
+    smoother, intake = FixedLagSmoother(source.description, lag_s=20.0), Intake.of(source)
+    pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
+    pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
+    return pd.concat([piece.smoothed for piece in pieces])
+
+
+@pytest.mark.slow
+def test_a_street_canyon_is_not_followed_at_its_declared_sigmas(run: Simulation) -> None:
+    assert run.recording.gnss is not None
+    gnss = run.recording.gnss.copy()
+    inside = gnss["t_s"].between(*CANYON)
+    gnss.loc[inside, ["east_m", "north_m"]] += 8.0
+    table, clean = (smoothed(replace(run.recording, gnss=rows)) for rows in (gnss, run.recording.gnss))
+    error = {}
+    for name in ("east_m", "north_m", "chainage_m"):
+        off = table[name].to_numpy() - np.interp(table["t_s"], clean["t_s"], clean[name])
+        error[name] = np.abs(off) / table[f"{name}_sd"]
+    assert max(values.max() for values in error.values()) < 4.0

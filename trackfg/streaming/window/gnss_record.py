@@ -1,0 +1,112 @@
+"""A stream learns how good its GNSS positions are from their residuals, as the batch does from those of a run.
+
+A receiver's errors last: in a street canyon it is off by 5-10 m for tens of seconds where it declares 2 m, and
+positions that share an error count once. The record holds each position's residual after its keyframe's estimate, and
+at each relinearisation pass the batch's own judgement of level and correlation (:mod:`trackfg.smoothing.gnss_errors`)
+says by what factor the declared sigmas are too small: of the positions in the window each its own, of those to come
+that of the newest one. A stream only widens them: what it has marginalised it cannot doubt any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed, family_of
+from trackfg.factors.loss import Huber
+from trackfg.numerics.arrays import Array
+from trackfg.smoothing.gnss_errors import FEWEST, errors_seen
+from trackfg.solver.covariance import Covariance
+from trackfg.solver.leave_one_out import predicted
+from trackfg.streaming.window.window import Window
+
+_MOST = 600
+"""Positions that are remembered: ten minutes of them once a second, as long as the runs that the batch's judgement was
+tried on; errors change with the surroundings."""
+
+_SAME_S = 1e-6
+"""Times nearer than this are of one position, s."""
+
+
+@dataclass
+class GnssRecord:
+    """The record holds the newest positions, one a row: time ``t`` (m,), s; ``residual`` and ``variance`` of the
+    predicted position, both in declared sigmas; and the ``declared`` sigma, m; each of shape (m, 3).
+
+    ``factor`` (m, 3) is what sigmas are multiplied by, ``expected`` (3,) what those of the next positions are.
+    ``lasting``: the root of the number of positions that share an error; whether one is an outlier is judged without
+    it, so the loss is as much narrower.
+    """
+
+    t: Array = field(default_factory=lambda: np.zeros(0))
+    residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    variance: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    declared: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    factor: Array = field(default_factory=lambda: np.ones((0, 3)))
+    expected: Array = field(default_factory=lambda: np.ones(3))
+    lasting: float = 1.0
+
+    def put(self, window: Window, covariance: Covariance) -> None:
+        """Remember the positions at the last two keyframes of a window, of which ``covariance`` is."""
+        family, older = family_of(window.families, FactorType.GNSS_POSITION), len(window) - 2
+        if family is None or family.loss is None:
+            return
+        family = family.take(family.slots[0].index >= older)
+        family = family.take(_times(family, window.t) > (self.t[-1] + _SAME_S if self.t.size else -np.inf))
+        if not len(family):
+            return
+        residual, S = predicted(family.shifted(-older), window.states.take(slice(older, None)), covariance)
+        declared = family.sigma / self.expected
+        rows = {
+            "t": _times(family, window.t),
+            "residual": residual / declared,
+            "variance": np.diagonal(S, axis1=1, axis2=2) / declared**2,
+            "declared": declared,
+            "factor": np.tile(self.expected, (len(family), 1)),
+        }
+        for name, new in rows.items():
+            setattr(self, name, np.concatenate([getattr(self, name), new])[-_MOST:])
+
+    def judge(self) -> None:
+        """Compute the factors anew."""
+        if len(self.t) >= FEWEST:
+            seen = errors_seen(self.t, self.residual, self.variance)
+            self.factor, self.lasting = np.maximum(seen.factor, 1.0), float(np.sqrt(np.median(seen.correlation)))
+
+    def weigh(self, window: Window, width: float) -> Window:
+        """Return the window with the sigmas of its positions multiplied by their factors, and a loss of that ``width``
+        for errors that do not last.
+        """
+        if not self.t.size:
+            return window
+
+        def weighed(family: Family) -> Family:
+            t = _times(family, window.t)
+            row = np.clip(np.searchsorted(self.t, t - _SAME_S), 0, len(self.t) - 1)
+            known = np.abs(self.t[row] - t) <= _SAME_S
+            return self._weighed(
+                family, np.where(known[:, None], self.declared[row] * self.factor[row], family.sigma), width
+            )
+
+        return replace(window, families=changed(window.families, FactorType.GNSS_POSITION, weighed))
+
+    def weigh_next(self, families: Sequence[Family], width: float) -> tuple[Family, ...]:
+        """Return the families of the next interval with the sigmas of its positions multiplied by the newest factor."""
+        if len(self.factor):
+            self.expected = self.factor[-1].copy()
+
+        def weighed(family: Family) -> Family:
+            return self._weighed(family, family.sigma * self.expected, width)
+
+        return changed(families, FactorType.GNSS_POSITION, weighed)
+
+    def _weighed(self, family: Family, sigma: Array, width: float) -> Family:
+        return family if family.loss is None else replace(family, sigma=sigma, loss=Huber(width / self.lasting))
+
+
+def _times(family: Family, t: Array) -> Array:
+    """Return the times of positions, s, whose keyframes are at ``t`` (n,), s."""
+    return np.asarray(t[family.slots[0].index] + family.data["delay"][:, 0])
