@@ -8,7 +8,7 @@ sensor's detail in between.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,29 +90,34 @@ def dense_step(states: States, step_m: float) -> float:
 def dense_motion(run: RunContext, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
     """Return rows about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
     starts, first = increment_starts(run.inertial, run.edges, step_s, times)
+    return _joined(_parts(run, states, starts, first), len(starts))
+
+
+def _parts(run: RunContext, states: States, starts: np.ndarray, first: np.ndarray) -> Iterator[DenseMotion]:
+    """Yield the rows of some intervals at a time, and that of the last keyframe."""
     bias = states.bias[:, 3:].mean(axis=0)
     n = len(run.t) - 1
-    parts = [_between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias) for k in range(0, n, _CHUNK)]
+    for k in range(0, n, _CHUNK):
+        part = _between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias)
+        yield part
     t, nav, distance = run.t[n:], states.nav[n:], states.odo.distance[n:]
-    last = parts[-1].gyro[-1:], parts[-1].gyro_span[-1:]
-    parts.append(DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1), parts[-1].forward))
-    return _joined(parts)
+    last = part.gyro[-1:], part.gyro_span[-1:]
+    yield DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1), part.forward)
 
 
-def _joined(parts: list[DenseMotion]) -> DenseMotion:
-    def all_of(column: Callable[[DenseMotion], np.ndarray]) -> np.ndarray:
-        return np.concatenate([column(part) for part in parts])
-
-    return DenseMotion(
-        all_of(lambda part: part.t),
-        Nav(all_of(lambda part: part.nav.R), all_of(lambda part: part.nav.p), all_of(lambda part: part.nav.v)),
-        all_of(lambda part: part.distance),
-        all_of(lambda part: part.gyro),
-        all_of(lambda part: part.gyro_span),
-        all_of(lambda part: part.keyframe),
-        all_of(lambda part: part.fraction),
-        parts[0].forward,
-    )
+def _joined(parts: Iterator[DenseMotion], rows: int) -> DenseMotion:
+    """Return ``rows`` rows of parts that follow each other; each is written into place before the next is made."""
+    whole: list[np.ndarray] = []
+    begin = 0
+    for part in parts:
+        nav = part.nav
+        columns = (part.t, nav.R, nav.p, nav.v, part.distance, part.gyro, part.gyro_span, part.keyframe, part.fraction)
+        whole = whole or [np.empty((rows, *column.shape[1:]), dtype=column.dtype) for column in columns]
+        for out, column in zip(whole, columns, strict=True):
+            out[begin : begin + len(column)] = column
+        begin += len(part.t)
+    t, R, p, v, distance, gyro, gyro_span, keyframe, fraction = whole
+    return DenseMotion(t, Nav(R, p, v), distance, gyro, gyro_span, keyframe, fraction, part.forward)
 
 
 @dataclass(frozen=True)

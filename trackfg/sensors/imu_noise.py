@@ -172,13 +172,13 @@ class NoiseFloor:
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
         """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
         middle = 0.5 * (self.knots[1:] + self.knots[:-1])
-        off = [np.zeros((0, 6))]
-        for begin, end in rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]:
-            edges = np.linspace(begin, end, int((end - begin) / _REST_MEAN_S) + 1)
-            t = 0.5 * (edges[1:] + edges[:-1])
-            means = [means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)]
-            off.append(np.concatenate(means, axis=1) - np.median(np.concatenate(means, axis=1), axis=0))
-        scatter, resting = np.concatenate(off), within(middle, rests)
+        long = rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]
+        counts = ((long[:, 1] - long[:, 0]) / _REST_MEAN_S).astype(int)
+        edges = [np.linspace(begin, end, count + 1) for (begin, end), count in zip(long, counts, strict=True)]
+        t = np.concatenate([np.zeros(0), *(0.5 * (each[1:] + each[:-1]) for each in edges)])
+        means = np.hstack([means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)])
+        off = [rest - np.median(rest, axis=0) for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
+        scatter, resting = np.concatenate([np.zeros((0, 6)), *off]), within(middle, rests)
         if len(scatter) <= len(rests) or not resting.any():
             return self
         floor = np.median(self.seen[resting], axis=0)
