@@ -1,4 +1,4 @@
-"""The inertial factors are GTSAM's own preintegration.
+"""The inertial factors are GTSAM's own preintegration, or the same computed by a compiled kernel.
 
 Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE Trans. Robotics 33 (2017), as
 implemented by GTSAM, with the Earth's rotation (``omegaCoriolis``) when latitude and heading are known. The residual of
@@ -15,8 +15,9 @@ import gtsam
 import numpy as np
 
 from trackfg.factors.linear import LinearFactors, Slot
-from trackfg.factors.states import Kind, Nav
+from trackfg.factors.states import Kind, Nav, States
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels
 
 _INTEGRATION_DENSITY = 1e-5
 """m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""
@@ -88,11 +89,81 @@ class Preintegration:
         parameters = self.noise.parameters(self.gravity, self.frame_rate)
         return preintegrate(parameters, self.bias, self.duration, self.rotation, self.velocity)
 
+    @cached_property
+    def delta(self) -> Array:
+        """What the compiled kernels make of the increments, for themselves."""
+        from trackfg.numerics import compiled
+
+        frame = np.append(self.gravity, self.frame_rate)
+        noise = np.concatenate([self.noise.gyro, self.noise.accel, [self.noise.position]]) ** 2
+        increments = (np.ascontiguousarray(part) for part in (self.duration, self.rotation, self.velocity))
+        out = np.empty(compiled.DELTA_SIZE)
+        compiled.preintegrate(frame, np.ascontiguousarray(self.bias), noise, *increments, out)
+        return out
+
     def predicted(self, nav: Nav, bias: Array) -> Nav:
         """Return the state at the end of the interval, from that at its start (one row) with ``bias`` (6,)."""
+        if compiled_kernels():
+            from trackfg.numerics import compiled
+
+            out = np.empty(15)
+            start = (np.ascontiguousarray(part[0]) for part in (nav.R, nav.p, nav.v, [bias]))
+            compiled.predict(self.delta, *start, out)
+            return Nav(out[None, :9].reshape(1, 3, 3), out[None, 9:12], out[None, 12:])
         state = gtsam.NavState(gtsam.Rot3(nav.R[0]), nav.p[0], nav.v[0])
         end = self.measured.predict(state, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy()))
         return Nav(end.attitude().matrix()[None], end.position()[None], end.velocity()[None])
+
+
+@dataclass(frozen=True)
+class InertialFactors:
+    """Factor k ties the states of keyframes k and k + 1 and the bias of keyframe k.
+
+    Compiled kernels compute them where they are in use, else GTSAM, and both the same.
+    """
+
+    measured: tuple[Preintegration, ...]
+
+    @cached_property
+    def graph(self) -> gtsam.NonlinearFactorGraph:
+        """GTSAM's own factors."""
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in imu_factors(one.measured for one in self.measured):
+            graph.push_back(factor)
+        return graph
+
+    def linearize(self, states: States) -> LinearFactors:
+        """Return all factors linearised at ``states``: rows (n - 1, 9, 25) of rotation, position and velocity."""
+        if not compiled_kernels():
+            return linearize_imu_factors(self.graph, states.inertial_to_gtsam())
+        return LinearFactors(_slots(len(self.measured)), self._rows(states, Kind.NAV.dim * 2 + Kind.BIAS.dim + 1))
+
+    def costs(self, states: States) -> Array:
+        """Return half the square of each factor's whitened residual at ``states``, shape (n - 1,)."""
+        if not compiled_kernels():
+            values = states.inertial_to_gtsam()
+            return np.array([self.graph.at(k).error(values) for k in range(self.graph.size())])
+        return np.asarray(0.5 * np.sum(self._rows(states, 1) ** 2, axis=(1, 2)))
+
+    def cost(self, states: States) -> float:
+        """Return the sum of the costs of all factors at ``states``."""
+        if not compiled_kernels():
+            return float(self.graph.error(states.inertial_to_gtsam()))
+        return float(np.sum(self.costs(states)))
+
+    @cached_property
+    def _deltas(self) -> Array:
+        return np.array([one.delta for one in self.measured])
+
+    def _rows(self, states: States, columns: int) -> Array:
+        from trackfg.numerics import compiled
+
+        rows = np.empty((len(self.measured), Kind.NAV.dim, columns))
+        if len(rows):
+            nav = states.nav
+            parts = (np.ascontiguousarray(part) for part in (nav.R, nav.p, nav.v, states.bias))
+            compiled.inertial_factors(self._deltas, *parts, rows)
+        return rows
 
 
 def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> list[gtsam.ImuFactor2]:
@@ -107,6 +178,9 @@ def linearize_imu_factors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Value
     """Return a graph of :func:`imu_factors` linearised by GTSAM's own derivatives."""
     linear = graph.linearize(values)
     systems = np.array([linear.at(k).augmentedJacobian() for k in range(linear.size())])
-    first = np.arange(len(systems))
-    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.BIAS, first))
-    return LinearFactors(slots, systems)
+    return LinearFactors(_slots(len(systems)), systems)
+
+
+def _slots(count: int) -> tuple[Slot, ...]:
+    first = np.arange(count)
+    return Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.BIAS, first)

@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import gtsam
 import numpy as np
@@ -224,10 +224,14 @@ class States:
         return _zero(len(self), len(self.sensor)).retract(Step(keyframes, shared).to_gtsam())
 
     def inertial_to_gtsam(self) -> gtsam.Values:
-        """Return the variables that inertial factors touch, alone."""
+        """Return the variables that inertial factors touch, alone. They are kept: nobody may change them."""
+        return self._inertial_values
+
+    @cached_property
+    def _inertial_values(self) -> gtsam.Values:
         nav = np.concatenate([so3_log(self.nav.R), self.nav.p, self.nav.v], axis=1)
-        values = _no_motion(len(self)) if len(self) <= _SHORT else _no_motion.__wrapped__(len(self))
-        return values.retract(_vectors({Kind.NAV: nav, Kind.BIAS: self.bias}))
+        at_zero = _few_at_zero if len(self) <= _SHORT else _many_at_zero
+        return at_zero(len(self)).retract(_vectors({Kind.NAV: nav, Kind.BIAS: self.bias}))
 
     def moved(self, step: Step) -> States:
         """Return every variable retracted by its part of a step."""
@@ -280,7 +284,7 @@ def _vectors(tangents: Mapping[Kind, Array]) -> gtsam.VectorValues:
 
 
 _SHORT = 64
-"""Keyframes: values of so few are kept, since a stream asks for them again and again."""
+"""Keyframes: values of so few are kept for every number, since a stream asks for them again and again."""
 
 
 @lru_cache
@@ -290,7 +294,7 @@ def _keys(kind: Kind, count: int) -> tuple[int, ...]:
 
 def _zero(keyframes: int, sensors: int) -> gtsam.Values:
     """Return all variables at zero, attitudes at the identity."""
-    values = _no_motion.__wrapped__(keyframes)
+    values = _no_motion(keyframes)
     for key in _keys(Kind.ODO, keyframes):
         values.insert(key, np.zeros(Kind.ODO.dim))
     for kind, count in (*((kind, 1) for kind in SHARED), (Kind.SENSOR, sensors)):
@@ -299,11 +303,13 @@ def _zero(keyframes: int, sensors: int) -> gtsam.Values:
     return values
 
 
-@lru_cache(maxsize=_SHORT)
 def _no_motion(keyframes: int) -> gtsam.Values:
-    """Return the variables of inertial factors alone at zero."""
+    """Return the variables of inertial factors alone at zero, all of one kind after the other."""
     values = gtsam.Values()
     for kind, zero in ((Kind.NAV, gtsam.NavState()), (Kind.BIAS, gtsam.imuBias.ConstantBias())):
         for key in _keys(kind, keyframes):
             values.insert(key, zero)
     return values
+
+
+_few_at_zero, _many_at_zero = lru_cache(maxsize=_SHORT)(_no_motion), lru_cache(maxsize=1)(_no_motion)

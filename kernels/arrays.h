@@ -60,3 +60,8 @@ inline PyObject *refused(const char *what) {
 }
 
 PyObject *eliminate(PyObject *, PyObject *arguments);
+PyObject *preintegrate(PyObject *, PyObject *arguments);
+PyObject *inertial_factors(PyObject *, PyObject *arguments);
+PyObject *predict(PyObject *, PyObject *arguments);
+
+extern const std::ptrdiff_t DELTA_SIZE;  // numbers that preintegrate() writes of an interval

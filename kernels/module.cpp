@@ -3,6 +3,9 @@
 
 static PyMethodDef methods[] = {
     {"eliminate", eliminate, METH_VARARGS, "Eliminate some keyframes of a chain by QR."},
+    {"preintegrate", preintegrate, METH_VARARGS, "Preintegrate the increments of an interval."},
+    {"inertial_factors", inertial_factors, METH_VARARGS, "Linearise inertial factors, or compute their residuals."},
+    {"predict", predict, METH_VARARGS, "Predict the state after an interval."},
     {nullptr, nullptr, 0, nullptr},
 };
 
@@ -13,7 +16,8 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && PyModule_AddIntConstant(module, "REVISION", 1) != 0) {
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 2) != 0 ||
+                              PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;
     }

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import gtsam
 import numpy as np
 import pytest
 
-from trackfg.factors.imu import PreintegrationNoise, imu_factors, preintegrate
-from trackfg.factors.states import Kind
+from trackfg.factors.imu import InertialFactors, Preintegration, PreintegrationNoise, imu_factors, preintegrate
+from trackfg.factors.states import Kind, Nav, States
 from trackfg.numerics.geodesy import earth_rate_enu
 from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 from trackfg.sensors.imu_intervals import Increments, Intervals, compress
@@ -17,6 +21,7 @@ GYRO, ACCEL = 1e-4, 2e-3
 NOISE = PreintegrationNoise.alike(GYRO, ACCEL)
 NAV, BIAS = Kind.NAV, Kind.BIAS
 STILL = np.zeros(3)
+WithBoth = Callable[[Callable[[], Any]], tuple[Any, Any]]
 
 
 def values(R: np.ndarray, p: np.ndarray, v: np.ndarray, bias: np.ndarray | None = None) -> gtsam.Values:
@@ -208,3 +213,60 @@ def test_factors_tie_neighbours_in_order() -> None:
     made = [preintegrate(parameters, np.zeros(6), x.duration, x.rotation, x.velocity) for _ in range(3)]
     nav, bias = NAV.keys(np.arange(4)).tolist(), BIAS.keys(np.arange(3)).tolist()
     assert [list(f.keys()) for f in imu_factors(made)] == [[nav[k], nav[k + 1], bias[k]] for k in range(3)]
+
+
+@pytest.fixture
+def turning(at_origin: Callable[[int], States]) -> tuple[InertialFactors, States]:
+    """Three intervals in a frame that turns fast, the states far from what they predict, and the biases off."""
+    rng, measured = np.random.default_rng(3), []
+    for steps, duration in ((50, 0.02), (30, 0.02), (1, 0.005)):
+        noise = PreintegrationNoise(np.array([1e-4, 2e-4, 3e-4]), np.array([1e-3, 2e-3, 3e-3]))
+        rotation = rng.normal([0.0, 0.002, 0.01], 0.004, (steps, 3))
+        velocity = rng.normal([0.0, 0.0, 0.2], 0.02, (steps, 3))
+        bias, rate = rng.normal(0.0, 0.01, 6), np.array([0.01, -0.02, 0.03])
+        measured.append(Preintegration(noise, G, rate, bias, np.full(steps, duration), rotation, velocity))
+    nav = Nav(so3_exp(rng.normal(0.0, 0.5, (4, 3))), rng.normal(0.0, 100.0, (4, 3)), rng.normal(0.0, 10.0, (4, 3)))
+    return InertialFactors(tuple(measured)), replace(at_origin(4), nav=nav, bias=rng.normal(0.0, 0.02, (4, 6)))
+
+
+def test_kernels_linearise_as_gtsam_does(turning: tuple[InertialFactors, States], with_both: WithBoth) -> None:
+    """Whitened rows are in sigmas; these are of residuals of 1e5 sigmas and more."""
+    factors, states = turning
+    compiled, gtsams = with_both(lambda: factors.linearize(states))
+    assert [slot.kind for slot in compiled.slots] == [slot.kind for slot in gtsams.slots]
+    assert all((ours.index == theirs.index).all() for ours, theirs in zip(compiled.slots, gtsams.slots, strict=True))
+    scale = np.abs(gtsams.rows).max(axis=2, keepdims=True)
+    np.testing.assert_allclose(compiled.rows / scale, gtsams.rows / scale, atol=1e-11)
+    costs, theirs = with_both(lambda: factors.costs(states))
+    np.testing.assert_allclose(costs, theirs, rtol=1e-11)
+    assert factors.cost(states) == pytest.approx(theirs.sum(), rel=1e-11)
+
+
+def test_kernels_predict_as_gtsam_does(turning: tuple[InertialFactors, States], with_both: WithBoth) -> None:
+    factors, states = turning
+    for k, measured in enumerate(factors.measured):
+        ours, theirs = with_both(lambda k=k, one=measured: one.predicted(states.nav[k : k + 1], states.bias[k]))
+        for name in ("R", "p", "v"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-12, atol=1e-12)
+
+
+def test_kernels_take_the_same_covariance_for_diagonal(with_both: WithBoth, at_origin: Callable[[int], States]) -> None:
+    """GTSAM does so where all other entries are small: with an accelerometer of 1e-5 m/s^2/sqrt(Hz), for one."""
+    increments, rate = steady(np.array([0.0, 0.0, 0.01]), np.array([0.0, 0.0, G]), 1.0), np.zeros(3)
+    noise = PreintegrationNoise.alike(1e-6, 1e-5)
+    one = Preintegration(noise, G, rate, np.zeros(6), increments.duration, increments.rotation, increments.velocity)
+    states = at_origin(2)
+    compiled, gtsams = with_both(lambda: InertialFactors((one,)).linearize(states))
+    np.testing.assert_allclose(compiled.rows, gtsams.rows, rtol=1e-9, atol=1e-9 * np.abs(gtsams.rows).max())
+
+
+def test_kernels_refuse_arrays_that_do_not_belong_together(turning: tuple[InertialFactors, States]) -> None:
+    compiled = pytest.importorskip("trackfg.numerics.compiled")
+    (one, *_), states = turning[0].measured, turning[1]
+    nav, exact = states.nav, replace(one, noise=PreintegrationNoise.alike(0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="do not belong together: inertial factors"):
+        compiled.inertial_factors(one.delta[None], nav.R, nav.p, nav.v, states.bias, np.empty((1, 9, 25)))
+    with pytest.raises(TypeError, match="expected an array of 2 dimensions of doubles, and not of 1"):
+        compiled.predict(one.delta[None], *(np.zeros(3),) * 4, np.empty(15))
+    with pytest.raises(ValueError, match="covariance of a preintegrated measurement is not positive definite"):
+        exact.delta  # noqa: B018

@@ -24,7 +24,6 @@ from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors, with_fr
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kernels import compiled_kernels
 from trackfg.recording.findings import Finding
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.result import Result
@@ -352,28 +351,3 @@ def linearized() -> Callable[[Problem, States], tuple[Array, Array]]:
         return A, b
 
     return linearize
-
-
-@pytest.fixture(params=["numpy", "compiled"])
-def kernels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Every test that uses this runs with numpy, and with the compiled kernels where they are installed."""
-    if request.param == "compiled" and not compiled_kernels():
-        pytest.skip("trackfg is installed without compiled kernels")
-    monkeypatch.setenv("TRACKFG_KERNELS", request.param)
-    return str(request.param)
-
-
-@pytest.fixture
-def with_both(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Any]], tuple[Any, Any]]:
-    """Return what a function returns with the compiled kernels, and what it returns with numpy."""
-    if not compiled_kernels():
-        pytest.skip("trackfg is installed without compiled kernels")
-
-    def both(function: Callable[[], Any]) -> tuple[Any, Any]:
-        compiled = function()
-        monkeypatch.setenv("TRACKFG_KERNELS", "numpy")
-        theirs = function()
-        monkeypatch.delenv("TRACKFG_KERNELS")
-        return compiled, theirs
-
-    return both

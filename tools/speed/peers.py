@@ -18,7 +18,6 @@ from trackfg.baselines.attitude import motion_of
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.scenarios import Simulation, simulate
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.graph.build import Problem, build_problem
 from trackfg.numerics.arrays import Array
 from trackfg.peers.installed import is_installed
@@ -119,7 +118,7 @@ def compare_optimisers(problem: Problem, repeats: int) -> OptimiserTimes:
     linearise_s, linear = _fastest(lambda: graph.linearize(values), repeats)
     solve_s, step = _fastest(lambda: linear.eliminateSequential(ordering, gtsam.EliminateQR).optimize(), repeats)
     cost_s, _ = _fastest(lambda: graph.error(values.retract(step)), repeats)
-    rows = [linearize_imu_factors(problem.native, solution.values)]
+    rows = [problem.inertial.linearize(solution.states)]
     rows += [family.linearize(solution.states) for family in problem.families]
     ours_qr_s, _ = _fastest(lambda: eliminate(rows, len(problem.t)).solution(), repeats)
     return OptimiserTimes(

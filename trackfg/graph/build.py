@@ -24,7 +24,7 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO, response_sigmas
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
-from trackfg.factors.imu import Preintegration
+from trackfg.factors.imu import InertialFactors, Preintegration
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Odo, States
 from trackfg.graph.errors import factor_errors
@@ -36,7 +36,7 @@ from trackfg.graph.further_sensors import (
     with_distance_by_speed,
 )
 from trackfg.graph.gtsam_export import GtsamProblem, exported
-from trackfg.graph.inertial import graph_of, own_bias_walk, preintegrated, tilt
+from trackfg.graph.inertial import own_bias_walk, preintegrated, tilt
 from trackfg.graph.inputs import GraphInputs, World, world_of
 from trackfg.graph.keyframes import nearest, place_keyframes
 from trackfg.graph.motion import motion
@@ -113,9 +113,14 @@ class Problem:
         return self.run.t
 
     @cached_property
-    def native(self) -> gtsam.NonlinearFactorGraph:
+    def inertial(self) -> InertialFactors:
         """The inertial factors."""
-        return graph_of(self.measured)
+        return InertialFactors(self.measured)
+
+    @property
+    def native(self) -> gtsam.NonlinearFactorGraph:
+        """The inertial factors as GTSAM's own."""
+        return self.inertial.graph
 
     def family(self, kind: FactorType) -> Family | None:
         """Return the first family of that type; None where the graph has none."""

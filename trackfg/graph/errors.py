@@ -9,9 +9,8 @@ import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
-from trackfg.factors.imu import Preintegration
+from trackfg.factors.imu import InertialFactors, Preintegration
 from trackfg.factors.states import States
-from trackfg.graph.inertial import graph_of
 from trackfg.numerics.arrays import Array
 
 
@@ -24,8 +23,7 @@ def factor_errors(
 
 
 def _inertial(measured: Sequence[Preintegration], states: States, t: Array) -> pd.DataFrame:
-    graph, values = graph_of(measured), states.inertial_to_gtsam()
-    error = np.array([graph.at(k).error(values) for k in range(graph.size())])
+    error = InertialFactors(tuple(measured)).costs(states)
     return pd.DataFrame(
         {
             "factor": FactorType.INERTIAL.value,

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-import gtsam
 import numpy as np
 
 from trackfg.factors.bias import RECTIFICATION, bias_walk, response_terms
 from trackfg.factors.family import Family
 from trackfg.factors.gravity import gravity_tilt
-from trackfg.factors.imu import Preintegration, PreintegrationNoise, imu_factors
+from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.states import Nav, States
 from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
@@ -24,14 +21,6 @@ _INCREMENT_S = 0.02
 
 _UNKNOWN_ACCELERATION = 0.3
 """m/s^2, with a correlation time of 10 s: the accelerations that the tilt of a run without speed has to allow for."""
-
-
-def graph_of(measurements: Iterable[Preintegration]) -> gtsam.NonlinearFactorGraph:
-    """Return GTSAM's own factors of intervals in a row, from the first keyframe on."""
-    graph = gtsam.NonlinearFactorGraph()
-    for factor in imu_factors(one.measured for one in measurements):
-        graph.push_back(factor)
-    return graph
 
 
 def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple[Preintegration, ...]:

@@ -5,6 +5,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 
 REVISION: int
+DELTA_SIZE: int
 
 def eliminate(
     rows: Array,
@@ -20,3 +21,8 @@ def eliminate(
     alone: Array,
     /,
 ) -> tuple[int, int] | None: ...
+def preintegrate(
+    frame: Array, bias: Array, noise: Array, duration: Array, rotation: Array, velocity: Array, delta: Array, /
+) -> None: ...
+def inertial_factors(deltas: Array, R: Array, p: Array, v: Array, bias: Array, rows: Array, /) -> None: ...
+def predict(delta: Array, R: Array, p: Array, v: Array, bias: Array, end: Array, /) -> None: ...

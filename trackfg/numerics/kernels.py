@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from functools import cache
 
-_REVISION = 1
+_REVISION = 2
 """Of the kernels' arguments, as ``kernels/module.cpp`` has it: others were compiled from sources of another day."""
 
 

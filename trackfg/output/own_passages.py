@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.build import Problem, with_start_at
 from trackfg.numerics.arrays import Array
@@ -61,7 +60,7 @@ def _without_places(problem: Problem, states: States, t: Array) -> tuple[Array, 
     start = float(states.odo.distance[0])
     held = with_start_at(replace(problem, initial=states, families=others), start, 0.0)
     factors = [family.linearize(states) for family in held.families]
-    root = eliminate([linearize_imu_factors(held.native, states.inertial_to_gtsam()), *factors], len(problem.t))
+    root = eliminate([held.inertial.linearize(states), *factors], len(problem.t))
     moved = states.odo.distance + root.solution().of(Kind.ODO)[:, Odo.DISTANCE]
     covariance = joint_covariance(root, _distances(problem.t, t), posterior_covariance(root))
     offset = np.mean(np.interp(t, problem.t, states.odo.distance - moved))

@@ -21,7 +21,6 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.odometry import MOST_CREEP, followed_fix
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
@@ -62,7 +61,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     if walks.any() and not walks.all():
         return Reassessment(problem, _findings(run))
     states = run.solution.states
-    inertial = linearize_imu_factors(problem.native, run.solution.values)
+    inertial = problem.inertial.linearize(run.solution.states)
     evidence = ScaleEvidence.of(inertial, problem.families, states, len(problem.t))
     if walks.all():
         parted = _walking_where_it_changes(evidence, chain, declared, problem.t)

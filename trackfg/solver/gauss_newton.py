@@ -1,8 +1,8 @@
 """Gauss-Newton with step control minimises a graph whose values Python owns.
 
-Each iteration linearises GTSAM's native factors (``NonlinearFactorGraph.linearize``) and our families (arrays),
-eliminates along the chain by QR (:mod:`trackfg.solver.elimination`), and takes the step if the cost falls, else a
-shorter one.
+Each iteration linearises the inertial factors (:class:`trackfg.factors.imu.InertialFactors`) and our families, all as
+arrays, eliminates along the chain by QR (:mod:`trackfg.solver.elimination`), and takes the step if the cost falls, else
+a shorter one.
 
 The stop rule is on the whitened step. With the square root R of the information, ``|R d|`` is the length of the step d
 in posterior sigmas: no linear combination of the variables moves by more than that many of its own sigmas. Under robust
@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import gtsam
 import numpy as np
 
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
 from trackfg.solver.elimination import eliminate
 
@@ -41,13 +40,9 @@ _ROUGH = 3.0
 
 @dataclass(frozen=True)
 class Solution:
-    """A solution is the minimum, the square root of the information at the last step, and how it was reached.
-
-    ``values`` are the states that inertial factors touch, as GTSAM has them.
-    """
+    """A solution is the minimum, the square root of the information at the last step, and how it was reached."""
 
     states: States
-    values: gtsam.Values
     root: SquareRoot
     converged: bool
     reason: str
@@ -55,6 +50,11 @@ class Solution:
     cost: float
     initial_cost: float
     degrees_of_freedom: int
+
+    @property
+    def values(self) -> gtsam.Values:
+        """The states that inertial factors touch, as GTSAM has them."""
+        return self.states.inertial_to_gtsam()
 
 
 class _Stop(NamedTuple):
@@ -90,18 +90,17 @@ def solve(
     """
     keyframes = len(problem.t)
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
-    values = problem.initial.inertial_to_gtsam()
     states = problem.initial
     families = problem.families if near else tuple(family.convex_start() for family in problem.families)
     robust = near
-    cost = initial_cost = _cost(problem, families, states, values)
+    cost = initial_cost = _cost(problem, families, states)
     stop = None
     root: SquareRoot | None = None
     iterations = 0
     while stop is None and iterations < config.max_iterations:
         iterations += 1
         root = None  # the next one needs its memory
-        linear = [linearize_imu_factors(problem.native, values), *(family.linearize(states) for family in families)]
+        linear = [problem.inertial.linearize(states), *(family.linearize(states) for family in families)]
         root = eliminate(linear, keyframes)
         length = root.length
         if progress is not None:
@@ -109,10 +108,10 @@ def solve(
         if robust and length < config.step_tolerance:
             stop = _Stop(True, f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}")
             break
-        moved = _step(problem, families, states, values, root.solution(), cost)
+        moved = _step(problem, families, states, root.solution(), cost)
         if moved is not None:
-            fell = cost - moved[2]
-            values, states, cost = moved
+            fell = cost - moved[1]
+            states, cost = moved
             if robust and fell < config.cost_tolerance:
                 stop = _Stop(True, f"the cost fell by {fell:.2g}, less than {config.cost_tolerance:g}")
         elif robust:
@@ -121,39 +120,38 @@ def solve(
         if not robust and (moved is None or length < _ROUGH * np.sqrt(variables)):
             # Close enough that a large residual is an outlier and not a poor start.
             robust, families = True, problem.families
-            cost = _cost(problem, families, states, values)
+            cost = _cost(problem, families, states)
     assert root is not None  # there is at least one iteration
     stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
     rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
-    return Solution(states, values, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
+    return Solution(states, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
 
 
-def _cost(problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values) -> float:
-    return float(problem.native.error(values)) + sum(family.cost(states) for family in families)
+def _cost(problem: Problem, families: tuple[Family, ...], states: States) -> float:
+    return problem.inertial.cost(states) + sum(family.cost(states) for family in families)
 
 
 def _step(
-    problem: Problem, families: tuple[Family, ...], states: States, values: gtsam.Values, step: Step, cost: float
-) -> tuple[gtsam.Values, States, float] | None:
+    problem: Problem, families: tuple[Family, ...], states: States, step: Step, cost: float
+) -> tuple[States, float] | None:
     """Return the best of the halved or doubled steps; None if none lowers the cost.
 
     Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
     as long as that helps more.
     """
 
-    def attempt(scale: float) -> tuple[gtsam.Values, States, float]:
-        scaled = step.scaled(scale)
-        moved, moved_values = states.moved(scaled), values.retract(scaled.inertial_to_gtsam())
-        new = _cost(problem, families, moved, moved_values)
-        return moved_values, moved, new if np.isfinite(new) else np.inf
+    def attempt(scale: float) -> tuple[States, float]:
+        moved = states.moved(step.scaled(scale))
+        new = _cost(problem, families, moved)
+        return moved, new if np.isfinite(new) else np.inf
 
     scale = 1.0
     best = attempt(scale)
-    while best[2] > cost * (1.0 + 1e-12):
+    while best[1] > cost * (1.0 + 1e-12):
         scale *= 0.5
         if scale < _SHORTEST:
             return None
         best = attempt(scale)
-    while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[2] < best[2]:
+    while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[1] < best[1]:
         best, scale = longer, 2.0 * scale
     return best

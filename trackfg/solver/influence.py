@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.linear import LinearFactors, Slot, first_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.solver.covariance import times_covariance
@@ -110,7 +109,7 @@ class Misfit(NamedTuple):
 
 def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> list[GroupRows]:
     """Return the rows of all factors at the solution, with residuals of drawn errors."""
-    inertial = linearize_imu_factors(problem.native, solution.values)
+    inertial = problem.inertial.linearize(solution.states)
     parts = [
         ("gyro", LinearFactors(inertial.slots, inertial.rows[:, :3])),
         ("accel", LinearFactors(inertial.slots, inertial.rows[:, 3:])),

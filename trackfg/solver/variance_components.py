@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
 
 if TYPE_CHECKING:
@@ -85,7 +84,7 @@ def _inertial_residuals(problem: Problem, solution: Solution, covariance: Covari
     used = np.flatnonzero(~problem.run.inertial.bridged[problem.run.edges[:-1]])
     if used.size == 0:
         return {}
-    linear = linearize_imu_factors(problem.native, solution.values)
+    linear = problem.inertial.linearize(solution.states)
     A, e = linear.jacobian[used], linear.b[used]
     nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
     sides = _Side(A[:, :, np.r_[0:9, 18:24]], np.concatenate([nav, bias])), _Side(A[:, :, 9:18], nav)

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-import gtsam
 import numpy as np
 import pytest
 
 from trackfg.config import SolverConfig
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
+from trackfg.factors.imu import InertialFactors
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix
@@ -36,7 +36,7 @@ def one_keyframe(distance: float, *measured: Family) -> Any:
     return SimpleNamespace(
         t=np.zeros(1),
         initial=States(nav, np.zeros((1, Kind.BIAS.dim)), Odo(odo), *shared),
-        native=gtsam.NonlinearFactorGraph(),
+        inertial=InertialFactors(()),
         families=(
             *priors,
             nav_prior(index, nav, np.ones((1, 9)), np.zeros(3)),

@@ -31,12 +31,10 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
-from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.marginal_prior import with_scale_walked
 from trackfg.factors.odometry import MOST_CREEP
 from trackfg.factors.states import Odo
 from trackfg.graph.fix_consensus import ERRED, SHORTEST_LINE_M, WRONG
-from trackfg.graph.inertial import graph_of
 from trackfg.graph.odometry import ROLLED_AT_REST_M
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
@@ -116,7 +114,7 @@ def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> b
         return False
     if not walks and np.mean((tach.residual(window.states) / tach.sigma) ** 2) < _QUIET:
         return False
-    inertial = linearize_imu_factors(graph_of(window.measured), window.states.inertial_to_gtsam())
+    inertial = window.inertial.linearize(window.states)
     evidence = ScaleEvidence.of(inertial, window.families, window.states, len(window))
     root_way = np.sqrt(np.abs(window.states.odo.step[chain.slots[0].index + 1]) + ROLLED_AT_REST_M)
 

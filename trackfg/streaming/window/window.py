@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,12 +23,11 @@ from scipy.linalg.lapack import dtrtrs
 from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
-from trackfg.factors.imu import Preintegration, linearize_imu_factors
+from trackfg.factors.imu import InertialFactors, Preintegration
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.marginal_prior import marginal_prior, rebased_to_interval_bias, retract_in_chart, step_from
 from trackfg.factors.states import States, Step
-from trackfg.graph.inertial import graph_of
 from trackfg.numerics.arrays import Array
 from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
@@ -50,11 +50,15 @@ class Window:
     def __len__(self) -> int:
         return len(self.t)
 
+    @cached_property
+    def inertial(self) -> InertialFactors:
+        """The inertial factors."""
+        return InertialFactors(self.measured)
+
     @property
     def cost(self) -> float:
         """The negative logarithm of the posterior at these states, up to a constant."""
-        inertial = float(graph_of(self.measured).error(self.states.inertial_to_gtsam()))
-        return inertial + sum(family.cost(self.states) for family in self.families)
+        return self.inertial.cost(self.states) + sum(family.cost(self.states) for family in self.families)
 
     @property
     def suspects_slip(self) -> bool:
@@ -101,8 +105,8 @@ class Window:
 
     def linear_factors(self, without: Collection[FactorType] = ()) -> list[LinearFactors]:
         """Return all factors linearised at the window's states, except families of the types ``without``."""
-        inertial = linearize_imu_factors(graph_of(self.measured), self.states.inertial_to_gtsam())
-        return [inertial, *(family.linearize(self.states) for family in self.families if family.type not in without)]
+        others = (family for family in self.families if family.type not in without)
+        return [self.inertial.linearize(self.states), *(family.linearize(self.states) for family in others)]
 
     def gauss_newton_step(self, marginalise: Collection[int] = ()) -> WindowStep:
         """Take one Gauss-Newton step; ``marginalise``: numbers of first keyframes that may be marginalised after it.
