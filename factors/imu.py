@@ -96,9 +96,10 @@ class Preintegration:
 
         frame = np.append(self.gravity, self.frame_rate)
         noise = np.concatenate([self.noise.gyro, self.noise.accel, [self.noise.position]]) ** 2
-        increments = (np.ascontiguousarray(part) for part in (self.duration, self.rotation, self.velocity))
+        given = (self.bias, self.duration, self.rotation, self.velocity)
+        bias, duration, rotation, velocity = (np.ascontiguousarray(part) for part in given)
         out = np.empty(compiled.DELTA_SIZE)
-        compiled.preintegrate(frame, np.ascontiguousarray(self.bias), noise, *increments, out)
+        compiled.preintegrate(frame, bias, noise, duration, rotation, velocity, out)
         return out
 
     def predicted(self, nav: Nav, bias: Array) -> Nav:
@@ -107,8 +108,8 @@ class Preintegration:
             from trackfg.numerics import compiled
 
             out = np.empty(15)
-            start = (np.ascontiguousarray(part[0]) for part in (nav.R, nav.p, nav.v, [bias]))
-            compiled.predict(self.delta, *start, out)
+            R, p, v, b = (np.ascontiguousarray(part) for part in (nav.R[0], nav.p[0], nav.v[0], bias))
+            compiled.predict(self.delta, R, p, v, b, out)
             return Nav(out[None, :9].reshape(1, 3, 3), out[None, 9:12], out[None, 12:])
         state = gtsam.NavState(gtsam.Rot3(nav.R[0]), nav.p[0], nav.v[0])
         end = self.measured.predict(state, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy()))
@@ -161,8 +162,8 @@ class InertialFactors:
         rows = np.empty((len(self.measured), Kind.NAV.dim, columns))
         if len(rows):
             nav = states.nav
-            parts = (np.ascontiguousarray(part) for part in (nav.R, nav.p, nav.v, states.bias))
-            compiled.inertial_factors(self._deltas, *parts, rows)
+            R, p, v, bias = (np.ascontiguousarray(part) for part in (nav.R, nav.p, nav.v, states.bias))
+            compiled.inertial_factors(self._deltas, R, p, v, bias, rows)
         return rows
 
 

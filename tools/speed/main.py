@@ -237,10 +237,11 @@ and the kernel clears it.
 
 Where the installation finds a C++ compiler, it compiles `kernels/` (some seconds, nothing to configure): the QR of the
 chain, and preintegration and linearisation of the inertial factors by GTSAM's equations. Without one, `pip install`
-says so in a line (`--verbose` shows it) and LAPACK and GTSAM compute the same: they are the reference that the tests hold each kernel against, to 1e-8 of a sigma. `TRACKFG_KERNELS=numpy` in the
-environment has them compute in any installation; `versions` in a result's `summary.json` has `kernels`, `compiled` or
-`numpy`. The kernels take arrays through Python's buffer protocol and its stable interface: one build serves Python 3.11
-and later, and building needs no package but setuptools.
+says so in a line (`--verbose` shows it) and LAPACK and GTSAM compute the same: they are the reference that the tests
+hold each kernel against, to 1e-8 of a sigma. `TRACKFG_KERNELS=numpy` in the environment has them compute in any
+installation; `versions` in a result's `summary.json` has `kernels`, `compiled` or `numpy`. The kernels take arrays
+through Python's buffer protocol and its stable interface: one build serves Python 3.11 and later, and building needs no
+package but setuptools.
 
 ## GTSAM's optimiser on the same factors
 
