@@ -25,7 +25,9 @@ class ExportChoices:
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default OUT and its suffix.")
     ] = None
-    table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory or events, for csv.")] = "geometry"
+    table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory, events or balises, for csv.")] = (
+        "geometry"
+    )
     template: Annotated[
         Path | None, typer.Option(metavar="T.toml", help="Columns of a channel file.", show_default=False)
     ] = None
@@ -51,7 +53,7 @@ def export(options: ExportChoices) -> None:
     if options.list_formats:
         show(_formats({name: form.title for name, form in result_formats().items()}))
         return
-    tables = ("geometry", "trajectory", "events")
+    tables = ("geometry", "trajectory", "events", "balises")
     if options.table not in tables:
         raise BadInputError(f"no table {options.table!r}; expected one of {', '.join(tables)}")
     form = result_format(options.to)

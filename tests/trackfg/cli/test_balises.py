@@ -83,6 +83,10 @@ def test_balises_of_two_runs_are_surveyed_and_reported(run: Run, recordings: lis
     assert status == 0, error
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "13 balises: " in page
+    status, _, error = run("export", outs[0], "--to", "csv", "--table", "balises", "-o", tmp_path / "table.csv")
+    assert status == 0, error
+    exported, own = (pd.read_csv(path) for path in (tmp_path / "table.csv", outs[0] / "balises.csv"))
+    pd.testing.assert_frame_equal(exported, own)
 
     for arguments, said in (
         ((outs[0], outs[0]), "is the same run as"),

@@ -82,16 +82,19 @@ def quaternions_of(trajectory: pd.DataFrame) -> Array:
 
 
 def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False) -> pd.DataFrame:
-    """Return a table of the result by its name, ``geometry``, ``trajectory`` or ``events``, with places.
+    """Return a table of the result by its name, ``geometry``, ``trajectory``, ``events`` or ``balises``, with places.
 
     With ``km`` official places are beside its chainages, with ``bands`` the geometry of a smoothed run has level and
     alignment in the bands D2 and D3, computed from its versines. Raises :class:`~trackfg.errors.BadInputError` where
     official places are wanted and the result has no kilometrage.
     """
+    kilometrage = line_kilometrage(result).kilometrage() if km else None
+    if name == "balises":
+        return with_km(result.balises, kilometrage, of="place_m")
     if name == "geometry":
         table, meaning = located_geometry(result), result.summary.geometry
         if bands and result.summary.solver is not None and len(table):
             table = with_long_bands(table, meaning.step_m, meaning.chord_m)
     else:
         table = located_trajectory(result) if name == "trajectory" else result.events
-    return with_km(table, line_kilometrage(result).kilometrage() if km else None)
+    return with_km(table, kilometrage)

@@ -40,10 +40,13 @@ class Excel(ResultFormat):
     title = "all tables of the result as a spreadsheet"
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
-        """Write the sheets geometry, trajectory and events. Raises where a table is longer than a sheet can be."""
+        """Write the sheets geometry, trajectory and events, and balises if there are any.
+
+        Raises where a table is longer than a sheet can be.
+        """
         openpyxl = library("openpyxl", "excel")
         book = openpyxl.Workbook(write_only=True)
-        for name in ("geometry", "trajectory", "events"):
+        for name in ("geometry", "trajectory", "events", *(("balises",) if len(result.balises) else ())):
             table = table_of(result, name, km=options.km, bands=options.bands)
             if len(table) >= _SHEET_ROWS:
                 raise BadInputError(
