@@ -22,6 +22,8 @@ _LINESTRINGS = {3: 1002, 4: 3002}
 """Code of a line by the numbers of a vertex: with height, and with a measure too."""
 _LINESTRING, _MULTILINESTRING, _ZM = 2, 5, 3
 """Codes of a line and of several, without the thousands; the thousands of height and measure together."""
+_OLD_Z, _OLD_M = 0x80000000, 0x40000000
+"""Flags of height and measure in well-known binary before ISO's thousands, which GDAL writes still."""
 _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
 """Codes of the extent in GeoPackage's header: none, and x and y (OGC 12-128r14, 2.1.3)."""
 
@@ -55,7 +57,8 @@ def _header(srs_id: int, envelope: int) -> bytes:
 def lines_of_wkb(blob: bytes) -> list[Array]:
     """Return the vertices (n, 2 to 4) of a line, or of each part of a multi-line; of other geometries none.
 
-    Both byte orders, with or without heights and measures. Raises ``ValueError`` for bytes that end too soon.
+    Both byte orders, with or without heights and measures, also as they were marked before ISO 13249-3. Raises
+    ``ValueError`` for bytes that end too soon.
     """
     return _lines_from(blob, 0)[0]
 
@@ -63,8 +66,9 @@ def lines_of_wkb(blob: bytes) -> list[Array]:
 def _lines_from(blob: bytes, at: int) -> tuple[list[Array], int]:
     try:
         order = "<" if blob[at] == _LITTLE_ENDIAN else ">"
-        (code,) = struct.unpack_from(f"{order}I", blob, at + 1)
-        dims = 2 + (code // 1000 in (1, 2)) + 2 * (code // 1000 == _ZM)
+        (number,) = struct.unpack_from(f"{order}I", blob, at + 1)
+        flags, code = number & (_OLD_Z | _OLD_M), number & ~(_OLD_Z | _OLD_M)
+        dims = 2 + flags.bit_count() + (code // 1000 in (1, 2)) + 2 * (code // 1000 == _ZM)
         if code % 1000 not in (_LINESTRING, _MULTILINESTRING):
             return [], at
         (count,) = struct.unpack_from(f"{order}I", blob, at + 5)

@@ -269,4 +269,10 @@ def _findings(use: LineUse) -> Iterator[Finding]:
         )
     absent = use.length_m("absent")
     if absent:
-        yield Finding("info", "no-known-track", f"{use.name}: over {absent:.0f} m no track is near the run")
+        elsewhere = all(stretch.status == "absent" for stretch in use.stretches)
+        yield Finding(
+            "warning" if elsewhere else "info",
+            "no-known-track",
+            f"{use.name}: over {absent:.0f} m no track is near the run",
+            hint="check the line's reference system, and that the file is of this place" if elsewhere else None,
+        )

@@ -92,6 +92,13 @@ def test_geopackage(tmp_path: Path) -> None:
         np.testing.assert_allclose(vertices[:, ::-1], track, atol=1e-9)
     assert line.relations is not None
     assert len(line.relations) == 1
+    raised = [struct.pack("<BII", 1, 1002, 2) + np.array([[*v, 30.0] for v in TRACKS["A"]]).tobytes()]
+    column = [np.array(["Z"], dtype=object)]
+    with_height = {"layer": "path", "geometry_type": "LineString Z", "crs": "EPSG:4326"}
+    raw.write(tmp_path / "height.gpkg", np.array(raised, dtype=object), column, ["name"], **with_height)
+    line = read_known_line(tmp_path / "height.gpkg")
+    assert line.ids == ("Z",)
+    np.testing.assert_allclose(line.vertices[0][:, ::-1], TRACKS["A"], atol=1e-12)
     (tmp_path / "bad.gpkg").write_bytes(path.read_bytes()[:1000])
     with pytest.raises(BadInputError, match=r"bad\.gpkg: not a GeoPackage"):
         read_known_line(tmp_path / "bad.gpkg")
@@ -102,7 +109,7 @@ def test_well_known_binary(order: str) -> None:
     """Lines with height, with measure, with both, and several, in both byte orders; of other geometries none."""
     flag = 1 if order == "<" else 0
     values = np.arange(12.0)
-    for code, dims in ((2, 2), (1002, 3), (2002, 3), (3002, 4)):
+    for code, dims in ((2, 2), (1002, 3), (2002, 3), (3002, 4), (0x80000002, 3), (0xC0000002, 4)):
         line = values[: 3 * dims].reshape(3, dims)
         blob = struct.pack(f"{order}BII", flag, code, 3) + line.astype(f"{order}f8").tobytes()
         np.testing.assert_array_equal(lines_of_wkb(blob)[0], line)

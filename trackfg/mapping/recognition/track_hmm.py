@@ -115,9 +115,10 @@ def track_posterior(points: Points, feet: Feet, network: TrackNetwork, error: Li
     """Return where the run is at each point, given all points. ``feet`` are those of the points, in their order."""
     trellis = _Trellis(points, feet, network, error)
     n = len(points.place)
+    steps = [trellis.steps(j) for j in range(n - 1)]
     forward = [trellis.start()]
-    for j in range(n - 1):
-        forward.append(_normalised(_log_sum(forward[-1][:, None] + trellis.steps(j), axis=0)))
+    for step in steps:
+        forward.append(_normalised(_log_sum(forward[-1][:, None] + step, axis=0)))
     backward = np.zeros(len(forward[-1]))
     hypotheses: list[Hypotheses] = []
     for j in range(n - 1, -1, -1):
@@ -126,7 +127,7 @@ def track_posterior(points: Points, feet: Feet, network: TrackNetwork, error: Li
         rows = slice(*trellis.edges[j : j + 2].tolist())
         hypotheses.append(Hypotheses(rows, probability[:k], probability[k:-1], float(probability[-1])))
         if j:
-            backward = _normalised(_log_sum(trellis.steps(j - 1) + backward, axis=1))
+            backward = _normalised(_log_sum(steps[j - 1] + backward, axis=1))
     return _summed(hypotheses[::-1], feet, network)
 
 
