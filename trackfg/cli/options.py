@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import wraps
 from typing import Annotated, Any, TypeVar
 
 import typer
 
-from trackfg.cli.terminal import set_quiet
+from trackfg.cli.terminal import printed_as_json, set_quiet
 
 T = TypeVar("T")
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -48,29 +49,37 @@ def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Call
 
 
 class Commands(typer.Typer):
-    """Commands that each take ``--quiet``."""
+    """Commands that each take ``--quiet`` and ``--json``."""
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
         """Return the decorator that makes a function a command."""
         add = super().command(name, **settings)
 
         def register(run: Command) -> Command:
-            add(_with_quiet(run))
+            add(_with_output_options(run))
             return run
 
         return register
 
 
-def _with_quiet(run: Callable[..., None]) -> Callable[..., None]:
+def _with_output_options(run: Callable[..., None]) -> Callable[..., None]:
+    """Add ``--quiet``, and ``--json`` where the command has none of its own: it then prints what it tells as JSON."""
+    signature = inspect.signature(run, eval_str=True)
+    has_json = "json" in signature.parameters
+
     @wraps(run)
-    def command(*, quiet: bool, **values: object) -> None:
+    def command(*, quiet: bool, **values: Any) -> None:
         if quiet:
             set_quiet(True)
-        run(**values)
+        with printed_as_json() if not has_json and values.pop("json") else nullcontext():
+            run(**values)
 
-    signature = inspect.signature(run, eval_str=True)
-    option = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
-    return _with_signature(command, signature.replace(parameters=[*signature.parameters.values(), option]))
+    added = {"quiet": Quiet} if has_json else {"json": Json, "quiet": Quiet}
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for name, kind in added.items()
+    ]
+    return _with_signature(command, signature.replace(parameters=[*signature.parameters.values(), *options]))
 
 
 def _with_signature(command: Callable[..., None], signature: inspect.Signature) -> Callable[..., None]:

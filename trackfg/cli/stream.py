@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json as json_text
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -62,6 +63,7 @@ class StreamOptions:
         bool, typer.Option("--view", help="Serve a live page at 127.0.0.1, for a browser on this machine.")
     ] = False
     port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Of the page; 0: any that is free.")] = 8765
+    json: Annotated[bool, typer.Option("--json", help="Print what came of it as JSON, with OUT a folder.")] = False
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the unfinished stream in OUT, from its last checkpoint.")
     ] = False
@@ -94,6 +96,8 @@ def stream(options: StreamOptions) -> None:
     into_folder = options.out != _STANDARD
     if not into_folder and (options.resume or options.checkpoint_every is not None):
         raise BadInputError("-o -: expected a folder: what was written to standard output cannot be taken back")
+    if options.json and not into_folder:
+        raise BadInputError("--json: the rows on standard output are JSON already; expected -o with a folder")
     with _view(options) as show, _status_line(shown=into_folder or not sys.stdout.isatty()) as tell_status:
 
         def watch(step: StreamStep) -> None:
@@ -108,6 +112,8 @@ def stream(options: StreamOptions) -> None:
     if counts is None:
         note(f"{options.out}: the stream in it is finished")
         return
+    if options.json:
+        print(json_text.dumps(asdict(counts), indent=2))
     events = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.events.items())) or "no events"
     note(f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}")
     for doubt in counts.doubts:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -20,6 +23,9 @@ _BAR_WIDTH = 16
 
 def show(table: RenderableType) -> None:
     """Print to standard output. Columns of a table that is too wide break between words."""
+    if _Loudness.collected is not None:
+        _Loudness.collected.append(table)
+        return
     from rich.console import Console
     from rich.table import Table
 
@@ -58,9 +64,10 @@ def _within(width: int, bounds: tuple[int, int]) -> int:
 
 
 class _Loudness:
-    """The process holds in one place whether ``--quiet`` was given."""
+    """The process holds in one place whether ``--quiet`` was given, and what is to be printed as JSON at the end."""
 
     quiet = False
+    collected: list[RenderableType] | None = None
 
 
 def set_quiet(quiet: bool) -> None:
@@ -68,16 +75,54 @@ def set_quiet(quiet: bool) -> None:
     _Loudness.quiet = quiet
 
 
+@contextmanager
+def printed_as_json() -> Iterator[None]:
+    """Print what the block shows or tells as one JSON object when it ends, also where it ends with an exit status.
+
+    ``key: value`` becomes a member, a line without a key one of ``files``, a table one of ``tables`` with its rows.
+    """
+    _Loudness.collected = parts = []
+    try:
+        yield
+    except typer.Exit:
+        print(_as_json(parts))
+        raise
+    finally:
+        _Loudness.collected = None
+    print(_as_json(parts))
+
+
+def _as_json(parts: Iterable[RenderableType]) -> str:
+    content: dict[str, Any] = {}
+    for part in parts:
+        if isinstance(part, str):
+            key, colon, value = part.partition(": ")
+            content.update({key: value}) if colon else content.setdefault("files", []).append(part)
+        else:
+            content.setdefault("tables", []).append(_table_as_json(part))
+    return json.dumps(content, indent=2)
+
+
+def _table_as_json(part: RenderableType) -> Any:
+    from rich.table import Table
+
+    if not isinstance(part, Table):
+        return str(part)
+    names = [str(column.header) or f"column {number}" for number, column in enumerate(part.columns, start=1)]
+    rows = zip(*(map(str, column.cells) for column in part.columns), strict=True)
+    return {"title": str(part.title), "rows": [dict(zip(names, row, strict=True)) for row in rows]}
+
+
 def tell(*parts: RenderableType) -> None:
     """Print lines and tables that go with what a command wrote; nothing with ``--quiet``."""
-    if _Loudness.quiet:
+    if _Loudness.quiet and _Loudness.collected is None:
         return
     for part in parts:
         _print(part)
 
 
 def _print(part: RenderableType) -> None:
-    if isinstance(part, str):
+    if isinstance(part, str) and _Loudness.collected is None:
         print(part)
     else:
         show(part)
@@ -104,9 +149,7 @@ def shows_progress() -> bool:
 
 
 @contextmanager
-def progress_bar(
-    *, of_all: bool = True, first: str = "reading"
-) -> Iterator[Callable[[str, float | None], None] | None]:
+def progress_bar(*, of_all: bool = True) -> Iterator[Callable[[str, float | None], None] | None]:
     """Show a progress bar on a terminal, nothing in a pipe.
 
     ``of_all``: fractions are those of the whole command, and not of its stages, so that the time left can be told. A

@@ -138,6 +138,25 @@ def test_the_template_of_settings_holds_the_defaults(run: Run, tmp_path: Path) -
     assert run("config", "-o", tmp_path / "c.toml").status == 2
 
 
+def test_json_of_any_command(run: Run, tmp_path: Path) -> None:
+    done = run("simulate", "trolley", "-o", tmp_path / "a", "--duration", 10, "--json")
+    assert json.loads(done.out) == {"recording": str(tmp_path / "a")}
+    assert json.loads(run("config", "--json").out) == SmoothConfig().model_dump(mode="json")
+    (table,) = json.loads(run("scenarios", "--json", "-q").out)["tables"]
+    assert {row["name"] for row in table["rows"]} >= {"mainline", "trolley"}
+    done = run("stream", tmp_path / "a", "-o", tmp_path / "b", "--lag", 5, "--json", "-q")
+    assert json.loads(done.out)["rows_in"] > 1000
+    assert done.err == ""
+    assert run("scenarios").out.startswith("Scenarios")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_takes_quiet_and_json(run: Run, command: str) -> None:
+    words = run(command, "--help").out.split()
+    assert "--quiet" in words
+    assert "--json" in words
+
+
 def test_simulate_is_reproducible(run: Run, tmp_path: Path) -> None:
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         done = run("simulate", "mainline", "-o", tmp_path / "deep" / name, "--seed", seed, "--duration", 20)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from trackfg.cli.options import Json
 from trackfg.cli.terminal import tell
 from trackfg.errors import BadInputError
 
@@ -18,13 +19,17 @@ def config(
             "-o", "--out", metavar="C.toml", help="File to write; standard output if absent.", show_default=False
         ),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Print every setting of smooth, batch and stream with its default, its unit and what it means, for --config."""
     from trackfg.config import SmoothConfig
     from trackfg.files.atomic_file import write_whole
 
-    if out is None:
+    if json:
+        print(SmoothConfig().model_dump_json(indent=2))
+    elif out is None:
         print(SmoothConfig.template(), end="")
+    if out is None:
         return
     if out.exists():
         raise BadInputError(f"{out}: exists; expected a new file")
