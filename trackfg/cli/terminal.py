@@ -81,7 +81,8 @@ def printed_as_json() -> Iterator[None]:
 
     ``key: value`` becomes a member, a line without a key one of ``files``, a table one of ``tables`` with its rows.
     """
-    _Loudness.collected = parts = []
+    parts: list[RenderableType] = []
+    _Loudness.collected = parts
     try:
         yield
     except typer.Exit:
