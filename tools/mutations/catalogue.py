@@ -181,7 +181,7 @@ _FACTORS = (
         (
             _one("readings are too exact", '"reading_m_sd"].to_numpy() ** 2', '"reading_m_sd"].to_numpy() ** 4'),
             _one("a balise is on the other side of its plan", "np.nan, -in_sigmas * sd", "np.nan, in_sigmas * sd"),
-            _one("a wheel errs in all runs at once", "np.flatnonzero(run == one)", "np.flatnonzero(run >= one)"),
+            _one("a wheel erred before, not behind", "of_run[::-1]], axis=1)[:, ::-1]", "of_run], axis=1)"),
         ),
     ),
     Part(

@@ -63,7 +63,7 @@ def _by_number(survey: BaliseSurvey) -> pd.DataFrame:
 def test_sigmas_hold_of_places_and_of_differences(count: int) -> None:
     """Normalised errors over 40 lines: rms 1 and 95 % within 1.96, of surveyed places and of plans alike."""
     rng = np.random.default_rng(count)
-    of_places, of_unknown, of_plans = [], [], []
+    of_places, of_unknown, of_plans, of_measured = [], [], [], []
     for _ in range(40):
         places, planned = _line(rng, 20, unknown=5)
         runs = [_run(rng, places, planned) for _ in range(count)]
@@ -72,7 +72,8 @@ def test_sigmas_hold_of_places_and_of_differences(count: int) -> None:
         of_places.append(error)
         of_unknown.append(error[table["verdict"] == "surveyed"])
         of_plans.append(table["sigmas"].dropna())
-    for normalised in map(np.concatenate, (of_places, of_unknown, of_plans)):
+        of_measured.append((table["measured_m"] - places) / table["measured_m_sd"])
+    for normalised in map(np.concatenate, (of_places, of_unknown, of_plans, of_measured)):
         assert np.sqrt(np.mean(normalised**2)) == pytest.approx(1.0, abs=0.1)
         assert np.mean(np.abs(normalised) < 1.96) == pytest.approx(0.95, abs=0.03)
 
