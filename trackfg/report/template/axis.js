@@ -55,7 +55,7 @@ function drawAxis(group, chart, range, left, width) {
     group.append(svg("text", { x: room, y: base + 16, "text-anchor": "middle" }, text));
   }
   const unit = chart.official === null ? chart.x.unit : "km";
-  group.append(svg("text", { x: left - 6, y: base + 16, "text-anchor": "end", class: "row" }, unit));
+  group.append(svg("text", { x: left - 28, y: base + 16, "text-anchor": "end", class: "row" }, unit));
   return base + TICKS;
 }
 

@@ -9,7 +9,7 @@ const unfinished = [], papers = [];
 
 /** Where the panels of a chart of that width begin and end: on a phone labels stand above them, not beside. */
 function frame(width) {
-  return width < 700 ? { narrow: true, left: 46, right: 10, gap: 24 } : { narrow: false, left: 152, right: 150, gap: 11 };
+  return width < 700 ? { narrow: true, left: 46, right: 10, gap: 24 } : { narrow: false, left: 152, right: 178, gap: 11 };
 }
 
 function domains(panels, gap) {
@@ -341,7 +341,7 @@ function reading({ element, plot, chart, parts, entries, legendRoom, shape, ever
       const sigma = data.sigma === null ? NaN : data.sigma[row];
       if (sigma > 0) places[panel] = Math.min(Math.max(1 - Math.floor(Math.log10(sigma)), 0), 8);
       const div = document.createElement("div"), digits = places[panel];
-      div.style.color = line.colour;
+      div.style.color = `color-mix(in srgb, ${line.colour} 78%, #000)`; // a text needs more contrast than a line
       div.dataset.name = line.name;
       div.textContent = digits === undefined ? number(data.y[row]) :
         data.y[row].toFixed(digits) + (sigma > 0 ? ` ± ${sigma.toFixed(digits)}` : "");
