@@ -19,6 +19,8 @@ COUNT, OFF_M = 40, 9.0
 _PLANNED_SD, _READING_SD = 0.2, 0.1
 """Of plans and of readings, m."""
 _RUNS = 3
+_DURATION_S = 120.0
+"""Of a run, s: a train has gone more than 1 km by then."""
 _WRONG = COUNT // 2
 _UNKNOWN = np.arange(3, COUNT, 6)
 """Balises without a plan."""
@@ -36,14 +38,14 @@ class _Line:
         return replace(self, planned=self.planned + OFF_M * (np.arange(COUNT) == _WRONG))
 
 
-def print_balises(seeds: int, duration_s: float) -> None:
+def print_balises(seeds: int) -> None:
     """Print how wrong plans are found and unknown places surveyed, by one run and by several."""
     print(f"\n{COUNT} balises, one planned {OFF_M:g} m off, {len(_UNKNOWN)} without a plan; {seeds} seeds")
     print("\n| runs | wrong plan, sigmas at least | others named | bends the rest at most, m | within 2 sigma | rms |")
     print("|---|---|---|---|---|---|")
     by_count: dict[int, list[tuple[float, int, float, Array]]] = {1: [], _RUNS: []}
     for seed in range(seeds):
-        wrong, right, line = _smoothed(seed, duration_s)
+        wrong, right, line = _smoothed(seed)
         for count, rows in by_count.items():
             rows.append(_scores(_survey(wrong[:count]), _survey(right[:count]), line))
     for count, rows in by_count.items():
@@ -55,10 +57,10 @@ def print_balises(seeds: int, duration_s: float) -> None:
         )
 
 
-def _smoothed(seed: int, duration_s: float) -> tuple[list[Result], list[Result], _Line]:
+def _smoothed(seed: int) -> tuple[list[Result], list[Result], _Line]:
     """Return the results of some runs of one line, with the wrong plan and without, and the line."""
     rng = np.random.default_rng(seed)
-    runs = [simulate("mainline", seed=seed, run=number, duration_s=duration_s) for number in range(_RUNS)]
+    runs = [simulate("mainline", seed=seed, run=number, duration_s=_DURATION_S) for number in range(_RUNS)]
     way = [run.truth["chainage_m"].to_numpy()[[0, -1]] for run in runs]
     places = np.linspace(max(first for first, _ in way) + 10.0, min(last for _, last in way) - 10.0, COUNT)
     planned = places + _PLANNED_SD * rng.normal(size=COUNT)

@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         _imports(recording, drive, Path(folder))
         _exports(recording, Path(folder))
-    print_balises(seeds, duration)
+    print_balises(seeds)
     return 0
 
 
