@@ -11,9 +11,11 @@ not move.
 there makes of zero: the sigma s of a row is that of second differences, in which no constant acceleration is left,
 of that second or of all such seconds, the larger.
 Where the signal has a sign the mean of the noise is far less than s; where it has none it is 1.3 s, the mean of a
-folded normal distribution over its standard deviation. Such a span begins before the speed is zero: it is trimmed by
-the time that the speed takes to fall by the noise, or by one step of the signal, with half the slope that it had (so it
-is at constant jerk).
+folded normal distribution over its standard deviation. Such a span begins before the speed is zero, by two causes, and is
+trimmed for that of them which lasts longer. A second whose mean z passes for zero holds the end of the motion: at
+constant jerk its last u seconds, in which the wheel rolls z times 1 s; in the second before them it rolls
+r = z ((1 + u)^3 - u^3) / u^3. And a signal in steps is zero below one: the speed takes as long to fall by a step as it
+has half the slope that it had (so it is at constant jerk).
 """
 
 from __future__ import annotations
@@ -163,6 +165,19 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     edges = t[runs]
     moving = np.abs(speed[np.abs(speed) > _NO_MPS])
     step = 2.0 * float(np.min(moving, initial=np.inf)) if moving.size else 0.0
-    unseen = np.maximum(np.array([np.median(zero[i:j]) for i, j in runs]), step)[:, None]
-    beyond = np.maximum(_rolled(t, distance, edges) - unseen, _CRAWL_MPS)  # half of what it gains in a second
-    return edges, np.minimum(unseen / beyond, _LONGEST_TRIM_S)
+    passing = np.array([np.median(zero[i:j]) for i, j in runs])[:, None]
+    rolled = _rolled(t, distance, edges)
+    by_steps = step / np.maximum(rolled - step, _CRAWL_MPS)  # half of what it gains in a second
+    return edges, np.minimum(np.maximum(_in_motion(passing, rolled), by_steps), _LONGEST_TRIM_S)
+
+
+def _in_motion(mean: Array, rolled: Array) -> Array:
+    """Return how much of a second with this mean speed is the end of a motion, s, shapes (m, 1), (m, 2) and (m, 2).
+
+    ``rolled`` is what the wheel rolls in the second before, m (see above).
+    """
+    share = mean / np.maximum(rolled, _CRAWL_MPS)
+    u = np.cbrt(share)
+    for _ in range(20):  # a contraction where the wheel rolls further than it does in the second itself
+        u = np.minimum(np.cbrt(share * (1.0 + 3.0 * u + 3.0 * u * u)), _LONGEST_TRIM_S)
+    return np.asarray(u)
