@@ -30,7 +30,7 @@ _PATTERNS = {
         r"\bw_?[xyz]\b|^w_?[xyz]|^g_?[xyz]\b|dtheta|delta.?(theta|ang)"
     ),
     "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
-    "speed": r"speed|geschw|veloc|vitesse|^v$|^v[\s_\[(]|kmh|km/h",
+    "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h",
     "count": r"pulse|impuls|count|ticks|encoder|tacho|zähl",
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
     "station": r"chain|kilom|station|^km\b|post|stationierung|position_km|^km$",
@@ -54,6 +54,8 @@ _IMU_UNITS = {
     "accel": re.compile(r"m?g|gal|m\s?/\s?s\s?(\^2|²|/s)"),
 }
 """Units that say by themselves that a column is a gyro's or an accelerometer's."""
+_WITH_GRAVITY = {"m/s^2": (0.8 * STANDARD_GRAVITY, 1.2 * STANDARD_GRAVITY), "g": (0.8, 1.2), "mg": (800.0, 1200.0)}
+"""Median specific force of a vehicle on a track, with scale and bias of the worst sensors."""
 _TIME_UNITS = {"ns": "ns", "us": "us", "µs": "us", "ms": "ms", "s": "s", "sec": "s", "seconds": "s"}
 _ACCEL_UNITS = {r"^mg$": "mg", r"^g$|_g$": "g", r"gal": "gal", r"m.?/?.?s": "m/s^2"}
 
@@ -108,6 +110,14 @@ def triples(table: SourceTable, kind: Literal["gyro", "accel", "free_accel"]) ->
             unit, known = _unit(table, columns, kind)
             out.append(Triple(table, columns, unit, known))
     return out
+
+
+def has_gravity(triple: Triple) -> bool:
+    """Return whether an acceleration holds gravity, whatever its name says: ROS has it in ``linear_acceleration``."""
+    low, high = _WITH_GRAVITY.get(triple.unit, (np.inf, np.inf))
+    values = np.stack([triple.table.numbers(name) for name in triple.columns])
+    with np.errstate(over="ignore"):  # damaged values may be of any size
+        return bool(low < np.nanmedian(np.linalg.norm(values, axis=0)) < high)
 
 
 def _kind_by_unit(unit: str) -> str | None:

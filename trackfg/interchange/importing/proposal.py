@@ -20,7 +20,7 @@ from trackfg.checks.diagnosis import estimates_of
 from trackfg.checks.diagnosis_axes import AXES
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import Triple, first_of, time_columns, time_unit, triples
+from trackfg.interchange.importing.column_meaning import Triple, first_of, has_gravity, time_columns, time_unit, triples
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.interchange.importing.source_table import SourceTable
@@ -79,7 +79,7 @@ def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | Non
 
 def _imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     gyro, accel = _longest(tables, "gyro"), _longest(tables, "accel")
-    if accel is None and any(triples(table, "free_accel") for table in tables):
+    if accel is None and (accel := _longest(tables, "free_accel")) is not None and not has_gravity(accel):
         raise BadInputError(
             "the acceleration is without gravity, which roll and pitch need; expected the specific force "
             "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
@@ -99,7 +99,7 @@ def _imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     proposal.sections["imu"] = section
 
 
-def _longest(tables: Sequence[SourceTable], kind: Literal["gyro", "accel"]) -> Triple | None:
+def _longest(tables: Sequence[SourceTable], kind: Literal["gyro", "accel", "free_accel"]) -> Triple | None:
     """Return the columns of a kind with the most rows: a log may have slow copies of fast ones."""
     found = [triple for table in tables for triple in triples(table, kind)]
     return max(found, key=lambda triple: len(triple.table.frame), default=None)
