@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import axis_of, meaning, triples
+from trackfg.interchange.importing.column_meaning import axis_of, has_gravity, meaning, triples
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
@@ -245,6 +245,14 @@ def test_a_unit_says_what_names_leave_open() -> None:
     (gyro,), (accel,) = triples(table, "gyro"), triples(table, "accel")
     assert (gyro.columns, gyro.unit) == (("Sensor2 x", "Sensor2 y", "Sensor2 z"), "deg/s")
     assert (accel.columns, accel.unit) == (("Kanal X", "Kanal Y", "Kanal Z"), "g")
+
+
+def test_gravity_tells_a_specific_force_from_an_acceleration_without_it() -> None:
+    names = [f"field.linear_acceleration.{axis}" for axis in "xyz"]
+    for up, expected in ((9.7, True), (0.1, False)):
+        values = np.stack([np.full(50, 0.2), np.full(50, -0.1), np.full(50, up)], axis=1)
+        (found,) = triples(SourceTable("imu.csv", pd.DataFrame(values, columns=names)), "free_accel")
+        assert has_gravity(found) == expected
 
 
 @pytest.mark.parametrize(
