@@ -11,11 +11,12 @@ not move.
 there makes of zero: the sigma s of a row is that of second differences, in which no constant acceleration is left,
 of that second or of all such seconds, the larger.
 Where the signal has a sign the mean of the noise is far less than s; where it has none it is 1.3 s, the mean of a
-folded normal distribution over its standard deviation. Such a span begins before the speed is zero, by two causes, and is
-trimmed for that of them which lasts longer. A second whose mean z passes for zero holds the end of the motion: at
-constant jerk its last u seconds, in which the wheel rolls z times 1 s; in the second before them it rolls
-r = z ((1 + u)^3 - u^3) / u^3. And a signal in steps is zero below one: the speed takes as long to fall by a step as it
-has half the slope that it had (so it is at constant jerk).
+folded normal distribution over its standard deviation.
+
+Such a span begins before the speed is zero, for two reasons, and is trimmed by the longer of both times. A second whose
+mean z passes for zero may hold the last u seconds of a motion, in which the wheel rolls z times 1 s; at constant jerk
+it rolls r = z ((1 + u)^3 - u^3) / u^3 in the second before. And a signal in steps is zero below one of them: the speed
+falls by a step with half the slope that it had.
 """
 
 from __future__ import annotations
