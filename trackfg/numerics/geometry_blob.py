@@ -20,12 +20,15 @@ _POINT_Z = 1001
 """Code of a point with height."""
 _LINESTRINGS = {3: 1002, 4: 3002}
 """Code of a line by the numbers of a vertex: with height, and with a measure too."""
-_LINESTRING, _MULTILINESTRING, _ZM = 2, 5, 3
-"""Codes of a line and of several, without the thousands; the thousands of height and measure together."""
+_POINT, _LINE, _POLYGON, _MULTILINE = 1, 2, 3, 5
+_COLLECTIONS = (4, _MULTILINE, 6, 7)
+"""Codes without the thousands: of many points, lines, polygons, and of anything."""
 _OLD_Z, _OLD_M = 0x80000000, 0x40000000
 """Flags of height and measure in well-known binary before ISO's thousands, which GDAL writes still."""
 _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
 """Codes of the extent in GeoPackage's header: none, and x and y (OGC 12-128r14, 2.1.3)."""
+_ENVELOPE_BYTES = (0, 32, 48, 48, 64)
+"""Bytes of GeoPackage's extent by its code."""
 
 
 def point_wkb(xyz: Array) -> bytes:
@@ -60,36 +63,11 @@ def lines_of_wkb(blob: bytes) -> list[Array]:
     Both byte orders, with or without heights and measures, also as they were marked before ISO 13249-3. Raises
     ``ValueError`` for bytes that end too soon.
     """
-    return _lines_from(blob, 0)[0]
-
-
-def _lines_from(blob: bytes, at: int) -> tuple[list[Array], int]:
     try:
-        order = "<" if blob[at] == _LITTLE_ENDIAN else ">"
-        (number,) = struct.unpack_from(f"{order}I", blob, at + 1)
-        flags, code = number & (_OLD_Z | _OLD_M), number & ~(_OLD_Z | _OLD_M)
-        dims = 2 + flags.bit_count() + (code // 1000 in (1, 2)) + 2 * (code // 1000 == _ZM)
-        if code % 1000 not in (_LINESTRING, _MULTILINESTRING):
-            return [], at
-        (count,) = struct.unpack_from(f"{order}I", blob, at + 5)
-        at += 9
-        if code % 1000 == _LINESTRING:
-            line = np.frombuffer(blob, dtype=f"{order}f8", count=dims * count, offset=at).reshape(count, dims)
-            return [line.astype(np.float64)], at + 8 * dims * count
-        lines: list[Array] = []
-        for _ in range(count):
-            part, at = _lines_from(blob, at)
-            lines += part
-    except (struct.error, IndexError, ValueError) as error:
+        _, kind, _ = _head(blob, 0)
+        return _vertices(blob, 0)[0] if kind in (_LINE, _MULTILINE) else []
+    except struct.error as error:
         raise ValueError("the geometry is damaged") from error
-    return lines, at
-
-
-_ENVELOPE_BYTES = (0, 32, 48, 48, 64)
-"""Bytes of GeoPackage's extent by its code (OGC 12-128r14, 2.1.3)."""
-_POINT, _LINE, _POLYGON = 1, 2, 3
-_COLLECTIONS = (4, 5, 6, 7)
-"""Codes of well-known binary: of many points, lines, polygons, and of anything."""
 
 
 def geopackage_vertices(blob: bytes) -> Iterator[Array]:
@@ -106,28 +84,35 @@ def geopackage_vertices(blob: bytes) -> Iterator[Array]:
         found, _ = _vertices(blob, 8 + _ENVELOPE_BYTES[code])
     except struct.error as error:
         raise ValueError("the geometry is cut off") from error
-    yield from found
+    for vertices in found:
+        yield vertices[:, :2]
+
+
+def _head(blob: bytes, at: int) -> tuple[str, int, int]:
+    """Return byte order, kind and numbers of a vertex of the well-known binary at a byte."""
+    order = "<" if blob[at : at + 1] == bytes([_LITTLE_ENDIAN]) else ">"
+    (number,) = struct.unpack_from(f"{order}I", blob, at + 1)
+    flags = number & (_OLD_Z | _OLD_M)
+    thousands, kind = divmod(number - flags, 1000)
+    return order, kind, 2 + flags.bit_count() + (0, 1, 1, 2)[min(thousands, 3)]
 
 
 def _vertices(blob: bytes, at: int) -> tuple[list[Array], int]:
-    """Return the vertices of the well-known binary at a byte, and the byte after it."""
-    order = "<" if blob[at : at + 1] == b"\x01" else ">"
-    (code,) = struct.unpack_from(f"{order}I", blob, at + 1)
-    kind, axes = code % 1000, (2, 3, 3, 4)[min(code // 1000, 3)]
+    """Return the vertices (n, 2 to 4) of each part of the well-known binary at a byte, and the byte after it."""
+    order, kind, dims = _head(blob, at)
     at += 5
 
     def count() -> int:
         return int(struct.unpack_from(f"{order}I", blob, at)[0])
 
     def row(number: int) -> Array:
-        if len(blob) < at + 8 * axes * number:
+        if len(blob) < at + 8 * dims * number:
             raise struct.error("beyond the end")
-        flat = np.frombuffer(blob, f"{order}f8", axes * number, at)
-        return flat.reshape(number, axes)[:, :2].astype(np.float64)
+        return np.frombuffer(blob, f"{order}f8", dims * number, at).reshape(number, dims).astype(np.float64)
 
     found: list[Array] = []
     if kind == _POINT:
-        return [row(1)], at + 8 * axes
+        return [row(1)], at + 8 * dims
     if kind in (_LINE, _POLYGON):
         lines = 1
         if kind == _POLYGON:
@@ -135,10 +120,10 @@ def _vertices(blob: bytes, at: int) -> tuple[list[Array], int]:
         for _ in range(lines):
             number, at = count(), at + 4
             found.append(row(number))
-            at += 8 * axes * number
+            at += 8 * dims * number
         return found, at
     if kind not in _COLLECTIONS:
-        raise ValueError(f"a geometry of the kind {code} cannot be read: expected points, lines or polygons")
+        raise ValueError(f"a geometry of the kind {kind} cannot be read: expected points, lines or polygons")
     parts, at = count(), at + 4
     for _ in range(parts):
         part, at = _vertices(blob, at)
