@@ -45,7 +45,7 @@ def test_geojson_comes_to_the_east_and_north_of_the_run(tmp_path: Path) -> None:
     assert (name, east, north) == ("Here", pytest.approx(100.0, abs=1e-3), pytest.approx(0.0, abs=1e-3))
 
 
-def geopackage(path: Path, srs: int, blob: bytes) -> Path:
+def geopackage(path: Path, srs: int, *blobs: bytes | None) -> Path:
     with sqlite3.connect(path) as database:
         database.executescript(
             "CREATE TABLE gpkg_spatial_ref_sys (srs_id INTEGER, organization_coordsys_id INTEGER);"
@@ -54,7 +54,7 @@ def geopackage(path: Path, srs: int, blob: bytes) -> Path:
             f"INSERT INTO gpkg_spatial_ref_sys VALUES ({srs}, {srs});"
             f"INSERT INTO gpkg_geometry_columns VALUES ('tracks', 'geom', {srs});"
         )
-        database.execute("INSERT INTO tracks VALUES (1, ?, 'T')", (blob,))
+        database.executemany("INSERT INTO tracks VALUES (1, ?, 'T')", [(blob,) for blob in blobs])
     return path
 
 
@@ -64,6 +64,12 @@ def test_a_geopackage_in_a_plane_is_taken_as_it_is(tmp_path: Path) -> None:
     blob = b"GP\0\x03" + struct.pack("<i4d", -1, 1, 3, 2, 4) + b"\1" + struct.pack("<II", 1005, 2) + part + part
     found = read_background(geopackage(tmp_path / "a.gpkg", -1, blob), None)
     assert [line.tolist() for line in found.lines] == [[[1.0, 2.0], [3.0, 4.0]]] * 2
+
+
+def test_rows_of_a_geopackage_without_geometry_are_passed_over(tmp_path: Path) -> None:
+    line = b"GP\0\x01" + struct.pack("<i", -1) + b"\1" + struct.pack("<II4d", 2, 2, 1, 2, 3, 4)
+    found = read_background(geopackage(tmp_path / "a.gpkg", -1, None, line), None)
+    assert [line.tolist() for line in found.lines] == [[[1.0, 2.0], [3.0, 4.0]]]
 
 
 def test_a_geopackage_in_another_system_is_projected(tmp_path: Path) -> None:

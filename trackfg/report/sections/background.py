@@ -148,8 +148,11 @@ def _of_geopackage(path: Path, origin: Origin | None) -> Iterator[_Feature]:
                 heads = [head[0] for head in rows.description]
                 for number, row in enumerate(rows, start=1):
                     values = dict(zip(heads, row, strict=True))
+                    blob = values.pop(column)
+                    if blob is None:
+                        continue
                     try:
-                        found = [to_plane(one) for one in geopackage_vertices(values.pop(column) or b"GP" + bytes(6))]
+                        found = [to_plane(one) for one in geopackage_vertices(blob)]
                     except ValueError as error:
                         raise BadInputError(f"{path}, layer {table!r}, row {number}: {error}") from error
                     yield from (_Feature(_name(values), vertices) for vertices in found)
