@@ -74,20 +74,21 @@ class LiveState:
             self._place.extend(cells)
             self._events.extend(events)
             self._done = done
-            self._updates.append(self._message(rows, cells, events))
+            self._updates.append(json.dumps(self._content(rows, cells, events), allow_nan=False))
             self._count += 1
             self._changed.notify_all()
 
-    def _message(self, rows: list[Any], cells: list[Any], events: list[Any]) -> str:
+    def _content(self, rows: list[Any], cells: list[Any], events: list[Any]) -> dict[str, Any]:
         content = {"time": rows, "place": cells, "events": events, "done": self._done, "kinds": dict(self._kinds)}
-        return json.dumps({**content, "ended": self._ended}, allow_nan=False)
+        return {**content, "ended": self._ended}
 
     def everything(self) -> tuple[int, str]:
         """Return the number of messages so far, and one message that holds all that they said."""
         with self._changed:
-            whole = self._message(list(self._time), list(self._place), list(self._events))
+            whole = self._content(list(self._time), list(self._place), list(self._events))
             columns = {"time": [*OVER_TIME, "delay_s"], "place": ["chainage_m", *OVER_PLACE]}
-            return self._count, json.dumps({"about": self._about, "columns": columns, "whole": json.loads(whole)})
+            message = {"about": self._about, "columns": columns, "whole": whole}
+            return self._count, json.dumps(message, allow_nan=False)
 
     def since(self, count: int, wait_s: float) -> tuple[int, list[str]] | None:
         """Return the messages after the first ``count``, waiting for one; None where these are no longer kept."""
