@@ -124,8 +124,10 @@ class Stream:
             if checkpoints is not None and checkpoints.due(rows.until_s):
                 checkpoints.write(self._checkpoint(batch.position, rows.until_s, sink))
         rows, events = self.intake.finish()
-        for estimates, others in ((self.smoother.put(rows), events), (self.smoother.finish(), ())):
-            watch(self._step(estimates, self._write(sink, estimates, others), self.source.length, 0.0))
+        estimates = self.smoother.put(rows)
+        watch(self._step(estimates, self._write(sink, estimates, events), self.source.length, 0.0))
+        estimates = self.smoother.finish()
+        watch(self._step(estimates, self._write(sink, estimates, ()), self.source.length, 0.0))
         written = sink.checkpoint()
         sink.close()
         if checkpoints is not None:

@@ -15,6 +15,9 @@ from trackfg.errors import UnsolvableError
 from trackfg.results.events import Event
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.rows import Rows
+from trackfg.streaming.run import Stream
+from trackfg.streaming.sinks.sink import Callback
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window import running_window, starting_window
 from trackfg.streaming.window.window import Window
@@ -179,3 +182,22 @@ def test_a_first_window_that_cannot_be_made_comes_later(monkeypatch: pytest.Monk
     assert [event.kind for event in events].count("restarted") == 2
     assert 29.0 < filtered["t_s"].iloc[0] < 31.0
     assert smoothed["t_s"].iloc[0] == pytest.approx(20.0, abs=0.11)
+
+
+def test_what_fails_at_the_end_leaves_the_rows_before_it_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = RecordingSource(simulate("measuring-car", seed=0, duration_s=10.0).recording)
+    stream, put, steps = Stream.of(source, FixedLagSmoother(source.description, lag_s=5.0)), list[Rows](), list[Any]()
+    smoother_put = stream.smoother.put
+
+    def counted(rows: Rows) -> Estimates:
+        put.append(rows)
+        return smoother_put(rows)
+
+    def fail() -> Estimates:
+        raise UnsolvableError("as asked")
+
+    monkeypatch.setattr(stream.smoother, "put", counted)
+    monkeypatch.setattr(stream.smoother, "finish", fail)
+    with pytest.raises(UnsolvableError, match="as asked"):
+        stream.run(Callback(lambda table, frame: None), watch=steps.append)
+    assert len(steps) == len(put) > 1
