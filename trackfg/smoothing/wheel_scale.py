@@ -61,8 +61,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     if walks.any() and not walks.all():
         return Reassessment(problem, _findings(run))
     states = run.solution.states
-    inertial = problem.inertial.linearize(run.solution.states)
-    evidence = ScaleEvidence.of(inertial, problem.families, states, len(problem.t))
+    evidence = ScaleEvidence.of(problem.inertial, problem.families, states)
     if walks.all():
         parted = _walking_where_it_changes(evidence, chain, declared, problem.t)
         if (parted.sigma == chain.sigma).all():

@@ -18,6 +18,7 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
+from trackfg.factors.imu import InertialFactors
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.odometry import ANY_DISTANCE_SD_M, MOST_CREEP
 from trackfg.factors.states import States
@@ -33,27 +34,26 @@ _NOISE_SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class ScaleEvidence:
-    """The whitened ``rows`` of all but the chain of distances, at the ``states`` of n ``keyframes``."""
+    """The whitened ``rows`` of all but the chain of distances, at the ``states``."""
 
     rows: Sequence[LinearFactors]
     states: States
-    keyframes: int
 
     @classmethod
-    def of(cls, inertial: LinearFactors, families: Sequence[Family], states: States, keyframes: int) -> ScaleEvidence:
-        """Linearise ``families`` at the ``states`` of n ``keyframes``, where the ``inertial`` factors are."""
-        rows = [inertial]
+    def of(cls, inertial: InertialFactors, families: Sequence[Family], states: States) -> ScaleEvidence:
+        """Linearise the ``inertial`` factors and ``families`` at the ``states``."""
+        rows = [inertial.linearize(states)]
         for family in families:
             if family.type is FactorType.TACH_DISTANCE:
                 rows.append(_without_slips(family, states).convex_start().linearize(states))
             elif family.type is not FactorType.DISTANCE_CHAIN:
                 rows.append(family.convex_start().linearize(states))
-        return cls(rows, states, keyframes)
+        return cls(rows, states)
 
     def log_likelihood(self, chain: Family) -> float:
         """Return the log likelihood with this chain of distances, but for what does not depend on it."""
         linear = chain.linearize(self.states)
-        root = eliminate([*self.rows, linear], self.keyframes)
+        root = eliminate([*self.rows, linear], len(self.states))
         at_solution = 0.5 * float(np.sum(linear.b**2))
         return 0.5 * root.length**2 - at_solution - float(np.log(chain.sigma).sum()) - _log_determinant(root)
 

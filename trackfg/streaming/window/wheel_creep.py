@@ -114,8 +114,7 @@ def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> b
         return False
     if not walks and np.mean((tach.residual(window.states) / tach.sigma) ** 2) < _QUIET:
         return False
-    inertial = window.inertial.linearize(window.states)
-    evidence = ScaleEvidence.of(inertial, window.families, window.states, len(window))
+    evidence = ScaleEvidence.of(window.inertial, window.families, window.states)
     root_way = np.sqrt(np.abs(window.states.odo.step[chain.slots[0].index + 1]) + ROLLED_AT_REST_M)
 
     def likelihood(per_sqrt_m: float) -> float:
