@@ -64,8 +64,7 @@ class Prediction(NamedTuple):
         """Return the prediction with a wheel's scale that walks by so much, if that is more than the settings say."""
         if not per_sqrt_m:
             return self
-        sd = per_sqrt_m * np.sqrt(np.abs(self.interval.predicted.odo.step))
-        families = with_walking_scale(self.interval.families, sd)
+        families = with_walking_scale(self.interval.families, self.interval.predicted.odo.step, per_sqrt_m)
         return self._replace(interval=self.interval._replace(families=families))
 
 

@@ -98,8 +98,7 @@ def with_creep(window: Window, creep: Creep) -> Window:
     odo = window.states.odo.array.copy()
     odo[:, Odo.DISTANCE] += creep.further_m * since / creep.way_m
     walk, before = creep.walk_per_sqrt_m, float(since[0])
-    way = np.sqrt(np.abs(window.states.odo.step[1:])) * (since[1:] != 0.0)
-    families = with_walking_scale(window.families, walk * way)
+    families = with_walking_scale(window.families, window.states.odo.step[1:], walk * (since[1:] != 0.0))
     if before:
         families = changed(families, FactorType.MARGINAL_PRIOR, lambda one: with_scale_walked(one, before, walk))
     return replace(window, states=replace(window.states, odo=Odo(odo)), families=families)
@@ -126,12 +125,15 @@ def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> b
 
 def with_walk(window: Window) -> Window:
     """Return the window with a scale that walks, as one that the accelerometer sees change."""
-    sd = WALK_PER_SQRT_M * np.sqrt(np.abs(window.states.odo.step[1:]))
-    return replace(window, families=with_walking_scale(window.families, sd))
+    families = with_walking_scale(window.families, window.states.odo.step[1:], WALK_PER_SQRT_M)
+    return replace(window, families=families)
 
 
-def with_walking_scale(families: Sequence[Family], sd: Array) -> tuple[Family, ...]:
-    """Return families with a wheel's scale that walks by ``sd`` (n - 1,) or more from each keyframe to the next."""
+def with_walking_scale(families: Sequence[Family], step: Array, per_sqrt_m: float | Array) -> tuple[Family, ...]:
+    """Return families with a wheel's scale that walks by ``per_sqrt_m`` or more over each ``step`` (n - 1,), m, from
+    one keyframe to the next.
+    """
+    sd = per_sqrt_m * np.sqrt(np.abs(step))
 
     def walking(chain: Family) -> Family:
         sigma = chain.sigma.copy()
