@@ -297,11 +297,11 @@ class _Blocks:
         if not len(spans):
             return np.zeros(0), np.zeros((0, 6))
         count = np.diff(spans, axis=1)[:, 0]
+        starts = np.cumsum(count) - count
         which = np.repeat(np.arange(len(spans)), count)
-        rows = np.arange(len(which)) + np.repeat(spans[:, 0] - np.cumsum(count) + count, count)
+        rows = np.arange(len(which)) + (spans[:, 0] - starts)[which]
         around = 0.5 * (force[np.maximum(spans[:, 0] - 1, 0)] + force[np.minimum(spans[:, 1], len(force) - 1)])
         change = (force[rows] - around[which]) * self.data.durations[rows, None]
-        starts = np.cumsum(count) - count
         change *= np.add.reduceat(beyond[rows], starts).astype(bool)[which]
         size = np.abs(np.add.reduceat(change, starts))
         most = _SHOCK_LIMIT * np.sqrt(np.mean(size[:, 0] ** 2))

@@ -154,8 +154,7 @@ def _row(fit: NoiseFit) -> dict[str, float]:
     row: dict[str, float] = {}
     for name, value, sd in zip(names, fit.coefficients, fit.sds, strict=True):
         row |= {name: float(value), f"{name}_sd": float(sd) if value > 0.0 else np.nan}
-    slope, sd = (np.nan if value is None else value for value in (fit.per_kelvin, fit.per_kelvin_sd))
-    return row | {"per_kelvin": slope, "per_kelvin_sd": sd}
+    return row | {"per_kelvin": fit.per_kelvin, "per_kelvin_sd": fit.per_kelvin_sd}
 
 
 def _declared(axes: pd.DataFrame, duration_s: float) -> tuple[dict[str, float], dict[str, str]]:

@@ -56,13 +56,13 @@ FLICKER_FLOOR = float(np.sqrt(2.0 * np.log(2.0) / np.pi))
 class NoiseFit:
     """Coefficients N, B, K of :data:`KINDS` (3,) and their sigmas (3,), in SI units; 0 where a kind does not show.
 
-    ``per_kelvin`` and its sigma are None without a temperature.
+    ``per_kelvin`` and its sigma are NaN without a temperature.
     """
 
     coefficients: Array
     sds: Array
-    per_kelvin: float | None = None
-    per_kelvin_sd: float | None = None
+    per_kelvin: float = np.nan
+    per_kelvin_sd: float = np.nan
 
     def allan(self, tau: Array) -> Array:
         """Return the Allan variance of each kind at averaging times (k,), s. Shape (3, k)."""
@@ -91,20 +91,22 @@ def fit_noise(sensor: Array, dt: float, temperature: Array | None = None) -> lis
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Variances a (axes, c) of some columns of the shapes, their covariance, and the log-likelihood."""
+    """Variances a (axes, c) of some columns of the shapes, their covariance, the log-likelihood, and the slopes over
+    temperature (axes,), NaN without one.
+    """
 
     columns: list[int]
     variances: Array
     covariance: Array
     likelihood: float
-    slopes: Array | None
-    slope_sds: Array | None
+    slopes: Array
+    slope_sds: Array
 
     @classmethod
     def of(cls, z: Array, shapes: Array, columns: list[int], heat: Array | None) -> _Fitted:
         chosen, axes = shapes[:, columns], z.shape[1]
         variances, covariance = np.zeros((axes, len(columns))), np.zeros((axes, len(columns), len(columns)))
-        slopes, sds, likelihood = np.zeros(axes), np.zeros(axes), 0.0
+        slopes, sds, likelihood = np.full(axes, np.nan), np.full(axes, np.nan), 0.0
         for axis in range(axes):
             a, slope, information = _scored(z[:, axis], chosen, heat)
             V = chosen @ a
@@ -114,8 +116,7 @@ class _Fitted:
             variances[axis], covariance[axis] = a, np.linalg.pinv(0.5 * weighted.T @ weighted, hermitian=True)
             if heat is not None:
                 slopes[axis], sds[axis] = slope, 1.0 / np.sqrt(information)
-        known = heat is not None
-        return cls(columns, variances, covariance, likelihood, slopes if known else None, sds if known else None)
+        return cls(columns, variances, covariance, likelihood, slopes, sds)
 
     def fits(self) -> list[NoiseFit]:
         fits = []
@@ -126,9 +127,7 @@ class _Fitted:
             coefficients[self.columns] = roots
             # Of a root, by the derivative; where the variance is hardly above zero, the root of its sigma is less.
             sds[self.columns] = np.minimum(sd / np.maximum(2.0 * roots, 1e-300), np.sqrt(sd))
-            slope = None if self.slopes is None or self.slope_sds is None else float(self.slopes[axis])
-            slope_sd = None if self.slope_sds is None else float(self.slope_sds[axis])
-            fits.append(NoiseFit(coefficients, sds, slope, slope_sd))
+            fits.append(NoiseFit(coefficients, sds, float(self.slopes[axis]), float(self.slope_sds[axis])))
         return fits
 
 
