@@ -91,7 +91,7 @@ class Preintegration:
 
     @cached_property
     def delta(self) -> Array:
-        """What the compiled kernels make of the increments, for themselves."""
+        """The preintegrated measurement as the compiled kernels keep it, shape (DELTA_SIZE,)."""
         from trackfg.numerics import compiled
 
         frame = np.append(self.gravity, self.frame_rate)
@@ -120,7 +120,7 @@ class Preintegration:
 class InertialFactors:
     """Factor k ties the states of keyframes k and k + 1 and the bias of keyframe k.
 
-    Compiled kernels compute them where they are in use, else GTSAM, and both the same.
+    Compiled kernels compute them where these are in use, GTSAM elsewhere, with the same result.
     """
 
     measured: tuple[Preintegration, ...]

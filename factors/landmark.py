@@ -106,7 +106,7 @@ def balise_passage(
     """The vehicle is at balise number ``balise`` (m,) when it is ``carried`` (m,), m, beyond its place at a keyframe.
 
     Residual (m): distance along the track less that of the balise, which is one of the two in its ``SENSOR`` variable;
-    those of further ``sensors`` are before these. sigma (m, 1): of reading it. A balise that is passed once tells
+    those of further ``sensors`` are before these. sigma (m, 1): of reading it. A balise that is passed once adds
     nothing.
     """
     slots = (Slot(Kind.ODO, keyframe), Slot(Kind.SENSOR, sensors + balise // Kind.SENSOR.dim))

@@ -224,7 +224,7 @@ class States:
         return _zero(len(self), len(self.sensor)).retract(Step(keyframes, shared).to_gtsam())
 
     def inertial_to_gtsam(self) -> gtsam.Values:
-        """Return the variables that inertial factors touch, alone. They are kept: nobody may change them."""
+        """Return the variables that inertial factors touch, alone. They are kept, and must not be changed."""
         return self._inertial_values
 
     @cached_property

@@ -10,7 +10,9 @@ import os
 from functools import cache
 
 _REVISION = 2
-"""Of the kernels' arguments, as ``kernels/module.cpp`` has it: others were compiled from sources of another day."""
+"""Revision of the kernels' arguments, as in ``kernels/module.cpp``. A module with another one was compiled from other
+sources and is not used.
+"""
 
 
 def compiled_kernels() -> bool:

@@ -1,6 +1,6 @@
 """The longest rest of a log that was made to show a sensor's noise.
 
-Over hours a bias may drift further than a gentle start turns the vehicle, so that a rest is not told by its mean, as
+Over hours a bias may drift further than a gentle start turns the vehicle. So a rest is not recognised by its mean, as
 :mod:`trackfg.sensors.standstills` does for the seconds of a stop, but by what changes from one second to the next.
 """
 
@@ -30,7 +30,7 @@ _SIGMAS = 5.0
 """Of the difference of two means: of a day's blocks of six channels 0.3 differ by more."""
 
 _LOUDER = 3.0
-"""A block is no rest where its scatter is this many times that of the quietest quarter: an engine, or somebody."""
+"""A block is no rest where its scatter is this many times that of the quietest quarter: an engine, or people."""
 
 _WHOLE = 0.99
 """Share of a block's samples that have to be there."""

@@ -1,8 +1,8 @@
 """A page of a running stream is served on this machine alone, and pushed what is new as server-sent events.
 
-It listens at 127.0.0.1, answers nothing but GET, and only to that name: a page of the network that a browser has open
-beside it cannot ask in its stead. Server-sent events (HTML Living Standard, 9.2) come over one connection that stays
-open; a browser opens it again by itself, and is then given everything anew.
+It listens at 127.0.0.1 and answers nothing but GET, and only where the request names this host: a page of another site
+that is open in the same browser cannot read it (DNS rebinding). Server-sent events (HTML Living Standard, 9.2) come
+over one connection that stays open; a browser opens it again by itself, and then receives everything anew.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from trackfg.streaming.view.live_state import LiveState
 ADDRESS = "127.0.0.1"
 
 PORT = 8765
-"""The port at which a page is looked for unless another is named, so that it finds a stream that begins again."""
+"""The port unless another is named: always the same, so that an open page finds a stream that begins again."""
 
 _PAUSE_S = 0.3
-"""Least time from one message to a page to the next, s: faster, nobody sees what changes."""
+"""Least time from one message to a page to the next, s: what changes faster cannot be read."""
 
 _ALIVE_S = 5.0
-"""A comment is sent after so long without news, s, so that either side sees that the other is gone."""
+"""A comment is sent after so long without news, s, so that either side notices a lost connection."""
 
 _RETRY_MS = 1000
 """A page that lost its connection tries again after this time, ms."""
 
 _LAST_S = 2.0
-"""Longest time that the end of a stream waits until pages have been told of it, s."""
+"""Longest time that the end of a stream waits until pages have received it, s."""
 
 _PARTS = {
     "/": ("page.html", "text/html"),
@@ -51,7 +51,7 @@ _HEADERS = {
 
 @contextmanager
 def serving(state: LiveState, port: int = PORT) -> Iterator[str]:
-    """Serve the page of a stream while the block runs; its address. ``port`` 0: any that is free.
+    """Serve the page of a stream while the block runs, and yield its address. ``port`` 0: any that is free.
 
     Raises :class:`OutputError` where the port is taken.
     """

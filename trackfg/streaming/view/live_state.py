@@ -64,7 +64,7 @@ class LiveState:
         self._publish(rows, cells, events, step.done)
 
     def end(self) -> None:
-        """Tell pages that no more comes."""
+        """Publish that the stream has ended."""
         self._ended = True
         self._publish([], [], [], 1.0)
 

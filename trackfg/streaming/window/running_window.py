@@ -109,9 +109,9 @@ class RunningWindow:
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
     ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event.
-    ``walks``: whether the wheel's scale walks, as the accelerometer tells.
-    ``gnss``: what its positions have shown of their errors. ``undelivered_pass``: the result of a pass that
-    :meth:`add_keyframe` had to take, or of the first window.
+    ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
+    of their errors. ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first
+    window.
     """
 
     buffer: SampleBuffer
@@ -326,7 +326,6 @@ class RunningWindow:
         ``failure``: why the recent keyframes could not take their step; their states are then no linearisation point.
         ``creep``: what the last fix has shown of the wheel.
         """
-        tach = self.context.config.tach
         config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
         window = self.window.extended(*self.added)
         now = float(window.t[-1])
@@ -347,7 +346,8 @@ class RunningWindow:
         marginalise = {leaving, before_recent, last} - {0}
         step, event = self._settle_window(window, marginalise, failure)
         if self.heading_known:
-            walked, self.walks = self.walks, scale_walks(step.window, tach.scale_walk_per_sqrt_m, walks=self.walks)
+            declared, walked = self.context.config.tach.scale_walk_per_sqrt_m, self.walks
+            self.walks = scale_walks(step.window, declared, walks=walked)
             if self.walks and not walked:
                 step, _ = self._settle_window(with_walk(step.window), marginalise, None)
                 event = event or Event(

@@ -1,25 +1,25 @@
-"""The wheel creeps for a while: fixes tell so, and the accelerometer where creep begins or ends within the window.
+"""Fixes show that the wheel creeps for a while, and so does the accelerometer where that begins or ends in the window.
 
 **Fixes.** Where creep comes slowly, the accelerometer's bias explains it as well. A fix that is off then may be right,
-and the wheel have crept since the last fix that agreed. Where it differs by r from the distance D, whose variance is v
-with that of the fix, its density is
+and the wheel may have crept since the last fix that agreed. Where the fix differs by r from the distance D, v being the
+sum of both variances, its density is
 
     right, the wheel rolled     (1 - W) (1 - E) N(r; 0, v)
     right, the wheel crept      (1 - W) E       N(r; 0, v + q^2 w^3 / 3)
     wrong                       W / R
 
 with the probabilities W and E and the length R of the line as in the batch's consensus of fixes
-(:mod:`trackfg.graph.fix_consensus`). Creep is a scale that walks from the last fix that agreed, w metres before, to a
-share of ``MOST_CREEP`` in all, so that ``q^2 w = MOST_CREEP^2``: r is up to 3 % of w then, and the chainage of another
-balise is further off.
+(:mod:`trackfg.graph.fix_consensus`). Creep is a scale that has walked since the last fix that agreed, w metres before,
+with a sigma of ``MOST_CREEP``, so that ``q^2 w = MOST_CREEP^2``: r is up to 3 % of w then. A fix with the chainage of
+another balise is further off.
 
-If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for what walked
-before it. Where in the window the scale changed, the accelerometer tells. The scale goes on walking until as many more
-fixes agree as a hypothesis has votes. The sigmas of rows that have left the window by then are doubted.
+If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for the walk
+before the window. The accelerometer shows where in the window the scale changed. The scale goes on walking until as
+many more fixes agree as a hypothesis has votes. The sigmas of rows that have left the window by then are doubted.
 
-**Accelerometer.** A change of the scale by a per cent within seconds is large residuals of the wheel, one after the
-other, or slip in each of them. There the likelihood of the window's rows tells whether the scale walks, as in the batch
-(:mod:`trackfg.solver.scale_evidence`); it goes on walking until the likelihood of a window says that it does not.
+**Accelerometer.** A change of the scale by a per cent within seconds makes large residuals of the wheel, one after the
+other, or slip in each interval. There the likelihood of the window's rows decides whether the scale walks, as in the
+batch (:mod:`trackfg.solver.scale_evidence`); it goes on walking until the likelihood of a window is against it.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def with_creep(window: Window, creep: Creep) -> Window:
 
 def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> bool:
     """Return whether the wheel's scale walks in a window by more than declared, where that or the contrary is clear;
-    else what is known so far, ``walks``.
+    else ``walks``, as before.
     """
     tach, chain = (family_of(window.families, kind) for kind in (FactorType.TACH_DISTANCE, FactorType.DISTANCE_CHAIN))
     if tach is None or chain is None or declared_per_sqrt_m >= WALK_PER_SQRT_M:
