@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 // Compile a function for the vector units that processors differ in; the loader chooses (GNU C library on x86-64).
 #if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
@@ -26,10 +27,10 @@ class Array {
         held_ = true;
         const char *format = view_.format == nullptr ? "B" : view_.format;
         const bool integer = std::strcmp(format, "l") == 0 || std::strcmp(format, "q") == 0;
-        const bool right_type = Number(0.5) != Number(0) ? std::strcmp(format, "d") == 0 : integer;
+        const bool right_type = std::is_integral_v<Number> ? integer : std::strcmp(format, "d") == 0;
         if (!right_type || view_.itemsize != sizeof(Number) || view_.ndim != dimensions) {
             PyErr_Format(PyExc_TypeError, "expected an array of %d dimensions of %s, and not of %d of format '%s'",
-                         dimensions, Number(0.5) != Number(0) ? "doubles" : "64-bit integers", view_.ndim, format);
+                         dimensions, std::is_integral_v<Number> ? "64-bit integers" : "doubles", view_.ndim, format);
             return;
         }
         ok_ = true;
