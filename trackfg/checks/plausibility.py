@@ -167,7 +167,7 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
             f"at most {limits.rate_error_radps:g} rad/s",
         )
     if np.isnan(motion.speed).any() or np.quantile(np.abs(motion.speed), 0.99) > limits.speed_error_mps:
-        return []  # nothing can be said of the gyro by a speed that is none
+        return []  # a speed that no vehicle has says nothing of the gyro
     lateral = float(np.quantile(np.abs(motion.speed * motion.gyro[:, 2])[motion.valid], 0.995))
     if lateral > limits.lateral_error_mps2:
         return wrong(

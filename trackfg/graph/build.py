@@ -146,7 +146,7 @@ class Problem:
         residual; ``weight``, what its loss leaves of it, 1 without a loss; ``error``, its part of the cost. For a
         chained loss, whose cost is that of the whole chain, ``error`` is ``weight sigmas^2 / 2``.
         """
-        return factor_errors(self.measured, self.families, states, self.t)
+        return factor_errors(self.inertial, self.families, states, self.t)
 
 
 def build_problem(

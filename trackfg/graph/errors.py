@@ -9,21 +9,19 @@ import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
-from trackfg.factors.imu import InertialFactors, Preintegration
+from trackfg.factors.imu import InertialFactors
 from trackfg.factors.states import States
 from trackfg.numerics.arrays import Array
 
 
-def factor_errors(
-    measured: Sequence[Preintegration], families: Sequence[Family], states: States, t: Array
-) -> pd.DataFrame:
+def factor_errors(inertial: InertialFactors, families: Sequence[Family], states: States, t: Array) -> pd.DataFrame:
     """Return the table of :meth:`trackfg.graph.build.Problem.errors`, for keyframes at ``t`` (n,), s."""
-    tables = [_inertial(measured, states, t), *(_of_family(family, states, t) for family in families)]
+    tables = [_of_inertial(inertial, states, t), *(_of_family(family, states, t) for family in families)]
     return pd.concat(tables, ignore_index=True)
 
 
-def _inertial(measured: Sequence[Preintegration], states: States, t: Array) -> pd.DataFrame:
-    error = InertialFactors(tuple(measured)).costs(states)
+def _of_inertial(inertial: InertialFactors, states: States, t: Array) -> pd.DataFrame:
+    error = inertial.costs(states)
     return pd.DataFrame(
         {
             "factor": FactorType.INERTIAL.value,
