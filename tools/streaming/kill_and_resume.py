@@ -143,7 +143,7 @@ class _Killing:
     def __init__(self, source: Source, at_s: float, delay_s: float) -> None:
         self._source, self._at_s, self._delay_s = source, at_s, delay_s
         self.description, self.canonical = source.description, source.canonical
-        self.gnss_origin, self.live = source.gnss_origin, source.live
+        self.gnss_origin, self.live, self.length = source.gnss_origin, source.live, source.length
 
     def __iter__(self) -> Iterator[Batch]:
         for batch in self._source:
