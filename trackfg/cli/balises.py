@@ -44,7 +44,7 @@ def balises(
     Each run has an offset of its own, so that runs without any known balise help too.
     """
     from trackfg.cli.tables import records
-    from trackfg.cli.terminal import show
+    from trackfg.cli.terminal import show_or_tell
     from trackfg.files.atomic_file import write_whole
     from trackfg.io.balises import read_places
     from trackfg.mapping.runs.balise_survey import surveyed_by_results
@@ -58,10 +58,7 @@ def balises(
         parts = {"balises": survey.table, "misread": survey.misread, "slips": survey.slips}
         print(json_text.dumps({name: records(table) for name, table in parts.items()}, indent=2))
         return
-    for table in _tables(survey):
-        show(table)
-    if out is not None:
-        print(f"survey: {out}")
+    show_or_tell(*_tables(survey), written=None if out is None else f"survey: {out}")
 
 
 def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:

@@ -69,6 +69,10 @@ def test_balises_of_two_runs_are_surveyed_and_reported(run: Run, recordings: lis
     status, shown, error = run("balises", *outs, "--planned", register, "-o", tmp_path / "survey.csv")
     assert (status, error) == (0, "")
     assert "wrong" in shown
+    assert f"survey: {tmp_path / 'survey.csv'}" in shown
+    assert run("balises", *outs, "--planned", register, "-o", tmp_path / "quiet.csv", "--quiet") == (0, "", "")
+    assert (tmp_path / "quiet.csv").read_bytes() == (tmp_path / "survey.csv").read_bytes()
+    assert "wrong" in run("balises", *outs, "--planned", register, "--quiet")[1]
     table = pd.read_csv(tmp_path / "survey.csv")
     assert tuple(table.columns) == BALISE_COLUMNS
     by_id = table.set_index("id")
