@@ -126,35 +126,20 @@ class _Segments(NamedTuple):
         tangent = step / length[:, None]
         offset = points[point] - self.start[k]
         free = np.sum(offset * tangent, axis=1)
-        least, most = (
-            np.where(self.first[k], np.minimum(free, 0.0), 0.0),
-            np.where(self.last[k], np.maximum(free, length), length),
-        )
-        along = np.clip(free, least, most)
+        along = np.clip(free, np.where(self.first[k], -np.inf, 0.0), np.where(self.last[k], np.inf, length))
+        beyond = np.abs(along - np.clip(along, 0.0, length))
         place = self.start[k] + along[:, None] * tangent
         normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-        across = np.sum(offset * normal, axis=1)
-        beyond = np.maximum(np.where(self.first[k], -along, 0.0), np.where(self.last[k], along - length, 0.0))
-        beyond = np.maximum(beyond, 0.0)
         apart = points[point] - place
         distance = np.hypot(apart[:, 0], apart[:, 1])
         across = np.copysign(distance, np.sum(offset * normal, axis=1))  # also at a corner, beside both segments
         distance = np.hypot(distance, beyond)
-        order = np.lexsort((distance, self.piece[k], point))
-        point, piece = point[order], self.piece[k][order]
+        piece = self.piece[k]
+        order = np.lexsort((distance, piece, point))
         nearest = np.ones(len(order), dtype=bool)
-        nearest[1:] = (point[1:] != point[:-1]) | (piece[1:] != piece[:-1])
-        rows = order[nearest & (distance[order] <= within_m[point])]
-        feet = Feet(
-            np.repeat(np.arange(len(points)), counts),
-            self.piece[k],
-            self.station[k] + along,
-            across,
-            place,
-            normal,
-            beyond,
-        )
-        return feet.take(rows)
+        nearest[1:] = (np.diff(point[order]) != 0) | (np.diff(piece[order]) != 0)
+        rows = order[nearest & (distance <= within_m[point])[order]]
+        return Feet(point, piece, self.station[k] + along, across, place, normal, beyond).take(rows)
 
 
 def stations(line: Array) -> Array:
