@@ -62,7 +62,7 @@ def joined(ids: tuple[str, ...], lines: tuple[Array, ...], relations: Sequence[R
         pieces = _pieces(lines, _touched(lines))
         ways = _ways_where_ends_meet(pieces)
     else:
-        places = [_ends_of(relation, ids, lines) for relation in relations]
+        places = _places(relations, ids, lines)
         cuts: list[set[float]] = [set() for _ in lines]
         for track, station in itertools.chain.from_iterable(itertools.chain.from_iterable(places)):
             cuts[track].add(station)
@@ -122,13 +122,18 @@ _Place = tuple[int, float]
 """A track, and m along it."""
 
 
-def _ends_of(relation: Relation, ids: tuple[str, ...], lines: tuple[Array, ...]) -> tuple[list[_Place], list[_Place]]:
-    """Return the places of a relation on its tracks; a track of several parts has as many."""
+def _places(
+    relations: Sequence[Relation], ids: tuple[str, ...], lines: tuple[Array, ...]
+) -> list[tuple[list[_Place], list[_Place]]]:
+    """Return the places of each relation on its two tracks; a track of several parts has as many."""
+    parts: dict[str, list[_Place]] = defaultdict(list)
+    for track, (its_id, line) in enumerate(zip(ids, lines, strict=True)):
+        parts[its_id].append((track, float(stations(line)[-1])))
 
-    def places(track: str, share: float) -> list[_Place]:
-        return [(k, share * float(stations(lines[k])[-1])) for k, its in enumerate(ids) if its == track]
+    def places(its_id: str, share: float) -> list[_Place]:
+        return [(track, share * length) for track, length in parts[its_id]]
 
-    return places(relation.a, relation.on_a), places(relation.b, relation.on_b)
+    return [(places(relation.a, relation.on_a), places(relation.b, relation.on_b)) for relation in relations]
 
 
 def _ways_of_relations(
