@@ -70,7 +70,7 @@ class TrackNetwork:
         return feet.take(rows)
 
     def reached(self, start: tuple[int, float, int], most_m: float) -> dict[tuple[int, int], float]:
-        """Return the ends of pieces that a vehicle enters within ``most_m``, and how far it has gone there, m.
+        """Return the ends of pieces that a vehicle enters within ``most_m``, and the distance to each, m.
 
         ``start``: piece, m along it, and in which sense of the piece it goes, 1 or -1.
         """
@@ -79,13 +79,13 @@ class TrackNetwork:
         entered: dict[tuple[int, int], float] = {}
         leaving = [((piece, 1 if sense > 0 else 0), left)]
         while leaving:
-            end, gone = leaving.pop()
-            if gone > most_m:
+            end, distance = leaving.pop()
+            if distance > most_m:
                 continue
             for way in self.ways.get(end, ()):
-                if gone < entered.get(way, np.inf):
-                    entered[way] = gone
-                    leaving.append(((way[0], 1 - way[1]), gone + float(self.length_m[way[0]])))
+                if distance < entered.get(way, np.inf):
+                    entered[way] = distance
+                    leaving.append(((way[0], 1 - way[1]), distance + float(self.length_m[way[0]])))
         return entered
 
 

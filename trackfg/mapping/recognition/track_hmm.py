@@ -188,28 +188,28 @@ class _Trellis:
         moved = self.points.place[j + 1] - self.points.place[j]
         distance = float(np.linalg.norm(moved))
         s_a, s_b = np.sqrt(self.variance[first])[:, None], np.sqrt(self.variance[second])[None, :]
-        alike = np.sign(a.normal @ b.normal.T) * self.error.sd_m**2 * float(self.error.correlation(distance))
+        same_side = np.sign(a.normal @ b.normal.T)
+        alike = same_side * self.error.sd_m**2 * float(self.error.correlation(distance))
         rho = (a.normal @ self.points.covariance[j] @ b.normal.T + alike) / (s_a * s_b)
         rest = s_b**2 * np.clip(1.0 - rho**2, 0.0, 1.0) + self.error.rough_sd_m**2
         ways = self._ways(a, b, moved) + self.end[second]
-        same_side = np.sign(a.normal @ b.normal.T)
         goes_on = _log_normal(b.across - rho * s_b / s_a * a.across[:, None], rest) + ways
         keeps_shape = _log_normal(b.across - same_side * a.across[:, None], rest) + ways
         entry_right, entry_wrong = self._entry(second)
         k, m = len(a.piece), len(b.piece)
         out = np.full((2 * k + 1, 2 * m + 1), _NEVER)
-        err, mend, leave = (distance / length for length in (_RIGHT_M, _WRONG_M, _RIGHT_M))
-        stays_right = goes_on + np.log1p(-min(err + leave, 0.5))
-        out[:k, :m] = np.logaddexp(stays_right, ways + entry_right + np.log(err))
-        out[:k, m:-1] = ways + entry_wrong + np.log(err)
-        out[k:-1, :m] = ways + entry_right + np.log(mend)
-        stays_wrong = keeps_shape + np.log1p(-min(mend + leave, 0.5))
-        out[k:-1, m:-1] = np.logaddexp(stays_wrong, ways + entry_wrong + np.log(err))
+        to_wrong, to_right, to_absent = (distance / length for length in (_RIGHT_M, _WRONG_M, _RIGHT_M))
+        stays_right = goes_on + np.log1p(-min(to_wrong + to_absent, 0.5))
+        out[:k, :m] = np.logaddexp(stays_right, ways + entry_right + np.log(to_wrong))
+        out[:k, m:-1] = ways + entry_wrong + np.log(to_wrong)
+        out[k:-1, :m] = ways + entry_right + np.log(to_right)
+        stays_wrong = keeps_shape + np.log1p(-min(to_right + to_absent, 0.5))
+        out[k:-1, m:-1] = np.logaddexp(stays_wrong, ways + entry_wrong + np.log(to_wrong))
         change = float(self.error.step_sd_m(distance) / self.error.sd_m) ** 2
         none = self._absent(second, change)
-        out[:-1, -1] = none + np.log(leave)
-        out[-1, -1] = none + np.log1p(-min(2.0 * mend, 0.5))
-        out[-1, :m], out[-1, m:-1] = entry_right + np.log(mend), entry_wrong + np.log(mend)
+        out[:-1, -1] = none + np.log(to_absent)
+        out[-1, -1] = none + np.log1p(-min(2.0 * to_right, 0.5))
+        out[-1, :m], out[-1, m:-1] = entry_right + np.log(to_right), entry_wrong + np.log(to_right)
         return out
 
     def _ways(self, a: Feet, b: Feet, moved: Array) -> Array:
@@ -224,9 +224,9 @@ class _Trellis:
             entered = self.network.reached((piece, along, int(sense[i])), distance + slack)
             for m, (at, length) in enumerate(zip(b.piece.tolist(), self.network.length_m[b.piece], strict=True)):
                 for end, inwards in ((0, b.along[m]), (1, length - b.along[m])):
-                    gone = entered.get((at, end), np.inf) + inwards
-                    if abs(gone - distance) < abs(walked[m] - distance):
-                        walked[m] = gone
+                    way = entered.get((at, end), np.inf) + inwards
+                    if abs(way - distance) < abs(walked[m] - distance):
+                        walked[m] = way
             ways[i, np.abs(walked - distance) <= slack] = 0.0
         return ways
 
