@@ -165,7 +165,7 @@ def surveyed(runs: Sequence[BalisePassages], names: Sequence[str], planned: pd.D
     network = _network(runs, passages, plans)
     possible, columns = network.possible_errors()
     estimate, undecided = _estimated(network, possible, columns)
-    table = _table(network, plans, estimate, _tested(network, columns, estimate, len(network.plan_of)), undecided)
+    table = _table(network, plans, estimate, _tested(network, columns, estimate), undecided)
     return BaliseSurvey(table, *_left_out(network, names, estimate))
 
 
@@ -223,8 +223,9 @@ def _network(runs: Sequence[BalisePassages], passages: pd.DataFrame, plans: pd.D
     _, part = connected_components(tied, directed=False)
     anchored = np.isin(part, part[plan_of])
     # Where no plan says where a line begins, its first run does; a run without passages has no offset.
-    first = np.array([np.flatnonzero(part[b:] == one)[0] if (part[b:] == one).any() else -1 for one in part])
-    free = np.append(np.ones(b, dtype=bool), (anchored[b:] | (first[b:] != np.arange(r))) & np.isin(np.arange(r), run))
+    _, first, of_part = np.unique(part[b:], return_index=True, return_inverse=True)
+    is_origin = ~anchored[b:] & (first[of_part] == np.arange(r))
+    free = np.append(np.ones(b, dtype=bool), np.isin(np.arange(r), run) & ~is_origin)
     own = [run.covariance + np.diag(run.table["reading_m_sd"].to_numpy() ** 2) for run in runs if len(run)]
     roots = [solve_triangular(cholesky(S, lower=True), np.eye(len(S)), lower=True) for S in own]
     whitening = block_diag(*roots, np.diag(1.0 / plans["chainage_sd_m"].to_numpy()[plan_of]))
@@ -248,8 +249,9 @@ def _estimated(network: _Network, possible: list[_Error], columns: Array) -> tup
     while True:
         estimate = _solution(network, [possible[i] for i in kept], columns[:, kept])
         size, sd = estimate.sizes
-        if kept and (least := int(np.argmin(np.abs(size) / sd)), abs(size[least]) < _STAYS_SIGMAS * sd[least])[1]:
-            removed.add(kept.pop(least))
+        in_sigmas = np.abs(size) / sd
+        if in_sigmas.min(initial=np.inf) < _STAYS_SIGMAS:
+            removed.add(kept.pop(int(np.argmin(in_sigmas))))
             continue
         explained = np.abs(_explained(network, estimate, columns)[0])
         explained[[*kept, *removed]] = 0.0
@@ -278,9 +280,9 @@ def _explained(network: _Network, estimate: _Estimate, columns: Array) -> tuple[
     return np.where(seen, (left.T @ network.measured) * np.where(seen, sd, 0.0), 0.0), sd
 
 
-def _tested(network: _Network, columns: Array, estimate: _Estimate, plans: int) -> tuple[Array, Array]:
+def _tested(network: _Network, columns: Array, estimate: _Estimate) -> tuple[Array, Array]:
     """Return how far the other measurements place balises from their plans, m, and the sigma, each (p,)."""
-    in_sigmas, sd = _explained(network, estimate, columns[:, :plans])
+    in_sigmas, sd = _explained(network, estimate, columns[:, : len(network.plan_of)])
     off = np.where(np.isnan(sd), np.nan, -in_sigmas * sd)
     m = len(network.passages)
     for error, size, size_sd in zip(estimate.errors, *estimate.sizes, strict=True):
