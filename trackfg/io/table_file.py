@@ -117,8 +117,7 @@ def text_column(folder: Path, name: str, column: str) -> tuple[list[str] | None,
             names = pq.ParquetFile(path).schema_arrow.names
             cells = pq.read_table(path, columns=[column])[column] if names.count(column) == 1 else None
         else:
-            with path.open(encoding="utf-8-sig", newline="") as stream:
-                names = next(csv.reader([stream.readline(_HEADER_LIMIT)]), [])
+            names = _header(path)
             convert = pa.csv.ConvertOptions(include_columns=[column], column_types={column: pa.string()})
             cells = pa.csv.read_csv(path, convert_options=convert)[column] if names.count(column) == 1 else None
     except (pa.ArrowException, OSError, ValueError, csv.Error) as error:
@@ -164,9 +163,14 @@ def _ends_in_nulls(path: Path) -> bool:
     return bool(end) and not end.strip(b"\0")
 
 
-def _open_csv(path: Path, name: str, wanted: list[str]) -> tuple[TableFile | None, list[Finding]]:
+def _header(path: Path) -> list[str]:
+    """Return the names of the columns of a CSV file, none where it is empty."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
-        header = next(csv.reader([stream.readline(_HEADER_LIMIT)]), [])
+        return next(csv.reader([stream.readline(_HEADER_LIMIT)]), [])
+
+
+def _open_csv(path: Path, name: str, wanted: list[str]) -> tuple[TableFile | None, list[Finding]]:
+    header = _header(path)
     present = [column for column in wanted if header.count(column) == 1]
     faults = _repeated(header, wanted, name)
     if not present:
