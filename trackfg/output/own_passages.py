@@ -17,6 +17,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.build import Problem, with_start_at
 from trackfg.numerics.arrays import Array
+from trackfg.output.place_covariance import place_functions
 from trackfg.results.balise_passages import PASSAGE_COLUMNS, BalisePassages
 from trackfg.solver.covariance import Functions, joint_covariance, posterior_covariance
 from trackfg.solver.elimination import eliminate
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
     from trackfg.recording.model import Recording
 
 _PLACES = (FactorType.ABSOLUTE_FIX, FactorType.BALISE_PASSAGE, FactorType.LANDMARK)
-"""What tells where on the line the vehicle is, or that it is there again."""
-
+"""Factors that measure where on the line the vehicle is, or that it is at a place again."""
 
 _NO_READING_SD_M = 1e-3
 """Of a fix without an id, whose sigma is that of its place and of reading it together, m: next to nothing."""
@@ -55,7 +55,7 @@ def own_passages(recording: Recording, problem: Problem, states: States) -> Bali
 
 
 def _without_places(problem: Problem, states: States, t: Array) -> tuple[Array, Array]:
-    """Return distances (m,), m, at times t and their covariance, both without what tells of places."""
+    """Return distances (m,), m, at times t and their covariance, both without factors of places."""
     others = tuple(family for family in problem.families if family.type not in _PLACES)
     start = float(states.odo.distance[0])
     held = with_start_at(replace(problem, initial=states, families=others), start, 0.0)
@@ -70,8 +70,7 @@ def _without_places(problem: Problem, states: States, t: Array) -> tuple[Array, 
 def _distances(keyframe_s: Array, t: Array) -> Functions:
     """Return the distances at times t (m,) ascending, between keyframes linear in time."""
     first = np.clip(np.searchsorted(keyframe_s, t, side="right") - 1, 0, len(keyframe_s) - 2)
-    share = (t - keyframe_s[first]) / np.diff(keyframe_s)[first]
-    by_first, by_second = np.zeros((2, len(t), KEYFRAME_DIM))
-    at = offset_in_keyframe(Kind.ODO) + Odo.DISTANCE
-    by_first[:, at], by_second[:, at] = 1.0 - share, share
-    return Functions(first, by_first, by_second, np.zeros((len(t), SHARED_DIM)))
+    fraction = (t - keyframe_s[first]) / np.diff(keyframe_s)[first]
+    row = np.zeros(KEYFRAME_DIM + SHARED_DIM)
+    row[offset_in_keyframe(Kind.ODO) + Odo.DISTANCE] = 1.0
+    return place_functions(np.broadcast_to(row, (len(keyframe_s), 1, len(row))), first, fraction)
