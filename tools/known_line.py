@@ -22,6 +22,7 @@ from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.datasets.sensors.positioning import GnssModel
 from trackfg.numerics.arrays import Array
 from trackfg.recording.known_line import KnownLine
+from trackfg.recording.track_network import place_at, stations
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
@@ -59,9 +60,8 @@ def tracks(truth: pd.DataFrame, side: float, off_m: float) -> KnownLine:
     """Return the driven track and the other one, by east and north of the truth."""
     place = truth[["east_m", "north_m"]].to_numpy()
     moved = np.append(True, np.linalg.norm(np.diff(place, axis=0), axis=1) > 0.0)
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(place[moved], axis=0), axis=1))])
-    at = np.arange(0.0, station[-1], VERTEX_M)
-    line = np.stack([np.interp(at, station, place[moved, k]) for k in (0, 1)], axis=1)
+    way = place[moved]
+    line = place_at(way, np.arange(0.0, stations(way)[-1], VERTEX_M))
     ends = [line[0] - (line[1] - line[0]) * BEYOND_M / VERTEX_M, line[-1] + (line[-1] - line[-2]) * BEYOND_M / VERTEX_M]
     line = np.concatenate([ends[:1], line, ends[1:]])
     tangent = np.gradient(line, axis=0)
