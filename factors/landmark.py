@@ -1,4 +1,4 @@
-"""What is known of the track beforehand: the vehicle passed a landmark, and is on the centre line."""
+"""The track is known beforehand: the vehicle passes landmarks and balises, and is on the centre line."""
 
 from __future__ import annotations
 
@@ -106,8 +106,8 @@ def balise_passage(
     """The vehicle is at balise number ``balise`` (m,) when it is ``carried`` (m,), m, beyond its place at a keyframe.
 
     Residual (m): distance along the track less that of the balise, which is one of the two in its ``SENSOR`` variable;
-    those of further ``sensors`` are before these. sigma (m, 1): of reading it. A balise that is passed once adds
-    nothing.
+    the variables of the ``sensors`` further sensors come first. sigma (m, 1): of reading it. A balise that is passed
+    once adds no information.
     """
     slots = (Slot(Kind.ODO, keyframe), Slot(Kind.SENSOR, sensors + balise // Kind.SENSOR.dim))
     data = {"which": balise % Kind.SENSOR.dim, "carried": carried}

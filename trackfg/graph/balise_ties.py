@@ -27,8 +27,8 @@ from trackfg.graph.keyframes import nearest
 from trackfg.recording.model import Recording
 
 _MOST = 40
-"""Balises whose places are variables of the graph: each makes every keyframe's covariance 1 to 2 % longer either way.
-Of more, those are taken that are spread evenly over the order of their first passages."""
+"""Balises whose places are variables of the graph: each adds 1 to 2 % to the rows and the columns of every keyframe's
+covariance. Of more, those are taken that are spread evenly over the order of their first passages."""
 
 
 def with_balise_ties(problem: Problem, recording: Recording, config: PositionConfig) -> Problem:

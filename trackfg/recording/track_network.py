@@ -14,7 +14,7 @@ from trackfg.numerics.arrays import Array
 _VERTEX_M = 10.0
 """Vertices are at most so far apart where they are searched, m: less than the distances that are searched."""
 _ON_TRACK_M = 1.0
-"""A place was a foot if its track is within this and a vertex of it, m."""
+"""The foot on a given piece is sought within this, m, beyond the distance to the earlier foot and of two vertices."""
 
 
 class Feet(NamedTuple):

@@ -1,8 +1,8 @@
 """Which track of a network a run is on: a hidden Markov model of its passage through switches.
 
-The run is known before as points with a joint covariance. Where it is on a network is a hypothesis at every point: on
-one of the tracks that are near, on one whose line is wrong there, or on none. From point to point a hypothesis goes on
-along its track, through a switch where the network has a way, or changes between right and wrong.
+The run, smoothed without the line, is given as points with a joint covariance. Where it is on a network is a hypothesis
+at every point: on one of the tracks that are near, on one whose line is wrong there, or on none. From point to point a
+hypothesis goes on along its track, through a switch where the network has a way, or changes between right and wrong.
 
 On the right track the point is ``across = e - b`` from it, with e the error of the run's position and b that of the
 line, whose autocorrelation is ``exp(-d / L)``. So ``across`` has the variance ``s^2 = n' P n + sigma^2``, and from one
@@ -11,8 +11,8 @@ point to the next
     across' ~ N(rho (s' / s) across, s'^2 (1 - rho^2)),   rho = (n' C n' + sigma^2 exp(-d / L)) / (s s'),
 
 or anew from N(0, s'^2) where the line jumps. A constant offset counts once per L or per length of the run's own errors,
-not once per point, and the shape of the run tells one leg of a switch from the other however bad its position is. Where
-the line is wrong the run still has its shape, ``across' ~ N(across, s'^2 (1 - rho^2))`` from anywhere. A hypothesis is
+not once per point, and the shape of the run distinguishes the legs of a switch however bad its position is. Where the
+line is wrong the run still has its shape, ``across' ~ N(across, s'^2 (1 - rho^2))`` from anywhere. A hypothesis is
 given by track and point alone, so sums over all ways that lead to it (Rabiner, "A tutorial on hidden Markov models"
 (1989), forward and backward) give its probability.
 """
@@ -34,7 +34,7 @@ _WRONG_SD_M = 20.0
 100 m, but that is seen at once)."""
 _RIGHT_M, _WRONG_M = 20e3, 2e3
 """Mean lengths over which a line is right and wrong, m: a line that is wrong here and there, in a station rebuilt since
-say. One in ten is not seen to be wrong until then."""
+say. So the prior probability that a line is wrong at a place is 1 in 11."""
 _ABSENT = 0.05
 """Probability that a run begins on a track that the file does not have."""
 _STEP_SIGMAS = 4.0
