@@ -13,6 +13,7 @@ from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposal import Ask, propose
 from trackfg.interchange.importing.registry import source_format
+from trackfg.io.description_reader import locate
 from trackfg.io.reader import read_recording
 from trackfg.io.table_file import open_table
 from trackfg.numerics.arrays import Array
@@ -29,10 +30,10 @@ def read_sensor_log(path: Path, ask: Ask, temperature: str | None = None) -> tup
     answers of ``ask``. ``temperature`` names the column; by default its name shows it, and there need be none. Raises
     :class:`BadInputError`.
     """
-    if (path.is_dir() and (path / "recording.toml").exists()) or path.suffix == ".toml":
+    folder, toml = locate(path)
+    if path.suffix == ".toml" or toml.exists():
         recording = read_recording(path)
         file = recording.description.imu.file
-        folder = path if path.is_dir() else path.parent
         table, _ = open_table(folder, file, ())
         names = () if table is None else table.columns
         name = _named(temperature, names, file)
