@@ -18,7 +18,7 @@ __all__ = ["CheckLimits", "CheckReport", "check_recording"]
 _ORDER = ("error", "warning", "info")
 
 _UNTIL_READ = 0.3
-"""Share of the time, of an hour of measuring-car."""
+"""Share of the time that reading takes, of an hour of the scenario measuring-car."""
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,10 @@ def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
 
 
 def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) -> bool:
-    """Return whether a speed is a wheel's: one beside latitudes is the receiver's, or nobody knows in a log of all."""
+    """Return whether a speed is a wheel's and not the receiver's, which has latitudes beside it.
+
+    Where a table has inertial samples too, and the name does not say which it is, the user is asked.
+    """
     if first_of(table, "latitude") is None or _WHEEL.search(name.casefold()):
         return True
     if table.name != imu:
