@@ -14,7 +14,7 @@ from trackfg.numerics.arrays import Array
 _VERTEX_M = 10.0
 """Vertices are at most so far apart where they are searched, m: less than the distances that are searched."""
 _ON_TRACK_M = 1.0
-"""The foot on a given piece is sought within this, m, beyond the distance to the earlier foot and of two vertices."""
+"""Slack of the search for the foot on a given piece, m, over the largest distance that the earlier foot allows."""
 
 
 class Feet(NamedTuple):
@@ -62,11 +62,12 @@ class TrackNetwork:
         """Return the feet of ``points`` (n, 2) on all pieces within ``within_m`` (n,), the nearest of each piece."""
         return self._segments.feet(points, within_m)
 
-    def feet_on(self, pieces: np.ndarray, points: Array, before: Array) -> Feet:
-        """Return the feet of ``points`` (n, 2) on one piece each, which has ``before`` (n, 2) on it or ahead of it."""
-        feet = self.feet(points, np.linalg.norm(points - before, axis=1) + _ON_TRACK_M + _VERTEX_M)
+    def feet_on(self, earlier: Feet, points: Array) -> Feet:
+        """Return the feet of ``points`` (n, 2) on the pieces of ``earlier`` feet, one for each point."""
+        moved = np.linalg.norm(points - earlier.place, axis=1)
+        feet = self.feet(points, moved + earlier.beyond + _ON_TRACK_M + _VERTEX_M)
         count = len(self.lines)
-        rows = np.searchsorted(feet.point * count + feet.piece, np.arange(len(points)) * count + pieces)
+        rows = np.searchsorted(feet.point * count + feet.piece, np.arange(len(points)) * count + earlier.piece)
         return feet.take(rows)
 
     def reached(self, start: tuple[int, float, int], most_m: float) -> dict[tuple[int, int], float]:

@@ -165,7 +165,7 @@ def _solved_with(
     for _ in range(_ROUNDS):
         solvable = replace(problem, families=(*problem.families, *_families(run, keyframes, feet)))
         run = solved_again(replace(run, problem=replace(solvable, initial=run.solution.states)), False)
-        before, feet = feet.place, network.feet_on(feet.piece, _places(run, keyframes), feet.place)
+        before, feet = feet.place, network.feet_on(feet, _places(run, keyframes))
         if np.linalg.norm(feet.place - before, axis=1).max() < _SETTLED_M:
             break
     return run

@@ -70,6 +70,17 @@ def test_a_foot_at_a_corner_is_as_far_as_the_corner() -> None:
     np.testing.assert_allclose(feet.place, [[100.0, 0.0]])
 
 
+def test_feet_stay_on_their_pieces_far_beyond_an_end() -> None:
+    """Solved again, a run may lie tens of metres further along: its points keep the pieces that they were found on."""
+    network = joined(("first", "second"), (line((0, 0), (1000, 0)), line((1000, 0), (1200, 40))), None)
+    earlier = network.feet(line((995, 1)), np.full(1, 3.0))
+    for east in (1040, 1041, 1042):
+        earlier = network.feet_on(earlier, line((east, 1)))
+        assert [network.track[piece] for piece in earlier.piece] == ["first"]
+        np.testing.assert_allclose(earlier.place, [[east, 0.0]])
+        np.testing.assert_allclose(earlier.beyond, [east - 1000.0])
+
+
 def test_feet_are_those_of_every_segment_looked_at() -> None:
     """Against the distance to every segment, for a winding line with long and short segments."""
     rng = np.random.default_rng(5)
