@@ -48,7 +48,8 @@ class KnownLine:
     def network(self, recording: Recording) -> TrackNetwork:
         """Return the tracks in the frame of a recording's positions.
 
-        Raises :class:`BadInputError` for a recording without GNSS, and where the two are not in one frame.
+        Raises :class:`BadInputError` for a recording without GNSS, where the two are not in one frame, and for a track
+        without length.
         """
         origin, lines = self._origin(recording), self.vertices
         if origin is not None:
@@ -56,7 +57,11 @@ class KnownLine:
             lines = tuple(
                 geodetic_to_enu(np.column_stack([line, np.full(len(line), height)]), origin)[:, :2] for line in lines
             )
-        return joined(self.ids, tuple(_without_repeats(line) for line in lines), self.relations)
+        lines = tuple(_without_repeats(line) for line in lines)
+        for track, line in zip(self.ids, lines, strict=True):
+            if len(line) < 2:
+                raise BadInputError(f"{self.name}: track {track!r} has no length: expected vertices at two places")
+        return joined(self.ids, lines, self.relations)
 
     def _origin(self, recording: Recording) -> Array | None:
         gnss, origin = recording.description.gnss, recording.gnss_origin

@@ -180,6 +180,13 @@ def test_without_gnss_nothing_says_where_the_run_is() -> None:
         smooth(recording, known_line=network())
 
 
+def test_a_track_without_length_is_refused() -> None:
+    recording = simulate("mainline-gnss", seed=1, duration_s=5.0).recording
+    line = network(south=straight(0.0), stub=np.array([[500.0, 3.0], [500.0004, 3.0]]))
+    with pytest.raises(BadInputError, match="track 'stub' has no length: expected"):
+        line.network(recording)
+
+
 @pytest.mark.slow
 def test_the_right_track_of_two_is_named(tmp_path_factory: pytest.TempPathFactory) -> None:
     named = []
