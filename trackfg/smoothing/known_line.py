@@ -33,8 +33,6 @@ from trackfg.smoothing.reassessment import SolvedRun
 
 if TYPE_CHECKING:
     from trackfg.config import LineConfig
-    from trackfg.recording.known_line import KnownLine
-    from trackfg.recording.model import Recording
     from trackfg.recording.track_network import Feet, TrackNetwork
 
 SURE = 0.95
@@ -99,15 +97,12 @@ class _Passage(NamedTuple):
 
 
 def on_line(
-    run: SolvedRun, recording: Recording, line: KnownLine, solved_again: Callable[[SolvedRun, bool], SolvedRun]
+    run: SolvedRun, name: str, network: TrackNetwork, solved_again: Callable[[SolvedRun, bool], SolvedRun]
 ) -> RunOnLine:
-    """Find the tracks of a solved run, and solve it again with their lines.
-
-    Raises :class:`~trackfg.errors.BadInputError` for a run without GNSS, and where line and run are not in one frame.
-    """
-    network, config = line.network(recording), run.config.line
+    """Find the tracks of a solved run in the network of the line ``name``, and solve it again with their lines."""
+    config = run.config.line
     passage = _passage(run, network, _line_error(config))
-    use = LineUse(name=line.name, stretches=tuple(_stretches(run, passage, network, config)))
+    use = LineUse(name=name, stretches=tuple(_stretches(run, passage, network, config)))
     used = np.flatnonzero(passage.posterior.right >= SURE)
     if used.size:
         run = _solved_with(run, passage, used, network, solved_again)

@@ -126,7 +126,7 @@ def smooth(
     ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "check", "output", "geometry"
     and "map" go on. Linear algebra runs on one thread, so that the result is the same to the last bit wherever and
     beside whatever else it is computed. Raises ``UnsolvableError`` where the recording does not determine the run; the
-    message says what is missing.
+    message says what is missing. Raises :class:`~trackfg.errors.BadInputError` for a known line that cannot be used.
     """
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))
@@ -167,9 +167,10 @@ def smooth_states(
 ) -> SmoothedStates:
     """Smooth as :func:`smooth` does, but return states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
+    network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
     solved, of_line = _solved(recording, config, views, stages), None
-    if known_line is not None:
-        of_line = on_line(solved, recording, known_line, _solved_again(stages))
+    if known_line is not None and network is not None:
+        of_line = on_line(solved, known_line.name, network, _solved_again(stages))
         solved = of_line.run
     with stages.stage("check"):
         findings = recording_findings(recording, limits or CheckLimits())

@@ -176,8 +176,10 @@ def test_a_run_that_leaves_the_file_is_on_no_track(run: tuple[Recording, np.ndar
 
 def test_without_gnss_nothing_says_where_the_run_is() -> None:
     recording = simulate("mainline", seed=1, duration_s=20.0).recording
+    stages: list[str] = []
     with pytest.raises(BadInputError, match="no GNSS"):
-        smooth(recording, known_line=network())
+        smooth(recording, known_line=network(), progress=lambda stage, _: stages.append(stage))
+    assert not stages  # it is refused before anything is solved
 
 
 def test_a_track_without_length_is_refused() -> None:
