@@ -78,15 +78,13 @@ def _table(table: pd.DataFrame, channels: tuple[str, ...], places: PagePlaces, c
         "to km",
         "TQI, mm",
         *(f"{named(name).name}, mm" for name in channels),
-        *(
-            f"% beyond {str(name).removeprefix('share_beyond_').replace('_mm_', ', ').replace('_', ' ')}"
-            for name in shares
-        ),
+        *(f"% beyond {_beyond(str(name))}" for name in shares),
     )
     return PageTable(headings, rows, numbers=frozenset(range(len(headings))), caption=caption)
 
 
 def _beyond(column: str) -> str:
+    """Return channel and level of a column of shares as they are read."""
     channel, _, level = column.removeprefix("share_beyond_").partition("_mm_")
     return f"{channel}, {level}".replace("_", " ")
 
