@@ -45,6 +45,4 @@ def _row(row: pd.Series) -> TableRow:
 
 
 def _measure(value: float, sd: float) -> str:
-    if math.isnan(sd):
-        return NONE if math.isnan(value) else f"{value:.3f}"
-    return with_sd(value, sd, "")
+    return f"{value:.3f}" if math.isnan(sd) and math.isfinite(value) else with_sd(value, sd, "")

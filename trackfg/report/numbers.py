@@ -29,7 +29,11 @@ def with_unit(value: float | None, unit: str, significant: int = 3) -> str:
 
 
 def with_sd(value: float, sd: float | None, unit: str) -> str:
-    """Format value and 1-sigma to two digits of the sigma; the value alone where there is no sigma above 0."""
+    """Format value and 1-sigma to two digits of the sigma; the value alone where there is no sigma above 0, and
+    :data:`NONE` where there is no value.
+    """
+    if not math.isfinite(value):
+        return NONE
     if not (sd is not None and math.isfinite(sd) and sd > 0.0):
         return with_unit(value, unit, 6)
     places = max(1 - math.floor(math.log10(sd)), 0)

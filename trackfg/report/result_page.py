@@ -163,8 +163,8 @@ def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
                 f"{event['start_s']:.1f}",
                 f"{event['end_s'] - event['start_s']:.1f}" if event["end_s"] > event["start_s"] else NONE,
                 *([event[KM_COLUMN]] if KM_COLUMN in event else []),
-                _measure(event["chainage_m"], event["chainage_m_sd"]),
-                _measure(event["distance_removed_m"], event["distance_removed_m_sd"]),
+                with_sd(event["chainage_m"], event["chainage_m_sd"], ""),
+                with_sd(event["distance_removed_m"], event["distance_removed_m_sd"], ""),
                 event["detail"],
             )
         )
@@ -177,10 +177,6 @@ def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
     if len(rows) > _MANY_EVENTS:
         blocks = (Text(f"{counts}."), Fold(f"All {len(rows)} events", (table,)))
     return PageSection("events", "Events", blocks)
-
-
-def _measure(value: float, sd: float) -> str:
-    return with_sd(value, sd, "") if math.isfinite(value) else NONE
 
 
 def _track(

@@ -65,8 +65,8 @@ def _row(curve: Curve, places: PagePlaces, speed_kmh: float) -> TableRow:
             begin or NONE,
             end or NONE,
             curve.sense,
-            _measured(curve.radius_m, curve.sd("radius_m")),
-            _measured(curve.cant_mm, curve.sd("cant_mm")),
+            with_sd(curve.radius_m, curve.sd("radius_m"), ""),
+            with_sd(curve.cant_mm, curve.sd("cant_mm"), ""),
             digits(curve.length_in_m),
             curve.law_in,
             digits(curve.arc_length_m),
@@ -75,10 +75,6 @@ def _row(curve: Curve, places: PagePlaces, speed_kmh: float) -> TableRow:
             digits(speed_kmh),
         )
     )
-
-
-def _measured(value: float, sd: float) -> str:
-    return with_sd(value, sd, "") if math.isfinite(value) else NONE
 
 
 def _speed_kmh(curve: Curve, result: Result) -> float:
