@@ -9,11 +9,9 @@ from typing import Literal
 import pandas as pd
 
 from trackfg.report.numbers import NONE, with_sd
-from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
+from trackfg.report.page import PageSection, PageTable, TableRow, Text, folded_if_long
 from trackfg.results.result import Result
 
-_MANY = 25
-"""A table of more balises is folded; those that are wrong are shown above it."""
 _BAD: dict[str, Literal["error", "warning"]] = {"wrong": "error", "undecided": "warning"}
 _HEADINGS = ("id", "passages", "planned, m", "measured, m", "difference, m", "sigmas", "verdict")
 
@@ -24,16 +22,9 @@ def balise_sections(result: Result) -> Iterator[PageSection]:
     if table.empty:
         return
     counts = ", ".join(f"{count} {verdict}" for verdict, count in table["verdict"].value_counts().items())
-    blocks: list[Block] = [Text(f"{len(table)} balises: {counts}.")]
     rows = tuple(_row(row) for _, row in table.iterrows())
-    whole = PageTable(_HEADINGS, rows, numbers=frozenset(range(1, 6)))
-    if len(rows) <= _MANY:
-        blocks.append(whole)
-    else:
-        bad = tuple(row for row in rows if row.mark)
-        blocks += [PageTable(_HEADINGS, bad, numbers=frozenset(range(1, 6)))] if bad else []
-        blocks.append(Fold(f"All {len(rows)} balises", (whole,)))
-    yield PageSection("balises", "Balises", tuple(blocks))
+    blocks = folded_if_long(PageTable(_HEADINGS, rows, numbers=frozenset(range(1, 6))), "balises")
+    yield PageSection("balises", "Balises", (Text(f"{len(table)} balises: {counts}."), *blocks))
 
 
 def _row(row: pd.Series) -> TableRow:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -34,6 +34,8 @@ _SCRIPT = (
     "page.js",
 )
 """The parts of the page's own script, in order; one function holds them all."""
+_MANY = 25
+"""Rows of a table that stand open; longer ones are folded."""
 _FACTORY, _FACTORY_END = '() => {\n"use strict";var Plotly', "}));"
 
 
@@ -156,6 +158,15 @@ class Code:
 
 
 Block = Text | Tiles | Facts | PageTable | Drawing | ColourBar | Fold | Code
+
+
+def folded_if_long(table: PageTable, what: str) -> tuple[Block, ...]:
+    """Return a table as it is; a long one is folded, below those of its rows that are marked. ``what``: its rows."""
+    if len(table.rows) <= _MANY:
+        return (table,)
+    marked = tuple(row for row in table.rows if row.mark)
+    above = (replace(table, rows=marked, caption=""),) if marked else ()
+    return (*above, Fold(f"All {len(table.rows)} {what}", (table,)))
 
 
 @dataclass(frozen=True)

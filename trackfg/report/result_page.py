@@ -33,6 +33,7 @@ from trackfg.report.page import (
     PageTable,
     TableRow,
     Text,
+    folded_if_long,
 )
 from trackfg.report.sections.background import Background
 from trackfg.report.sections.curve_section import curve_section, curves_of
@@ -49,8 +50,6 @@ if TYPE_CHECKING:
     from trackfg.curves import Curve
     from trackfg.recording.line_kilometrage import LineKilometrage
 
-_MANY_EVENTS = 25
-"""A table of more events is folded."""
 _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm")
 _LEVELS = ("error", "warning", "info")
 
@@ -173,10 +172,7 @@ def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
     place = ("km", "chainage, m") if KM_COLUMN in events else ("chainage, m",)
     headings = ("event", "start, s", "duration, s", *place, "distance removed, m", "detail")
     table = PageTable(headings, rows, numbers=frozenset(range(1, len(headings) - 1)))
-    blocks: tuple[Block, ...] = (Text(f"{counts}."), table)
-    if len(rows) > _MANY_EVENTS:
-        blocks = (Text(f"{counts}."), Fold(f"All {len(rows)} events", (table,)))
-    return PageSection("events", "Events", blocks)
+    return PageSection("events", "Events", (Text(f"{counts}."), *folded_if_long(table, "events")))
 
 
 def _track(

@@ -8,12 +8,9 @@ from trackfg.curves import Curve, find_curves
 from trackfg.errors import BadInputError
 from trackfg.numerics.units import KMH
 from trackfg.report.numbers import NONE, digits, with_sd
-from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
+from trackfg.report.page import PageSection, PageTable, TableRow, Text, folded_if_long
 from trackfg.report.sections.places import PagePlaces
 from trackfg.results.result import Result
-
-_MANY = 25
-"""Rows of a table that stand open; longer ones are folded."""
 
 
 def curves_of(result: Result) -> list[Curve]:
@@ -51,10 +48,8 @@ def curve_section(curves: list[Curve], result: Result, places: PagePlaces) -> Pa
         "Begin and end are those of the transitions, facing increasing chainage; values with 1 sigma. A curve that the "
         "run does not show whole has no end there. The speed is that of the run."
     )
-    blocks: tuple[Block, ...] = (Text(f"{len(curves)} curves. {note}", "note"), table)
-    if len(curves) > _MANY:
-        blocks = (blocks[0], Fold(f"All {len(curves)} curves", (table,)))
-    return PageSection("curves", "Curves", blocks)
+    text = Text(f"{len(curves)} curves. {note}", "note")
+    return PageSection("curves", "Curves", (text, *folded_if_long(table, "curves")))
 
 
 def _row(curve: Curve, places: PagePlaces, speed_kmh: float) -> TableRow:

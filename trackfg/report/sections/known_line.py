@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from typing import Literal
 
 from trackfg.report.numbers import NONE, with_sd
-from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
+from trackfg.report.page import PageSection, PageTable, TableRow, Text, folded_if_long
 from trackfg.report.sections.places import PagePlaces
 from trackfg.results.result import Result
 from trackfg.results.summary import LineStretch
 
-_MANY = 25
-"""A table of more stretches is folded; those that were not used are shown above it."""
 _MARKS: dict[str, Literal["error", "warning"]] = {"disagrees": "error", "undecided": "warning", "absent": "warning"}
 _WORDS = {
     "on": "on the track, which was used",
@@ -29,20 +27,12 @@ def known_line_sections(result: Result, places: PagePlaces) -> Iterator[PageSect
         return
     on = use.length_m("on")
     whole = sum(use.length_m(status) for status in _WORDS)
-    blocks: list[Block] = [
-        Text(f"Of {whole:.0f} m of the run {on:.0f} m are on a track of {use.name}, which was used.")
-    ]
+    text = f"Of {whole:.0f} m of the run {on:.0f} m are on a track of {use.name}, which was used."
     headings = ("from, km", "to, km", "track", "probability", "across, m", "what")
-    numbers = frozenset((0, 1, 3, 4))
     rows = tuple(_row(stretch, places) for stretch in use.stretches)
-    table = PageTable(headings, rows, numbers=numbers, caption="Before the line is used; positive to the left of it")
-    if len(rows) <= _MANY:
-        blocks.append(table)
-    else:
-        marked = tuple(row for row in rows if row.mark)
-        blocks += [PageTable(headings, marked, numbers=numbers)] if marked else []
-        blocks.append(Fold(f"All {len(rows)} stretches", (table,)))
-    yield PageSection("line", "Known line", tuple(blocks))
+    caption = "Before the line is used; positive to the left of it"
+    table = PageTable(headings, rows, numbers=frozenset((0, 1, 3, 4)), caption=caption)
+    yield PageSection("line", "Known line", (Text(text), *folded_if_long(table, "stretches")))
 
 
 def _row(stretch: LineStretch, places: PagePlaces) -> TableRow:
