@@ -13,6 +13,7 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
 from trackfg.files.owned_folder import FolderKind
 from trackfg.geometry.limits import LimitChoice
+from trackfg.plots.strip_chart import LimitLine
 from trackfg.plots.strip_limits import limit_lines
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
@@ -36,8 +37,7 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What a page is to show besides the folder: the truth of a recording, limits, official
-    places, what lies behind the map."""
+    """What a page is to show besides the folder: truth of a recording, limits, official places, a background."""
 
     recording: Path | None
     limits: LimitChoice | None
@@ -93,8 +93,11 @@ def _source_of(folder: Path) -> _Source:
 
 def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:
     result, limits = Result.read(folder), wanted.limits
-    judgement = None if limits is None else judge(result, limits.table(), limits.line_speed_kmh, km=wanted.km)
-    lines = [] if limits is None else limit_lines(result, limits.table(), limits.line_speed_kmh)[0]
+    judgement, lines = None, list[LimitLine]()
+    if limits is not None:
+        table = limits.table()
+        judgement = judge(result, table, limits.line_speed_kmh, km=wanted.km)
+        lines, _ = limit_lines(result, table, limits.line_speed_kmh)
     truth = None if wanted.recording is None else against(result, wanted.recording)
     line = line_kilometrage(result) if wanted.km else None
     origin = None if result.summary.run is None else result.summary.run.origin
