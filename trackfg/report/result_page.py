@@ -114,7 +114,7 @@ def result_page(
         _findings(result),
         *kilometrage_sections(result, line),
         *balise_sections(result),
-        *known_line_sections(result, PagePlaces(kilometrage)),
+        *known_line_sections(result, along.places),
         _events(result, kilometrage),
         _motion(result, against),
         _consistency(result, against),
