@@ -74,6 +74,11 @@ class Verdict(BaseModel):
     checked_by: tuple[str, ...] = ()
 
     @property
+    def name(self) -> str:
+        """The quantity as people read it: ``cross-level``."""
+        return self.quantity.replace("_", "-")
+
+    @property
     def widening(self) -> float:
         """The factor on the model's sigmas; infinity where the quantity is not to be trusted."""
         return math.inf if self.factor is None else self.factor
@@ -119,17 +124,18 @@ def opinions(verdicts: Iterable[Verdict]) -> list[Opinion]:
     """Return verdicts as people read them, the worst first, each with its quantities."""
     groups: dict[str, list[str]] = {}
     for verdict in _worst_first(verdicts):
-        groups.setdefault(_in_words(verdict), []).append(_name(verdict))
+        groups.setdefault(_in_words(verdict), []).append(verdict.name)
     return [Opinion(verdict, tuple(names) if len(groups) > 1 else ("all",)) for verdict, names in groups.items()]
 
 
 def causes(verdicts: Iterable[Verdict]) -> list[Cause]:
     """Return each reason once, in the order of the verdicts that it is for."""
+    listed = _worst_first(verdicts)
     groups: dict[tuple[str, str], list[str]] = {}
-    for verdict in (listed := _worst_first(verdicts)):
+    for verdict in listed:
         pairs = zip(verdict.reasons, verdict.hints, strict=True)
         for pair in dict.fromkeys(pairs) if verdict.status != "trusted" else [(_tested(verdict.checked_by), "")]:
-            groups.setdefault(pair, []).append(_name(verdict))
+            groups.setdefault(pair, []).append(verdict.name)
     return [
         Cause(reason, tuple(names) if len(names) < len(listed) else ("all",), hint)
         for (reason, hint), names in groups.items()
@@ -138,10 +144,6 @@ def causes(verdicts: Iterable[Verdict]) -> list[Cause]:
 
 def _worst_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
     return sorted(verdicts, key=lambda one: -one.widening)
-
-
-def _name(verdict: Verdict) -> str:
-    return verdict.quantity.replace("_", "-")
 
 
 def _in_words(verdict: Verdict) -> str:

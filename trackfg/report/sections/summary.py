@@ -96,11 +96,11 @@ def _verdict(page: Summary, solver: Solver) -> Text:
 
 
 def _named(verdicts: tuple[Verdict, ...], status: str) -> list[str]:
-    return [verdict.quantity.replace("_", "-") for verdict in verdicts if verdict.status == status]
+    return [verdict.name for verdict in verdicts if verdict.status == status]
 
 
 def _trust(page: Summary) -> Iterator[PageTable]:
-    """Return what can be believed, the worst first, and why; nothing for results of older versions."""
+    """Yield what can be believed, the worst first, and why; nothing for results of older versions."""
     found = page.verdicts
     if found:
         rows = (
