@@ -254,7 +254,7 @@ def smooth(options: SmoothOptions) -> None:
     if options.json:
         print(result.summary.model_dump_json(indent=2))
     else:
-        tell(tables.summary(result), tables.verdicts(result))
+        tell(tables.summary(result), *tables.verdicts(result))
         if result.summary.findings:
             tell(tables.findings(result.summary.findings))
         tell(f"result: {options.out}")

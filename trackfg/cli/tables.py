@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -185,8 +185,8 @@ def _solver(page: Summary) -> dict[str, str]:
     }
 
 
-def verdicts(result: Result) -> RenderableType:
-    """Return what can be believed, the worst first, and below why, and what to do."""
+def verdicts(result: Result) -> tuple[Table, Table]:
+    """Return what can be believed, the worst first, and why, and what to do."""
     found = result.summary.verdicts
     verdict = titled("Verdict", show_header=False)
     verdict.add_column(no_wrap=True)
@@ -199,7 +199,7 @@ def verdicts(result: Result) -> RenderableType:
         why.add_column(heading, overflow="fold")
     for cause in causes(found):
         why.add_row(Text(cause.reason), Text(", ".join(cause.quantities)), Text(cause.hint))
-    return Group(verdict, why)
+    return verdict, why
 
 
 def named_values(title: str, rows: Mapping[str, str]) -> Table:
