@@ -1,10 +1,11 @@
-"""Made-up input and output: a result of any length, a run on a curved line, and its recording as files."""
+"""A browser without a window, and made-up input and output: results, a run on a curved line, its recording as files."""
 
 from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,21 @@ from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """One for all tests of a process: playwright does not run twice in it."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)}")
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path)
+        yield browser
+        browser.close()
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,7 @@
-"""A browser without a window, and pages made of made-up results and comparisons."""
+"""Pages in a browser, and made-up results and comparisons that they are about."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,8 +14,6 @@ import pytest
 from trackfg.comparison.table import SCORE_COLUMNS, About, ComparedCase, Comparison, LeftOut, rows_of
 from trackfg.results.result import Result
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
 
 @dataclass
 class Opened:
@@ -25,18 +22,6 @@ class Opened:
     tab: Any
     said: list[str] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)}")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,8 @@ from __future__ import annotations
 import http.client
 import json
 import re
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +22,6 @@ from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.view.live_server import serving
 from trackfg.streaming.view.live_state import LiveState
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
 
 @pytest.fixture(scope="module")
 def steps() -> list[StreamStep]:
@@ -36,18 +32,6 @@ def steps() -> list[StreamStep]:
     stream.clock = lambda: 0.0  # no delay but the rows' own
     stream.run(Callback(lambda table, frame: None), watch=found.append)
     return found
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)}")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path)
-        yield browser
-        browser.close()
 
 
 def test_steps_say_how_late_estimates_are(steps: list[StreamStep]) -> None:
