@@ -178,10 +178,13 @@ async function drawStrips(element, chart) {
   const window_ = { shown: () => shown, show: (range) => Plotly.relayout(plot, { "xaxis.range": range }) };
   const cursor = reading({ element, plot, chart, parts, entries, legendRoom, shape, everyRow, window_ });
   buttons(keys, chart, window_, cursor, plot);
-  new ResizeObserver(() => {
-    if (element.clientWidth && frame(element.clientWidth).narrow !== shape.narrow) redraw(element);
-    else if (element.clientWidth) heading(shown);
-  }).observe(element);
+  const resized = new ResizeObserver(() => {
+    if (!element.clientWidth) return;
+    if (frame(element.clientWidth).narrow === shape.narrow) { heading(shown); return; }
+    resized.disconnect(); // the chart that is drawn in its place has its own
+    redraw(element);
+  });
+  resized.observe(element);
   if (chart.paper !== null) papers.push({ element, chart, entries, select: keys.querySelector("select") });
   element.dataset.shown = shown.join(" ");
 }
