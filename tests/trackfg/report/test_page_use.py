@@ -155,6 +155,7 @@ def test_the_severest_stands_first_and_once(result: Result) -> None:
     assert (np.diff(shown["value_mm"].abs() / shown["limit_mm"]) <= 0.0).all()
 
 
+@pytest.mark.slow
 def test_the_axis_has_official_places_on_both_sides_of_a_jump(
     make_result: Callable[..., Result], open_page: Callable[[Path], Any], tmp_path: Path
 ) -> None:
