@@ -8,12 +8,14 @@ or one is zoomed. :class:`Figure` is anything else: a plotly figure as it is.
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from trackfg.numerics.arrays import Array
 from trackfg.plots.decimation import extremes
@@ -90,7 +92,7 @@ class ChartLimit:
 
     def spec(self) -> dict[str, Any]:
         """Return what ``page.js`` draws."""
-        return {"label": self.label, "x": _listed(self.x), "y": _listed(self.y)}
+        return {"label": self.label, "x": listed(self.x, 6), "y": listed(self.y, 6)}
 
 
 PlaceKind = Literal["left", "right", "fix", "station", "standstill", "slip", "gap", "other"]
@@ -317,8 +319,9 @@ def whole_range(*axes: Array) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, high + 0.5)
 
 
-def _listed(values: Array) -> list[float | None]:
-    return [round(float(value), 6) if np.isfinite(value) else None for value in values]
+def listed(values: ArrayLike, places: int) -> list[float | None]:
+    """Return numbers (n,) rounded for JSON, which has no NaN."""
+    return [round(value, places) if math.isfinite(value) else None for value in np.asarray(values).tolist()]
 
 
 def plain(text: str) -> str:

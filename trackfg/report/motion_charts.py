@@ -14,7 +14,7 @@ from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
-from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Span, Strips, plain, whole_range
+from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Span, Strips, listed, plain, whole_range
 from trackfg.report.columns import Column, packed, packed_sigma, packed_value
 from trackfg.report.geometry_charts import error_range
 from trackfg.results.result import Result
@@ -125,8 +125,8 @@ def path_map(
             "type": "scatter",
             "mode": "markers+text",
             "name": "chainage",
-            "x": _numbers(at["east_m"]),
-            "y": _numbers(at["north_m"]),
+            "x": listed(at["east_m"], 3),
+            "y": listed(at["north_m"], 3),
             "text": posts,
             "textposition": "top right",
             "textfont": {"size": 11, "color": GREY},
@@ -274,9 +274,9 @@ def _path(name: str, table: pd.DataFrame, colour: str, width: float) -> dict[str
         "type": "scatter",
         "mode": "lines",
         "name": name,
-        "x": _numbers(pd.Series(east[keep])),
-        "y": _numbers(pd.Series(north[keep])),
-        "customdata": _numbers(table["chainage_m"].iloc[keep] / 1000.0, 4) if "chainage_m" in table else None,
+        "x": listed(east[keep], 3),
+        "y": listed(north[keep], 3),
+        "customdata": listed(table["chainage_m"].iloc[keep] / 1000.0, 4) if "chainage_m" in table else None,
         "hovertemplate": "chainage %{customdata:.3f} km<br>east %{x:.2f} m<br>north %{y:.2f} m<extra></extra>",
         "line": {"color": colour, "width": width},
     }
@@ -292,8 +292,8 @@ def _event_markers(result: Result) -> list[dict[str, object]]:
                 "type": "scatter",
                 "mode": "markers",
                 "name": plain(str(kind)),
-                "x": _numbers(rows["east_m"]),
-                "y": _numbers(rows["north_m"]),
+                "x": listed(rows["east_m"], 3),
+                "y": listed(rows["north_m"], 3),
                 "text": [f"{start:.1f} s" for start in events["start_s"]],
                 "hovertemplate": "%{text}<br>east %{x:.2f} m<br>north %{y:.2f} m<extra>"
                 + plain(str(kind))
@@ -302,8 +302,3 @@ def _event_markers(result: Result) -> list[dict[str, object]]:
             }
         )
     return traces
-
-
-def _numbers(values: pd.Series[float], places: int = 3) -> list[float | None]:
-    """Return numbers for JSON, which has no NaN."""
-    return [round(value, places) if np.isfinite(value) else None for value in values.tolist()]
