@@ -1,4 +1,4 @@
-"""What the charts of a page show, and how they reach it: as JSON that ``page.js`` draws with plotly.
+"""What the charts of a page show, and how they reach it: as JSON that the page's script draws with plotly.
 
 :class:`Strips` are panels of long curves over a common axis, thinned to the pixels of the screen when they are drawn
 and again after every zoom. Of a long curve the browser unpacks a view first, and every row when all charts are drawn
@@ -23,7 +23,7 @@ from trackfg.plots.sheet import BAND
 from trackfg.report.columns import Column, ColumnDifference, packed
 
 TRUTH_COLOUR = "#b87300"
-"""Beside the blue of estimates: ochre, which the colour-blind can tell from it, 3.8 times as dark as white paper."""
+"""Ochre: the colour-blind can distinguish it from the blue of estimates, and its contrast with white paper is 3.8."""
 VIEW_STRETCHES = 1200
 """More than a chart has columns of pixels."""
 
@@ -91,7 +91,7 @@ class ChartLimit:
     y: Array
 
     def spec(self) -> dict[str, Any]:
-        """Return what ``page.js`` draws."""
+        """Return what the page's script draws."""
         return {"label": self.label, "x": listed(self.x, 6), "y": listed(self.y, 6)}
 
 
@@ -117,13 +117,13 @@ class PlaceRow:
     places: tuple[ChartPlace, ...]
 
     def spec(self) -> dict[str, Any]:
-        """Return what ``page.js`` draws."""
+        """Return what the page's script draws."""
         return {"name": self.name, "places": [[at.start, at.end, at.text, at.kind] for at in self.places]}
 
 
 @dataclass(frozen=True)
 class OfficialStretch:
-    """A stretch has from ``from_x`` on the official place ``official_m`` at ``x``, growing by ``rate`` m per unit of x.
+    """A stretch begins at ``from_x``; its official place is ``official_m`` at ``x`` and grows by ``rate`` m per unit.
 
     ``post_km`` is the post that metres count from, None where each 1000 m begin the next kilometre.
     """
@@ -143,7 +143,7 @@ class OfficialAxis:
     plus: bool
 
     def spec(self) -> dict[str, Any]:
-        """Return what ``page.js`` writes at its ticks."""
+        """Return what the page's script writes at its ticks."""
         rows = [[s.from_x, s.x, s.official_m, s.rate, s.post_km] for s in self.stretches]
         return {"stretches": rows, "plus": self.plus}
 
@@ -200,8 +200,8 @@ class Strips:
         return f"Strips over {self.x_label} from {low:.6g} to {high:.6g}: {names}. The table below has their extremes."
 
     def extremes(self) -> list[tuple[str, ...]]:
-        """Return panel, line, unit, least value and its place, greatest value and its place of every line: the chart
-        for who does not see it.
+        """Return a row per line, for readers who do not see the chart: panel, line, unit, then the least value and its
+        place, the greatest value and its place.
         """
         rows = []
         for panel in self.panels:
@@ -230,7 +230,7 @@ class Strips:
                 yield from view.columns()
 
     def spec(self, number: dict[Column, int]) -> dict[str, Any]:
-        """Return what ``page.js`` draws; ``number`` says which column of the page is which."""
+        """Return what the page's script draws; ``number`` says which column of the page is which."""
 
         def reference(y: Column | ColumnDifference) -> Any:
             return [number[y.first], number[y.second]] if isinstance(y, ColumnDifference) else number[y]
@@ -296,7 +296,7 @@ class Figure:
         return []
 
     def spec(self, _: dict[Column, int]) -> dict[str, Any]:
-        """Return what ``page.js`` draws. It refers to no column of the page."""
+        """Return what the page's script draws. It refers to no column of the page."""
         return {"kind": "figure", "traces": list(self.traces), "layout": self.layout, "height": self.height}
 
 

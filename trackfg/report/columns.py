@@ -6,7 +6,7 @@ zeros, which deflate packs into nothing. The text of a column is the base64 of t
 
     plane 0, ..., plane ``planes`` - 1, and where ``gaps`` is set one byte per row that is 1 where there is no value
 
-and ``page.js`` undoes it. A gap repeats the value before it.
+and ``columns.js`` undoes it. A gap repeats the value before it.
 """
 
 from __future__ import annotations

@@ -60,8 +60,8 @@ def _best(comparison: Comparison) -> Iterator[PageSection]:
     if not table.rows:
         return
     note = (
-        "Of each quantity the system with the least error over the smoother's in the same runs; ratio: their geometric "
-        "mean, above 1 where the smoother is better. Below are all systems, and where others win."
+        "The best system is, for each quantity, the one whose error over the smoother's in the same runs is least. The "
+        "ratio is the geometric mean of these, above 1 where the smoother is better. All systems are below."
     )
     yield PageSection("best", "The smoother against the best published system", (table, Text(note, "note")))
 

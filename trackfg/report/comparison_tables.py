@@ -114,7 +114,7 @@ def verdict_on(row: Score) -> str:
         return "the smoother is better: the whole interval is above 1"
     if high < 1.0:
         return "the smoother is worse: the whole interval is below 1"
-    return f"not told apart by {row.runs} runs: the interval holds 1"
+    return f"{row.runs} runs do not decide: the interval holds 1"
 
 
 def beaten_table(about: About) -> PageTable:

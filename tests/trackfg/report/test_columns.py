@@ -13,7 +13,7 @@ from trackfg.report.columns import Column, packed, packed_sigma, packed_value
 
 
 def unpacked(column: Column) -> np.ndarray:
-    """What page.js does."""
+    """What columns.js does."""
     content = np.frombuffer(zlib.decompress(base64.b64decode(column.text)), dtype=np.uint8).reshape(
         -1, len(column.numbers)
     )

@@ -14,7 +14,7 @@ from trackfg.results.result import Result
 
 
 def curves_of(result: Result) -> list[Curve]:
-    """Return the curves of a result's geometry; none where it has no curvature to tell them by."""
+    """Return the curves of a result's geometry; none where it has no curvature to find them by."""
     table = result.geometry
     if len(table) < 2 or table["curvature_1pm"].isna().all():
         return []

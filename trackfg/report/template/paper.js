@@ -87,8 +87,9 @@ function sheet({ chart, entries }, range, name) {
   return drawing;
 }
 
-/** Draw the sheets of every chart that has a scale, and scale the others so that each fits a sheet. */
 const PAPER = 1230, ROOM = 640; // pixels of a plot's width on paper, and of the height that a sheet has for it
+
+/** Draw the sheets of every chart that has a scale, and scale the others so that each fits a sheet. */
 function toPaper() {
   for (const details of document.querySelectorAll("details:not([open]):not(.alternative)")) {
     details.dataset.shut = "yes";
