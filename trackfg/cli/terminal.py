@@ -153,7 +153,7 @@ def shows_progress() -> bool:
 def progress_bar(*, of_all: bool = True) -> Iterator[Callable[[str, float | None], None] | None]:
     """Show a progress bar on a terminal, nothing in a pipe.
 
-    ``of_all``: fractions are those of the whole command, and not of its stages, so that the time left can be told. A
+    ``of_all``: fractions are those of the whole command, and not of its stages, so that the time left is shown too. A
     fraction that is None is not known.
     """
     if not shows_progress():

@@ -40,7 +40,8 @@ def noise(
 ) -> None:
     """Print what a log at rest shows of its sensor's noise: white noise, bias instability, random walk, temperature.
 
-    With the block [imu.noise] for recording.toml. Where the log is not at rest throughout, its longest rest is used.
+    The block [imu.noise] for recording.toml is printed too. Where the log is not at rest throughout, its longest rest
+    is used.
     """
     from trackfg.interchange.importing.sensor_log import read_sensor_log
     from trackfg.sensors.log_noise import SHORTEST_S, log_noise
