@@ -94,8 +94,17 @@ def geometry_strips(
         panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), own, scale))
     label = f"chainage, {unit}"
     with_truth = bool(error_panels)
-    spans = exceedance_spans(judgement, scale)
-    chart = Strips(label, unit, x_range, tuple(panels), spans, with_truth, rows, official, _PAPER_M)
+    chart = Strips(
+        label,
+        unit,
+        x_range,
+        tuple(panels),
+        exceedance_spans(judgement, scale),
+        legend=with_truth,
+        places=rows,
+        official=official,
+        paper_m=_PAPER_M,
+    )
     if not with_truth:
         return chart, None
     return chart, Strips(label, unit, x_range, tuple(error_panels), places=rows, official=official)
