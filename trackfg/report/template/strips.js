@@ -151,7 +151,7 @@ async function drawStrips(element, chart) {
   let all = null; // the promise that every row is there
   const everyRow = () => all ??= (async () => {
     for (const entry of entries) if (entry.line.view !== null) entry.data = await unpackedLine(entry.line.all);
-    element.dataset.rows = "all";
+    plot.dataset.rows = "all"; // of this plot, not of the one that is drawn in its place
   })();
   unfinished.push(everyRow);
 
@@ -361,7 +361,7 @@ function reading({ element, plot, chart, parts, entries, legendRoom, shape, ever
     const box = plot.getBoundingClientRect(), width = box.width - shape.left - shape.right;
     const across = event.clientX - box.left - shape.left;
     if (across < 0 || across > width || event.target.closest(".tools, .keys")) { hide(); return; }
-    if (element.dataset.rows !== "all") { everyRow(); return; }
+    if (plot.dataset.rows !== "all") { everyRow(); return; }
     const [from, to] = window_.shown();
     show(from + (to - from) * across / width);
   });
