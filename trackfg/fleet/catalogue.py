@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from trackfg.errors import BadInputError, did_you_mean, first_line, printable
 from trackfg.files.parquet import read_parquet
-from trackfg.fleet.places import is_url
+from trackfg.fleet.places import is_recording, is_url
 
 COLUMNS = ("recording", "line", "map", "settings", "tags", "run")
 """Columns of a table; all but the first may be absent or empty."""
@@ -84,10 +84,13 @@ def _runs(place: str, defaults: Mapping[str, str]) -> Iterable[Run]:
 
 
 def _matches(pattern: str) -> list[str]:
-    """Return the places that a pattern fits, sorted: folders, descriptions, archives; hidden ones are left out."""
+    """Return the recordings that a pattern matches, sorted, without hidden ones; or the one place that it names.
+
+    What the description or archive of a named place holds is not looked at: its run fails if that is no recording.
+    """
     if is_url(pattern):
         return [pattern]
-    fitting = [pattern] if os.path.exists(pattern) else sorted(glob.glob(pattern, recursive=True))
+    fitting = [pattern] if os.path.exists(pattern) else sorted(filter(is_recording, glob.glob(pattern, recursive=True)))
     recordings = [path for path in fitting if os.path.isdir(path) or path.endswith((".toml", ".zip"))]
     if not recordings:
         raise BadInputError(

@@ -20,10 +20,14 @@ from trackfg.errors import TrackfgError, first_line
 from trackfg.files.atomic_file import write_whole
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.io.content import content_files, named_files
+from trackfg.io.description_reader import describes_recording
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
 """What a URL begins with; ``zip::`` and the like stand before the URL of what they open."""
 _ARCHIVE = ".zip"
+_ARCHIVE_FAULTS = (OSError, zipfile.BadZipFile, RuntimeError, ValueError)
+"""What an archive that cannot be read raises. RuntimeError: encrypted, or an unknown compression; ValueError: a name in
+no encoding."""
 _DESCRIPTION = "recording.toml"
 
 _VERSIONS = ("ETag", "etag", "LastModified", "last_modified", "mtime", "updated", "md5Hash", "Content-MD5", "CRC")
@@ -42,6 +46,22 @@ def is_url(place: str) -> bool:
 def is_remote(recording: str) -> bool:
     """Return whether a recording has to be brought here before it is read: it is at a URL, or in an archive."""
     return is_url(recording) or recording.lower().endswith(_ARCHIVE)
+
+
+def is_recording(path: str) -> bool:
+    """Return whether a path is that of a recording: a folder, a description, or an archive with a description in it.
+
+    A description or an archive that cannot be read counts as a recording: the run says what is wrong with it.
+    """
+    if os.path.isdir(path):
+        return True
+    if not path.endswith(_ARCHIVE):
+        return path.endswith(".toml") and describes_recording(Path(path))
+    try:
+        with zipfile.ZipFile(path) as content:
+            return any(PurePosixPath(name).name == _DESCRIPTION for name in content.namelist())
+    except _ARCHIVE_FAULTS:
+        return True
 
 
 def joined(place: str, *parts: str) -> str:
@@ -184,7 +204,7 @@ def _unpacked(place: str, scratch: Path, folder: Path) -> Path:
     try:
         with zipfile.ZipFile(archive) as content:
             content.extractall(folder)
-    except (OSError, zipfile.BadZipFile, RuntimeError) as error:  # RuntimeError: encrypted, or an unknown compression
+    except _ARCHIVE_FAULTS as error:
         raise PlaceError(f"{place}: not a readable archive: {first_line(error)}") from error
     found = sorted(folder.rglob(_DESCRIPTION))
     if len(found) != 1:

@@ -94,6 +94,23 @@ def locate(path: Path | str) -> tuple[Path, Path]:
     return (path.parent, path) if path.suffix == ".toml" else (path, path / FILE_NAME)
 
 
+def describes_recording(toml: Path) -> bool:
+    """Return whether a TOML file is the description of a recording, of whatever version: its name or format says so.
+
+    One that cannot be read counts as a description, since :func:`read_description` then says what is wrong with it.
+    """
+    if toml.name == FILE_NAME:
+        return True
+    try:
+        return _is_of_recordings(toml_of(read_small(toml, MOST_TOML_BYTES)).get("format"))
+    except (OSError, ValueError):
+        return True
+
+
+def _is_of_recordings(declared: object) -> bool:
+    return isinstance(declared, str) and declared.startswith("trackfg-recording/")
+
+
 def read_description(path: Path | str) -> ReadDescription:
     """Read and validate the ``recording.toml`` that is ``path``, or lies in the folder ``path``. Never raises."""
     folder, toml = locate(path)
@@ -185,7 +202,7 @@ def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
     if declared != FORMAT:
         what = "is missing" if declared is None else f"is {declared!r}"
         hint = f'write format = "{FORMAT}"'
-        if isinstance(declared, str) and declared.startswith("trackfg-recording/"):
+        if _is_of_recordings(declared):
             hint = "this version of trackfg reads version 1 only: convert the recording, or update trackfg"
         findings.append(Finding("error", "format", what, file=file, column="format", expected=repr(FORMAT), hint=hint))
     rest = {key: value for key, value in data.items() if key not in _PARTS and key != "format"}

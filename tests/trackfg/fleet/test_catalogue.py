@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import pandas as pd
@@ -59,6 +60,45 @@ def test_a_pattern_names_folders_and_leaves_other_files_out(tmp_path: Path) -> N
     runs = read_catalogue([str(tmp_path / "runs" / "[ab]"), str(tmp_path / "runs" / "other")], {"line": "7"})
     assert [Path(run.recording).name for run in runs] == ["a", "b", "other"]
     assert {run.line for run in runs} == {"7"}
+
+
+def test_a_pattern_matches_recordings_only(tmp_path: Path) -> None:
+    (tmp_path / "run1").mkdir()
+    (tmp_path / "run1.mapping.toml").write_text('format = "trackfg-mapping/1"\n')
+    (tmp_path / "run1.line.toml").write_text('format = "trackfg-line/1"\n')
+    (tmp_path / "run1.settings.toml").write_text("rest_s = 1.0\n")
+    (tmp_path / "run2.toml").write_text('format = "trackfg-recording/1"\n')
+    (tmp_path / "run3.toml").write_text('format = "trackfg-recording/2"\n')
+    (tmp_path / "run4.toml").write_text("format = \n")
+    (tmp_path / "run5").mkdir()
+    (tmp_path / "run5" / "recording.toml").write_text("id = 'no format'\n")
+    for name, member in (("run6", "run6/recording.toml"), ("run6.log", "run6/gyro.csv")):
+        with zipfile.ZipFile(tmp_path / f"{name}.zip", "w") as archive:
+            archive.writestr(member, "")
+    (tmp_path / "run7.zip").write_bytes(b"PK damaged")
+    with zipfile.ZipFile(tmp_path / "run8.zip", "w") as archive:
+        archive.writestr("\xe9", "")
+    (tmp_path / "run8.zip").write_bytes((tmp_path / "run8.zip").read_bytes().replace(b"\xc3\xa9", b"\xff\xff"))
+    (tmp_path / "run9.csv").touch()
+
+    def matched(pattern: str) -> list[str]:
+        return [
+            Path(run.recording).relative_to(tmp_path).as_posix() for run in read_catalogue([str(tmp_path / pattern)])
+        ]
+
+    recordings = ["run1", "run2.toml", "run3.toml", "run4.toml", "run5", "run6.zip", "run7.zip", "run8.zip"]
+    assert matched("run*") == recordings
+    assert matched("run*/*.toml") == ["run5/recording.toml"]
+    with pytest.raises(BadInputError, match="no recording is there"):
+        matched("*.mapping.toml")
+
+
+def test_what_is_named_is_not_passed_over(tmp_path: Path) -> None:
+    mapping = tmp_path / "run1.mapping.toml"
+    mapping.write_text('format = "trackfg-mapping/1"\n')
+    table = write(tmp_path, "recording\nrun1.mapping.toml\n")
+    for place in (str(mapping), table):
+        assert [run.recording for run in read_catalogue([place])] == [str(mapping)]
 
 
 def test_names_depend_on_the_place_alone(tmp_path: Path) -> None:
