@@ -20,7 +20,7 @@ from trackfg.errors import TrackfgError, first_line
 from trackfg.files.atomic_file import write_whole
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.io.content import content_files, named_files
-from trackfg.io.description_reader import describes_recording
+from trackfg.io.description_reader import FILE_NAME, describes_recording
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
 """What a URL begins with; ``zip::`` and the like stand before the URL of what they open."""
@@ -28,7 +28,6 @@ _ARCHIVE = ".zip"
 _ARCHIVE_FAULTS = (OSError, zipfile.BadZipFile, RuntimeError, ValueError)
 """What an archive that cannot be read raises. RuntimeError: encrypted, or an unknown compression; ValueError: a name in
 no encoding."""
-_DESCRIPTION = "recording.toml"
 
 _VERSIONS = ("ETag", "etag", "LastModified", "last_modified", "mtime", "updated", "md5Hash", "Content-MD5", "CRC")
 """What different file systems tell of a file that is another whenever its content is."""
@@ -59,7 +58,7 @@ def is_recording(path: str) -> bool:
         return path.endswith(".toml") and describes_recording(Path(path))
     try:
         with zipfile.ZipFile(path) as content:
-            return any(PurePosixPath(name).name == _DESCRIPTION for name in content.namelist())
+            return any(PurePosixPath(name).name == FILE_NAME for name in content.namelist())
     except _ARCHIVE_FAULTS:
         return True
 
@@ -206,15 +205,15 @@ def _unpacked(place: str, scratch: Path, folder: Path) -> Path:
             content.extractall(folder)
     except _ARCHIVE_FAULTS as error:
         raise PlaceError(f"{place}: not a readable archive: {first_line(error)}") from error
-    found = sorted(folder.rglob(_DESCRIPTION))
+    found = sorted(folder.rglob(FILE_NAME))
     if len(found) != 1:
-        raise PlaceError(f"{place}: holds {len(found)} files {_DESCRIPTION}; expected one recording")
+        raise PlaceError(f"{place}: holds {len(found)} files {FILE_NAME}; expected one recording")
     return found[0].parent
 
 
 def _fetched(place: str, folder: Path) -> Path:
     folder.mkdir()
-    (folder / _DESCRIPTION).write_bytes(read(joined(place, _DESCRIPTION)))
+    (folder / FILE_NAME).write_bytes(read(joined(place, FILE_NAME)))
     for name in named_files(folder)[1:]:
         parts = PurePosixPath(name)
         if parts.is_absolute() or ".." in parts.parts:
@@ -236,5 +235,5 @@ def content_of(recording: str) -> tuple[str, tuple[str, ...]]:
         folder, names = content_files(recording)
         return str(folder), names
     with tempfile.TemporaryDirectory(prefix="trackfg-") as scratch:
-        (Path(scratch) / _DESCRIPTION).write_bytes(read(joined(recording, _DESCRIPTION)))
+        (Path(scratch) / FILE_NAME).write_bytes(read(joined(recording, FILE_NAME)))
         return recording, content_files(scratch)[1]
