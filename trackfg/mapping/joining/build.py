@@ -165,8 +165,10 @@ def _itself(result: Result) -> Result:
 
 @dataclass(frozen=True)
 class _Block:
-    """What a block of runs adds together; of runs that make the survey longer by how many anchors; why others are
-    lost.
+    """A block holds the ``part`` that its runs add together, None where there is none.
+
+    ``longer``: by id, how many anchors are new in a run that is not in it, since it makes the survey longer. ``lost``:
+    by id, why a run cannot be joined.
     """
 
     part: Part | None
@@ -206,7 +208,7 @@ def _with_blocks(
 
 
 def _condensed(survey: Survey, runs: Sequence[tuple[str, JoinableRun]]) -> _Block:
-    parts: list[Part] = []
+    whole: Part | None = None
     longer: dict[str, int] = {}
     lost: dict[str, str] = {}
     with one_thread():
@@ -219,8 +221,8 @@ def _condensed(survey: Survey, runs: Sequence[tuple[str, JoinableRun]]) -> _Bloc
             if part.makes_longer(survey):
                 longer[run_id] = len(part.place)
             else:
-                parts = [_added_up([*parts, part])]
-    return _Block(parts[0] if parts else None, longer, lost)
+                whole = part if whole is None else together(whole, part)
+    return _Block(whole, longer, lost)
 
 
 def _part(survey: Survey, run_id: str, run: JoinableRun) -> Part:
