@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,9 +101,7 @@ def build_map_file(
 
 
 def _mapped(fleet: FleetRuns, runs: int) -> AbstractContextManager[Mapped]:
-    if runs <= BLOCK:
-        return nullcontext(map)
-    if fleet.scheduler is not None:
+    if runs > BLOCK and fleet.scheduler is not None:
         return mapped_on_cluster(fleet.scheduler)
     return mapped_here(max(1, min(fleet.jobs or processes(_MEMORY_BYTES), runs // BLOCK)))
 
