@@ -18,9 +18,9 @@ from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError, printable
 from trackfg.fleet.machine import processes
 from trackfg.fleet.store import is_store
-from trackfg.fleet.workers import Mapped, mapped_here, mapped_on_cluster
+from trackfg.fleet.workers import mapped_here, mapped_on_cluster
 from trackfg.io.reader import read_recording
-from trackfg.mapping.joining.build import BLOCK, JoinableRun, Joining, build_map, with_runs
+from trackfg.mapping.joining.build import BLOCK, JoinableRun, Joining, Mapped, build_map, with_runs
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.maps.location import locate
 from trackfg.maps.store import MapConflictError, newest_version, read_map, write_map

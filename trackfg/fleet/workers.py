@@ -10,10 +10,10 @@ import multiprocessing
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from trackfg.errors import BadInputError, TrackfgError, first_line
@@ -25,9 +25,9 @@ from trackfg.fleet.places import exists, is_url, joined, read, remove, write
 if TYPE_CHECKING:
     from distributed import Client
 
+    from trackfg.mapping.joining.build import Mapped
+
 Submit = Callable[[Job], "Future[Outcome]"]
-Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""Calls a function with each item, as ``map`` does; results come in the order of the items."""
 
 _CONNECTING_S = 30.0
 """Longest time to reach a scheduler, s."""
