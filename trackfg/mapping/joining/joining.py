@@ -278,7 +278,7 @@ def _offset(survey: Survey, sightings: Sightings, chainage: Array) -> Array:
 def _new_anchors(survey: Survey, profile: pd.DataFrame, to_map: Warp, sighted: Sightings) -> tuple[Sightings, Array]:
     """Return sightings of new anchors, where the map has none, with the grid's cross-level, and their places on it.
 
-    A run that sighted anchors needs none at an end between the map's.
+    A run that sighted anchors gets none at an end of it that lies between the map's anchors.
     """
     x = profile["chainage_m"].to_numpy()
     at = np.array(list(survey.place.values()))

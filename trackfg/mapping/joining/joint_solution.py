@@ -5,7 +5,7 @@ A run gives rows ``R_r x = d_r + e``, ``e ~ N(0, I)``, on the variables x that i
 solution of all rows stacked, by QR. It equals that of the joint graph of all states of all runs, since the order of
 elimination does not change the solution.
 
-So runs can be pooled one by one: after each, what it alone knows of (its offset, the roll of a sensor without an id) is
+So runs can be pooled one by one: after each, its own variables (its offset, the roll of a sensor without an id) are
 eliminated, and a triangle on the variables that runs share is left, whose size does not grow with the number of runs.
 """
 

@@ -47,8 +47,8 @@ class Survey:
     """A map in the making.
 
     ``place`` and ``level``: chainage and mean cross-level of each anchor on the grid as it is. The sigma of the grid's
-    cross-level is that of its shape between anchors. ``pooled``: the ``information`` of all runs together, what one run
-    alone knows of eliminated.
+    cross-level is that of its shape between anchors. ``pooled``: the ``information`` of all runs together, in which the
+    variables of one run alone are eliminated.
     """
 
     name: str
