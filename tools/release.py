@@ -55,7 +55,7 @@ def built(folder: Path) -> list[Path]:
 def set_times(sdist: Path, epoch: int) -> None:
     """Give all members of a source distribution one time and owner, which setuptools takes from the clock."""
     with tarfile.open(sdist) as archive:
-        members = [(one, archive.extractfile(one) if one.isfile() else None) for one in archive.getmembers()]
+        members = [(each, archive.extractfile(each) if each.isfile() else None) for each in archive.getmembers()]
         with (
             sdist.with_suffix(".new").open("wb") as file,
             gzip.GzipFile("", "wb", 9, file, mtime=epoch) as packed,

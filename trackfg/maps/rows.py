@@ -120,7 +120,7 @@ def put_matrices(connection: sa.Connection, schema: Schema, matrices: Sequence[M
 def get_matrices(connection: sa.Connection, schema: Schema, addresses: Sequence[str]) -> dict[str, Matrix]:
     """Return matrices by address. Raises ``ValueError`` where one is missing or damaged."""
     stored = schema.matrices.c
-    found = {}
+    matrices = {}
     columns = stored.sha256, stored.column_names, stored.row_count, stored.data
     for row in _at(connection, stored.sha256, addresses, *columns):
         address, column_names, row_count, data = row
@@ -128,10 +128,10 @@ def get_matrices(connection: sa.Connection, schema: Schema, addresses: Sequence[
         values = np.frombuffer(data, dtype="<f8")
         if values.size != row_count * len(names):
             raise ValueError(f"matrix {address} has {values.size} numbers: expected {row_count} x {len(names)}")
-        found[address] = names, values.reshape(row_count, len(names)).astype(np.float64)
-    if missing := [address for address in addresses if address not in found]:
+        matrices[address] = names, values.reshape(row_count, len(names)).astype(np.float64)
+    if missing := [address for address in addresses if address not in matrices]:
         raise ValueError(f"matrix {missing[0]} is missing")
-    return found
+    return matrices
 
 
 def _at(

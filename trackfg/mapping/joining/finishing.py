@@ -85,10 +85,10 @@ def _run_row(
     Offset and scale are those of the straight line through the anchors, the bias is the mean over them.
     """
     values = sighted_values(information)
-    own, names = values.to_numpy(), list(values.index)
+    sighted, names = values.to_numpy(), list(values.index)
     which = joint.rows(names)
     is_place = np.array([name.endswith("/chainage_m") for name in names])
-    x, places, levels = own[is_place], which[is_place], which[~is_place]
+    x, places, levels = sighted[is_place], which[is_place], which[~is_place]
     about_middle = x - x.mean()
     line = np.array([np.full(len(x), 1.0 / len(x)), about_middle / max(about_middle @ about_middle, _NO_LENGTH_M2)])
     (middle, slope), spread = line @ joint.x[places], line @ joint.covariance[np.ix_(places, places)] @ line.T
@@ -96,7 +96,7 @@ def _run_row(
     to_zero = np.array([1.0, -x.mean()])
     bias, bias_sd = np.nan, np.nan
     if len(levels):
-        bias = run.facts.direction * float((own[~is_place] - joint.x[levels]).mean())
+        bias = run.facts.direction * float((sighted[~is_place] - joint.x[levels]).mean())
         bias_sd = float(np.sqrt(joint.covariance[np.ix_(levels, levels)].mean()))
     return (
         run_id,
