@@ -48,7 +48,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_progress_of_a_simulation(tmp_path: Path) -> None:
-    shown = on_terminal("simulate", "trolley", "-o", tmp_path / "a", "--duration", 20)
+    """The bar is drawn ten times a second, so that the run has to be long for a stage to be seen."""
+    shown = on_terminal("simulate", "trolley", "-o", tmp_path / "a", "--duration", 400)
     assert "sensors" in shown
     assert "left" in shown
     assert on_terminal("simulate", "trolley", "-o", tmp_path / "b", "--duration", 20, "--quiet") == ""
