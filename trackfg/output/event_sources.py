@@ -16,7 +16,8 @@ class EventSources:
     """A batch run has them in its problem; a stream keeps them for keyframes that it has marginalised.
 
     ``t`` (n,) s are the keyframes' times, ``rests`` (r, 2) and ``gaps`` of the inertial record (g, 2) are spans in s;
-    ``clock_origin`` (s) is when the offsets of other clocks are what the states say; ``direction`` is that of chainage.
+    ``clock_origin`` (s) is when the offsets of other clocks are what the states say; ``direction`` is that of chainage;
+    ``usual_gnss`` (3,) what the sigmas of GNSS positions usually are in declared ones, None where the families show it.
     """
 
     t: Array
@@ -26,6 +27,7 @@ class EventSources:
     wheel: Wheel | None
     clock_origin: float
     families: tuple[Family, ...]
+    usual_gnss: Array | None = None
 
     @classmethod
     def of(cls, problem: Problem) -> EventSources:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ import pandas as pd
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.output.event_sources import EventSources
 from trackfg.output.slip_events import slip_events
@@ -89,6 +91,8 @@ def _positions(sources: EventSources, family: Family, states: States, row: Calla
     """Return fixes one by one, and GNSS as runs of outliers, since a row per epoch would bury the rest."""
     t = sources.t[family.slots[0].index]
     size = np.linalg.norm(family.residual(states), axis=1)
+    if family.type is FactorType.GNSS_POSITION and len(family):
+        family = _usual(family, sources.usual_gnss)
     outlier = family.weights(states) < _OUTLIER_WEIGHT
     if family.type is not FactorType.GNSS_POSITION:
         what = "landmark" if family.type is FactorType.LANDMARK else "fix"
@@ -100,3 +104,12 @@ def _positions(sources: EventSources, family: Family, states: States, row: Calla
         row("gnss set aside", t[i], t[j - 1], f"{j - i} positions, residual up to {size[i:j].max():.1f} m")
         for i, j in true_runs(outlier)
     ]
+
+
+def _usual(gnss: Family, usual: Array | None) -> Family:
+    """Return GNSS positions with sigmas no wider than usual: where a whole group of them is off, its sigma is widened
+    until none of it looks like an outlier any more.
+    """
+    declared = gnss.data["declared"]
+    factor = gnss.sigma / declared
+    return replace(gnss, sigma=declared * np.minimum(factor, np.median(factor, axis=0) if usual is None else usual))

@@ -244,7 +244,7 @@ class FixedLagSmoother:
 
     def _table_input(self, running: RunningWindow, window: Window, root: SquareRoot) -> TableInput:
         doubt_m = self._moving.votes.doubt_m
-        return TableInput(window, root, running.rests.spans, running.tach, self._chainage, doubt_m)
+        return TableInput(window, root, running.rests.spans, running.tach, self._chainage, doubt_m, running.gnss.usual)
 
     def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[Event, ...]:
         events: list[Event] = []

@@ -45,8 +45,8 @@ _JUMP_M = 5.0
 
 class TableInput(NamedTuple):
     """What tables are made from besides the history: the window, the square root of its information, the rests of late
-    (r, 2), s, the tach, the chainage of a map on which the run is located, and the sigma that contradicting fixes add
-    to the distance, m.
+    (r, 2), s, the tach, the chainage of a map on which the run is located, the sigma that contradicting fixes add to
+    the distance, m, and what the sigmas of GNSS positions usually are in declared ones (3,).
     """
 
     window: Window
@@ -55,6 +55,7 @@ class TableInput(NamedTuple):
     tach: TachBuffer | None
     chainage: MapChainage | None = None
     doubt_m: float = 0.0
+    usual_gnss: Array | None = None
 
 
 class TrackPiece(NamedTuple):
@@ -180,6 +181,7 @@ class SmoothedTables:
             wheel=wheel,
             clock_origin=self.context.clock_origin,
             families=self.history.with_later_families(inputs.window.families),
+            usual_gnss=inputs.usual_gnss,
         )
 
     def _rows_passed(

@@ -70,6 +70,11 @@ class GnssRecord:
         for name, new in rows.items():
             setattr(self, name, np.concatenate([getattr(self, name), new])[-_MOST:])
 
+    @property
+    def usual(self) -> Array:
+        """What the sigmas of positions usually are, in declared ones, (3,)."""
+        return np.median(self.factor, axis=0) if len(self.factor) else np.ones(3)
+
     def judge(self) -> None:
         """Compute the factors anew."""
         if len(self.t) >= FEWEST:
