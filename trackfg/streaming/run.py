@@ -13,12 +13,14 @@ it would have written:
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from trackfg.checks.limits import CheckLimits
+from trackfg.errors import OutputError
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.back_pressure import BackPressure
@@ -106,10 +108,18 @@ class Stream:
         checkpoints: Checkpoints | None = None,
         watch: Callable[[StreamStep], None] = lambda step: None,
     ) -> StreamCounts:
-        """Run until the source ends. Raises what source, smoother and sink raise.
+        """Run until the source ends. Raises what source, smoother and sink raise; the sink is closed in any case.
 
         ``watch`` is called with what each batch led to, once that is written.
         """
+        try:
+            return self._run(sink, checkpoints, watch)
+        except BaseException:
+            with contextlib.suppress(OutputError):  # what came before is raised
+                sink.close()
+            raise
+
+    def _run(self, sink: Sink, checkpoints: Checkpoints | None, watch: Callable[[StreamStep], None]) -> StreamCounts:
         pace, done = BackPressure(self.smoother.keyframe_spacing), self.clock()
         for batch in self.source:
             begun = self.clock()
