@@ -305,7 +305,8 @@ class _Blocks:
         change *= np.add.reduceat(beyond[rows], starts).astype(bool)[which]
         size = np.abs(np.add.reduceat(change, starts))
         most = _SHOCK_LIMIT * np.sqrt(np.mean(size[:, 0] ** 2))
-        change[:, 1:] *= np.minimum(1.0, most / np.maximum(size[:, 1:], np.finfo(float).tiny))[which]
+        share = np.divide(most, size[:, 1:], out=np.ones_like(size[:, 1:]), where=size[:, 1:] > most)
+        change[:, 1:] *= share[which]
         edges = self.data.edges
         return 0.5 * (edges[rows] + edges[rows + 1]), np.pad(change, [(0, 0), (3, 0)])
 
