@@ -176,9 +176,10 @@ def progress_bar(*, of_all: bool = True) -> Iterator[Callable[[str, float | None
         task = bar.add_task("reading", total=1.0)
 
         def update(stage: str, fraction_done: float | None) -> None:
+            begins = stage != bar.tasks[0].description  # shown at once, however short it is
             if fraction_done is None:
-                bar.update(task, description=stage, total=None)
+                bar.update(task, description=stage, total=None, refresh=begins)
             else:
-                bar.update(task, description=stage, completed=fraction_done)
+                bar.update(task, description=stage, completed=fraction_done, refresh=begins)
 
         yield update
