@@ -103,6 +103,7 @@ class _Arrivals:
     stream: Stream
     position: int
     live = False
+    length = None
 
     @property
     def description(self) -> RecordingDescription:

@@ -65,7 +65,7 @@ class RowFiles:
     folder: Path
     batch_s: float = BATCH_S
     until_s: float = np.inf
-    canonical, live = True, False
+    canonical, live, length = True, False, None
     gnss_origin = None
 
     @property
