@@ -13,6 +13,7 @@ import io
 import re
 import threading
 import time
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -144,7 +145,7 @@ class ParquetParts:
 
     def _write_later(self, wait_s: float) -> None:
         """Have the last parts written after a time unless they are by then."""
-        self._timer = threading.Timer(min(wait_s, threading.TIMEOUT_MAX), self._write_if_due)
+        self._timer = threading.Timer(min(wait_s, threading.TIMEOUT_MAX), _write_if_due, [weakref.ref(self)])
         self._timer.daemon = True
         self._timer.start()
 
@@ -171,6 +172,12 @@ class ParquetParts:
                 _write(_place(table), table.content())
                 table.written = table.rows
         self._written_s = time.monotonic()
+
+
+def _write_if_due(sink: weakref.ref[ParquetParts]) -> None:
+    """Write what is left; nothing of a sink that nobody has any more, since another may be open in its folder."""
+    if (held := sink()) is not None:
+        held._write_if_due()
 
 
 def read_parts(folder: Path | str, table: str) -> pd.DataFrame:
