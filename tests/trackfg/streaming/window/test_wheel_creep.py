@@ -15,7 +15,7 @@ from trackfg.datasets.vehicle.driving import Service
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.imu import Preintegration
 from trackfg.factors.loss import Cauchy
-from trackfg.factors.odometry import absolute_fix
+from trackfg.factors.odometry import MOST_CREEP, absolute_fix, distance_chain
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.recording.model import Recording
 from trackfg.results.events import DOUBT
@@ -23,8 +23,8 @@ from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window.fix_voting import MOST_VOTES, FixVotes
-from trackfg.streaming.window.wheel_creep import Creep
-from trackfg.streaming.window.window import Interval
+from trackfg.streaming.window.wheel_creep import Creep, with_creep
+from trackfg.streaming.window.window import Interval, Window
 
 SD_M = 0.1
 CREEPS = (50.0, 75.0)
@@ -44,6 +44,20 @@ def test_a_few_per_cent_of_the_way_are_creep_and_more_is_a_wrong_fix(
 def test_a_neighbouring_balise_is_no_creep_however_far_the_last_one_is() -> None:
     assert not Creep(3.0, 1.0, 0.0).is_likely(0.1**2)
     assert not any(Creep(apart, 5.0 * apart, 0.0).is_likely(0.3**2) for apart in (100.0, 500.0, 2000.0))
+
+
+def test_creep_shifts_the_way_since_the_last_fix_and_lets_the_scale_walk_there() -> None:
+    """30 m of creep up to the last keyframe, by 3 m: nothing before them moves."""
+    odo = np.column_stack([np.arange(0.0, 50.0, 10.0), np.ones(5), np.zeros(5), np.full(5, 10.0)])
+    nav = Nav(np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3)), np.zeros((5, 3)))
+    states = States(nav, np.zeros((5, 6)), Odo(odo), np.zeros((1, 5)), np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
+    chain = distance_chain(np.arange(4), np.full((4, 2), 1e-6))
+    window = with_creep(
+        Window(np.arange(5.0), states, (), np.zeros((5, 6, Kind.IMU.dim)), (chain,)), Creep(3.0, 30.0, 1.0)
+    )
+    np.testing.assert_allclose(window.states.odo.distance, [0.0, 10.0, 21.0, 32.0, 43.0])
+    walk = MOST_CREEP / np.sqrt(30.0) * np.sqrt(10.0)
+    np.testing.assert_allclose(window.families[0].sigma[:, 1], [1e-6, walk, walk, walk])
 
 
 def passing(distance: float, fix: float, t: float) -> tuple[Interval, States]:
