@@ -17,7 +17,7 @@ import numpy as np
 from trackfg.factors.linear import LinearFactors, Slot
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kernels import compiled_kernels
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 
 _INTEGRATION_DENSITY = 1e-5
 """m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""
@@ -97,7 +97,7 @@ class Preintegration:
         frame = np.append(self.gravity, self.frame_rate)
         noise = np.concatenate([self.noise.gyro, self.noise.accel, [self.noise.position]]) ** 2
         given = (self.bias, self.duration, self.rotation, self.velocity)
-        bias, duration, rotation, velocity = (np.ascontiguousarray(part) for part in given)
+        bias, duration, rotation, velocity = map(kernel_argument, given)
         out = np.empty(compiled.DELTA_SIZE)
         compiled.preintegrate(frame, bias, noise, duration, rotation, velocity, out)
         return out
@@ -108,7 +108,7 @@ class Preintegration:
             from trackfg.numerics import compiled
 
             out = np.empty(15)
-            R, p, v, b = (np.ascontiguousarray(part) for part in (nav.R[0], nav.p[0], nav.v[0], bias))
+            R, p, v, b = map(kernel_argument, (nav.R[0], nav.p[0], nav.v[0], bias))
             compiled.predict(self.delta, R, p, v, b, out)
             return Nav(out[None, :9].reshape(1, 3, 3), out[None, 9:12], out[None, 12:])
         state = gtsam.NavState(gtsam.Rot3(nav.R[0]), nav.p[0], nav.v[0])
@@ -162,7 +162,7 @@ class InertialFactors:
         rows = np.empty((len(self.measured), Kind.NAV.dim, columns))
         if len(rows):
             nav = states.nav
-            R, p, v, bias = (np.ascontiguousarray(part) for part in (nav.R, nav.p, nav.v, states.bias))
+            R, p, v, bias = map(kernel_argument, (nav.R, nav.p, nav.v, states.bias))
             compiled.inertial_factors(self._deltas, R, p, v, bias, rows)
         return rows
 

@@ -13,6 +13,7 @@ import pytest
 from trackfg.factors.imu import InertialFactors, Preintegration, PreintegrationNoise, imu_factors, preintegrate
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.numerics.geodesy import earth_rate_enu
+from trackfg.numerics.kernels import kernel_argument
 from trackfg.numerics.rotations import matrix_from_rpy, so3_exp, so3_log
 from trackfg.sensors.imu_intervals import Increments, Intervals, compress
 
@@ -258,6 +259,15 @@ def test_kernels_take_the_same_covariance_for_diagonal(with_both: WithBoth, at_o
     states = at_origin(2)
     compiled, gtsams = with_both(lambda: InertialFactors((one,)).linearize(states))
     np.testing.assert_allclose(compiled.rows, gtsams.rows, rtol=1e-9, atol=1e-9 * np.abs(gtsams.rows).max())
+
+
+def test_kernels_take_views_into_bytes() -> None:
+    numbers = np.arange(12.0).reshape(4, 3)
+    view = np.frombuffer(b"abc" + numbers.tobytes(), dtype="<f8", offset=3).reshape(4, 3)
+    assert not view.flags.aligned
+    taken = kernel_argument(view)
+    assert (memoryview(taken).format, taken.flags.aligned) == ("d", True)
+    np.testing.assert_array_equal(taken, numbers)
 
 
 def test_kernels_refuse_arrays_that_do_not_belong_together(turning: tuple[InertialFactors, States]) -> None:

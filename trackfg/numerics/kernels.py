@@ -9,6 +9,10 @@ from __future__ import annotations
 import os
 from functools import cache
 
+import numpy as np
+
+from trackfg.numerics.arrays import Array
+
 _REVISION = 2
 """Revision of the kernels' arguments, as in ``kernels/module.cpp``. A module with another one was compiled from other
 sources and is not used.
@@ -23,6 +27,13 @@ def compiled_kernels() -> bool:
 def kernels_in_use() -> str:
     """Return what computes, in one word: ``compiled`` or ``numpy``."""
     return "compiled" if compiled_kernels() else "numpy"
+
+
+def kernel_argument(values: Array) -> Array:
+    """Return numbers as the kernels take them: doubles in C order at addresses that a processor reads at once, which
+    views into the bytes of a file need not be.
+    """
+    return np.require(values, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
 
 
 @cache
