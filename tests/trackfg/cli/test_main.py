@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
 import signal
 import subprocess
 import sys
@@ -463,24 +461,6 @@ def test_report_of_something_else(run: Run, recording: Path, tmp_path: Path, wha
     assert "expected a folder that trackfg wrote: a result (summary.json) or a comparison" in done.err
     assert len(done.err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_progress_on_a_terminal(recording: Path, tmp_path: Path) -> None:
-    ours, theirs = pty.openpty()
-    command = [*MODULE, "smooth", recording, "-o", tmp_path / "out"]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=theirs, env={**os.environ, "TERM": "xterm"}
-    ) as done:
-        os.close(theirs)
-        shown = b""
-        while True:
-            try:
-                shown += os.read(ours, 4096)
-            except OSError:  # the terminal is closed when the process ends
-                break
-    os.close(ours)
-    assert done.returncode == 0
-    assert b"%" in shown
 
 
 def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path) -> None:

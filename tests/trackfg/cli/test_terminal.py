@@ -21,13 +21,14 @@ from trackfg.datasets.scenarios import simulate
 _COLUMNS = 80
 
 
-def on_terminal(*arguments: object) -> str:
-    """Return what a command of trackfg writes to a terminal of 80 columns, by either stream."""
+def on_terminal(*arguments: object, stdout: bool = True) -> str:
+    """Return what a command of trackfg writes to a terminal of 80 columns, by either stream or by stderr alone."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, _COLUMNS, 0, 0))
     environment = {name: text for name, text in os.environ.items() if name not in ("COLUMNS", "LINES", "NO_COLOR")}
     command = [sys.executable, "-m", "trackfg", *map(str, arguments)]
-    with subprocess.Popen(command, stdout=theirs, stderr=theirs, env={**environment, "TERM": "xterm"}) as process:
+    out = theirs if stdout else subprocess.DEVNULL
+    with subprocess.Popen(command, stdout=out, stderr=theirs, env={**environment, "TERM": "xterm"}) as process:
         os.close(theirs)
         shown = b""
         while True:
@@ -48,8 +49,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_progress_of_a_simulation(tmp_path: Path) -> None:
-    """The bar is drawn ten times a second, so that the run has to be long for a stage to be seen."""
-    shown = on_terminal("simulate", "trolley", "-o", tmp_path / "a", "--duration", 400)
+    shown = on_terminal("simulate", "trolley", "-o", tmp_path / "a", "--duration", 20)
     assert "sensors" in shown
     assert "left" in shown
     assert on_terminal("simulate", "trolley", "-o", tmp_path / "b", "--duration", 20, "--quiet") == ""
@@ -60,6 +60,10 @@ def test_progress_of_a_check(recording: Path) -> None:
     shown = on_terminal("--quiet", "check", recording)
     assert "━ " not in shown
     assert "Nothing to report" in shown or "Findings" in shown  # the list that was asked for
+
+
+def test_progress_of_smoothing(recording: Path, tmp_path: Path) -> None:
+    assert "%" in on_terminal("smooth", recording, "-o", tmp_path / "out", stdout=False)
 
 
 def test_a_stream_shows_where_it_is(recording: Path, tmp_path: Path) -> None:
