@@ -98,6 +98,17 @@ YARD = replace(
     cant_max_m=0.060,
     max_gradient=0.005,
 )
+NARROW_YARD = replace(
+    YARD,
+    radius_m=(30.0, 200.0),
+    straight_m=(20.0, 150.0),
+    circle_m=(20.0, 80.0),
+    max_turn_rad=2.0,
+    transition_min_m=10.0,
+    cant_max_m=0.0,
+    max_gradient=0.05,
+)
+"""Curves and grades of a tramway's depot, without cant. No scenario has it: low-cost sensors are tried on it."""
 
 
 def _all() -> list[Scenario]:

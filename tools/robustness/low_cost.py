@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.datasets.catalogue import YARD, scenario
+from trackfg.datasets.catalogue import NARROW_YARD, scenario
 from trackfg.datasets.effects.inertial import LowCost
 from trackfg.datasets.effects.mounting import Tilt
 from trackfg.datasets.effects.vibration import Idling, Vibration
@@ -74,18 +74,8 @@ class LowCostRun:
         )
         if rest == 0.0:
             driver = Wandering(limits, speed_mps=(0.3 * fastest, fastest), hold_s=(5.0, 30.0), start_m=5.0)
-        line = replace(
-            YARD,
-            radius_m=(30.0, 200.0),
-            straight_m=(20.0, 150.0),
-            circle_m=(20.0, 80.0),
-            max_turn_rad=2.0,
-            transition_min_m=10.0,
-            cant_max_m=0.0,
-            line_speed_mps=fastest,
-            station_spacing_m=float(rng.uniform(150.0, 800.0)),
-            max_gradient=0.05,
-        )
+        spacing = float(rng.uniform(150.0, 800.0))
+        line = replace(NARROW_YARD, line_speed_mps=fastest, station_spacing_m=spacing)
         imu = ImuModel(rate_hz=rate, noise=plan.imu.noise)
         return replace(
             plan, name="low-cost", line=line, driver=driver, imu=imu, balises=None, effects=tuple(effects)

@@ -13,7 +13,7 @@ from trackfg.checks import plausibility
 from trackfg.checks.contradictions import diagnose
 from trackfg.checks.diagnosis_silence import is_moving
 from trackfg.checks.limits import CheckLimits
-from trackfg.datasets.catalogue import YARD, scenario, scenarios
+from trackfg.datasets.catalogue import NARROW_YARD, scenario, scenarios
 from trackfg.datasets.effects.inertial import LowCost
 from trackfg.datasets.effects.mounting import Tilt
 from trackfg.datasets.scenarios import simulate
@@ -236,18 +236,7 @@ def test_a_short_start_is_seen_where_the_tach_shows_none() -> None:
 def test_a_tilted_sensor_of_a_few_euros_is_no_exchanged_one(seed: int) -> None:
     """Narrow curves on changing grades, by a sensor 4 deg off whose accelerometer has a bias of up to 50 mg."""
     limits = Limits(acceleration_mps2=0.8, jerk_mps3=0.8)
-    line = replace(
-        YARD,
-        radius_m=(30.0, 200.0),
-        straight_m=(20.0, 150.0),
-        circle_m=(20.0, 80.0),
-        max_turn_rad=2.0,
-        transition_min_m=10.0,
-        cant_max_m=0.0,
-        line_speed_mps=8.0,
-        station_spacing_m=400.0,
-        max_gradient=0.05,
-    )
+    line = replace(NARROW_YARD, line_speed_mps=8.0, station_spacing_m=400.0)
     driver = Service(limits, fastest_mps=8.0, start_m=5.0, start_rest_s=5.0, dwell_s=(2.0, 10.0))
     effects = (LowCost(0.5), Tilt(4.0))
     plan = replace(scenario("mainline"), line=line, driver=driver, balises=None, effects=effects)
