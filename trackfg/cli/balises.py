@@ -12,7 +12,7 @@ import typer
 from trackfg.cli.options import Json
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from rich.console import RenderableType
 
@@ -77,21 +77,32 @@ def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:
         table.add_row(Text(row["id"]), *cells, Text(row["verdict"], style=_STYLES.get(row["verdict"], "")))
     yield table
     if len(survey.misread):
-        misread = titled("Passages left out: they contradict the others of their balise")
-        for heading in ("run", "time s", "id", "off by m"):
-            misread.add_column(heading)
-        for row in survey.misread.to_dict("records"):
-            off = _pair(row["off_m"], row["off_m_sd"])
-            misread.add_row(Text(row["run"]), f"{row['t_s']:.2f}", Text(row["id"]), off)
-        yield misread
+        rows = (
+            (row["run"], f"{row['t_s']:.2f}", row["id"], _pair(row["off_m"], row["off_m_sd"]))
+            for row in survey.misread.to_dict("records")
+        )
+        title = "Passages left out: they contradict the others of their balise"
+        yield _listed(title, ("run", "time s", "id", "off by m"), rows)
     if len(survey.slips):
-        slips = titled("Distances that are wrong: the wheel erred unnoticed")
-        for heading in ("run", "from s", "to s", "too long by m"):
-            slips.add_column(heading)
-        for row in survey.slips.to_dict("records"):
-            spans = (f"{row['from_s']:.2f}", f"{row['to_s']:.2f}", _pair(row["off_m"], row["off_m_sd"]))
-            slips.add_row(Text(row["run"]), *spans)
-        yield slips
+        rows = (
+            (row["run"], f"{row['from_s']:.2f}", f"{row['to_s']:.2f}", _pair(row["off_m"], row["off_m_sd"]))
+            for row in survey.slips.to_dict("records")
+        )
+        title = "Distances that are wrong: the wheel erred unnoticed"
+        yield _listed(title, ("run", "from s", "to s", "too long by m"), rows)
+
+
+def _listed(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> RenderableType:
+    from rich.text import Text
+
+    from trackfg.cli.tables import titled
+
+    table = titled(title)
+    for heading in headings:
+        table.add_column(heading)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
 
 
 def _pair(value: float, sd: float) -> str:

@@ -184,9 +184,9 @@ def _feature(path: Path, number: int, feature: object) -> _Feature:
     return _Feature(where, its_id, [_vertices(path, where, part) for part in parts], properties)
 
 
-def _vertices(path: Path, where: str, coordinates: object) -> Array:
+def _vertices(path: Path, where: str, coordinates: Any) -> Array:
     try:
-        line = np.array([[float(x), float(y)] for x, y, *_ in coordinates], dtype=np.float64)  # type: ignore[attr-defined]
+        line = np.array([[float(x), float(y)] for x, y, *_ in coordinates], dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise BadInputError(f"{path}: {where}: a vertex is no position: expected pairs of numbers") from error
     return _line(path, where, line)
