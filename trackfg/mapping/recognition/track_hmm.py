@@ -1,8 +1,8 @@
 """Which track of a network a run is on: a hidden Markov model of its passage through switches.
 
-The run, smoothed without the line, is given as points with a joint covariance. Where it is on a network is a hypothesis
-at every point: on one of the tracks that are near, on one whose line is wrong there, or on none. From point to point a
-hypothesis goes on along its track, through a switch where the network has a way, or changes between right and wrong.
+The run, smoothed without the line, is given as points with a joint covariance. The states of a point are: the run is on
+one of the tracks that are near, it is on one whose line is wrong there, or it is on none. From one point to the next
+the run stays on its track or takes a switch of the network, and its line may turn from right to wrong or back.
 
 On the right track the point is ``across = e - b`` from it, with e the error of the run's position and b that of the
 line, whose autocorrelation is ``exp(-d / L)``. So ``across`` has the variance ``s^2 = n' P n + sigma^2``, and from one

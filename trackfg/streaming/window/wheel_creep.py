@@ -14,12 +14,12 @@ with a sigma of ``MOST_CREEP``, so that ``q^2 w = MOST_CREEP^2``: r is up to 3 %
 another balise is further off.
 
 If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for the walk
-before the window. The accelerometer shows where in the window the scale changed. The scale goes on walking until as
+before the window. The accelerometer shows where in the window the scale changed. The scale keeps walking until as
 many more fixes agree as a hypothesis has votes. The sigmas of rows that have left the window by then are doubted.
 
 **Accelerometer.** A change of the scale by a per cent within seconds makes large residuals of the wheel, one after the
 other, or slip in each interval. There the likelihood of the window's rows decides whether the scale walks, as in the
-batch (:mod:`trackfg.solver.scale_evidence`); it goes on walking until the likelihood of a window is against it.
+batch (:mod:`trackfg.solver.scale_evidence`); it keeps walking until the likelihood of a window is against it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The page of a running stream: what it is told, who may ask, and what a browser shows of it."""
+"""The page of a running stream: the state it receives, the requests it answers, and what a browser shows."""
 
 from __future__ import annotations
 
