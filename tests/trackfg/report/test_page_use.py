@@ -20,6 +20,9 @@ from trackfg.results.result import Result
 TWIST = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
 SEVERE = TWIST.model_copy(update={"level": "stop", "value_mm": 1.99})
 AXE = os.environ.get("AXE_CORE")
+# Waits from outside the page: its content security policy forbids the conditions that playwright evaluates inside.
+expect = pytest.importorskip("playwright.sync_api").expect
+WAIT_MS = 30_000
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +66,7 @@ def test_a_table_is_filtered_and_copied_as_it_is_shown(shown: Any) -> None:
     assert rows[3] in kept
     assert len(kept) < len(rows)
     shown.tab.locator("#limits .tabletools button").first.click()
-    shown.tab.wait_for_function("document.querySelector('#limits .tabletools output').textContent === 'copied'")
+    expect(shown.tab.locator("#limits .tabletools output").first).to_have_text("copied", timeout=WAIT_MS)
     text = shown.tab.evaluate("navigator.clipboard.readText()")
     assert text.splitlines()[0].startswith('class,km,"length, m"')
     field.fill("")
@@ -75,7 +78,7 @@ def test_keys_move_the_reading_and_the_window(shown: Any) -> None:
     shown.tab.keyboard.press("+")
     shown.tab.wait_for_selector(f"#geometry .chart:not([data-shown='{whole}'])")
     shown.tab.keyboard.press("ArrowRight")
-    shown.tab.wait_for_function("document.querySelector('#geometry [role=status]').textContent !== ''")
+    expect(shown.tab.locator("#geometry [role=status]").first).not_to_be_empty(timeout=WAIT_MS)
     said = shown.tab.text_content("#geometry [role=status]")
     assert said.startswith("chainage ")
     assert "level estimate" in said
@@ -126,7 +129,10 @@ def test_a_phone_that_is_turned_draws_each_chart_once(shown: Any) -> None:
     shown.tab.evaluate("performance.clearMarks()")
     for turn, width in enumerate((390, 1280, 390, 1280), start=1):
         shown.tab.set_viewport_size({"width": width, "height": 900})
-        shown.tab.wait_for_function(f"{drawn} >= {turn}")
+        for _ in range(WAIT_MS // 100):
+            if shown.tab.evaluate(drawn) >= turn:
+                break
+            shown.tab.wait_for_timeout(100.0)
         shown.tab.wait_for_timeout(300.0)
         assert shown.tab.evaluate(drawn) == turn
     assert shown.tab.get_attribute("#geometry .plot", "data-rows") is None  # read when the pointer asks for them
