@@ -23,7 +23,7 @@ class ExportChoices:
         str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
     ] = "csv"
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default OUT and its suffix.")
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default OUT and what it is.")
     ] = None
     table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory, events or balises, for csv.")] = (
         "geometry"
@@ -58,8 +58,8 @@ def export(options: ExportChoices) -> None:
         raise BadInputError(f"no table {options.table!r}; expected one of {', '.join(tables)}")
     form = result_format(options.to)
     channels = read_template(options.template) if options.template is not None else ()
-    target = options.out or options.result.with_name(f"{options.result.name}{form.suffix}")
     wanted = ExportOptions(options.table, channels, options.step, options.km, options.bands)
+    target = options.out or options.result.with_name(form.file_name(options.result.name, wanted))
     export_result(Result.read(options.result), form, target, wanted)
     tell(str(target))
 

@@ -32,6 +32,12 @@ def metres_of(text: str, bare: Literal["m", "km"] = "m") -> float | None:
     return None
 
 
+def is_metres(text: str, bare: Literal["m", "km"] = "m") -> bool:
+    """Return whether a written place is a length in metres and no number of kilometres."""
+    match = _M.match(_plain(text))
+    return match is not None and "m" in (match["unit"].lower(), bare)
+
+
 def post_and_metres(text: str) -> tuple[int, float] | None:
     """Return the whole kilometre and the metres from it of ``12+1003.5``; None for other notations."""
     match = _PLUS.match(_plain(text))

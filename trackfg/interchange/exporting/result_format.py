@@ -42,6 +42,10 @@ class ResultFormat(ABC):
     needs_place: ClassVar[bool] = False
     needs_trajectory: ClassVar[bool] = False
 
+    def file_name(self, result_name: str, options: ExportOptions) -> str:
+        """Return the file's name where the user gives none: no two exports of one result have the same."""
+        return f"{result_name}{self.suffix}"
+
     @abstractmethod
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write a result to a new file. Raises :class:`BadInputError` where the result lacks what the format needs."""

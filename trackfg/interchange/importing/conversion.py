@@ -29,6 +29,7 @@ from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.recording.findings import errors
 
 _IMU_UNITS = {
@@ -84,7 +85,7 @@ def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path
     unreadable, where clocks cannot be brought together, and where the recording could not be read back; the message
     names file, column and row.
     """
-    parts = [_part(sensor, tables) for sensor in mapping.sensors]
+    parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
     start_ns = _start(parts, mapping)
     description, files = _described(parts, mapping, start_ns, run_id)
     refuse_used(folder, "recordings are never overwritten")
@@ -120,13 +121,13 @@ def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> So
     )
 
 
-def _part(sensor: MappedSensor, tables: Sequence[SourceTable]) -> _Part:
+def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilometrage | None) -> _Part:
     sources = [table_named(tables, pattern, sensor.section) for pattern in sensor.files]
     if len(sources) == 2:
         return _merged_imu(sensor, *sources)
     table = sources[0]
     times = _times(table, sensor)
-    columns, keys = _columns(sensor, table)
+    columns, keys = _columns(sensor, table, kilometrage)
     measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
     keep = ~np.all([np.isnan(values) for values in measured], axis=0)
     if sensor.kind != "imu" and not keep.all():
@@ -137,7 +138,9 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable]) -> _Part:
     return _Part(sensor, times, columns, keys)
 
 
-def _columns(sensor: MappedSensor, table: SourceTable) -> tuple[dict[str, Array], dict[str, Any]]:
+def _columns(
+    sensor: MappedSensor, table: SourceTable, kilometrage: Kilometrage | None
+) -> tuple[dict[str, Array], dict[str, Any]]:
     """Return the columns by name, and the section with a name for every constant."""
     columns: dict[str, Array] = {}
     keys, number = dict(sensor.keys), count(1)
@@ -151,17 +154,20 @@ def _columns(sensor: MappedSensor, table: SourceTable) -> tuple[dict[str, Array]
         for part in value if several else [value]:
             place = next(number)
             name = part if isinstance(part, str) else f"{_CONSTANT}{place}"
-            columns[name] = _column(sensor, table, key, part)
+            if key == "chainage" and isinstance(part, str):
+                columns[name] = read_stations(table, part, sensor.reading.chainage_unit, kilometrage)
+            else:
+                columns[name] = _column(sensor, table, part)
             names.append(name)
         if key in keys:
             keys[key] = names if several else names[0]
     return columns, keys
 
 
-def _column(sensor: MappedSensor, table: SourceTable, key: str, part: Any) -> Array:
-    """Return the column of that name, places in metres, or a number in every row."""
+def _column(sensor: MappedSensor, table: SourceTable, part: Any) -> Array:
+    """Return the column of that name, or a number in every row."""
     if isinstance(part, str):
-        return read_stations(table, part, sensor.reading.chainage_unit) if key == "chainage" else table.numbers(part)
+        return table.numbers(part)
     if isinstance(part, int | float) and not isinstance(part, bool):
         return np.full(len(table.frame), float(part))
     raise BadInputError(f"[{sensor.section}]: {part!r} is no column; expected a name or a number")
@@ -260,8 +266,7 @@ def _described(
     description: dict[str, Any] = {"format": FORMAT, "id": mapping.top.get("id", run_id)}
     if start_ns is not None:
         description["start"] = as_datetime(start_ns)
-    if "track" in mapping.top:
-        description["track"] = mapping.top["track"]
+    description |= {key: mapping.top[key] for key in ("track", "kilometrage") if key in mapping.top}
     files: dict[str, pd.DataFrame] = {}
     for part in parts:
         file = f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"

@@ -21,14 +21,16 @@ from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
 from trackfg.io.formats.registry import FORMATS
+from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.recording.description import FurtherTach
+from trackfg.recording.line_kilometrage import LineKilometrage
 
 FORMAT = "trackfg-mapping/1"
 
 SENSORS = tuple(sensor.key for sensor in FORMATS if sensor.model is not FurtherTach)
 """The sections that are sensors, as a mapping has them: several tachs are a list."""
 
-_TOP = ("format", "id", "start", "source", "text", "track", "geometry")
+_TOP = ("format", "id", "start", "source", "text", "track", "kilometrage", "geometry")
 
 
 class _Reading(BaseModel):
@@ -91,9 +93,11 @@ class Mapping:
     text: tuple[DialectOptions, ...]
     sensors: tuple[MappedSensor, ...]
     top: dict[str, Any] = field(default_factory=dict)
-    """``id``, ``start`` and ``track``, as far as they are given."""
+    """``id``, ``start``, ``track`` and ``kilometrage``, as far as they are given."""
     geometry: GeometryReading | None = None
     """How a channel table is read: the source is then no recording but a geometry, and has no sensors."""
+    kilometrage: Kilometrage | None = None
+    """What official places mean in chainages; None where both are the same."""
 
     def dialect(self, file: str) -> DialectOptions | None:
         """Return what is stated of a text file's dialect: the first entry that matches."""
@@ -125,9 +129,22 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
     text = tuple(validated(DialectOptions, entry, f"{name}: ", "key ") for entry in data.get("text", ()))
     sensors = tuple(_sensor(*part) for part in _sections(data))
     geometry = validated(GeometryReading, data["geometry"], f"{name}: ", "key ") if "geometry" in data else None
-    top = {key: data[key] for key in ("id", "start", "track") if key in data}
+    kilometrage = None
+    if "kilometrage" in data:
+        if geometry is not None:
+            raise BadInputError(f"{name}: section [kilometrage] beside [geometry]; expected it with a recording only")
+        kilometrage = validated(LineKilometrage, data["kilometrage"], f"{name}: ", "key ").kilometrage()
+    top = {key: data[key] for key in ("id", "start", "track", "kilometrage") if key in data}
     source = data.get("source")
-    return Mapping(name, None if source is None else str(source), text, sensors, top, geometry)
+    return Mapping(
+        name,
+        None if source is None else str(source),
+        text,
+        sensors,
+        top,
+        geometry,
+        kilometrage,
+    )
 
 
 def _sections(data: Dictionary[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:

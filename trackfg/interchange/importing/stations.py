@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -10,25 +11,48 @@ import pandas as pd
 from trackfg.errors import BadInputError, printable
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.km_notation import METRES_PER, metres_of
+from trackfg.numerics.km_notation import METRES_PER, is_metres, metres_of
+
+if TYPE_CHECKING:
+    from trackfg.numerics.kilometrage import Kilometrage
 
 
-def read_stations(table: SourceTable, name: str, unit: Literal["m", "km"]) -> Array:
+def read_stations(
+    table: SourceTable, name: str, unit: Literal["m", "km"], kilometrage: Kilometrage | None = None
+) -> Array:
     """Return the chainage (n,), m, of a column of numbers in ``unit``, or of written places.
 
-    Raises :class:`BadInputError` with the first row that means no place.
+    Kilometres are official places, metres are chainages; both are the same without a ``kilometrage``. Raises
+    :class:`BadInputError` with the first row that means no place, or none of the line.
     """
     column = table.column(name)
     if not pd.api.types.is_string_dtype(column):
-        return table.numbers(name) * METRES_PER[unit]
-    metres = np.empty(len(column))
+        numbers = table.numbers(name)
+        if kilometrage is None or unit == "m":
+            return numbers * METRES_PER[unit]
+        column = pd.Series([f"{number:.6f}" if np.isfinite(number) else "" for number in numbers])
+    chainage_of = _metres(unit) if kilometrage is None else _chainage(unit, kilometrage)
+    chainage = np.empty(len(column))
     for i, cell in enumerate(column):
-        value = None if pd.isna(cell) else metres_of(str(cell), unit)
-        if value is None:
-            shown = "" if pd.isna(cell) else printable(str(cell))[:40]
-            raise BadInputError(
-                f"{table.name}: column {name!r}, row {table.first_row + i}: {shown!r} is no place; expected one such "
-                "as 12+345, km 12.345 or 12345"
-            )
-        metres[i] = value
-    return metres
+        text = "" if pd.isna(cell) else str(cell)
+        try:
+            chainage[i] = chainage_of(text)
+        except ValueError as error:
+            where = f"{table.name}: column {name!r}, row {table.first_row + i}"
+            raise BadInputError(f"{where}: {printable(str(error))}") from error
+    return chainage
+
+
+def _metres(unit: Literal["m", "km"]) -> Callable[[str], float]:
+    def chainage_of(text: str) -> float:
+        metres = metres_of(text, unit)
+        if metres is None:
+            raise ValueError(f"{text[:40]!r} is no place; expected one such as 12+345, km 12.345 or 12345")
+        return metres
+
+    return chainage_of
+
+
+def _chainage(unit: Literal["m", "km"], kilometrage: Kilometrage) -> Callable[[str], float]:
+    in_metres = _metres(unit)
+    return lambda text: in_metres(text) if is_metres(text, unit) else kilometrage.read(text)

@@ -348,6 +348,15 @@ def test_formats_are_found_by_name():
         result_format("geojsn")
 
 
+def test_no_export_takes_the_name_of_another_one():
+    tables = ("geometry", "trajectory", "events", "balises")
+    names = [form.file_name("out1", ExportOptions()) for form in result_formats().values()]
+    names += [result_format("csv").file_name("out1", ExportOptions(table=table)) for table in tables[1:]]
+
+    assert len(set(names)) == len(names)
+    assert {"out1.csv", "out1.channels.csv", "out1.trajectory.csv"} <= set(names)
+
+
 def test_the_command_writes_beside_the_result(result, tmp_path):
     result.write(tmp_path / "out1")
     command = [sys.executable, "-m", "trackfg", "export", str(tmp_path / "out1"), "--to", "tum"]

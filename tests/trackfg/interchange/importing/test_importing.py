@@ -206,6 +206,65 @@ def test_dates_and_clocks_from_zero_need_a_start(tmp_path):
     assert made.loaded.recording.fixes["t_s"].iloc[0] == pytest.approx(0.2)
 
 
+def _posts(folder: Path, *cells: str):
+    folder.mkdir()
+    rows = "".join(f"{0.1 * (i + 1):.1f},{cell}\n" for i, cell in enumerate(cells))
+    return _tables(folder, imu=_imu_text(), posts="t,place\n" + rows)
+
+
+_REBUILT = {
+    "line": "4201",
+    "track": "2",
+    "equation": [{"chainage_m": 12_000.0, "km": "12+000"}, {"chainage_m": 12_500.0, "km": "12+400"}],
+}
+"""Kilometrage falls back by 100 m at chainage 12500 m."""
+_POSTS = {"file": "posts.csv", "time": "t", "chainage": "place", "sd": 1.0}
+
+
+def test_official_places_become_chainages_by_the_mapping_s_kilometrage_which_the_recording_gets(tmp_path):
+    tables = _posts(tmp_path / "s", "12+350", "12+450 (2)", "km 12.600", "12700")
+    mapping = _mapping(imu={"file": "imu.csv", **IMU}, fixes=_POSTS, kilometrage=_REBUILT)
+
+    recording = write_imported(tables, mapping, tmp_path / "r", run_id="r").loaded.recording
+
+    np.testing.assert_allclose(recording.fixes["chainage_m"], [12_350.0, 12_550.0, 12_700.0, 12_700.0])
+    official = recording.description.kilometrage
+    assert (official.line, official.track) == ("4201", "2")
+    written = official.kilometrage().written(recording.fixes["chainage_m"].to_numpy())
+    assert written[:2] == ["12+350.00", "12+450.00 (2)"]
+
+
+def test_numbers_of_kilometres_are_official_places_on_a_descending_line(tmp_path):
+    tables = _posts(tmp_path / "s", "84.9", "84.6")
+    descending = {"direction": "descending", "equation": [{"chainage_m": 0.0, "km": "85+000"}]}
+    mapping = _mapping(imu={"file": "imu.csv", **IMU}, fixes={**_POSTS, "chainage_unit": "km"}, kilometrage=descending)
+
+    recording = write_imported(tables, mapping, tmp_path / "r", run_id="r").loaded.recording
+
+    np.testing.assert_allclose(recording.fixes["chainage_m"], [100.0, 400.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("cell", "kilometrage", "message"),
+    [
+        ("12+450", _REBUILT, r"posts.csv: column 'place', row 2: '12\+450' is there 2 times.*12\+450.00 \(1\) or"),
+        ("bridge", _REBUILT, "posts.csv: column 'place', row 2: 'bridge' is no place"),
+        ("12+450", {"equations": []}, "m.toml: key equations: unknown key"),
+        ("12+450", {"equation": [{"chainage_m": 0.0, "km": "far"}]}, "m.toml: key equation.*expected a place"),
+    ],
+)
+def test_a_place_that_the_kilometrage_does_not_have_is_refused_with_its_row(tmp_path, cell, kilometrage, message):
+    tables = _posts(tmp_path / "s", cell)
+
+    with pytest.raises(BadInputError, match=message):
+        write_imported(
+            tables,
+            _mapping(imu={"file": "imu.csv", **IMU}, fixes=_POSTS, kilometrage=kilometrage),
+            tmp_path / "r",
+            run_id="r",
+        )
+
+
 def test_a_mapping_file_that_is_none_is_refused(tmp_path):
     path = tmp_path / "m.toml"
     for text, message in (("x = [", "not valid TOML"), (tomli_w.dumps({"format": "other/1"}), "trackfg-mapping/1")):

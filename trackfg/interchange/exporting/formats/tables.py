@@ -27,6 +27,11 @@ class Csv(ResultFormat):
     suffix = ".csv"
     title = "one table of the result as CSV, with times and positions"
 
+    def file_name(self, result_name: str, options: ExportOptions) -> str:
+        """Return the result's name, followed by that of the table where it is not the geometry."""
+        table = "" if options.table == "geometry" else f".{options.table}"
+        return f"{result_name}{table}{self.suffix}"
+
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the table that the options name."""
         _write_csv(table_of(result, options.table, km=options.km, bands=options.bands), path)
@@ -63,7 +68,7 @@ class Channels(ResultFormat):
     """A channel file of a template, :mod:`trackfg.interchange.exporting.channels`."""
 
     key = "channels"
-    suffix = ".csv"
+    suffix = ".channels.csv"
     title = "channels in the style of EN 13848, by a template"
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
