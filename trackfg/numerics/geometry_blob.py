@@ -8,7 +8,6 @@ readers skip what they do not draw.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,9 +19,19 @@ _POINT_Z = 1001
 """Code of a point with height."""
 _LINESTRINGS = {3: 1002, 4: 3002}
 """Code of a line by the numbers of a vertex: with height, and with a measure too."""
-_POINT, _LINE, _POLYGON, _MULTILINE = 1, 2, 3, 5
-_COLLECTIONS = (4, _MULTILINE, 6, 7)
+_POINT, _LINE, _POLYGON = 1, 2, 3
+_COLLECTIONS = (4, 5, 6, 7)
 """Codes without the thousands: of many points, lines, polygons, and of anything."""
+_KINDS = {
+    _POINT: "Point",
+    _LINE: "LineString",
+    _POLYGON: "Polygon",
+    4: "MultiPoint",
+    5: "MultiLineString",
+    6: "MultiPolygon",
+    7: "GeometryCollection",
+}
+"""Kinds of geometries by their codes, as GeoJSON calls them."""
 _OLD_Z, _OLD_M = 0x80000000, 0x40000000
 """Flags of height and measure in well-known binary before ISO's thousands, which GDAL writes still."""
 _NO_ENVELOPE, _ENVELOPE_XY = 0, 1
@@ -57,35 +66,32 @@ def _header(srs_id: int, envelope: int) -> bytes:
     return b"GP" + struct.pack("<BBi", 0, envelope << 1 | _LITTLE_ENDIAN, srs_id)
 
 
-def lines_of_wkb(blob: bytes) -> list[Array]:
-    """Return the vertices (n, 2 to 4) of a line, or of each part of a multi-line; of other geometries none.
+def geometry_of_wkb(blob: bytes, at: int = 0) -> tuple[str, list[Array]]:
+    """Return the kind of a geometry as GeoJSON calls it, and the vertices (n, 2 to 4) of each point, line and ring.
 
-    Both byte orders, with or without heights and measures, also as they were marked before ISO 13249-3. Raises
-    ``ValueError`` for bytes that end too soon.
+    ``at`` is the byte where it begins. Both byte orders, with or without heights and measures, also as they were marked
+    before ISO 13249-3. Raises ``ValueError`` for bytes that end too soon and for other kinds.
     """
     try:
-        _, kind, _ = _head(blob, 0)
-        return _vertices(blob, 0)[0] if kind in (_LINE, _MULTILINE) else []
+        _, kind, _ = _head(blob, at)
+        parts, _ = _vertices(blob, at)
     except struct.error as error:
-        raise ValueError("the geometry is damaged") from error
+        raise ValueError("the geometry is cut off: expected a whole one") from error
+    return _KINDS[kind], parts
 
 
-def geopackage_vertices(blob: bytes) -> Iterator[Array]:
-    """Yield x and y of each point, line and ring of a geometry with GeoPackage's header, shape (n, 2).
+def geopackage_geometry(blob: bytes) -> tuple[str, list[Array]]:
+    """Return the kind of a geometry with GeoPackage's header, and x and y (n, 2) of each point, line and ring.
 
-    Of a point n is 1. Raises ``ValueError`` for bytes that are no such geometry.
+    Raises ``ValueError`` for bytes that are no such geometry.
     """
     if blob[:2] != b"GP" or len(blob) < 8:
         raise ValueError("no GeoPackage geometry: expected bytes that begin with GP")
     code = blob[3] >> 1 & 7
     if code >= len(_ENVELOPE_BYTES):
-        raise ValueError(f"no GeoPackage geometry: the extent has the code {code}; expected 0 to 4")
-    try:
-        found, _ = _vertices(blob, 8 + _ENVELOPE_BYTES[code])
-    except struct.error as error:
-        raise ValueError("the geometry is cut off") from error
-    for vertices in found:
-        yield vertices[:, :2]
+        raise ValueError(f"no GeoPackage geometry: the extent has the code {code}: expected 0 to 4")
+    kind, parts = geometry_of_wkb(blob, 8 + _ENVELOPE_BYTES[code])
+    return kind, [part[:, :2] for part in parts]
 
 
 def _head(blob: bytes, at: int) -> tuple[str, int, int]:

@@ -86,8 +86,11 @@ def test_a_geopackage_in_another_system_is_projected(tmp_path: Path) -> None:
     [
         ("{", "not readable as GeoJSON"),
         ("{}", "expected a FeatureCollection"),
-        ('{"features": [], "crs": {"properties": {"name": "EPSG:25832"}}}', "expected longitude and latitude"),
-        ('{"features": [{"geometry": {"type": "Point", "coordinates": ["a", 1]}}]}', "feature 1: expected a geometry"),
+        ('{"features": [], "crs": {"type": "name"}}', "crs has no name"),
+        (
+            '{"features": [{"geometry": {"type": "Point", "coordinates": ["a", 1]}}]}',
+            "feature 1: a vertex is no pos",
+        ),
     ],
 )
 def test_bad_geojson_is_named(tmp_path: Path, content: str, said: str) -> None:
@@ -104,8 +107,9 @@ def test_bad_geopackages_are_named(tmp_path: Path) -> None:
     cut = b"GP\0\x01" + struct.pack("<i", 4326) + b"\1" + struct.pack("<II", 2, 1000)
     with pytest.raises(BadInputError, match="row 1: the geometry is cut off"):
         read_background(geopackage(tmp_path / "b.gpkg", 4326, cut), ORIGIN)
+    point = {"type": "Feature", "geometry": {"type": "Point", "coordinates": [139.0, 35.2]}, "properties": None}
     with pytest.raises(BadInputError, match="knows no place on the Earth"):
-        read_background(geojson(tmp_path / "a.json"), None)
+        read_background(geojson(tmp_path / "a.json", point), None)
     with pytest.raises(BadInputError, match="ends in"):
         read_background(tmp_path / "a.shp", ORIGIN)
 
@@ -125,3 +129,13 @@ def test_the_map_names_what_has_an_id(make_result: Callable[..., Result]) -> Non
     assert balise["text"] == ["B&lt;7&gt;"]
     assert (balise["x"][0], balise["y"][0]) == pytest.approx((at["east_m"], at["north_m"]), abs=0.01)
     assert "background" not in {trace["name"] for trace in figure.traces}
+
+
+def test_geojson_with_the_reference_system_of_a_country_is_projected(tmp_path: Path) -> None:
+    pyproj = pytest.importorskip("pyproj")
+    ((lon, lat),) = geographic(SQUARE[1:2])
+    place = pyproj.Transformer.from_crs(4326, 32654, always_xy=True).transform(lon, lat)
+    stop = {"type": "Feature", "geometry": {"type": "Point", "coordinates": place}, "properties": {"ref": "T"}}
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32654"}}
+    ((name, east, north),) = read_background(geojson(tmp_path / "a.geojson", stop, crs=crs), ORIGIN).points
+    assert (name, east, north) == ("T", pytest.approx(100.0, abs=0.01), pytest.approx(0.0, abs=0.01))

@@ -10,7 +10,7 @@ import numpy as np
 from trackfg.datasets.line.landxml import read_landxml
 from trackfg.datasets.line.landxml_file import open_landxml
 from trackfg.errors import BadInputError
-from trackfg.interchange.known_lines import known_line, read_known_line
+from trackfg.io.known_lines import known_line, read_known_line
 
 if TYPE_CHECKING:
     from trackfg.recording.known_line import KnownLine

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from trackfg.files.libraries import library
 from trackfg.interchange.exporting.located import located_trajectory, quaternions_of, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
-from trackfg.interchange.libraries import library
 from trackfg.results.result import Result
 
 _OBJECT = {"type": "object"}

@@ -9,10 +9,10 @@ import pyarrow as pa
 import pyarrow.csv
 
 from trackfg.errors import BadInputError
+from trackfg.files.libraries import library
 from trackfg.interchange.exporting.channels import channel_table, read_template
 from trackfg.interchange.exporting.located import table_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
-from trackfg.interchange.libraries import library
 from trackfg.results.columns import BAND_COLUMNS
 from trackfg.results.result import Result
 

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
+from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import as_ns
-from trackfg.interchange.libraries import library
 
 _UERE_M = 3.0
 """Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS

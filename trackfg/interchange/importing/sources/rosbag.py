@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
+from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.libraries import library
 
 
 def _imu(message: Any) -> tuple[float, ...]:

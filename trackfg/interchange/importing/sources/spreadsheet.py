@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 from trackfg.errors import BadInputError
+from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.libraries import library
 
 SPREADSHEETS = (".xlsx",)
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.known_lines import read_known_line
-from trackfg.numerics.geometry_blob import lines_of_wkb
+from trackfg.io.known_lines import read_known_line
+from trackfg.numerics.geometry_blob import geometry_of_wkb
 
 TRACKS = {"A": [[139.0, 35.2], [139.01, 35.2]], "B": [[139.01, 35.2], [139.02, 35.2], [139.03, 35.201]]}
 
@@ -100,24 +100,27 @@ def test_geopackage(tmp_path: Path) -> None:
     assert line.ids == ("Z",)
     np.testing.assert_allclose(line.vertices[0][:, ::-1], TRACKS["A"], atol=1e-12)
     (tmp_path / "bad.gpkg").write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(BadInputError, match=r"bad\.gpkg: not a GeoPackage"):
+    with pytest.raises(BadInputError, match=r"bad\.gpkg: not readable as a GeoPackage"):
         read_known_line(tmp_path / "bad.gpkg")
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_well_known_binary(order: str) -> None:
-    """Lines with height, with measure, with both, and several, in both byte orders; of other geometries none."""
+    """Lines with height, with measure, with both, and several, in both byte orders."""
     flag = 1 if order == "<" else 0
     values = np.arange(12.0)
     for code, dims in ((2, 2), (1002, 3), (2002, 3), (3002, 4), (0x80000002, 3), (0xC0000002, 4)):
         line = values[: 3 * dims].reshape(3, dims)
         blob = struct.pack(f"{order}BII", flag, code, 3) + line.astype(f"{order}f8").tobytes()
-        np.testing.assert_array_equal(lines_of_wkb(blob)[0], line)
-        several = lines_of_wkb(struct.pack(f"{order}BII", flag, code + 3, 2) + blob + blob)
+        kind, (vertices,) = geometry_of_wkb(blob)
+        assert kind == "LineString"
+        np.testing.assert_array_equal(vertices, line)
+        kind, several = geometry_of_wkb(struct.pack(f"{order}BII", flag, code + 3, 2) + blob + blob)
+        assert kind == "MultiLineString"
         assert [len(part) for part in several] == [3, 3]
-        with pytest.raises(ValueError, match="damaged"):
-            lines_of_wkb(blob[:-1])
-    assert lines_of_wkb(struct.pack(f"{order}BI2d", flag, 1, 0.0, 0.0)) == []
+        with pytest.raises(ValueError, match="cut off"):
+            geometry_of_wkb(blob[:-1])
+    assert geometry_of_wkb(struct.pack(f"{order}BI2d", flag, 1, 0.0, 0.0))[0] == "Point"
 
 
 BROKEN: dict[str, tuple[tuple[object, ...], dict[str, object], str]] = {
