@@ -145,7 +145,8 @@ def _geojson_parts(geometry: dict[str, Any]) -> Iterator[Array]:
     kind = str(geometry.get("type"))
     if kind not in _NESTING:
         return
-    lists = [[geometry.get("coordinates")]] if kind == "Point" else [geometry.get("coordinates")]
+    coordinates: Any = geometry.get("coordinates")
+    lists: list[Any] = [[coordinates]] if kind == "Point" else [coordinates]
     for _ in range(_NESTING[kind] - 1):
         if not all(isinstance(part, list) for part in lists):
             raise ValueError("coordinates are no list: expected one of lines")
