@@ -23,7 +23,9 @@ kernels = Extension(
     "trackfg.numerics.compiled",
     [str(path) for path in SOURCES],
     depends=[str(path) for path in sorted(Path("kernels").glob("*.h"))],
-    extra_compile_args=["-std=c++17", "-O3", "-g0", "-fvisibility=hidden"],  # -g0: no paths of the build in it
+    # -g0: no paths of the build in it
+    extra_compile_args=["-std=c++17", "-O3", "-g0", "-fvisibility=hidden", "-pthread"],
+    extra_link_args=["-pthread"],
     language="c++",
     optional=True,
     py_limited_api=True,

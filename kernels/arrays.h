@@ -64,5 +64,7 @@ PyObject *eliminate(PyObject *, PyObject *arguments);
 PyObject *preintegrate(PyObject *, PyObject *arguments);
 PyObject *inertial_factors(PyObject *, PyObject *arguments);
 PyObject *predict(PyObject *, PyObject *arguments);
+PyObject *spill(PyObject *, PyObject *arguments);
+PyObject *unspill(PyObject *, PyObject *arguments);
 
 extern const std::ptrdiff_t DELTA_SIZE;  // numbers that preintegrate() writes of an interval

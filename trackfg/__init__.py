@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from trackfg.config import SmoothConfig
     from trackfg.io.check import check_recording
     from trackfg.io.reader import read_recording, write_recording
+    from trackfg.numerics.bounded_memory import bounded_memory
     from trackfg.plots.strip_chart import plot_geometry
     from trackfg.plots.trajectory_chart import plot_trajectory
     from trackfg.recording.model import Recording
@@ -34,6 +35,7 @@ __all__ = [
     "TrackfgError",
     "UnsolvableError",
     "__version__",
+    "bounded_memory",
     "check_recording",
     "plot_geometry",
     "plot_trajectory",
@@ -49,6 +51,7 @@ __getattr__ = lazy_imports(
         "Recording": "recording.model",
         "Result": "results.result",
         "SmoothConfig": "config",
+        "bounded_memory": "numerics.bounded_memory",
         "check_recording": "io.check",
         "plot_geometry": "plots.strip_chart",
         "plot_trajectory": "plots.trajectory_chart",

@@ -240,15 +240,16 @@ def smooth(options: SmoothOptions) -> None:
 
         feature_map = read_map(options.map_location)
     known_line = options.known_line()
-    with progress_bar(of_all=False) as progress:
-        result = run_smoother(
-            read_recording(options.recording),
-            settings,
-            feature_map=feature_map,
-            known_line=known_line,
-            progress=progress,
-        )
-    result.write(options.out)
+    with options.bounded_memory():
+        with progress_bar(of_all=False) as progress:
+            result = run_smoother(
+                read_recording(options.recording),
+                settings,
+                feature_map=feature_map,
+                known_line=known_line,
+                progress=progress,
+            )
+        result.write(options.out)
     _warn_unless_converged(result)
     _warn_unless_located(result)
     if options.json:

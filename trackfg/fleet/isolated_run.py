@@ -33,6 +33,8 @@ NOT_TO_BE_TRUSTED = 3
 
 _POLL_S = 0.05
 """Time between two looks at a process, s: 20 MB at the 400 MB/s at which a smoothing takes up memory at most."""
+_SHARE_OF_MEMORY = 0.5
+"""Part of the memory allowed that ``trackfg smooth`` keeps to: what it holds besides large arrays comes on top."""
 _LOG_LINES, _LOG_LETTERS = 20, 4000
 """What is kept of the log of a run that failed."""
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -130,6 +132,7 @@ def _smoothed(job: Job, recording: Path, result: Path, scratch: Path, stop: thre
     settings.write_text(job.settings, encoding="utf-8")
     command = [sys.executable, "-m", "trackfg", "smooth", str(recording), "-o", str(result), "--config", str(settings)]
     command += [] if job.run.map is None else ["--map", job.run.map]
+    command += [] if job.memory_bytes is None else ["--memory", f"{_SHARE_OF_MEMORY * job.memory_bytes / 1e9:g}"]
     with log.open("wb") as file:
         process = subprocess.Popen(
             [sys.executable, "-I", "-S", str(_LAUNCHER), str(os.getpid()), *command],

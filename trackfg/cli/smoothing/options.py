@@ -12,6 +12,8 @@ from trackfg.cli.options import Json
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from trackfg.recording.known_line import KnownLine
 
 
@@ -55,7 +57,18 @@ class SmoothOptions:
     alignment: Annotated[
         str | None, typer.Option(metavar="NAME", help="The alignment, of several in LandXML.", show_default=False)
     ] = None
+    memory: Annotated[
+        float,
+        typer.Option(metavar="GB", min=0.001, help="About the most memory: what is beyond lies in a file beside OUT."),
+    ] = 2.0
     json: Json = False
+
+    def bounded_memory(self) -> AbstractContextManager[None]:
+        """Keep to the memory inside the ``with``; the file is in the first folder above the result that there is."""
+        from trackfg import bounded_memory
+
+        above = next(folder for folder in self.out.absolute().parents if folder.is_dir())
+        return bounded_memory(round(self.memory * 1e9), above)
 
     def known_line(self) -> KnownLine | None:
         """Return the tracks of the file, or those of the path. Raises :class:`BadInputError` for one not usable."""

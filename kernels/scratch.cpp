@@ -1,0 +1,293 @@
+// Arrays beyond a budget lie in a scratch file instead of the heap, so that the memory of a long run is bounded.
+//
+// numpy takes the memory of arrays from a handler (NEP 49), here one that gives what earlier handlers give until large
+// arrays hold `budget` bytes, and from then on places in a file that is mapped into memory. The kernel writes its pages
+// and reads them again as they are needed. A thread watches what the process holds in memory, and where that comes
+// near the limit, lets go of the file's pages: what is in them stays in the file. Values do not depend on any of this.
+#include "arrays.h"
+
+#if defined(__linux__)
+#include <fcntl.h>
+#include <malloc.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <thread>
+
+namespace {
+
+// numpy's handler of version 1, and where its table of functions has those that get and set it (numpy/ndarraytypes.h
+// and numpy/__multiarray_api.h; the numbers belong to numpy's binary interface and do not change).
+struct Handler {
+    char name[127];
+    std::uint8_t version;
+    void *context;
+    void *(*take)(void *, std::size_t);
+    void *(*take_zeros)(void *, std::size_t, std::size_t);
+    void *(*resize)(void *, void *, std::size_t);
+    void (*give)(void *, void *, std::size_t);
+};
+constexpr char HANDLER_NAME[] = "mem_handler";
+constexpr int SET_HANDLER = 304, GET_HANDLER = 305;
+
+constexpr std::size_t LARGE = std::size_t{1} << 20;      // bytes of an array that may lie in the file: 256 pages
+constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, bytes: 256 GiB
+constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
+constexpr std::size_t PAGE = std::size_t{1} << 16;       // places begin at multiples of this: of all sizes of pages
+constexpr auto WATCHED_EVERY = std::chrono::milliseconds(10);  // in which a process faults in some 20 MB
+
+// Places in a file that is mapped as a whole. What they hold stays there when its pages are let go of.
+class ScratchFile {
+  public:
+    ScratchFile(int file, std::size_t limit) : file_(file), limit_(limit) {}
+
+    ~ScratchFile() {
+        if (watch_.joinable()) {
+            {
+                const std::lock_guard<std::mutex> lock(mutex_);
+                ended_ = true;
+            }
+            wake_.notify_all();
+            watch_.join();
+        }
+        if (base_ != nullptr) munmap(base_, RESERVED);
+        close(file_);
+        close(statm_);
+    }
+
+    bool holds(const void *place) const {
+        const char *base = base_.load(), *at = static_cast<const char *>(place);
+        return base != nullptr && at >= base && at < base + RESERVED;
+    }
+
+    // A place of so many bytes, from the first gap that is long enough; null where the file cannot grow.
+    void *take(std::size_t bytes) {
+        const std::size_t length = (bytes + PAGE - 1) / PAGE * PAGE;
+        const std::lock_guard<std::mutex> lock(mutex_);
+        let_go();
+        auto gap = gaps_.begin();
+        while (gap != gaps_.end() && gap->second < length) ++gap;
+        if (gap == gaps_.end()) {
+            if (!grow(length)) return nullptr;
+            gap = std::prev(gaps_.end());
+        }
+        const auto [begin, free] = *gap;
+        gaps_.erase(gap);
+        if (free > length) gaps_[begin + length] = free - length;
+        places_[begin] = length;
+        return base_ + begin;
+    }
+
+    std::size_t length(const void *place) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        return places_.at(static_cast<const char *>(place) - base_);
+    }
+
+    void give(void *place) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        const auto own = places_.find(static_cast<char *>(place) - base_);
+        add_gap(own->first, own->second);
+        places_.erase(own);
+    }
+
+  private:
+    void add_gap(std::size_t begin, std::size_t length) {
+        auto next = gaps_.lower_bound(begin);
+        if (next != gaps_.end() && begin + length == next->first) {
+            length += next->second;
+            next = gaps_.erase(next);
+        }
+        if (next != gaps_.begin() && std::prev(next)->first + std::prev(next)->second == begin)
+            std::prev(next)->second += length;
+        else
+            gaps_[begin] = length;
+    }
+
+    // Make the gap at the end as long as that. Its blocks are allocated: a disk that is full is noticed here.
+    bool grow(std::size_t length) {
+        if (base_ == nullptr) {
+            void *mapped = mmap(nullptr, RESERVED, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_NORESERVE, file_, 0);
+            if (mapped == MAP_FAILED) return false;
+            madvise(mapped, RESERVED, MADV_DONTFORK);  // a child process would write into its parent's arrays
+            base_ = static_cast<char *>(mapped);
+            watch_ = std::thread(&ScratchFile::watch, this);
+        }
+        const auto last = gaps_.empty() ? gaps_.end() : std::prev(gaps_.end());
+        const std::size_t there = last != gaps_.end() && last->first + last->second == size_ ? last->second : 0;
+        const std::size_t wanted = length - there, more = wanted > GROWTH ? wanted : GROWTH;
+        if (size_ + more > RESERVED || posix_fallocate(file_, size_, more) != 0) return false;
+        add_gap(size_, more);
+        size_ += more;
+        return true;
+    }
+
+    void watch() {
+        std::unique_lock<std::mutex> lock(mutex_);
+        while (!wake_.wait_for(lock, WATCHED_EVERY, [this] { return ended_; })) let_go();
+    }
+
+    // Let go of the file's pages where the process holds much, and enough of it is the file's.
+    void let_go() {
+        char text[128] = {};
+        unsigned long all = 0, resident = 0, of_files = 0;
+        if (pread(statm_, text, sizeof text - 1, 0) <= 0) return;
+        if (std::sscanf(text, "%lu %lu %lu", &all, &resident, &of_files) != 3) return;
+        if (resident * page_ < limit_ / 10 * 8 || of_files * page_ < limit_ / 10) return;
+        madvise(base_, size_, MADV_DONTNEED);
+    }
+
+    const int file_;
+    const std::size_t limit_;
+    const int statm_ = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+    const std::size_t page_ = sysconf(_SC_PAGESIZE);
+    std::atomic<char *> base_{nullptr};
+    std::size_t size_ = 0;
+    std::map<std::size_t, std::size_t> gaps_, places_;  // lengths by beginnings
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    std::thread watch_;
+    bool ended_ = false;
+};
+
+struct Scratch {
+    Handler handler;
+    const Handler *heap;  // gives what is not in the file
+    PyObject *heap_owner;
+    std::size_t budget;
+    std::atomic<std::size_t> on_heap{0};  // bytes of large arrays
+    ScratchFile file;
+
+    Scratch(const Handler *before, PyObject *owner, int descriptor, std::size_t budget_, std::size_t limit);
+
+    void *counted(void *place) {
+        const std::size_t bytes = place == nullptr ? 0 : malloc_usable_size(place);
+        if (bytes >= LARGE) on_heap += bytes;
+        return place;
+    }
+    void discount(void *place) {
+        const std::size_t bytes = malloc_usable_size(place);
+        if (bytes >= LARGE) on_heap -= bytes;
+    }
+    // A place in the file for an array that is large and beyond the budget; null for all others.
+    void *spilled(std::size_t bytes) {
+        return bytes < LARGE || on_heap + bytes <= budget ? nullptr : file.take(bytes);
+    }
+};
+
+void *take(void *context, std::size_t bytes) {
+    Scratch &own = *static_cast<Scratch *>(context);
+    if (void *place = own.spilled(bytes)) return place;
+    return own.counted(own.heap->take(own.heap->context, bytes));
+}
+
+void *take_zeros(void *context, std::size_t count, std::size_t size) {
+    Scratch &own = *static_cast<Scratch *>(context);
+    if (void *place = own.spilled(count * size)) return std::memset(place, 0, count * size);
+    return own.counted(own.heap->take_zeros(own.heap->context, count, size));
+}
+
+void give(void *context, void *place, std::size_t bytes) {
+    Scratch &own = *static_cast<Scratch *>(context);
+    if (place == nullptr) return;
+    if (own.file.holds(place)) return own.file.give(place);
+    own.discount(place);
+    own.heap->give(own.heap->context, place, bytes);
+}
+
+void *resize(void *context, void *place, std::size_t bytes) {
+    Scratch &own = *static_cast<Scratch *>(context);
+    if (place == nullptr) return take(context, bytes);
+    if (!own.file.holds(place)) {
+        own.discount(place);
+        void *moved = own.heap->resize(own.heap->context, place, bytes);
+        own.counted(moved == nullptr ? place : moved);
+        return moved;
+    }
+    void *moved = take(context, bytes);
+    if (moved == nullptr) return nullptr;
+    const std::size_t length = own.file.length(place);
+    std::memcpy(moved, place, length < bytes ? length : bytes);
+    own.file.give(place);
+    return moved;
+}
+
+Scratch::Scratch(const Handler *before, PyObject *owner, int descriptor, std::size_t budget_, std::size_t limit)
+    : handler{"trackfg_scratch", 1, this, ::take, ::take_zeros, ::resize, ::give},
+      heap(before),
+      heap_owner(owner),
+      budget(budget_),
+      file(descriptor, limit) {}
+
+// Every array has a reference to the handler of its memory: with the last of them the file goes.
+void end(PyObject *capsule) {
+    auto *own = static_cast<Scratch *>(static_cast<Handler *>(PyCapsule_GetPointer(capsule, HANDLER_NAME))->context);
+    PyObject *owner = own->heap_owner;
+    delete own;
+    Py_DECREF(owner);
+}
+
+// Return the handler before, which this context's arrays are from no longer.
+PyObject *set_handler(void **table, PyObject *handler) {
+    return reinterpret_cast<PyObject *(*)(PyObject *)>(table[SET_HANDLER])(handler);
+}
+
+}  // namespace
+
+// spill(table, file, budget, limit) -> handler: from now on this context's arrays beyond `budget` bytes of large ones
+// lie in the file (a descriptor, which is duplicated), and of that no more in memory than the process's `limit` allows.
+// `table` is numpy's _ARRAY_API; returned is the handler before, for unspill(table, handler).
+PyObject *spill(PyObject *, PyObject *arguments) {
+    PyObject *py_table;
+    int file;
+    Py_ssize_t budget, limit;
+    if (!PyArg_ParseTuple(arguments, "Oinn", &py_table, &file, &budget, &limit)) return nullptr;
+    void **table = static_cast<void **>(PyCapsule_GetPointer(py_table, nullptr));
+    if (table == nullptr) return nullptr;
+    PyObject *before = reinterpret_cast<PyObject *(*)()>(table[GET_HANDLER])();
+    if (before == nullptr) return nullptr;
+    const auto *heap = static_cast<const Handler *>(PyCapsule_GetPointer(before, HANDLER_NAME));
+    const int own_file = heap == nullptr ? -1 : fcntl(file, F_DUPFD_CLOEXEC, 0);
+    if (own_file < 0) {
+        Py_DECREF(before);
+        return heap == nullptr ? nullptr : PyErr_SetFromErrno(PyExc_OSError);
+    }
+    auto *scratch = new Scratch(heap, before, own_file, budget, limit);
+    PyObject *capsule = PyCapsule_New(&scratch->handler, HANDLER_NAME, end);
+    if (capsule == nullptr) {
+        delete scratch;
+        Py_DECREF(before);
+        return nullptr;
+    }
+    PyObject *replaced = set_handler(table, capsule);
+    Py_DECREF(capsule);
+    return replaced;
+}
+
+// unspill(table, handler): arrays are from `handler` again; those in the file stay there until they go.
+PyObject *unspill(PyObject *, PyObject *arguments) {
+    PyObject *py_table, *handler;
+    if (!PyArg_ParseTuple(arguments, "OO", &py_table, &handler)) return nullptr;
+    void **table = static_cast<void **>(PyCapsule_GetPointer(py_table, nullptr));
+    if (table == nullptr) return nullptr;
+    PyObject *replaced = set_handler(table, handler);
+    Py_XDECREF(replaced);
+    if (replaced == nullptr) return nullptr;
+    Py_RETURN_NONE;
+}
+
+#else
+
+PyObject *spill(PyObject *, PyObject *) {
+    PyErr_SetString(PyExc_NotImplementedError, "arrays lie in a file under Linux alone");
+    return nullptr;
+}
+
+PyObject *unspill(PyObject *, PyObject *) { return spill(nullptr, nullptr); }
+
+#endif

@@ -1,0 +1,80 @@
+"""Arrays beyond a limit lie in a file: the memory is bounded, and every value the same."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trackfg.datasets import Simulation
+from trackfg.numerics.bounded_memory import bounded_memory
+from trackfg.numerics.kernels import compiled_kernels
+from trackfg.smoothing.smoother import smooth
+
+in_file = pytest.mark.skipif(
+    not compiled_kernels() or sys.platform != "linux", reason="arrays lie in a file with compiled kernels under Linux"
+)
+
+_PROGRAM = """
+import sys
+from pathlib import Path
+import numpy as np
+from trackfg.numerics.bounded_memory import bounded_memory
+
+with bounded_memory(200_000_000, Path(sys.argv[1])):
+    columns = [np.full(1_000_000, float(i)) for i in range(100)]
+    assert [(2.0 * column).max() for column in columns] == [2.0 * i for i in range(100)]
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+"""Makes 0.8 GB of arrays, reads them all, and prints its peak memory, kB."""
+
+
+@in_file
+def test_memory_is_bounded_and_nothing_is_left(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", _PROGRAM, str(tmp_path)]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert 1024 * int(run.stdout) < 400_000_000
+    assert not list(tmp_path.iterdir())
+
+
+@in_file
+def test_a_run_is_the_same_with_all_its_arrays_in_the_file(
+    simulated: Callable[..., Simulation], tmp_path: Path
+) -> None:
+    recording = simulated("mainline", duration_s=120.0).recording
+    usual = smooth(recording)
+    with bounded_memory(1, tmp_path):
+        spilled = smooth(recording)
+    assert usual.trajectory.equals(spilled.trajectory)
+    assert usual.geometry.equals(spilled.geometry)
+    assert np.array_equal(usual.covariance.matrix, spilled.covariance.matrix)
+
+
+@in_file
+def test_arrays_outlive_the_limit(tmp_path: Path) -> None:
+    with bounded_memory(1, tmp_path):
+        column = np.arange(1_000_000.0)
+        grown = np.arange(500_000.0)
+        grown.resize(2_000_000, refcheck=False)
+    assert column.sum() == 499_999_500_000.0
+    column.resize(100, refcheck=False)
+    assert column.sum() == 4950.0
+    assert grown[:500_000].sum() == grown.sum() == 124_999_750_000.0
+
+
+@in_file
+def test_without_a_place_for_a_file_arrays_are_in_memory(tmp_path: Path) -> None:
+    with bounded_memory(1, tmp_path / "missing"):
+        column = np.arange(1_000_000.0)
+    assert column.sum() == 499_999_500_000.0
+
+
+def test_numpy_alone_computes_without_a_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("TRACKFG_KERNELS", "numpy")
+    with bounded_memory(1, tmp_path):
+        column = np.arange(1_000_000.0)
+    assert column.sum() == 499_999_500_000.0
