@@ -36,6 +36,10 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
     map_location: Annotated[
         str | None, typer.Option("--map", metavar="MAP", help="For runs whose row names no map.", show_default=False)
     ] = None,
+    known_line: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Tracks of runs whose row names none.", show_default=False),
+    ] = None,
     config: Annotated[
         str | None,
         typer.Option(metavar="C.toml", help="Settings of runs whose row names none.", show_default=False),
@@ -68,7 +72,7 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
     from trackfg.fleet.planning import plan
     from trackfg.fleet.store import Store
 
-    defaults = {"line": line, "map": map_location, "settings": config}
+    defaults = {"line": line, "map": map_location, "known_line": known_line, "settings": config}
     runs = read_catalogue(places, {name: text for name, text in defaults.items() if text})
     store = Store(out, create=not dry_run)
     known = KnownContent(store.known_content)

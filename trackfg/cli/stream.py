@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _STANDARD = "-"
 _CHECKPOINT = "checkpoint"
+_ONLY_SMOOTHED = ("balises", "known_line")
+"""Sections of a recording that a stream does not use."""
 
 
 @dataclass(frozen=True)
@@ -228,4 +230,7 @@ def _source(name: str, *, real_time: bool, position: int) -> Source:
     recording = read_recording(name)
     for finding in recording.findings:
         print(f"trackfg: {finding.level}: {finding}", file=sys.stderr)
+    for section in _ONLY_SMOOTHED:
+        if getattr(recording.description, section) is not None:
+            print(f"trackfg: warning: a stream does not use [{section}], as trackfg smooth does", file=sys.stderr)
     return RecordingSource(recording, speed=1.0 if real_time else None, position=position)

@@ -1,7 +1,7 @@
 """The catalogue of a batch is a table of runs, or folders of recordings named one by one or by a pattern.
 
-A table (CSV or Parquet) has the column ``recording`` and, as needed, ``line``, ``map``, ``settings``, ``tags`` and
-``run``. Its paths are relative to the table, those of a pattern to the working directory.
+A table (CSV or Parquet) has the column ``recording`` and, as needed, ``line``, ``map``, ``known_line``, ``settings``,
+``tags`` and ``run``. Its paths are relative to the table, those of a pattern to the working directory.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from trackfg.errors import BadInputError, did_you_mean, first_line, printable
 from trackfg.files.parquet import read_parquet
 from trackfg.fleet.places import is_recording, is_url
 
-COLUMNS = ("recording", "line", "map", "settings", "tags", "run")
+COLUMNS = ("recording", "line", "map", "known_line", "settings", "tags", "run")
 """Columns of a table; all but the first may be absent or empty."""
 
-_PLACES = ("recording", "map", "settings")
+_PLACES = ("recording", "map", "known_line", "settings")
 """Columns that hold paths or URLs."""
 
 UNKNOWN_LINE = "unknown"
@@ -42,13 +42,15 @@ _HASH_DIGITS = 8
 class Run:
     """One recording to be smoothed. ``name`` is that of its folder in the store.
 
-    ``map`` is the place of a map, ``settings`` the path of a TOML file; None for none, and for the defaults.
+    ``map`` is the place of a map, ``known_line`` the path of a file of tracks, ``settings`` that of a TOML file; None
+    for none, and for the defaults.
     """
 
     name: str
     recording: str
     line: str = UNKNOWN_LINE
     map: str | None = None
+    known_line: str | None = None
     settings: str | None = None
     tags: str = ""
 
@@ -138,6 +140,8 @@ def _run(row: Mapping[str, str], folder: str) -> Run:
     places = {column: _place(row[column], folder) for column in _PLACES if column in row}
     if "recording" not in places:
         raise ValueError("no recording; expected a path or a URL")
+    if is_url(places.get("known_line", "")):
+        raise ValueError(f"known_line {places['known_line']!r}: expected a path")
     recording = places["recording"]
     name = row.get("run") or _name_of(recording)
     if not _NAME.fullmatch(name):
@@ -147,6 +151,7 @@ def _run(row: Mapping[str, str], folder: str) -> Run:
         recording=recording,
         line=row.get("line", UNKNOWN_LINE),
         map=places.get("map"),
+        known_line=places.get("known_line"),
         settings=places.get("settings"),
         tags=row.get("tags", ""),
     )

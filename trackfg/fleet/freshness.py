@@ -1,7 +1,7 @@
 """A result is fresh while all that it was computed from is as its summary says.
 
-That is the content of the recording, the settings, the version of the map and the versions of what computes. Each is
-one text; two results with the same four are the same to the last bit.
+That is the content of the recording, the settings, the version of the map, the versions of what computes and the
+content of a known line. Each is one text; two results with the same five are the same to the last bit.
 """
 
 from __future__ import annotations
@@ -24,12 +24,15 @@ _SHOWN_SETTINGS = 3
 
 
 class Inputs(NamedTuple):
-    """What a result was computed from; an empty text where its summary does not say, and for no map."""
+    """What a result was computed from; an empty text where its summary does not say, for no map, and for no known line
+    but the recording's own.
+    """
 
     files_sha256: str
     settings_sha256: str
     map: str
     algorithm: str
+    known_line: str = ""
 
     @classmethod
     def of_summary(cls, page: Mapping[str, Any]) -> Inputs:
@@ -40,6 +43,7 @@ class Inputs(NamedTuple):
             settings_sha256="" if settings is None else _digest(settings),
             map="" if use is None else _map(use["name"], use["version"], use.get("written_at")),
             algorithm=_algorithm(page.get("versions", {})),
+            known_line=(page.get("line") or {}).get("content_sha256") or "",
         )
 
 
@@ -66,6 +70,9 @@ def changes(before: Inputs, now: Inputs) -> Iterator[str]:
         yield "the recording changed" if known else "the content of the recording is not known"
     if before.map != now.map:
         yield f"the map is {now.map or 'none'}, not {before.map or 'none'}"
+    if before.known_line != now.known_line:
+        both = before.known_line and now.known_line
+        yield "the known line changed" if both else f"a known line is given {'now' if now.known_line else 'no more'}"
     if before.algorithm != now.algorithm:
         yield f"computed by {before.algorithm}, not {now.algorithm}"
 

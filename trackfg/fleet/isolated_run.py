@@ -132,6 +132,7 @@ def _smoothed(job: Job, recording: Path, result: Path, scratch: Path, stop: thre
     settings.write_text(job.settings, encoding="utf-8")
     command = [sys.executable, "-m", "trackfg", "smooth", str(recording), "-o", str(result), "--config", str(settings)]
     command += [] if job.run.map is None else ["--map", job.run.map]
+    command += [] if job.run.known_line is None else ["--line", job.run.known_line]
     command += [] if job.memory_bytes is None else ["--memory", f"{_SHARE_OF_MEMORY * job.memory_bytes / 1e9:g}"]
     with log.open("wb") as file:
         process = subprocess.Popen(

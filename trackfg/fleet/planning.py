@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from trackfg.config import SmoothConfig
+from trackfg.errors import BadInputError
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.freshness import (
     Inputs,
@@ -50,11 +53,12 @@ class PlannedRun:
 def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[PlannedRun]:
     """Return the runs in their order, each with what is to be done.
 
-    Raises :class:`~trackfg.errors.BadInputError` for settings or a map that cannot be read.
+    Raises :class:`~trackfg.errors.BadInputError` for settings, a map or a known line that cannot be read.
     """
     settings = {path: SmoothConfig.from_toml(path) if path else SmoothConfig() for path in _distinct(runs, "settings")}
     digests = {path: settings_sha256(values) for path, values in settings.items()}
     maps = {place: _newest_map(place) if place else "" for place in _distinct(runs, "map")}
+    lines = {place: _digest(place) if place else "" for place in _distinct(runs, "known_line")}
     software = algorithm()
     listed = {row["run"]: row for row in store.read(_COLUMNS)}
     with_result = store.names()
@@ -68,7 +72,7 @@ def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[Planned
         if inputs is None:
             planned.append(PlannedRun(run, settings[run.settings], _no_result(row)))
             continue
-        now = Inputs(contents[run.recording], digests[run.settings], maps[run.map], software)
+        now = Inputs(contents[run.recording], digests[run.settings], maps[run.map], software, lines[run.known_line])
         reasons = list(changes(inputs, now))
         if inputs.settings_sha256 != now.settings_sha256:
             page = _page(store.result(run.name)) or {}
@@ -82,6 +86,13 @@ def _newest_map(place: str) -> str:
     from trackfg.maps import read_versions  # its database takes a third of the time that planning without maps does
 
     return newest_map(read_versions(place))
+
+
+def _digest(known_line: str) -> str:
+    try:
+        return hashlib.sha256(Path(known_line).read_bytes()).hexdigest()
+    except OSError as error:
+        raise BadInputError(f"{known_line}: cannot be read: {error.strerror}: expected a file of tracks") from error
 
 
 def _distinct(runs: Iterable[Run], field: str) -> list[str | None]:

@@ -1,4 +1,4 @@
-"""A recording's content is its description and the tables that it names, byte by byte.
+"""A recording's content is its description and the files that it names, byte by byte.
 
 Its digest shows whether a result was computed from the same content. Truth is no part of it: estimators never see it.
 """
@@ -11,16 +11,11 @@ from pathlib import Path
 
 from trackfg.io.description_reader import ReadDescription, locate, read_description
 from trackfg.io.table_file import resolve_inside
-from trackfg.recording.description import Table, Truth
-
-
-def tables_of(parts: Iterable[Table]) -> tuple[str, ...]:
-    """Return the names of the files that parts are read from, each once, in the order of the alphabet."""
-    return tuple(sorted({file for part in parts for file in part.files}))
+from trackfg.recording.description import Truth
 
 
 def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
-    """Return the folder of a recording, and the names in it of its description and of the tables that this names."""
+    """Return the folder of a recording, and the names in it of its description and of the files that this names."""
     folder, _ = locate(path)
     return folder, _content_names(path, read_description(path))
 
@@ -34,7 +29,7 @@ def named_files(path: Path | str) -> tuple[str, ...]:
 
 def _content_names(path: Path | str, read: ReadDescription) -> tuple[str, ...]:
     _, toml = locate(path)
-    return (toml.name, *tables_of(read.tables))
+    return (toml.name, *read.files)
 
 
 def files_sha256(folder: Path, names: Iterable[str]) -> str | None:

@@ -23,6 +23,7 @@ from trackfg.recording.description import (
     Balises,
     FurtherTach,
     Imu,
+    KnownLineFile,
     RecordingDescription,
     Table,
     Track,
@@ -39,6 +40,7 @@ _OTHER_PARTS: dict[str, type[Model]] = {
     "track": Track,
     "kilometrage": LineKilometrage,
     "balises": Balises,
+    "known_line": KnownLineFile,
     "truth": Truth,
 }
 """Besides the sensors, whose tables are of numbers."""
@@ -82,10 +84,10 @@ class ReadDescription:
         }
 
     @property
-    def tables(self) -> tuple[Table, ...]:
-        """The parts that are read from tables, but for the truth."""
-        balises = self.parts.get("balises")
-        return (*self.sensors.values(), *((balises,) if isinstance(balises, Balises) else ()))
+    def files(self) -> tuple[str, ...]:
+        """The names of the files that the parts are read from, but for the truth, each once, in alphabetical order."""
+        parts = [part for name, part in self.parts.items() if name != "truth"]
+        return tuple(sorted({file for part in parts if isinstance(part, Table | KnownLineFile) for file in part.files}))
 
 
 def locate(path: Path | str) -> tuple[Path, Path]:
@@ -228,7 +230,7 @@ def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple
         details = error.errors()[:_MOST_FAULTS]
     findings = [_finding(detail, model, key, file) for detail in details]
     wrong = {str(detail["loc"][0]) for detail in details if detail["loc"]}
-    if model in (Track, LineKilometrage) or not wrong.isdisjoint(_STRUCTURE_KEYS):
+    if model in (Track, LineKilometrage, KnownLineFile) or not wrong.isdisjoint(_STRUCTURE_KEYS):
         return None, findings
     usable = {name: value for name, value in raw.items() if name in model.model_fields and name not in wrong}
     usable = {name: tuple(value) if isinstance(value, list) else value for name, value in usable.items()}

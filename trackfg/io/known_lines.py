@@ -7,15 +7,19 @@ where a vehicle can go from one track (*netelement*) to another, as in extracts 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from trackfg.errors import BadInputError, printable
+from trackfg.errors import BadInputError, TrackfgError, printable
 from trackfg.io.features import LOCAL, SUFFIXES, Feature, in_wgs_84, read_features
+from trackfg.io.table_file import resolve_inside
 from trackfg.numerics.arrays import Array
+from trackfg.recording.description import KnownLineFile
+from trackfg.recording.findings import Finding
 from trackfg.recording.known_line import KnownLine
 from trackfg.recording.track_joints import Relation
 
@@ -35,7 +39,8 @@ def read_known_line(path: Path | str, system: str | None = None) -> KnownLine:
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise BadInputError(f"{path}: expected one of {', '.join(SUFFIXES)}, or LandXML (.xml)")
+        hint = "Hint: trackfg smooth --line reads LandXML (.xml), too"
+        raise BadInputError(f"{path}: expected one of {', '.join(SUFFIXES)}. {hint}")
     features = read_features(path)
     tracks = [(number, feature) for number, feature in enumerate(features, start=1) if feature.kind in _LINES]
     systems = sorted({feature.system for _, feature in tracks})
@@ -57,6 +62,42 @@ def read_known_line(path: Path | str, system: str | None = None) -> KnownLine:
     within = tuple(relation for relation in relations if relation is not None and {relation.a, relation.b} <= set(ids))
     is_local = (system or systems[0]) == LOCAL
     return KnownLine(path.name, tuple(ids), tuple(vertices), within if netrelations else None, is_local)
+
+
+def line_of_recording(folder: Path, part: KnownLineFile) -> tuple[KnownLine | None, list[Finding]]:
+    """Return the tracks of a recording's own file; or None and why there are none. Never raises."""
+    path, findings = resolve_inside(folder, part.file)
+    if path is None:
+        return None, findings
+    try:
+        line = read_known_line(path, part.crs)
+        return line.only(part.path) if part.path else line, findings
+    except TrackfgError as error:
+        message = str(error).removeprefix(f"{path}: ")
+        return None, [*findings, Finding("error", "known-line", message, file=part.file)]
+
+
+def line_written(line: KnownLine, file: str) -> tuple[KnownLineFile, bytes]:
+    """Return how tracks are described and written, as GeoJSON, so that reading gives the same ones."""
+    features: list[dict[str, Any]] = [
+        {"type": "Feature", "properties": {"id": its_id}, "geometry": {"type": "LineString", "coordinates": vertices}}
+        for its_id, vertices in zip(line.ids, (_longitude_first(line, v) for v in line.vertices), strict=True)
+    ]
+    ways = {both: name for name, both in _NAVIGABLE.items()}
+    for to in line.relations or ():
+        about = {"netelementA": to.a, "positionOnA": to.on_a, "netelementB": to.b, "positionOnB": to.on_b}
+        about["navigability"] = ways[to.forth, to.back]
+        features.append({"type": "Feature", "properties": about, "geometry": None})
+    if line.relations == ():  # none of the file's relations is left: tracks must not be joined where they touch
+        nowhere = {"netelementA": line.ids[0], "positionOnA": 0, "netelementB": line.ids[0], "positionOnB": 0}
+        features.append({"type": "Feature", "properties": nowhere | {"navigability": "none"}, "geometry": None})
+    content = json.dumps({"type": "FeatureCollection", "features": features}).encode()
+    return KnownLineFile(file=file, crs=LOCAL if line.is_local else None), content
+
+
+def _longitude_first(line: KnownLine, vertices: Array) -> list[list[float]]:
+    xy: list[list[float]] = (vertices if line.is_local else vertices[:, ::-1]).tolist()
+    return xy
 
 
 def known_line(name: str, tracks: Mapping[str, Array], system: str) -> KnownLine:

@@ -18,15 +18,16 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
 from trackfg.io.balises import read_balises
-from trackfg.io.content import files_sha256, tables_of
+from trackfg.io.content import files_sha256
 from trackfg.io.description_reader import ReadDescription, locate, read_description
 from trackfg.io.formats.gnss import GnssConverter
 from trackfg.io.formats.registry import format_of, sensors_of
+from trackfg.io.known_lines import line_of_recording
 from trackfg.io.table_file import resolve_inside
 from trackfg.io.tables import Tables, canonical_table
 from trackfg.io.writer import write_recording
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Balises, Truth
+from trackfg.recording.description import Balises, KnownLineFile, Truth
 from trackfg.recording.findings import Finding, Section, errors
 from trackfg.recording.model import Recording
 
@@ -73,7 +74,7 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     read = read_description(path)
     findings = list(read.findings)
     sensors = read.sensors
-    digest = files_sha256(folder, (toml.name, *tables_of(read.tables)))
+    digest = files_sha256(folder, (toml.name, *read.files))
     reader = Tables(folder, sensors.values())
     tables: dict[str, pd.DataFrame] = {}
     gnss_origin = None
@@ -88,6 +89,10 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     if isinstance(described := read.parts.get("balises"), Balises) and "balises" not in read.doubtful:
         balises, faults = read_balises(folder, described)
         findings += faults
+    known_line = None
+    if isinstance(tracks := read.parts.get("known_line"), KnownLineFile):
+        known_line, faults = line_of_recording(folder, tracks)
+        findings += faults
     if isinstance(truth := read.parts.get("truth"), Truth):
         findings += _truth_files(folder, truth)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
@@ -98,7 +103,8 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
         balises = plausibility.of_this_run(tables.get("imu"), balises, limits)
     distinct = tuple(dict.fromkeys(findings))
     recording = _assemble(read, tables, gnss_origin, folder, distinct)
-    return LoadedRecording(distinct, recording and replace(recording, files_sha256=digest, balises=balises))
+    beside = {"files_sha256": digest, "balises": balises, "known_line": known_line}
+    return LoadedRecording(distinct, recording and replace(recording, **beside))
 
 
 def _assemble(

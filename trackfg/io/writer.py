@@ -23,10 +23,13 @@ from trackfg.io.balises import balises_written
 from trackfg.io.description_reader import FILE_NAME, read_description
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
 from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
-from trackfg.recording.description import RecordingDescription, Table, Truth
+from trackfg.io.known_lines import line_written
+from trackfg.recording.description import KnownLineFile, RecordingDescription, Table, Truth
 from trackfg.recording.model import Recording
 
 TableFormat = Literal["parquet", "csv"]
+KNOWN_LINE_FILE = "known_line.geojson"
+"""The tracks of a recording as it is written."""
 
 
 def write_recording(
@@ -59,6 +62,8 @@ def write_recording(
     with replaced_folder(folder) as new:
         for file, table in tables.items():
             write_table(table, new / file)
+        if recording.known_line is not None:
+            (new / KNOWN_LINE_FILE).write_bytes(line_written(recording.known_line, KNOWN_LINE_FILE)[1])
         (new / FILE_NAME).write_text(
             tomli_w.dumps(_without_none(_with_tachs_together(description.model_dump()))), encoding="utf-8"
         )
@@ -109,6 +114,8 @@ def _written(recording: Recording, table_format: str) -> tuple[RecordingDescript
     if changes["gnss"] is not None:
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})
+    line = recording.known_line
+    changes["known_line"] = None if line is None else line_written(line, KNOWN_LINE_FILE)[0]
     changes["balises"] = None
     if recording.balises is not None and description.balises is not None:
         file = f"balises.{table_format}"
@@ -189,7 +196,7 @@ def _refuse_to_destroy(folder: Path, recording: Recording) -> None:
             f"{folder}: is not a recording and not empty; expected a folder that is free or a recording"
         )
     parts = read_description(folder).parts.values()
-    own = {FILE_NAME} | {file for part in parts if isinstance(part, Table) for file in part.files}
+    own = {FILE_NAME} | {file for part in parts if isinstance(part, Table | KnownLineFile) for file in part.files}
     own |= {part.geometry for part in parts if isinstance(part, Truth) and part.geometry is not None}
     if foreign := sorted(names - own):
         raise BadInputError(

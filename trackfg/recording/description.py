@@ -40,6 +40,8 @@ Share = Annotated[float, Field(strict=True, ge=1e-12, le=10)]
 SdDegrees = Annotated[float, Field(strict=True, ge=1e-9, le=180)]
 MOST_OF_A_KIND = 100
 """Sensors of one kind: measuring trains have a dozen lasers."""
+_MOST_TRACKS = 100_000
+"""Tracks that a run takes: those of a country."""
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 
@@ -263,6 +265,23 @@ class Laser(Table):
     sd_m: Sd
 
 
+class KnownLineFile(Model):
+    """Tracks that the run may be on: a GeoJSON file or a GeoPackage in the recording's folder (docs/known-line.md).
+
+    ``path`` are the ids of those that it takes; without any, all. ``crs`` is the reference system of the coordinates
+    (``"EPSG:3067"``, ``"local"``), instead of the file's own.
+    """
+
+    file: str
+    path: Annotated[tuple[str, ...], Field(max_length=_MOST_TRACKS)] = ()
+    crs: str | None = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The names of the files that it is read from."""
+        return (self.file,)
+
+
 class Truth(Table):
     """The answer, where it is known. Only comparisons may open it."""
 
@@ -285,6 +304,7 @@ class RecordingDescription(Model):
     gnss: Gnss | None = None
     speed: Annotated[tuple[Speed, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     laser: Annotated[tuple[Laser, ...], Field(max_length=MOST_OF_A_KIND)] = ()
+    known_line: KnownLineFile | None = None
     truth: Truth | None = None
 
     @model_validator(mode="after")
@@ -294,6 +314,12 @@ class RecordingDescription(Model):
                 f"[fixes] and [balises] are both read from {self.fixes.file}, so that every passage would count twice: "
                 "expected one of them"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _finds_its_tracks(self) -> RecordingDescription:
+        if self.known_line is not None and self.gnss is None:
+            raise ValueError("[known_line] without [gnss]: expected positions, by which its tracks are found")
         return self
 
     @field_validator("laser")

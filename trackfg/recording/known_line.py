@@ -32,6 +32,8 @@ class KnownLine:
     vertices: tuple[Array, ...]
     relations: tuple[Relation, ...] | None = None
     is_local: bool = False
+    content_sha256: str | None = None
+    """Digest of the file that was given beside the recording; None of one that is part of it."""
 
     def only(self, ids: Iterable[str]) -> KnownLine:
         """Return the line with these tracks alone. Raises :class:`BadInputError` for one that it does not have."""

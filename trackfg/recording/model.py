@@ -26,6 +26,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -35,6 +36,9 @@ from trackfg.numerics.key_figures import KeyFigures
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.findings import Finding
+
+if TYPE_CHECKING:
+    from trackfg.recording.known_line import KnownLine
 
 IMU_COLUMNS = ("t_s", "wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2")
 TACH_COLUMNS = ("t_s", "distance_m")
@@ -71,6 +75,8 @@ class Recording(KeyFigures):
     """Tables of further sensors by name."""
     balises: pd.DataFrame | None = None
     """Passages of what has an id: text, and therefore no table among the others."""
+    known_line: KnownLine | None = None
+    """Tracks that the run may be on, of ``[known_line]``."""
     files_sha256: str | None = None
     """Digest of the files that it was read from (:mod:`trackfg.io.content`)."""
 

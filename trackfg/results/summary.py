@@ -152,9 +152,14 @@ class LineStretch(_ResultModel):
 
 
 class LineUse(_ResultModel):
-    """The known line that the run was smoothed with: its file, and which track the run is on from where to where."""
+    """The known line that the run was smoothed with: its file, and which track the run is on from where to where.
+
+    ``content_sha256`` is the digest of a file that was given beside the recording; of one that is part of the recording
+    it is null, since the recording's own digest has it.
+    """
 
     name: str
+    content_sha256: str | None = None
     stretches: tuple[LineStretch, ...]
 
     def length_m(self, status: str) -> float:

@@ -33,6 +33,7 @@ from trackfg.smoothing.reassessment import SolvedRun
 
 if TYPE_CHECKING:
     from trackfg.config import LineConfig
+    from trackfg.recording.known_line import KnownLine
     from trackfg.recording.track_network import Feet, TrackNetwork
 
 SURE = 0.95
@@ -97,12 +98,13 @@ class _Passage(NamedTuple):
 
 
 def on_line(
-    run: SolvedRun, name: str, network: TrackNetwork, solved_again: Callable[[SolvedRun, bool], SolvedRun]
+    run: SolvedRun, line: KnownLine, network: TrackNetwork, solved_again: Callable[[SolvedRun, bool], SolvedRun]
 ) -> RunOnLine:
-    """Find the tracks of a solved run in the network of the line ``name``, and solve it again with their lines."""
+    """Find the tracks of a solved run in the network of a line, and solve it again with their lines."""
     config = run.config.line
     passage = _passage(run, network, _line_error(config))
-    use = LineUse(name=name, stretches=tuple(_stretches(run, passage, network, config)))
+    stretches = tuple(_stretches(run, passage, network, config))
+    use = LineUse(name=line.name, content_sha256=line.content_sha256, stretches=stretches)
     used = np.flatnonzero(passage.posterior.right >= SURE)
     if used.size:
         run = _solved_with(run, passage, used, network, solved_again)

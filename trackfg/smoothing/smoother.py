@@ -122,7 +122,8 @@ def smooth(
     """Estimate the whole run from all its measurements, from a map if there is one to be recognised on, and from a
     known line if there is one for it to be on.
 
-    ``limits`` are those of the checks of the recording, as of :func:`~trackfg.io.check.check_recording`.
+    Without ``known_line`` the recording's own is used, if it has one. ``limits`` are those of the checks of the
+    recording, as of :func:`~trackfg.io.check.check_recording`.
     ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "check", "output", "geometry"
     and "map" go on. Linear algebra runs on one thread, so that the result is the same to the last bit wherever and
     beside whatever else it is computed. Raises ``UnsolvableError`` where the recording does not determine the run; the
@@ -167,10 +168,11 @@ def smooth_states(
 ) -> SmoothedStates:
     """Smooth as :func:`smooth` does, but return states and covariances as well as tables."""
     stages, views = _Stages(progress), rail_views(recording)
+    known_line = known_line or recording.known_line
     network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
     solved, of_line = _solved(recording, config, views, stages), None
     if known_line is not None and network is not None:
-        of_line = on_line(solved, known_line.name, network, _solved_again(stages))
+        of_line = on_line(solved, known_line, network, _solved_again(stages))
         solved = of_line.run
     with stages.stage("check"):
         findings = recording_findings(recording, limits or CheckLimits())

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -14,7 +18,10 @@ from trackfg.cli.smoothing.line_file import read_line
 from trackfg.datasets.line.line_file import read_line_file
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError
+from trackfg.io.description_reader import validated
+from trackfg.io.reader import read_recording, write_recording
 from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.recording.track_joints import Relation
 from trackfg.results.result import Result
 
 ORIGIN = (35.2, 139.0, 0.0)
@@ -114,3 +121,71 @@ def test_what_cannot_be_used_is_one_message(recording: Path, tmp_path: Path) -> 
         assert status != 0
         assert message in output
         assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def with_line(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same recording with the two tracks as a part of it."""
+    folder = tmp_path_factory.mktemp("with-line") / "run"
+    shutil.copytree(recording, folder)
+    geojson(folder / "net.geojson")
+    with (folder / "recording.toml").open("a") as toml:
+        toml.write('\n[known_line]\nfile = "net.geojson"\npath = ["north", "south"]\n')
+    return folder
+
+
+def test_a_recording_s_own_line_is_used_as_one_that_is_given(recording: Path, with_line: Path, tmp_path: Path) -> None:
+    assert smoothed(with_line, "-o", tmp_path / "own")[0] == 0
+    assert smoothed(recording, "-o", tmp_path / "given", "--line", with_line / "net.geojson")[0] == 0
+    own, given = Result.read(tmp_path / "own"), Result.read(tmp_path / "given")
+    assert own.summary.line is not None
+    assert given.summary.line is not None
+    assert own.summary.line.stretches == given.summary.line.stretches
+    pd.testing.assert_frame_equal(own.trajectory, given.trajectory)
+    assert own.summary.line.content_sha256 is None
+    assert given.summary.line.content_sha256 == hashlib.sha256((with_line / "net.geojson").read_bytes()).hexdigest()
+
+
+def test_a_recording_with_a_line_is_written_and_read_back(with_line: Path, tmp_path: Path) -> None:
+    line = read_recording(with_line).known_line
+    assert line is not None
+    relation = Relation("south", 0.25, "north", 0.75, forth=True, back=False)
+    for relations in (None, (), (relation,)):
+        given = replace(read_recording(with_line), known_line=replace(line, relations=relations))
+        again = read_recording(write_recording(given, tmp_path / "copy")).known_line
+        assert again is not None
+        assert (again.ids, again.relations, again.is_local) == (line.ids, relations, False)
+        for vertices, before in zip(again.vertices, line.vertices, strict=True):
+            np.testing.assert_array_equal(vertices, before)
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ('file = "none.geojson"', "no such file"),
+        ('file = "../net.geojson"', "leads out of the recording"),
+        ('file = "net.geojson"\npath = ["west"]', "no track 'west'"),
+        ('file = "line.xml"', "trackfg smooth --line reads LandXML"),
+        ('file = "net.geojson"\ntracks = ["west"]', "unknown key"),
+        ('file = "net.geojson"\ncrs = "EPSG:1"', "unknown reference system"),
+    ],
+)
+def test_check_says_what_is_wrong_with_a_recording_s_line(
+    with_line: Path, tmp_path: Path, section: str, message: str
+) -> None:
+    shutil.copytree(with_line, tmp_path / "run")
+    (tmp_path / "run" / "line.xml").write_text("<LandXML/>")
+    toml = tmp_path / "run" / "recording.toml"
+    toml.write_text(toml.read_text().partition("[known_line]")[0] + f"[known_line]\n{section}\n")
+    done = CliRunner().invoke(app, ["check", str(tmp_path / "run"), "--json"])
+    assert done.exit_code == 2
+    assert message in done.output
+    with pytest.raises(BadInputError, match=message):
+        read_recording(tmp_path / "run")
+
+
+def test_a_line_needs_positions() -> None:
+    imu = {"file": "imu.csv", "gyro": ["a", "b", "c"], "accel": ["d", "e", "f"]}
+    data = {"format": "trackfg-recording/1", "id": "x", "imu": imu, "known_line": {"file": "net.geojson"}}
+    (finding,) = validated(data, "recording.toml").findings
+    assert "without [gnss]" in str(finding)

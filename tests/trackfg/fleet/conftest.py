@@ -71,8 +71,14 @@ class StandIn:
         self.prepare(name, start=start)
         return folder
 
-    def prepare(self, name: str, start: str = "2026-05-01T03:12:00Z", settings: SmoothConfig | None = None) -> None:
-        """Let smoothing a recording as it is now, with these settings, give a result."""
+    def prepare(
+        self,
+        name: str,
+        start: str = "2026-05-01T03:12:00Z",
+        settings: SmoothConfig | None = None,
+        line_sha256: str | None = None,
+    ) -> None:
+        """Let smoothing a recording as it is now, with these settings and this known line, give a result."""
         folder = self.folder / "recordings" / name
         facts = {
             "start": start,
@@ -83,6 +89,8 @@ class StandIn:
             "mount_roll_sd_rad": 0.0,
         }
         page = {"run": facts, "settings": (settings or SmoothConfig()).model_dump(mode="json")}
+        if line_sha256 is not None:
+            page["line"] = {"name": "net.geojson", "content_sha256": line_sha256, "stretches": []}
         self._make_result(**page).write(self.folder / "prepared" / name)
 
     def heal(self, name: str) -> None:

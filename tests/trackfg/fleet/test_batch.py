@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -102,6 +103,24 @@ def test_other_settings_are_named_and_a_comment_is_none(fleet: Fleet, stand_in: 
     stand_in.prepare("a", settings=SmoothConfig.from_toml(settings))
     assert list(fleet.run()) == ["a"]
     assert fleet.why() == {"a": "", "b": ""}
+
+
+def test_another_known_line_makes_the_results_with_it_stale(fleet: Fleet, stand_in: StandIn) -> None:
+    for name in ("a", "b"):
+        stand_in.recording(name)
+    tracks = fleet.folder / "net.geojson"
+    tracks.write_text("one")
+    stand_in.prepare("a", line_sha256=hashlib.sha256(b"one").hexdigest())
+    fleet.write("recordings/a,net.geojson,a", "recordings/b,,b", columns="recording,known_line,run")
+    fleet.run()
+    assert fleet.why() == {"a": "", "b": ""}
+    tracks.write_text("two")
+    assert fleet.why() == {"a": "the known line changed", "b": ""}
+    fleet.write("recordings/a,,a", "recordings/b,net.geojson,b", columns="recording,known_line,run")
+    assert fleet.why() == {"a": "a known line is given no more", "b": "a known line is given now"}
+    tracks.unlink()
+    with pytest.raises(BadInputError, match=r"net\.geojson: cannot be read"):
+        fleet.plan()
 
 
 def test_another_algorithm_makes_every_result_stale(

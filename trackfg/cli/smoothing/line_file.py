@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,12 +22,14 @@ _VERTEX_M = 5.0
 
 
 def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLine:
-    """Return the tracks of a file, or the ``alignment`` of LandXML as its only one."""
+    """Return the tracks of a file, or the ``alignment`` of LandXML as its only one, with the digest of the file."""
     if path.suffix.lower() == ".xml":
-        return _of_landxml(path, system, alignment)
-    if alignment is not None:
+        line = _of_landxml(path, system, alignment)
+    elif alignment is not None:
         raise BadInputError(f"--alignment chooses one of a LandXML file: {path} is none")
-    return read_known_line(path, system)
+    else:
+        line = read_known_line(path, system)
+    return replace(line, content_sha256=hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 def _of_landxml(path: Path, system: str | None, alignment: str | None) -> KnownLine:

@@ -131,6 +131,8 @@ def stream_description(given: object, place: str) -> RecordingDescription:
     if not isinstance(given, dict):
         raise BadInputError(f"{place}: the description is no object; expected the keys of recording.toml")
     data = {"format": FORMAT, **{key: _with_file(value) for key, value in given.items()}}
+    if "known_line" in data:
+        raise BadInputError(f"{place}: known_line: a stream uses none; expected no such key. Hint: use trackfg smooth")
     read = validated(data, place)
     if read.description is None:
         found = errors(read.findings)

@@ -226,3 +226,9 @@ def test_any_objects_become_rows_or_events(rows: list[dict[str, Any]]) -> None:
     events += intake.finish()[1]
     assert intake.rows_in + bad == len(rows)
     assert intake.rows_out + sum(event.rows for event in events) == len(rows)
+
+
+def test_a_known_line_is_refused() -> None:
+    with_line = {**DESCRIPTION, "known_line": {"file": "net.geojson"}}
+    with pytest.raises(BadInputError, match=r"a stream uses none.*trackfg smooth"):
+        JsonLinesSource(io.BytesIO(lines({"description": with_line}))).description  # noqa: B018
