@@ -103,8 +103,9 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
         balises = plausibility.of_this_run(tables.get("imu"), balises, limits)
     distinct = tuple(dict.fromkeys(findings))
     recording = _assemble(read, tables, gnss_origin, folder, distinct)
-    beside = {"files_sha256": digest, "balises": balises, "known_line": known_line}
-    return LoadedRecording(distinct, recording and replace(recording, **beside))
+    if recording is not None:
+        recording = replace(recording, files_sha256=digest, balises=balises, known_line=known_line)
+    return LoadedRecording(distinct, recording)
 
 
 def _assemble(
