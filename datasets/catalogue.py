@@ -5,7 +5,9 @@ The sensor grades are those of :mod:`trackfg.datasets.sensors.imu_grades`. See d
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 from trackfg.datasets.effects.clocks import DelayedStamps
 from trackfg.datasets.effects.inertial import Noise, Warming
@@ -32,6 +34,9 @@ from trackfg.errors import BadInputError
 from trackfg.numerics import units
 
 KMH = units.KMH
+
+_SUMMARIES: dict[str, str] = tomllib.loads(Path(__file__).with_name("summaries.toml").read_text(encoding="utf-8"))
+"""What each scenario is: a file, which ``trackfg scenarios`` reads without importing what scenarios are made of."""
 
 
 def scenarios() -> dict[str, Scenario]:
@@ -123,7 +128,7 @@ def _all() -> list[Scenario]:
     )
     mainline = Scenario(
         name="mainline",
-        summary="a local train between stations some 4 km apart, R 300-1200, with a balise every 5 km",
+        summary=_SUMMARIES["mainline"],
         duration_s=3600.0,
         line=MAIN_LINE,
         driver=service,
@@ -134,7 +139,7 @@ def _all() -> list[Scenario]:
     )
     shunting = Scenario(
         name="shunting",
-        summary="to and fro in a yard, a tachometer that tells the direction",
+        summary=_SUMMARIES["shunting"],
         duration_s=600.0,
         line=YARD,
         driver=Shunting(
@@ -156,14 +161,14 @@ def _all() -> list[Scenario]:
         replace(
             mainline,
             name="mainline-gnss",
-            summary="the same train with GNSS at 1 Hz and the Earth's rotation",
+            summary=_SUMMARIES["mainline-gnss"],
             gnss=GnssModel(sd_m=(1.0, 1.0, 2.0), antenna_m=(2.0, 0.0, 3.0)),
             latitude_deg=35.2,
         ),
         _in_the_field(mainline),
         Scenario(
             name="trolley",
-            summary="a measuring trolley pushed at 0.92 m/s on a canted line, at rest for the first minute",
+            summary=_SUMMARIES["trolley"],
             duration_s=1200.0,
             line=HIGH_SPEED_LINE,
             driver=Wandering(
@@ -183,7 +188,7 @@ def _all() -> list[Scenario]:
         replace(
             shunting,
             name="shunting-unsigned",
-            summary="the same shunting, a tachometer that counts up whichever way it turns",
+            summary=_SUMMARIES["shunting-unsigned"],
             tach=replace(shunting.tach, signed=False),
         ),
         _axle_box(),
@@ -191,11 +196,11 @@ def _all() -> list[Scenario]:
         *_slippery_lines(),
         _shuttle(),
         _rough_ride(mainline),
-        replace(mainline, name="parked", summary="at rest all the time", duration_s=600.0, driver=Parked(place_m=50.0)),
+        replace(mainline, name="parked", summary=_SUMMARIES["parked"], duration_s=600.0, driver=Parked(place_m=50.0)),
         replace(
             mainline,
             name="no-stop",
-            summary="never at rest: 40-75 km/h on the main line",
+            summary=_SUMMARIES["no-stop"],
             duration_s=1200.0,
             driver=Wandering(limits=service.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
         ),
@@ -207,7 +212,7 @@ def _in_the_field(mainline: Scenario) -> Scenario:
     return replace(
         mainline,
         name="mainline-field",
-        summary="the same train with GNSS among houses, clocks that drift and jitter, and recorders that lose rows",
+        summary=_SUMMARIES["mainline-field"],
         duration_s=1800.0,
         gnss=GnssModel(
             sd_m=(1.0, 1.0, 2.0),
@@ -231,7 +236,7 @@ def _axle_box() -> Scenario:
     """A slow run through sharp, twisted curves, as in the patent on an axle-box sensor (JP7628028B2)."""
     return Scenario(
         name="axle-box",
-        summary="an IMU at 500 Hz on an axle box, 4-11 km/h through curves of R 100 with twists of 40 mm on 5 m",
+        summary=_SUMMARIES["axle-box"],
         duration_s=300.0,
         line=replace(
             YARD,
@@ -263,7 +268,7 @@ def _measuring_cars() -> list[Scenario]:
     """Two units of lasers on a car body, as in Suto, Tsubokawa and Yoshida (2020)."""
     steady = Scenario(
         name="measuring-car-b",
-        summary="the same measuring car with a device B, whose accelerometer keeps its bias",
+        summary=_SUMMARIES["measuring-car-b"],
         duration_s=1200.0,
         line=replace(MAIN_LINE, line_speed_mps=100 * KMH, station_spacing_m=3000.0),
         driver=Service(
@@ -287,7 +292,7 @@ def _measuring_cars() -> list[Scenario]:
         replace(
             steady,
             name="measuring-car",
-            summary="two units of lasers 5 m apart on a car body, 0-100 km/h; device A, whose accelerometer drifts",
+            summary=_SUMMARIES["measuring-car"],
             imu=replace(steady.imu, noise=drifting),
         ),
         steady,
@@ -298,7 +303,7 @@ def _slippery_lines() -> list[Scenario]:
     """A local train on wet rails, as in Iwata et al. on composite train positioning: 44 slips and slides in 18 runs."""
     wet = Scenario(
         name="slippery-line",
-        summary="a local train on 14.5 km, R 300-500, wet here and there: wheels slip and slide; a balise every km",
+        summary=_SUMMARIES["slippery-line"],
         duration_s=1200.0,
         line=replace(
             MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 500.0), max_gradient=0.0159, station_spacing_m=1500.0
@@ -325,19 +330,19 @@ def _slippery_lines() -> list[Scenario]:
         replace(
             wet,
             name="slippery-line-leaves",
-            summary="the same line under leaves: some 30 events a run",
+            summary=_SUMMARIES["slippery-line-leaves"],
             adhesion=leaves,
         ),
         replace(
             wet,
             name="slippery-line-radar",
-            summary="the same line with a Doppler radar under the body, silent below 0.5 m/s and 20 times an hour",
+            summary=_SUMMARIES["slippery-line-radar"],
             further_sensors=(radar,),
         ),
         replace(
             wet,
             name="slippery-line-two-axles",
-            summary="the same line with a tachometer on a second axle, whose wheel slips at other places",
+            summary=_SUMMARIES["slippery-line-two-axles"],
             further_sensors=(FurtherAxle(replace(wet.tach, wheel_diameter_m=0.83, clock_offset_s=0.03), wet.adhesion),),
         ),
     ]
@@ -348,7 +353,7 @@ def _shuttle() -> Scenario:
     length_m = 8000.0
     return Scenario(
         name="shuttle",
-        summary="8 km of one line, run after run, there and back with one wheel and IMU, then the next; two balises",
+        summary=_SUMMARIES["shuttle"],
         duration_s=1000.0,
         line=replace(MAIN_LINE, line_speed_mps=90 * KMH, radius_m=(300.0, 600.0)),
         driver=Service(
@@ -377,7 +382,7 @@ def _rough_ride(mainline: Scenario) -> Scenario:
     return replace(
         mainline,
         name="rough-ride",
-        summary="a diesel car as it is: it shakes, leans, slips and creeps; fixes, GNSS and clocks are wrong at times",
+        summary=_SUMMARIES["rough-ride"],
         duration_s=1200.0,
         line=replace(MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 600.0), station_spacing_m=2000.0),
         imu=ADIS16480.imu(200.0),

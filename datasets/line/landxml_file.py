@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lxml import etree
-
 from trackfg.errors import BadInputError
+from trackfg.files.libraries import library
 from trackfg.files.small_file import read_small
 
 NAMESPACES = {
@@ -25,6 +24,12 @@ NAMESPACES = {
 """Namespaces that are read, and the version of LandXML that each is; Inframodel 4 is a subset of 1.2."""
 _MOST_BYTES = 256 * 2**20
 """Largest file that is read, bytes. Chosen here, so that a wrong file does not fill the memory."""
+
+
+def _name(element: Any) -> tuple[str | None, str]:
+    """Return namespace (None without one) and local name of an element."""
+    namespace, _, name = element.tag.rpartition("}")
+    return namespace.removeprefix("{") or None, name
 
 
 @dataclass(frozen=True)
@@ -38,12 +43,12 @@ class Node:
     @property
     def tag(self) -> str:
         """Return the element's name without the namespace."""
-        return str(etree.QName(self.element).localname)
+        return _name(self.element)[1]
 
     @property
     def namespace(self) -> str:
-        """Return the element's namespace."""
-        return str(etree.QName(self.element).namespace)
+        """Return the element's namespace, empty where it has none."""
+        return _name(self.element)[0] or ""
 
     def error(self, problem: str) -> BadInputError:
         """Return the error that names file, line, element and ``problem``."""
@@ -52,7 +57,7 @@ class Node:
     def children(self, *tags: str) -> Iterator[Node]:
         """Return its child elements with one of these names; all of them where none is given."""
         for child in self.element.iterchildren(f"{{{self.namespace}}}*"):
-            name = str(etree.QName(child).localname)
+            _, name = _name(child)
             if not tags or name in tags:
                 yield Node(child, self.file, f"{self.what}, {name}")
 
@@ -125,6 +130,7 @@ def open_landxml(path: Path | str) -> Node:
             wish = f"expected at most {_MOST_BYTES // 2**20} MiB: leave out surfaces and points"
             raise BadInputError(f"{path}: it has {path.stat().st_size / 2**20:.0f} MiB: {wish}") from error
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a LandXML file") from error
+    etree = library("lxml.etree", "xml")
     parser = etree.XMLParser(
         resolve_entities=False, load_dtd=False, no_network=True, dtd_validation=False, huge_tree=False,
         remove_comments=True, remove_pis=True,
@@ -135,10 +141,10 @@ def open_landxml(path: Path | str) -> Node:
         raise BadInputError(f"{path}: not well-formed XML: {error.msg}: expected a LandXML file") from error
     if root.getroottree().docinfo.doctype:
         raise BadInputError(f"{path}: has a document type (DOCTYPE), which may define entities: remove it")
-    name = etree.QName(root)
-    if name.localname != "LandXML" or name.namespace not in NAMESPACES:
+    namespace, name = _name(root)
+    if name != "LandXML" or namespace not in NAMESPACES:
         wish = f"expected LandXML of namespace {', '.join(NAMESPACES)}"
-        raise BadInputError(f"{path}: its root is {name.localname} of namespace {name.namespace!r}: {wish}")
+        raise BadInputError(f"{path}: its root is {name} of namespace {namespace!r}: {wish}")
     return Node(root, str(path), "LandXML")
 
 

@@ -64,7 +64,7 @@ def balises(
 def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:
     from rich.text import Text
 
-    from trackfg.cli.tables import titled
+    from trackfg.cli.terminal import titled
 
     table = titled(f"{len(survey.table)} balises")
     for heading in ("id", "passes", "planned m", "measured m", "difference m", "sigmas", "place m", "verdict"):
@@ -95,7 +95,7 @@ def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:
 def _listed(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> RenderableType:
     from rich.text import Text
 
-    from trackfg.cli.tables import titled
+    from trackfg.cli.terminal import titled
 
     table = titled(title)
     for heading in headings:

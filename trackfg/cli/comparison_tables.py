@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.tables import titled
+from trackfg.cli.terminal import titled
 from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase, Difference, Row
 
 _BEATING = "bold yellow"

@@ -16,6 +16,7 @@ from trackfg.comparison.table import Comparison
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.libraries import library
 from trackfg.io.reader import read_recording
 from trackfg.plots.strip_chart import plot_geometry
 from trackfg.report import write_report
@@ -53,6 +54,8 @@ def run_demo(folder: str | os.PathLike[str], *, progress: Callable[[str, float],
     An earlier demo there is replaced in one step. Raises :class:`BadInputError` if the folder holds anything else.
     """
     folder = Path(folder)
+    for drawing in ("matplotlib", "plotly"):
+        library(drawing, "charts")
     _refuse_foreign_folder(folder)
     show = progress or (lambda stage, done: None)
     with replaced_folder(folder) as new:

@@ -65,7 +65,7 @@ def export(options: ExportChoices) -> None:
 
 
 def _formats(titles: dict[str, str]) -> RenderableType:
-    from trackfg.cli.tables import titled
+    from trackfg.cli.terminal import titled
 
     table = titled("Formats")
     for heading in ("--to", "what"):

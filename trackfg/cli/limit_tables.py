@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from rich.console import RenderableType
 from rich.text import Text
 
-from trackfg.cli.tables import records, titled
+from trackfg.cli.tables import records
+from trackfg.cli.terminal import titled
 from trackfg.geometry.exceedances import Judgement
 from trackfg.results.official_places import KM_COLUMN
 

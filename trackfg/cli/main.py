@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 import sys
+import tomllib
 import warnings
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +31,7 @@ from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.smoothing.settings import config
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
-from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell
+from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell, titled
 from trackfg.errors import BadInputError, TrackfgError, first_line, printable
 from trackfg.files.atomic_folder import real_path
 
@@ -38,19 +40,7 @@ if TYPE_CHECKING:
     from trackfg.plots.strip_chart import LimitLine
     from trackfg.results.result import Result
 
-app = Commands(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-app.add_typer(maps, name="map")
-app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
-app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
-app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
-app.command(epilog="Example: trackfg init log.csv -o run1")(init)
-app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
-app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
-app.command(epilog="Example: trackfg config > settings.toml")(config)
-app.command(epilog="Example: trackfg noise rest.csv -o allan.png")(noise)
-app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
-app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)
-
+app = Commands(no_args_is_help=True, pretty_exceptions_enable=False)
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
@@ -146,15 +136,32 @@ def demo(
 @app.command(epilog="Example: trackfg scenarios")
 def scenarios() -> None:
     """List the built-in scenarios that simulate can run."""
-    from trackfg.cli import tables
-    from trackfg.datasets.scenarios import scenarios as all_scenarios
+    from rich.text import Text
 
-    show(tables.scenarios({name: scenario.summary for name, scenario in all_scenarios().items()}))
+    table = titled("Scenarios")
+    table.add_column("name", no_wrap=True)
+    table.add_column("what it is")
+    for name, summary in _scenario_summaries().items():
+        table.add_row(Text(name), Text(summary))
+    show(table)
+
+
+def _scenario_summaries() -> dict[str, str]:
+    """Return what each scenario is by its name, without importing ``trackfg.datasets``, which takes a second."""
+    spec = find_spec("trackfg.datasets")
+    assert spec is not None
+    assert spec.origin is not None
+    return tomllib.loads(Path(spec.origin).with_name("summaries.toml").read_text(encoding="utf-8"))
 
 
 @app.command(epilog="Example: trackfg simulate mainline -o run1 --seed 3 --duration 600")
 def simulate(
-    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="One of `trackfg scenarios`.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO", help="One of `trackfg scenarios`.", autocompletion=lambda: list(_scenario_summaries())
+        ),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.")],
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Another track, and all that runs on it.")] = 0,
     run: Annotated[
@@ -505,3 +512,16 @@ def _warn_unless_located(result: Result) -> None:
     for finding in result.summary.findings:
         if finding.code == "not-on-map":
             print(f"trackfg: warning: {finding.message}", file=sys.stderr)
+
+
+app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
+app.command(epilog="Example: trackfg init log.csv -o run1")(init)
+app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
+app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
+app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
+app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
+app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)
+app.command(epilog="Example: trackfg noise rest.csv -o allan.png")(noise)
+app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
+app.command(epilog="Example: trackfg config > settings.toml")(config)
+app.add_typer(maps, name="map")

@@ -13,7 +13,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.tables import named_values, records, titled
+from trackfg.cli.tables import named_values, records
+from trackfg.cli.terminal import titled
 from trackfg.errors import printable
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 from trackfg.results.official_places import KM_COLUMN, with_km

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json
+from trackfg.files.libraries import library
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -48,6 +49,7 @@ def overlay(
     from trackfg.mapping.runs.run_overlay import overlaid
 
     if out is not None:
+        library("plotly", "charts")  # of the page
         FolderKind("overlay", _HEAD, "trackfg-overlay/", _FILES).refuse_foreign(out)
     laid = overlaid([read_geometry(path) for path in runs], _names(runs), section_m=float(section))
     if out is not None:
@@ -95,7 +97,7 @@ def _write(laid: RunOverlay, out: Path, command: str) -> None:
 def _tables(laid: RunOverlay) -> list[RenderableType]:
     from rich.text import Text
 
-    from trackfg.cli.tables import titled
+    from trackfg.cli.terminal import titled
 
     shifts = titled(f"Shift against {laid.names[0]}")
     for heading in ("run", "from m", "to m", "shift m", "1 sigma m"):

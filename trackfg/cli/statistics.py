@@ -28,8 +28,8 @@ def statistics(
     json: Json = False,
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
-    from trackfg.cli.tables import records, titled
-    from trackfg.cli.terminal import show_or_tell
+    from trackfg.cli.tables import records
+    from trackfg.cli.terminal import show_or_tell, titled
     from trackfg.files.atomic_file import write_whole
     from trackfg.geometry.limits import LimitChoice
     from trackfg.interchange.importing.channels.source_geometry import read_geometry

@@ -13,6 +13,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from trackfg.cli.terminal import titled
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, Summary, VectorEstimate
 from trackfg.results.verdict import causes, opinions
@@ -25,16 +26,6 @@ if TYPE_CHECKING:
 _DEG_PER_H = math.degrees(1.0) * 3600.0
 
 _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
-
-
-def scenarios(summaries: Mapping[str, str]) -> RenderableType:
-    """Name and one line of each scenario."""
-    table = titled("Scenarios")
-    table.add_column("name", no_wrap=True)
-    table.add_column("what it is")
-    for name, text in summaries.items():
-        table.add_row(Text(name), Text(text))
-    return table
 
 
 def estimators(known: Mapping[str, Estimator]) -> RenderableType:
@@ -211,11 +202,6 @@ def named_values(title: str, rows: Mapping[str, str]) -> Table:
         if text:
             table.add_row(name, Text(text))
     return table
-
-
-def titled(title: str, **options: Any) -> Table:
-    """Return an empty table with its title above."""
-    return Table(title=title, title_justify="left", title_style="bold", **options)
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:

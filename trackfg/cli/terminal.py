@@ -114,6 +114,13 @@ def _table_as_json(part: RenderableType) -> Any:
     return {"title": str(part.title), "rows": [dict(zip(names, row, strict=True)) for row in rows]}
 
 
+def titled(title: str, **options: Any) -> Table:
+    """Return an empty table with its title above."""
+    from rich.table import Table
+
+    return Table(title=title, title_justify="left", title_style="bold", **options)
+
+
 def tell(*parts: RenderableType) -> None:
     """Print lines and tables that go with what a command wrote; nothing with ``--quiet``."""
     if _Loudness.quiet and _Loudness.collected is None:

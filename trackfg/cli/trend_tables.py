@@ -11,7 +11,8 @@ import pandas as pd
 from rich.console import RenderableType
 from rich.text import Text
 
-from trackfg.cli.tables import records, titled
+from trackfg.cli.tables import records
+from trackfg.cli.terminal import titled
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet

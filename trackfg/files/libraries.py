@@ -1,4 +1,4 @@
-"""Libraries that read or write foreign formats are extras: a missing one is named with the command that installs it."""
+"""Libraries of charts and of foreign formats are extras: a missing one is named with the command that installs it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from trackfg.errors import TrackfgError
 
 
 class MissingLibraryError(TrackfgError):
-    """The library that reads or writes a format is not installed."""
+    """A library of an extra is not installed."""
 
 
 def library(module: str, extra: str) -> ModuleType:
@@ -18,6 +18,4 @@ def library(module: str, extra: str) -> ModuleType:
         return import_module(module)
     except ImportError as error:
         name = module.partition(".")[0]
-        raise MissingLibraryError(
-            f'{name} is not installed; expected it for this format: pip install "trackfg[{extra}]"'
-        ) from error
+        raise MissingLibraryError(f"{name} is not installed. Hint: pip install 'trackfg[{extra}]'") from error

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-import sqlalchemy as sa
 
 from trackfg.maps.feature_map import LANDMARK_COLUMNS, FeatureMap
 from trackfg.maps.schema import KEY, data_column
+from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
 

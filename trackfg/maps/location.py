@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
-import sqlalchemy as sa
-
 from trackfg.errors import BadInputError, OutputError, TrackfgError, printable
 from trackfg.maps.schema import Schema, map_schema
+from trackfg.maps.sql import sa
 
 DEFAULT_SCHEMA = "trackfg"
 """Database schema of a URL that names none."""

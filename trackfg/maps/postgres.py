@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sqlalchemy as sa
-
 from trackfg.maps.layers import WGS_84, Layer
 from trackfg.maps.schema import Schema
+from trackfg.maps.sql import sa
 from trackfg.numerics.geometry_blob import line_wkb, point_wkb
 
 _NO_SYSTEM = 0

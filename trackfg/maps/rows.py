@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
-import sqlalchemy as sa
 
 from trackfg.maps.feature_map import INTEGER_COLUMNS, TEXT_COLUMNS
 from trackfg.maps.schema import ROWS_PER_VERSION, Schema
+from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 
 Column: TypeAlias = "np.ndarray | pd.Series"

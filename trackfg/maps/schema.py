@@ -13,8 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import sqlalchemy as sa
-
 from trackfg.maps.feature_map import (
     GRID_COLUMNS,
     INTEGER_COLUMNS,
@@ -23,6 +21,7 @@ from trackfg.maps.feature_map import (
     RUN_COLUMNS,
     TEXT_COLUMNS,
 )
+from trackfg.maps.sql import sa
 
 FORMAT = "trackfg-map/1"
 """Format of a stored map; a newer one has a greater number."""

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import sqlalchemy as sa
 from pydantic import JsonValue
 
 from trackfg.errors import BadInputError, TrackfgError, printable
@@ -26,6 +25,7 @@ from trackfg.maps.layers import LAYERS, layers
 from trackfg.maps.location import Location, locate
 from trackfg.maps.rows import get_matrices, insert_frame, put_matrices, read_frame
 from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS
+from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 
 _RIGHT_HAND_SIDE = "d"

@@ -7,14 +7,19 @@ from pathlib import Path
 
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_file import replaced_file
+from trackfg.files.libraries import library
 from trackfg.plots.sheet import Sheet
 
 
 def picture_path(path: str | os.PathLike[str]) -> Path:
-    """Return ``path``, if its suffix names a kind of picture that can be drawn; else raise :class:`BadInputError`."""
+    """Return ``path``, if its suffix names a kind of picture that can be drawn; else raise :class:`BadInputError`.
+
+    Raises :class:`~trackfg.files.libraries.MissingLibraryError` without the library that draws this kind.
+    """
     path = Path(path)
     if path.suffix not in (".png", ".svg", ".html"):
         raise BadInputError(f"{path}: expected a file that ends in .png, .svg or .html")
+    library("plotly" if path.suffix == ".html" else "matplotlib", "charts")
     return path
 
 

@@ -19,6 +19,7 @@ from typing import Any, Literal
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from trackfg.files.atomic_file import write_whole
+from trackfg.files.libraries import library
 from trackfg.report.charts import Chart
 from trackfg.report.columns import Column
 
@@ -293,9 +294,7 @@ def _packed_plotly() -> str:
 @cache
 def _plotly() -> str:
     """Return plotly.js, its factory in parentheses: browsers then compile it as they read it, and not a second time."""
-    from plotly.offline import get_plotlyjs
-
-    script: str = get_plotlyjs()
+    script: str = library("plotly.offline", "charts").get_plotlyjs()
     head, found, rest = script.partition(_FACTORY)
     if not found or not rest.rstrip().endswith(_FACTORY_END):
         return script

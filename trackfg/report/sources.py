@@ -11,6 +11,7 @@ from pathlib import Path
 from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
+from trackfg.files.libraries import library
 from trackfg.files.owned_folder import FolderKind
 from trackfg.geometry.limits import LimitChoice
 from trackfg.plots.strip_chart import LimitLine
@@ -62,8 +63,9 @@ def write_report(
 
     Raises :class:`BadInputError` if the folder is neither, if ``path`` does not end in ``.html`` or lies in it, for a
     recording without truth, of another result, or beside a comparison, for limits that cannot be read or stand beside
-    a comparison, and for official places where the result knows none.
+    a comparison, and for official places where the result knows none; :class:`MissingLibraryError` without plotly.
     """
+    library("plotly", "charts")  # before anything is read or computed
     folder, path = Path(folder), Path(path)
     if path.suffix != _SUFFIX:
         raise BadInputError(f"{path}: expected a file that ends in {_SUFFIX}")

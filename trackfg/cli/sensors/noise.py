@@ -44,10 +44,13 @@ def noise(
     is used.
     """
     from trackfg.interchange.importing.sensor_log import read_sensor_log
+    from trackfg.plots.draw import picture_path
     from trackfg.sensors.log_noise import SHORTEST_S, log_noise
 
     if out is not None and out.suffix not in (".csv", ".png", ".svg", ".html"):
         raise BadInputError(f"{out}: expected a file that ends in .csv, .png, .svg or .html")
+    if out is not None and out.suffix != ".csv":
+        picture_path(out)
     if not log.exists():
         raise BadInputError(
             f"{log}: no such file or folder; expected a recording or a log, {SHORTEST_S:.0f} s or longer"
@@ -95,7 +98,7 @@ def _length(found: LogNoise) -> str:
 
 def _table(found: LogNoise) -> RenderableType:
     """Return a row per sensor and axis."""
-    from trackfg.cli.tables import titled
+    from trackfg.cli.terminal import titled
     from trackfg.sensors.log_noise import SENSORS
 
     table = titled(f"Noise in {_length(found)} at rest, {1.0 / found.rest.dt:.4g} Hz")

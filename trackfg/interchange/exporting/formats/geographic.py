@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from lxml import etree
 
 from trackfg.files.libraries import library
 from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_trajectory, start_of, table_of, travelled_m
@@ -56,6 +55,7 @@ class Gpx(ResultFormat):
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the track, points ``step_m`` apart."""
         track = _vertices(located_trajectory(result), options.step_m)
+        etree = library("lxml.etree", "xml")
         root = etree.Element(f"{{{_GPX}}}gpx", nsmap={None: _GPX}, version="1.1", creator="trackfg")
         trk = etree.SubElement(root, f"{{{_GPX}}}trk")
         etree.SubElement(trk, f"{{{_GPX}}}name").text = result.summary.recording_id

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from lxml import etree
 from scipy.integrate import simpson
 
 from trackfg.curves import Curve, find_curves
 from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
+from trackfg.files.libraries import library
 from trackfg.interchange.exporting.located import located_geometry
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
@@ -72,6 +73,7 @@ class LandXml(ResultFormat):
         first = geometry[["north_m", "east_m"]].to_numpy()
         ahead = first[min(len(first) - 1, round(2.0 / conventions.step_m))] - first[0]
         heading = float(np.arctan2(ahead[0], ahead[1]))
+        etree = library("lxml.etree", "xml")
         root = etree.Element(f"{{{_NAMESPACE}}}LandXML", nsmap={None: _NAMESPACE}, version="1.2")
         root.set("date", "1970-01-01")
         root.set("time", "00:00:00")
@@ -98,7 +100,7 @@ class LandXml(ResultFormat):
         etree.ElementTree(root).write(str(path), xml_declaration=True, encoding="utf-8", pretty_print=True)
 
 
-def _equations(alignment: etree._Element, kilometrage: Kilometrage, start: float, end: float) -> None:
+def _equations(alignment: Any, kilometrage: Kilometrage, start: float, end: float) -> None:
     """Write a station equation where the alignment begins and where kilometrage jumps on it."""
     jumps = [jump.chainage_m for jump in kilometrage.jumps if start < jump.chainage_m < end]
     places = np.array([start, *jumps])
@@ -107,8 +109,8 @@ def _equations(alignment: etree._Element, kilometrage: Kilometrage, start: float
         _child(alignment, "StaEquation", staInternal=f"{place:.6f}", staAhead=f"{official:.6f}", **ways)
 
 
-def _child(parent: etree._Element, tag: str, text: str | None = None, **attributes: str) -> etree._Element:
-    child = etree.SubElement(parent, f"{{{_NAMESPACE}}}{tag}", **attributes)
+def _child(parent: Any, tag: str, text: str | None = None, **attributes: str) -> Any:
+    child = library("lxml.etree", "xml").SubElement(parent, f"{{{_NAMESPACE}}}{tag}", **attributes)
     child.text = text
     return child
 
@@ -165,7 +167,7 @@ def _headings(element: _Element, x: Array) -> Array:
     return np.asarray(element.start * x + (element.end - element.start) * element.length_m * first)
 
 
-def _plan(node: etree._Element, elements: list[_Element], place: complex, heading: float) -> None:
+def _plan(node: Any, elements: list[_Element], place: complex, heading: float) -> None:
     """Write the elements with their ends; LandXML has northing before easting."""
     for element in elements:
         count = 2 * max(1, int(np.ceil(element.length_m / (2 * _STEP_M)))) + 1
@@ -209,7 +211,7 @@ def _point(place: complex) -> str:
     return f"{place.imag:.6f} {place.real:.6f}"
 
 
-def _cant(alignment: etree._Element, elements: list[_Element], start: float, gauge_m: float) -> None:
+def _cant(alignment: Any, elements: list[_Element], start: float, gauge_m: float) -> None:
     """Write a station where an element with cant begins or ends."""
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in elements])])
     node = _child(alignment, "Cant", name="cant", gauge=f"{gauge_m:.4f}", rotationPoint="center")
