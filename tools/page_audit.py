@@ -4,7 +4,7 @@ Each page is opened at the widths of a desk, a tablet and a phone, light and dar
 comes from npm into a temporary folder unless ``--axe`` names its ``axe.min.js``. Printed is a line per page and view;
 the exit status is 1 where a rule is broken::
 
-    python tools/page_audit.py out1.html comparison1.html
+    python tools/page_audit.py out1.html comparison1.html http://127.0.0.1:8765/
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ def axe_core(folder: Path) -> str:
     return (folder / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
 
 
-def violations(browser: Browser, page: Path, axe: str, width: int, scheme: str) -> list[dict[str, Any]]:
+def violations(browser: Browser, page: str, axe: str, width: int, scheme: str) -> list[dict[str, Any]]:
     """Return the rules that a page breaks in one view, each with the elements that do."""
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True)
     try:
         tab = context.new_page()
-        tab.goto(page.resolve().as_uri())
+        tab.goto(page if page.startswith("http://") else Path(page).resolve().as_uri())
         tab.wait_for_selector("html[data-charts=drawn]", timeout=120_000)
         tab.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
         tab.wait_for_function("document.querySelectorAll('.chart:not([data-drawn])').length === 0")
@@ -51,7 +51,7 @@ def violations(browser: Browser, page: Path, axe: str, width: int, scheme: str) 
 def main() -> int:
     """Print what each page breaks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("pages", nargs="+", type=Path, metavar="PAGE")
+    parser.add_argument("pages", nargs="+", metavar="PAGE", help="a file, or the address of a page that is served")
     parser.add_argument("--axe", type=Path, metavar="FILE", help="axe.min.js, instead of npm's")
     asked = parser.parse_args()
     chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -20,6 +20,7 @@ import typer
 from trackfg import __version__
 from trackfg.cli.balises import balises
 from trackfg.cli.batch import batch
+from trackfg.cli.browse.command import browse
 from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory
 from trackfg.cli.importing import import_recording, init
@@ -518,6 +519,7 @@ app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping 
 app.command(epilog="Example: trackfg init log.csv -o run1")(init)
 app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
 app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
+app.command(epilog="Example: trackfg browse store")(browse)
 app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
 app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
 app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)

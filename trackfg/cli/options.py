@@ -35,6 +35,11 @@ Km = Annotated[bool, typer.Option("--km", help="Show official places of the line
 """Official kilometrage on request: the same option of all commands that show places."""
 
 
+PORT = 8765
+"""The port of pages unless another is named: always the same, so that an open page finds what is served again."""
+Port = Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="Of the page; 0: any that is free.")]
+
+
 def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:
     """Let a command take all its options as one object, a ``kind``, whose fields are annotated as typer wants them."""
 

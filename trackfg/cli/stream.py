@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import with_options
+from trackfg.cli.options import PORT, Port, with_options
 from trackfg.cli.terminal import note, progress_bar
 from trackfg.errors import BadInputError
 
@@ -64,7 +64,7 @@ class StreamOptions:
     view: Annotated[
         bool, typer.Option("--view", help="Serve a live page at 127.0.0.1, for a browser on this machine.")
     ] = False
-    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Of the page; 0: any that is free.")] = 8765
+    port: Port = PORT
     json: Annotated[bool, typer.Option("--json", help="Print what came of it as JSON, with OUT a folder.")] = False
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the unfinished stream in OUT, from its last checkpoint.")

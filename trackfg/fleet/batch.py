@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import tomli_w
 
 from trackfg.errors import first_line
+from trackfg.fleet.batch_progress import ALIVE_S, shown_progress
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.isolated_run import Job, Outcome
 from trackfg.fleet.key_figures import done_row, failed_row
@@ -59,7 +60,7 @@ def run_batch(
     store.write(_listed(store, each.run) for each in planned if each.fresh and not each.listed)
     wanted = {each.run.name: each for each in planned if not each.fresh}
     outcomes: list[Outcome] = []
-    with _workers(store, limits, len(wanted)) as submit:
+    with shown_progress(store.place, len(wanted)) as show, _workers(store, limits, len(wanted)) as submit:
         for finished in _in_groups({submit(_job(each, store, limits)): name for name, each in wanted.items()}):
             store.write(_row(wanted[outcome.name].run, outcome) for outcome in finished)
             for outcome in finished:
@@ -68,6 +69,7 @@ def run_batch(
                 progress(outcome)
             known.save()
             outcomes += finished
+            show(len(outcomes), sum(outcome.reason is not None for outcome in outcomes))
     return outcomes
 
 
@@ -101,13 +103,18 @@ def _listed(store: Store, run: Run) -> dict[str, Any]:
 
 
 def _in_groups(futures: Mapping[Future[Outcome], str]) -> Iterator[list[Outcome]]:
-    """Yield outcomes as runs end, in groups of those that ended meanwhile. ``futures``: each with its run's name."""
+    """Yield outcomes as runs end, in groups of those that ended meanwhile; an empty group where none does for a while.
+
+    ``futures``: each with its run's name.
+    """
     done: SimpleQueue[Future[Outcome]] = SimpleQueue()
     for future in futures:
         future.add_done_callback(done.put)
     left = len(futures)
     while left:
-        finished = [done.get()]
+        finished = []
+        with suppress(Empty):
+            finished.append(done.get(timeout=ALIVE_S))
         while not done.empty():
             finished.append(done.get())
         left -= len(finished)

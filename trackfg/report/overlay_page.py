@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,11 +29,12 @@ def overlay_page(overlay: RunOverlay, command: str) -> Page:
     reference = overlay.geometries[0]["chainage_m"].to_numpy()
     unit, scale = chainage_axis(reference)
     x_range = whole_range(scale * reference)
+    chart = runs_chart(_colours(overlay.names), overlay.geometries, whole_range(reference))
     title = ", ".join(overlay.names)
     subtitle = f"{len(overlay.names)} runs over the chainage of {overlay.names[0]}"
     sections = (
         _summary(overlay),
-        PageSection("runs", "All runs", (Drawing(_runs(overlay, unit, scale, x_range), note=_NOTE),)),
+        PageSection("runs", "All runs", (Drawing(chart, note=_NOTE),)),
         _shift_section(overlay, unit, scale, x_range),
         _repeatability_section(overlay.repeatability),
         PageSection("made", "How it was made", (Text("This page was made by"), Code(command))),
@@ -60,22 +61,26 @@ def _summary(overlay: RunOverlay) -> PageSection:
     return PageSection("summary", "Summary", (Tiles(tuple(tiles)),))
 
 
-def _runs(overlay: RunOverlay, unit: str, scale: float, x_range: tuple[float, float]) -> Strips:
-    """Return a panel per channel of the first run, with a line per run that has it."""
-    colour = _colours(overlay.names)
-    places = [packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE_M) for table in overlay.geometries]
+def runs_chart(colours: Mapping[str, str], geometries: Sequence[pd.DataFrame], x_range: tuple[float, float]) -> Strips:
+    """Return a panel per channel of the first run, with a line per run that has it; ``x_range`` in m.
+
+    ``colours``: of the runs by name, in the order of their geometries.
+    """
+    unit, scale = chainage_axis(np.array(x_range))
+    places = [packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE_M) for table in geometries]
     panels = []
-    for channel in channels(overlay.geometries[0]):
+    for channel in channels(geometries[0]):
         lines, extents = [], []
-        for name, table, x in zip(overlay.names, overlay.geometries, places, strict=True):
+        for (name, colour), table, x in zip(colours.items(), geometries, places, strict=True):
             if channel.column in table and table[channel.column].notna().any():
                 values = channel.scale * table[channel.column].to_numpy(dtype=np.float64)
-                lines.append(ChartLine(name, colour[name], x, packed_value(values)))
+                lines.append(ChartLine(name, colour, x, packed_value(values)))
                 if channel.twin is None or channel.twin in table:
                     extents.append(channel_extent(table, channel, 0.0 if channel.deviation else _middle(values)))
         low, high = with_margin(min(low for low, _ in extents), max(high for _, high in extents))
         panels.append(ChartPanel(channel.label, channel.unit, tuple(lines), (low, high), share=channel.share))
-    return Strips(f"chainage, {unit}", unit, x_range, tuple(panels), legend=True)
+    shown = scale * x_range[0], scale * x_range[1]
+    return Strips(f"chainage, {unit}", unit, shown, tuple(panels), legend=True)
 
 
 def _middle(values: np.ndarray) -> float:

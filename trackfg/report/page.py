@@ -1,7 +1,8 @@
 """A page: sections of texts, tables and charts, rendered into one file that needs nothing else.
 
 Everything that comes from data is escaped. The page's content security policy names its scripts by their hashes and
-allows no connection, so that nothing in a recording can run in it or be sent anywhere.
+allows no connection, but one to the server of a page that is served, so that nothing in a recording can run in it or be
+sent anywhere.
 """
 
 from __future__ import annotations
@@ -77,11 +78,13 @@ class Facts:
 @dataclass(frozen=True)
 class TableRow:
     """The cells of a table's row. ``mark``: how it stands out: ``own`` is what the page is about, ``bad`` where it is
-    beaten, ``group`` has one cell that heads the rows below; ``warning`` and ``error`` are levels.
+    beaten, ``group`` has one cell that heads the rows below; ``warning`` and ``error`` are levels. ``link``: the page
+    that the first cell leads to.
     """
 
     cells: tuple[str, ...]
     mark: Literal["", "own", "bad", "group", "warning", "error"] = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -107,21 +110,26 @@ class Drawing:
 
 @dataclass(frozen=True)
 class BarCell:
-    """A stretch of a bar: its ends, its colour from 0 (best) on or -1 (not known), and what it is."""
+    """A stretch of a bar: its ends, its colour from 0 (best) on or -1 (not known), what it is, and where it leads.
+
+    A ``link`` to a page is a short cut for the mouse: the same page is to be reached from a table, too.
+    """
 
     start: float
     end: float
     step: int
     text: str
+    link: str = ""
 
 
 @dataclass(frozen=True)
 class BarRow:
-    """A bar and its name; ``legend`` says what its colours go from and to."""
+    """A bar and its name, with the page that this leads to; ``legend`` says what its colours go from and to."""
 
     label: str
     cells: tuple[BarCell, ...]
     legend: str
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -139,6 +147,11 @@ class ColourBar:
         cells = [cell for row in self.rows for cell in row.cells]
         start = min(cell.start for cell in cells)
         return start, max(cell.end for cell in cells) - start
+
+    @property
+    def linked(self) -> bool:
+        """Return whether anything in it leads to another page."""
+        return any(row.link or any(cell.link for cell in row.cells) for row in self.rows)
 
 
 @dataclass(frozen=True)
@@ -158,7 +171,40 @@ class Code:
     kind: str = "code"
 
 
-Block = Text | Tiles | Facts | PageTable | Drawing | ColourBar | Fold | Code
+@dataclass(frozen=True)
+class FormField:
+    """A field of a form: its name in the address, its label and value, and the choices; any text where there are none.
+
+    A choice is a value and what is read.
+    """
+
+    name: str
+    label: str
+    value: str
+    choices: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Form:
+    """Fields whose values are asked for in the address of the same page; only in a page with an ``origin``."""
+
+    fields: tuple[FormField, ...]
+    button: str
+    kind: str = "form"
+
+
+@dataclass(frozen=True)
+class Latest:
+    """A text that is asked for again and again, from an address that answers JSON: ``text``, and ``reload`` where the
+    page has more to show. Only in a page with an ``origin``.
+    """
+
+    address: str
+    text: str
+    kind: str = "latest"
+
+
+Block = Text | Tiles | Facts | PageTable | Drawing | ColourBar | Fold | Code | Form | Latest
 
 
 def folded_if_long(table: PageTable, what: str) -> tuple[Block, ...]:
@@ -181,12 +227,16 @@ class PageSection:
 
 @dataclass(frozen=True)
 class Page:
-    """``what`` says what kind of page it is, ``title`` of what."""
+    """``what`` says what kind of page it is, ``title`` of what.
+
+    ``origin``: the pages above this one, names and addresses, of a page that is served; it may ask its server.
+    """
 
     what: str
     title: str
     subtitle: str
     sections: tuple[PageSection, ...]
+    origin: tuple[tuple[str, str], ...] = ()
 
     def charts(self) -> list[Chart]:
         """Return the charts from top to bottom."""
@@ -201,15 +251,19 @@ class Page:
             "charts": [chart.spec(number) for chart in charts],
             "columns": [_header(column) for column in columns],
         }
-        scripts = (_part("load_plotly.js"), _script())
+        scripts = (
+            *([_part("load_plotly.js")] if charts else []),
+            _script(),
+            *([_part("served.js")] if self.origin else []),
+        )
         return (
             _environment()
             .get_template("page.html.j2")
             .render(
                 page=self,
                 charts=charts,
-                policy=_policy((_plotly(), *scripts)),
-                plotly=_packed_plotly(),
+                policy=_policy((*([_plotly()] if charts else []), *scripts), served=bool(self.origin)),
+                plotly=_packed_plotly() if charts else "",
                 style=_part("page.css"),
                 scripts=scripts,
                 spec=_json(spec),
@@ -248,11 +302,12 @@ def _json(content: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _policy(scripts: tuple[str, ...]) -> str:
+def _policy(scripts: tuple[str, ...], *, served: bool) -> str:
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    server = "connect-src 'self'; form-action 'self'" if served else "form-action 'none'"
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
-        "base-uri 'none'; form-action 'none'"
+        f"base-uri 'none'; {server}"
     )
 
 

@@ -40,10 +40,10 @@ class _Source:
 class _Wanted:
     """What a page is to show besides the folder: truth of a recording, limits, official places, a background."""
 
-    recording: Path | None
-    limits: LimitChoice | None
-    km: bool
-    background: Path | None
+    recording: Path | None = None
+    limits: LimitChoice | None = None
+    km: bool = False
+    background: Path | None = None
 
 
 def write_report(
@@ -83,6 +83,14 @@ def write_report(
     behind = None if background is None else Path(background)
     wanted = _Wanted(None if recording is None else Path(recording), limits, km, behind)
     return source.page(folder, command, wanted).write(path)
+
+
+def page_of(folder: Path, command: str) -> Page:
+    """Return the page about a folder alone; ``command`` is what it says that it was made by.
+
+    Raises :class:`BadInputError` for a folder that trackfg did not write.
+    """
+    return _source_of(folder).page(folder, command, _Wanted())
 
 
 def _source_of(folder: Path) -> _Source:

@@ -125,8 +125,8 @@ def trends_of(
     Errors of a run are taken to be independent ``correlated_m`` apart, for the sigmas of sections.
     """
     by_section = section_series(by_cell, correlated_m)
-    drifts = {name: _drift(by_cell, name) for name in by_cell.value}
-    of_sections = {name: _drift(by_section, name) for name in by_section.value}
+    drifts = {name: drift_of(by_cell, name) for name in by_cell.value}
+    of_sections = {name: drift_of(by_section, name) for name in by_section.value}
     spans = {name: _spans(by_cell, _significant(by_cell, name, d, floor_mm_per_month)) for name, d in drifts.items()}
     return Trends(
         trends=pd.DataFrame(
@@ -148,8 +148,8 @@ def trends_of(
     )
 
 
-def _drift(places: Series, name: str) -> Drift:
-    """Fit a quantity, a second time with steps likely where one was found nearby."""
+def drift_of(places: Series, name: str) -> Drift:
+    """Fit the drift of a quantity of a series, a second time with steps likely where one was found nearby."""
     t, y, sd = places.t_days, places.value[name], places.sd[name]
     strict = _threshold(places, name, np.diff(y, axis=0), tests=t.size)
     found = drift(t, y, sd, threshold=strict)

@@ -96,7 +96,7 @@ def _bar(table: pd.DataFrame, rated: list[str], places: PagePlaces) -> ColourBar
     rows = []
     for column in rated:
         values = table[column].to_numpy()
-        step, edges = _colour_steps(values)
+        step, edges = colour_steps(values)
         cells = tuple(
             BarCell(float(a), float(b), int(k), f"{name}: {digits(value)} mm")
             for a, b, k, name, value in zip(starts, ends, step, names, values, strict=True)
@@ -116,7 +116,7 @@ def _bar_places(starts: Array, ends: Array, places: PagePlaces) -> tuple[str, ..
     return tuple(places.written(np.linspace(starts[0], ends[-1], 5)))
 
 
-def _colour_steps(values: Array) -> tuple[Array, Array]:
+def colour_steps(values: Array) -> tuple[Array, Array]:
     """Return the colour of each value, 0 to the last, -1 where it is not known; and the edges between colours."""
     known = values[np.isfinite(values)]
     low, high = float(known.min()), float(np.quantile(known, _WORST_SHARE))

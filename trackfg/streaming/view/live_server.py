@@ -1,8 +1,7 @@
 """A page of a running stream is served on this machine alone, and pushed what is new as server-sent events.
 
-It listens at 127.0.0.1 and answers nothing but GET, and only where the request names this host: a page of another site
-that is open in the same browser cannot read it (DNS rebinding). Server-sent events (HTML Living Standard, 9.2) come
-over one connection that stays open; a browser opens it again by itself, and then receives everything anew.
+Server-sent events (HTML Living Standard, 9.2) come over one connection that stays open; a browser opens it again by
+itself, and then receives everything anew.
 """
 
 from __future__ import annotations
@@ -11,17 +10,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import ClassVar
 
-from trackfg.errors import OutputError
 from trackfg.streaming.view.live_state import LiveState
-
-ADDRESS = "127.0.0.1"
-
-PORT = 8765
-"""The port unless another is named: always the same, so that an open page finds a stream that begins again."""
+from trackfg.streaming.view.local_server import LocalHandler, serving_locally
 
 _PAUSE_S = 0.3
 """Least time from one message to a page to the next, s: what changes faster cannot be read."""
@@ -40,39 +33,22 @@ _PARTS = {
     "/live.css": ("live.css", "text/css"),
     "/live.js": ("live.js", "text/javascript"),
 }
-_HEADERS = {
-    "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-}
 
 
 @contextmanager
-def serving(state: LiveState, port: int = PORT) -> Iterator[str]:
+def serving(state: LiveState, port: int) -> Iterator[str]:
     """Serve the page of a stream while the block runs, and yield its address. ``port`` 0: any that is free.
 
     Raises :class:`OutputError` where the port is taken.
     """
     pages = _OpenPages()
     handler = type("Handler", (_Handler,), {"state": state, "open_pages": pages})
-    try:
-        server = ThreadingHTTPServer((ADDRESS, port), handler)
-    except OSError as error:
-        raise OutputError(
-            f"{ADDRESS}:{port}: cannot be listened at ({error.strerror}). Hint: another port, by --port"
-        ) from error
-    server.daemon_threads = True
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
-    thread.start()
-    try:
-        yield f"http://{ADDRESS}:{server.server_port}/"
-    finally:
-        state.end()
-        pages.wait_until_none(_LAST_S)
-        server.shutdown()
-        server.server_close()
+    with serving_locally(handler, port) as address:
+        try:
+            yield address
+        finally:
+            state.end()
+            pages.wait_until_none(_LAST_S)
 
 
 class _OpenPages:
@@ -91,27 +67,25 @@ class _OpenPages:
             self._changed.wait_for(lambda: self._count == 0, seconds)
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(LocalHandler):
     state: ClassVar[LiveState]
     open_pages: ClassVar[_OpenPages]
-    timeout = 30.0
-    server_version, sys_version = "trackfg", ""
+    policy = (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
 
-    def do_GET(self) -> None:
-        if self.headers.get("Host", "").partition(":")[0] not in (ADDRESS, "localhost"):
-            self.send_error(403, "asked for by another name")
-        elif self.path == "/events":
+    def answer(self) -> None:
+        if self.path == "/events":
             self._push()
         elif self.path in _PARTS:
             name, kind = _PARTS[self.path]
-            content = files("trackfg.streaming.view").joinpath(name).read_bytes()
-            self._head(f"{kind}; charset=utf-8", len(content))
-            self.wfile.write(content)
+            self.send_content(files("trackfg.streaming.view").joinpath(name).read_bytes(), kind)
         else:
             self.send_error(404)
 
     def _push(self) -> None:
-        self._head("text/event-stream")
+        self.send_head("text/event-stream")
         self.open_pages.change(1)
         try:
             self.wfile.write(f"retry: {_RETRY_MS}\n\n".encode())
@@ -143,15 +117,3 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, kind: str, message: str) -> None:
         self.wfile.write(f"event: {kind}\ndata: {message}\n\n".encode())
         self.wfile.flush()
-
-    def _head(self, kind: str, length: int | None = None) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", kind)
-        if length is not None:
-            self.send_header("Content-Length", str(length))
-        for name, text in _HEADERS.items():
-            self.send_header(name, text)
-        self.end_headers()
-
-    def log_message(self, format: str, *values: object) -> None:
-        """Keep requests off the terminal, which shows the stream."""

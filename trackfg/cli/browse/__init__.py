@@ -1,0 +1,1 @@
+"""``trackfg browse``: the pages of a store, served on this machine."""

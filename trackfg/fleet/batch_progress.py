@@ -1,0 +1,97 @@
+"""How far the batches are that write to a store: a small file each in it, for whoever looks at the store meanwhile.
+
+A batch writes its file as runs end, and every :data:`ALIVE_S` at least; it removes the file when it ends. The file of
+a batch that was killed stays behind, and is removed by a later batch: whether a batch is still at work is told by how
+old its file is, since the store may be at a URL and the batch on another machine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+
+from trackfg.errors import TrackfgError
+from trackfg.fleet.places import joined, matching, read, remove, write
+
+_FOLDER = "progress"
+
+ALIVE_S = 10.0
+"""A batch writes its progress at least so often, s."""
+
+_OFTEN_S = 1.0
+"""Nor more often than this, s: writing to an object store takes a part of it."""
+
+_LOST_S = 60.0
+"""A batch that wrote nothing for so long has ended without saying so, s: six times its longest silence."""
+
+_FAULTS = (OSError, TrackfgError)
+"""What reading or writing a file of a store raises. No batch fails because its progress cannot be written."""
+
+
+@dataclass(frozen=True)
+class BatchState:
+    """How far a batch is: of ``runs``, ``done`` are over, ``failed`` of them without a result. Times are Unix's, s."""
+
+    name: str
+    began_s: float
+    news_s: float
+    runs: int
+    done: int
+    failed: int
+
+    @property
+    def runs_per_minute(self) -> float:
+        """Return the rate since it began."""
+        return 60.0 * self.done / max(self.news_s - self.began_s, 1e-3)
+
+    @property
+    def remaining_s(self) -> float | None:
+        """Return how long it will take yet at its rate; None before the first run is over."""
+        return 60.0 * (self.runs - self.done) / self.runs_per_minute if self.done else None
+
+    def lost(self, now_s: float) -> bool:
+        """Return whether it must have ended without saying so."""
+        return now_s - self.news_s > _LOST_S
+
+
+@contextmanager
+def shown_progress(store: str, runs: int) -> Iterator[Callable[[int, int], None]]:
+    """Show in a store how far a batch is while the block runs; give what takes the numbers of runs over and failed."""
+    name = f"{platform.node()}-{os.getpid()}"
+    place, began = joined(store, _FOLDER, f"{name}.json"), time.time()
+    written = -_OFTEN_S
+
+    def show(done: int, failed: int) -> None:
+        nonlocal written
+        if time.monotonic() - written < _OFTEN_S:
+            return
+        written = time.monotonic()
+        state = BatchState(name, began, time.time(), runs, done, failed)
+        with suppress(*_FAULTS):
+            write(place, json.dumps(asdict(state)).encode() + b"\n")
+
+    for other in batch_states(store):
+        if other.lost(began):
+            with suppress(*_FAULTS):
+                remove(joined(store, _FOLDER, f"{other.name}.json"))
+    show(0, 0)
+    try:
+        yield show
+    finally:
+        with suppress(*_FAULTS):
+            remove(place)
+
+
+def batch_states(store: str) -> list[BatchState]:
+    """Return how far each batch is that said so in a store, those that were lost with them."""
+    states = []
+    with suppress(*_FAULTS):
+        for path in matching(joined(store, _FOLDER), "*.json"):
+            with suppress(*_FAULTS, ValueError, TypeError):
+                states.append(BatchState(**json.loads(read(joined(store, _FOLDER, path)))))
+    return states

@@ -1,0 +1,82 @@
+"""Pages are served on this machine alone, for a browser on it, while a block of code runs.
+
+The server listens at 127.0.0.1 and answers nothing but GET, and only where the request names this host: a page of
+another site that is open in the same browser cannot read it (DNS rebinding).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import ClassVar
+
+from trackfg.errors import OutputError
+
+ADDRESS = "127.0.0.1"
+
+
+class LocalHandler(BaseHTTPRequestHandler):
+    """Answers one request. ``policy`` is the content security policy that is sent with every answer."""
+
+    policy: ClassVar[str] = "frame-ancestors 'none'"
+    timeout = 30.0
+    server_version, sys_version = "trackfg", ""
+
+    def answer(self) -> None:
+        """Answer a request for ``path`` by :meth:`send_content` or :meth:`send_error`."""
+        raise NotImplementedError
+
+    def do_GET(self) -> None:
+        """Answer, unless the request names another host."""
+        if self.headers.get("Host", "").partition(":")[0] not in (ADDRESS, "localhost"):
+            self.send_error(403, "asked for by another name")
+            return
+        with suppress(ConnectionError):  # the page was closed
+            self.answer()
+
+    def send_content(self, content: bytes, kind: str, status: int = 200) -> None:
+        """Send content of a media type."""
+        self.send_head(f"{kind}; charset=utf-8", len(content), status)
+        self.wfile.write(content)
+
+    def send_head(self, kind: str, length: int | None = None, status: int = 200) -> None:
+        """Send the head of an answer; ``length`` None where its end is not known yet."""
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        if length is not None:
+            self.send_header("Content-Length", str(length))
+        for name, text in {
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": self.policy,
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }.items():
+            self.send_header(name, text)
+        self.end_headers()
+
+    def log_message(self, format: str, *values: object) -> None:
+        """Keep requests off the terminal, which shows what the command tells."""
+
+
+@contextmanager
+def serving_locally(handler: type[LocalHandler], port: int) -> Iterator[str]:
+    """Answer requests by a handler while the block runs, and yield the address. ``port`` 0: any that is free.
+
+    Raises :class:`OutputError` where the port is taken.
+    """
+    try:
+        server = ThreadingHTTPServer((ADDRESS, port), handler)
+    except OSError as error:
+        raise OutputError(
+            f"{ADDRESS}:{port}: cannot be listened at ({error.strerror}). Hint: another port, by --port"
+        ) from error
+    server.daemon_threads = True
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+    thread.start()
+    try:
+        yield f"http://{ADDRESS}:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
