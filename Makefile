@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test pages test-fast check lint installed types layers release clean
+.PHONY: help demo test pages docs test-fast check lint installed types layers release clean
 
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	if $$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info)' 2>/dev/null; \
@@ -14,6 +14,7 @@ help:
 	@echo "make demo       simulate, smooth and compare a measuring car's run; pages and results into demo/"
 	@echo "make test       run every test but those of pages"
 	@echo "make pages      run every block of docs as printed"
+	@echo "make docs       make a site of docs in build/docs: tutorials carried out, links checked"
 	@echo "make test-fast  run the tests that take no more than a few seconds each"
 	@echo "make check      lint, format, types and layers"
 	@echo "make release    build the distributions into dist/, twice, and try them in an empty environment"
@@ -27,6 +28,11 @@ test: $(READY)
 
 pages: $(READY)
 	$(BIN)/python -m pytest -m pages
+
+docs: $(READY)
+	rm -rf build/docs docs/api/generated
+	$(BIN)/python -m sphinx -W --keep-going -q -d build/doctrees docs build/docs
+	$(BIN)/python tools/site_links.py build/docs
 
 test-fast: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow and not pages"

@@ -41,6 +41,7 @@ class Step:
     """Something that a page says: where, what, how long it took and was silent at most, s, and what became of it.
 
     ``failure`` is empty where it worked. ``needs`` is what a machine may lack: the step was not done, only read.
+    ``printed`` is what it wrote to the terminal, control characters and all.
     """
 
     place: str
@@ -49,6 +50,7 @@ class Step:
     silence_s: float = 0.0
     failure: str = ""
     needs: str = ""
+    printed: str = ""
 
 
 def walk(page: Path, folder: Path) -> Iterator[Step]:
@@ -111,12 +113,12 @@ def _failure(call: Any, *arguments: Any) -> str:
 
 def _python(place: str, title: str, text: str, folder: Path, names: dict[str, Any]) -> Step:
     start, failure = time.perf_counter(), ""
-    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()):
+    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
         try:
             exec(compile(text, place, "exec"), names)
         except Exception:
             failure = traceback.format_exc()[-_SHOWN:]
-    return Step(place, title, time.perf_counter() - start, failure=failure)
+    return Step(place, title, time.perf_counter() - start, failure=failure, printed=printed.getvalue())
 
 
 def _command(place: str, line: str, folder: Path) -> Step:
@@ -142,10 +144,11 @@ def _command(place: str, line: str, folder: Path) -> Step:
             chunk = os.read(ours, 65536)
         except OSError:  # the other end is closed: the command has ended
             break
-        printed, last = (printed + chunk)[-_SHOWN:], now
+        printed, last = printed + chunk, now
     else:
         process.kill()
     os.close(ours)
     status = process.wait()
-    failure = "" if status == 0 else f"exit status {status}: {printed.decode(errors='replace')}"
-    return Step(place, line, time.perf_counter() - start, silence, failure)
+    text = printed.decode(errors="replace")
+    failure = "" if status == 0 else f"exit status {status}: {text[-_SHOWN:]}"
+    return Step(place, line, time.perf_counter() - start, silence, failure, printed=text)

@@ -1,0 +1,23 @@
+"""The site of the docs: what Sphinx is told beside docs/conf.py.
+
+Pages stay Markdown that GitHub shows as well. What only the site has is added while Sphinx reads them: the navigation
+(:mod:`.navigation`), the glossary (:mod:`.glossary`), and on tutorials the output and the pictures of their commands
+(:mod:`.tutorials`). :mod:`.drawings` puts the drawings into the pages, so that they follow the page's colours.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pygments.lexers.special import TextLexer
+from sphinx.application import Sphinx
+
+from docsite import drawings, glossary, navigation, tutorials
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Connect the parts with Sphinx."""
+    app.add_lexer("csv", TextLexer)
+    for part in (tutorials, glossary, navigation, drawings):
+        part.setup(app)
+    return {"parallel_read_safe": False, "parallel_write_safe": True}
