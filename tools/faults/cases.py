@@ -5,24 +5,31 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import signal
 import sqlite3
 import stat
 import tempfile
-from dataclasses import dataclass
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
+from faults import database
 from faults.damage import FAULTS
-from faults.entries import ENTRIES, Entry
-from faults.runner import Conditions, End, run
+from faults.entries import DATABASE, ENTRIES, Entry
+from faults.runner import Conditions, End, Running, run
+from faults.server import Server
 from trackfg.errors import BadInputError
+from trackfg.maps import read_map
 from trackfg.results.result import Result
 
-RESOURCES = ("kill", "memory", "disk", "streams", "rights")
+RESOURCES = ("kill", "memory", "disk", "streams", "descriptors", "two writers", "rights")
 """Faults of what the command runs on."""
-KINDS = (*FAULTS, *RESOURCES)
+KINDS = (*FAULTS, *(kind for kind in RESOURCES if kind != "rights" or os.geteuid() == 0))
 BY_NAME = {entry.name: entry for entry in ENTRIES}
 _DOCUMENTED = (0, 1, 2, 3)
 _UNREADABLE = (
@@ -64,25 +71,52 @@ class Outcome:
     failure: str | None = None
     detail: str = ""
     edits: int = 1
+    cpu_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What a command does without a fault: digests of what it writes, by file, and how long it takes, s."""
+
+    digests: dict[str, str]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Base:
+    """The sound inputs of all cases: a folder, and a server with the sound map where there is one.
+
+    ``usual`` has commands of entries without a fault, once they were asked for.
+    """
+
+    folder: Path
+    server: Server | None = None
+    usual: dict[tuple[str, str], Usual] = field(default_factory=dict)
+
+
+def possible(entry: Entry, fault: str) -> bool:
+    """Return whether an entry can have a fault: a database is no file."""
+    return not entry.database or fault in (*database.FAULTS, "kill", "memory", "streams", "descriptors", "two writers")
 
 
 def case_of(number: int, seed: int, entries: tuple[str, ...], faults: tuple[str, ...]) -> Case:
     """Return the case of a number: every entry with every fault in turn."""
-    pairs = [(entry, fault) for fault in faults for entry in entries]
+    pairs = [(entry, fault) for fault in faults for entry in entries if possible(BY_NAME[entry], fault)]
     entry, fault = pairs[number % len(pairs)]
     return Case(entry, fault, seed + number // len(pairs))
 
 
-def outcome(case: Case, base: Path) -> Outcome:
+def outcome(case: Case, base: Base) -> Outcome:
     """Run a case in a folder of its own, which is removed."""
-    place = Path(tempfile.mkdtemp(prefix="faults-"))
-    try:
-        return _outcome(case, base, place)
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
+    entry = BY_NAME[case.entry]
+    rng = np.random.default_rng([*case.entry.encode(), 0, *case.fault.encode(), 0, case.seed])
+    named = entry.commands[int(rng.integers(len(entry.commands)))]
+    with ExitStack() as stack:
+        folder, command = _prepared(stack, entry, named, base)
+        return _outcome(case, command, rng, folder, lambda: expected(entry, named, base), base)
 
 
-def smallest(failed: Outcome, base: Path) -> Outcome:
+def smallest(failed: Outcome, base: Base) -> Outcome:
     """Return the outcome of the fewest edits that still fail, of those of a failed case."""
     if failed.edits == 1 or failed.case.fault not in FAULTS:
         return failed
@@ -93,34 +127,72 @@ def smallest(failed: Outcome, base: Path) -> Outcome:
     return failed
 
 
-def _outcome(case: Case, base: Path, place: Path) -> Outcome:
-    entry = BY_NAME[case.entry]
-    rng = np.random.default_rng([*case.entry.encode(), 0, *case.fault.encode(), 0, case.seed])
+def _prepared(stack: ExitStack, entry: Entry, command: str, base: Base) -> tuple[Path, str]:
+    """Copy what an entry needs, and return the case's folder and its command."""
+    place = Path(tempfile.mkdtemp(prefix="faults-"))
+    stack.callback(shutil.rmtree, place, ignore_errors=True)
     folder = place / "case"
-    shutil.copytree(base, folder, symlinks=True)
-    command = entry.commands[int(rng.integers(len(entry.commands)))]
-    conditions, done = Conditions(), []
+    folder.mkdir()
+    for name in sorted({name.split("/")[0] for name in (*entry.inputs, *entry.others)}):
+        source = base.folder / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, symlinks=True)
+        else:
+            shutil.copy(source, folder / name)
+    if DATABASE in command and base.server is not None:
+        command = command.replace(DATABASE, stack.enter_context(database.copied(base.server, place.name)))
+    return folder, command
+
+
+def _outcome(
+    case: Case, command: str, rng: np.random.Generator, folder: Path, usual: Callable[[], Usual], base: Base
+) -> Outcome:
+    entry, conditions, done = BY_NAME[case.entry], Conditions(), []
     edits = int(rng.choice([1, 1, 1, 2, 4]))
     if case.fault in FAULTS:
         for i, edit in enumerate(rng.spawn(edits)):
             if case.edits is None or i in case.edits:
-                done.append(_damaged(folder, entry, case.fault, edit))
-    else:
-        conditions, text = _resources(case.fault, folder, entry, rng)
+                done.append(_damaged(folder, entry, case.fault, edit, base.server))
+    elif case.fault != "two writers":
+        conditions, text = _resources(case.fault, folder, entry, rng, usual().seconds if case.fault == "kill" else 0.0)
         done.append(text)
     kept = {} if case.fault == "rights" else _content(folder, leave_out=_written(command))
-    old_result = case.fault in ("kill", "disk", "memory") and entry.output == "out" and "smooth" in command
+    old_result = case.fault in ("kill", "disk", "memory") and "smooth" in command
     if old_result:
-        shutil.copytree(base / "other", folder / "out")
-    end = run(command, folder, conditions, entry.stdin)
-    failure = _wrong(command, end, conditions) or _left(folder, kept, command, end, conditions, old_result)
-    if failure is None and case.fault in ("kill", "disk") and "--resume" not in command:
-        failure = _wrong_again(command, run(command, folder, Conditions(), entry.stdin))
+        shutil.copytree(base.folder / "other", folder / "out")
+    running = [Running(command, folder, conditions, entry.stdin) for _ in range(1 + (case.fault == "two writers"))]
+    ends = [process.end() for process in running]
+    end, failure = ends[0], None
+    for each in ends:
+        failure = failure or _wrong(command, each, conditions)
+    if len(ends) > 1 and failure is None:
+        failure = _wrong_together(ends, folder, command, usual().digests)
+    if end.status == -signal.SIGKILL:
+        failure = failure or _survivors(folder)
+    failure = failure or _left(folder, kept, command, end, conditions, old_result)
+    if failure is None and case.fault in ("kill", "disk"):
+        again = run(_again(command), folder, Conditions(), entry.stdin)
+        failure = _wrong_again(command, again) or _differs(folder, command, usual().digests)
+        end = End(end.status, end.hung, end.seconds, end.out, end.err, end.cpu_s + again.cpu_s)
     detail = "" if failure is None else (end.err or end.out)[-3000:]
-    return Outcome(case, command, tuple(done), end.status, end.seconds, failure, detail, edits)
+    return Outcome(case, command, tuple(done), end.status, end.seconds, failure, detail, edits, end.cpu_s)
 
 
-def _damaged(folder: Path, entry: Entry, fault: str, rng: np.random.Generator) -> str:
+def expected(entry: Entry, named: str, base: Base) -> Usual:
+    """Return what a command leaves without any fault."""
+    if (entry.name, named) not in base.usual:
+        with ExitStack() as stack:
+            folder, command = _prepared(stack, entry, named, base)
+            end = run(command, folder, Conditions(), entry.stdin)
+            if end.status not in (0, 3):
+                raise SystemExit(f"trackfg {named} without a fault ends with {end.status}: {end.err[-500:]}")
+            base.usual[entry.name, named] = Usual(_digests(folder, command), end.seconds)
+    return base.usual[entry.name, named]
+
+
+def _damaged(folder: Path, entry: Entry, fault: str, rng: np.random.Generator, server: Server | None) -> str:
+    if entry.database and server is not None:
+        return database.FAULTS[fault](server, folder.parent.name, rng)
     files = sorted(
         file
         for name in entry.inputs
@@ -136,23 +208,28 @@ def _damaged(folder: Path, entry: Entry, fault: str, rng: np.random.Generator) -
         return f"{file.name}: not damaged further ({type(error).__name__})"
 
 
-def _resources(fault: str, folder: Path, entry: Entry, rng: np.random.Generator) -> tuple[Conditions, str]:
+def _resources(
+    fault: str, folder: Path, entry: Entry, rng: np.random.Generator, usual_s: float
+) -> tuple[Conditions, str]:
     if fault == "kill":
-        after = float(rng.uniform(0.0, 2.5))
-        return Conditions(killed_after_s=after), f"killed after {after:.3f} s"
+        after = float(rng.uniform(0.0, 1.1)) * usual_s
+        return Conditions(killed_after_s=after), f"killed after {after:.3f} s of {usual_s:.3f}"
     if fault == "memory":
         size = int(2 ** rng.uniform(20, 29))
         return Conditions(memory_bytes=size), f"{size / 2**20:.0f} MiB of memory"
     if fault == "disk":
         size = int(2 ** rng.uniform(12, 20))  # messages are files too
         return Conditions(file_bytes=size), f"files of at most {size} bytes"
+    if fault == "descriptors":
+        count = int(rng.integers(1, 25))
+        return Conditions(open_files=count), f"{count} open files"
     if fault == "streams":
         streams = {
             int(n): [None, "/dev/full"][int(rng.integers(2))] for n in rng.choice([1, 2], int(rng.integers(1, 3)))
         }
         return Conditions(streams=streams), f"standard streams {streams}"
     kind = str(rng.choice(["unreadable", "read-only"]))
-    os.chmod(folder.parent, 0o755)
+    os.chmod(folder.parent, 0o777)
     if kind == "unreadable":
         target = folder / entry.inputs[0]
         os.chmod(target, 0)
@@ -160,10 +237,48 @@ def _resources(fault: str, folder: Path, entry: Entry, rng: np.random.Generator)
     return Conditions(is_nobody=True), f"rights: {kind}"
 
 
+def _again(command: str) -> str:
+    """Return the command that goes on with the work of a killed one."""
+    goes_on = command.startswith("stream") and "-o -" not in command and "--resume" not in command
+    return f"{command} --resume" if goes_on else command
+
+
 def _written(command: str) -> tuple[str, ...]:
     words = command.split()
     written = [words[i + 1] for i, word in enumerate(words) if word == "-o"]
     return tuple(name for place in written for name in (place, f"{place}.mapping.toml", f"{place}-journal"))
+
+
+def _digests(folder: Path, command: str) -> dict[str, str]:
+    """Return the digests of all numbers that a command has written: tables, checkpoints, and maps."""
+    found = {}
+    words = command.split()
+    places = [word for word in words if "://" in word or (word.endswith(".gpkg") and word in _written(command))]
+    for place in places:
+        made = read_map(place if "://" in place else folder / place)
+        parts = [getattr(made, name).to_csv(index=False).encode() for name in ("grid", "landmarks", "line")]
+        found["map"] = hashlib.sha256(b"".join([*parts, made.covariance.tobytes()])).hexdigest()
+    for path in [path for name in _written(command) for path in (folder / name).rglob("*")]:
+        is_ours = path.suffix in (".parquet", ".csv") or path.name == "checkpoint"
+        if is_ours and "catalogue" not in path.parts:  # which lists when and where
+            found[path.relative_to(folder).as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def _differs(folder: Path, command: str, wanted: dict[str, str]) -> str | None:
+    try:
+        found = _digests(folder, command)
+    except BadInputError as error:
+        return f"what is written is not whole: {error}"
+    differing = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
+    return f"differs from what is written without a fault: {', '.join(differing)[:200]}" if differing else None
+
+
+def _wrong_together(ends: list[End], folder: Path, command: str, wanted: dict[str, str]) -> str | None:
+    """Return what is wrong with what two processes did that ran the same command at the same time."""
+    if all(end.status not in (0, 3) for end in ends):
+        return f"neither of two writers has done it: {[end.err[-200:] for end in ends]}"
+    return _differs(folder, command, wanted)
 
 
 def _content(folder: Path, leave_out: tuple[str, ...]) -> dict[str, str]:
@@ -197,16 +312,21 @@ def _wrong(command: str, end: End, conditions: Conditions) -> str | None:
 
 def _wrong_again(command: str, end: End) -> str | None:
     """Return what is wrong with the end of a command that was cut short before: it may refuse what it finished then."""
-    refuses_used = command.startswith(("stream", "simulate", "import", "init"))
+    refuses_used = command.startswith(("simulate", "import", "init"))
     is_done = end.status == 2 and (refuses_used or "is in the map already" in end.err)
-    if end.status == 0 or is_done:
+    if command.startswith("check") and "error" in end.out:
+        return None
+    if end.status in (0, 3) or is_done:
         return None
     return f"afterwards the same command ends with {end.status}: {end.err[-300:]}"
 
 
 def _gives_reason(command: str, end: End) -> bool:
     """Return whether one line on standard error says why the command ended."""
-    lines = [line for line in end.err.splitlines() if not line.startswith(("trackfg: note", "trackfg: warning"))]
+    about = ("trackfg: note", "trackfg: warning", "view: ", "trackfg: info")
+    lines = [line for line in end.err.splitlines() if not line.startswith(about)]
+    if command.startswith("batch"):  # one line for each run
+        return bool(lines) and all(line.startswith("trackfg: ") for line in lines)
     if command.startswith(("check", "init", "import")):
         return bool(lines) or "error" in end.out
     if "--resume" in command:  # it says first where it goes on
@@ -223,6 +343,23 @@ def _is_whole(folder: Path) -> bool:
     return True
 
 
+def _survivors(folder: Path) -> str | None:
+    """Return what is left of a killed command's processes, which end with it."""
+    for _ in range(100):
+        left = [process for process in Path("/proc").glob("[0-9]*") if _works_in(process, folder)]
+        if not left:
+            return None
+        time.sleep(0.1)
+    return f"processes go on after their parent was killed: {', '.join(process.name for process in left)}"
+
+
+def _works_in(process: Path, folder: Path) -> bool:
+    try:
+        return Path(os.readlink(process / "cwd")).is_relative_to(folder)
+    except OSError:
+        return False
+
+
 def _left(
     folder: Path, kept: dict[str, str], command: str, end: End, conditions: Conditions, old_result: bool
 ) -> str | None:
@@ -233,6 +370,8 @@ def _left(
     if lost := sorted(name for name in kept if now.get(name) != kept[name]):
         return f"changed: {', '.join(lost)[:200]}"
     left = sorted(name for name in now if name not in kept and not (was_killed and name.startswith(".")))
+    if not was_killed and (stray := sorted(path.name for path in folder.parent.iterdir() if path != folder)):
+        return f"left in the folder for temporary files: {', '.join(stray)[:200]}"
     if kept and left and not (was_killed and all(name.endswith("-journal") for name in left)):
         return f"left over: {', '.join(left)[:200]}"
     out = folder / "out"

@@ -1,13 +1,14 @@
 """Does every command end as documented, whatever is wrong with what it reads and with what it runs on?
 
-Sound inputs of every entry are made once, in a temporary folder. A case copies them, puts a fault into one entry, runs
-one of its commands in a process of its own (60 s, 2 GB), and looks at how it ended: status 0 with a whole result, 2
-(bad input), 1 (anything else) or 3 (not to be trusted), one line on standard error and no traceback; what it did not
-write is unchanged, nothing is left over, an earlier result is whole. Any other end prints the case and the fewest
-edits that show it.
+Sound inputs of every entry are made once, in a temporary folder, and a map in a PostgreSQL server of its own where one
+is installed. A case copies them, puts a fault into one entry, runs one of its commands in a process of its own (60 s of
+processor time, 2 GB), and looks at how it ended: status 0 with a whole result, 2 (bad input), 1 (anything else) or 3
+(not to be trusted), one line on standard error and no traceback; what it did not write is unchanged, nothing is left
+over, an earlier result is whole; what was killed and run again, or run twice at a time, is to the last bit what it is
+without a fault. Any other end prints the case and the fewest edits that show it.
 
-    python tools/faults.py [--cases 500] [--seed 0] [--entries NAME ...] [--faults NAME ...] [--case ENTRY:FAULT:SEED]
-                           [--table FILE]
+    python tools/faults.py [--cases 500] [--seed 0] [--jobs 2] [--entries NAME ...] [--faults NAME ...]
+                           [--case ENTRY:FAULT:SEED] [--table FILE]
 """
 
 from __future__ import annotations
@@ -16,28 +17,53 @@ import argparse
 import codecs
 import importlib
 import os
-import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, suppress
+from multiprocessing import get_context
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads do not survive a fork
 
-from faults.cases import BY_NAME, KINDS, Case, Outcome, case_of, outcome, smallest
-from faults.entries import make_inputs
+from faults import server
+from faults.cases import BY_NAME, KINDS, Base, Case, Outcome, case_of, outcome, smallest
+from faults.database import SOUND
+from faults.inputs import make_inputs, run_sound
 
 _FOR_COMMANDS = (
+    "trackfg.baselines.complementary",
     "trackfg.cli.main",
     "trackfg.cli.map_tables",
     "trackfg.cli.tables",
+    "trackfg.comparison.run",
+    "trackfg.datasets.scenarios",
+    "trackfg.fleet.batch",
+    "trackfg.interchange.exporting",
+    "trackfg.interchange.importing",
+    "trackfg.io.check",
+    "trackfg.mapping.changes.changes",
     "trackfg.mapping.joining.build",
+    "trackfg.mapping.runs.balise_survey",
+    "trackfg.mapping.runs.run_overlay",
+    "trackfg.mapping.trends.trends",
+    "trackfg.plots.matplotlib_picture",
+    "trackfg.plots.plotly_page",
     "trackfg.report",
+    "trackfg.report.result_page",
+    "trackfg.sensors.log_noise",
     "trackfg.smoothing.smoother",
+    "trackfg.streaming.checkpoint.checkpoint",
     "trackfg.streaming.run",
+    "trackfg.streaming.sinks.parquet_parts",
+    "trackfg.streaming.view.live_server",
+    "sqlalchemy.dialects.sqlite",
 )
 """What commands import: imported before any fork, so that no case takes time for it."""
+_OF_EXTRAS = ("asammdf", "h5py", "nptdms", "rosbags.highlevel", "mcap.reader", "psycopg", "pyogrio.raw", "pyproj")
+"""The same of libraries that need not be installed."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -45,21 +71,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = _parser().parse_args(arguments)
     for module in _FOR_COMMANDS:
         importlib.import_module(module)
+    for module in _OF_EXTRAS:
+        with suppress(ImportError):
+            importlib.import_module(module)
     codecs.lookup("unicode-escape")  # another user may not be able to load it
-    base = Path(tempfile.mkdtemp(prefix="faults-base-"))
-    os.chmod(base, 0o755)
-    try:
-        make_inputs(base)
-        if options.case:
-            entry, fault, seed = options.case.rsplit(":", 2)
-            ends = [outcome(Case(entry, fault, int(seed)), base)]
-            print(ends[0])
-        else:
-            ends = _run(options, base)
-    finally:
-        shutil.rmtree(base, ignore_errors=True)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="faults-base-")))
+        os.chmod(folder, 0o755)
+        make_inputs(folder)
+        running = None
+        if any(BY_NAME[name].database for name in options.entries):
+            running = stack.enter_context(server.running_server())
+            running.sql("postgres", f"CREATE DATABASE {SOUND} TEMPLATE {'spatial' if running.postgis else 'plain'}")
+            for result in ("result", "third"):
+                run_sound(f"map build {result} -o {running.url(SOUND, 'trackfg')}", folder)
+        base = Base(folder, running)
+        ends = [_outcome_of(case, base) for case in [_case(options.case)]] if options.case else _run(options, base)
+    if options.case:
+        print(ends[0])
     failed = [end for end in ends if end.failure is not None]
-    print(f"{len(ends)} cases, {len(failed)} failures")
+    print(f"{len(ends)} cases, {len(failed)} failures, {sum(end.cpu_s for end in ends):.0f} s of processor time")
     if options.table:
         Path(options.table).write_text(table(ends, options.entries, options.faults))
     sys.exit(1 if failed else 0)
@@ -82,16 +113,47 @@ def _ending(status: int) -> str:
     return {0: "o", 3: "o", 2: "d", 1: "x"}.get(status, "k")
 
 
-def _run(options: argparse.Namespace, base: Path) -> list[Outcome]:
+def _case(text: str) -> Case:
+    entry, fault, seed = text.rsplit(":", 2)
+    return Case(entry, fault, int(seed))
+
+
+_base: Base
+
+
+def _begin(base: Base) -> None:
+    """Keep the sound inputs in a process that runs cases."""
+    global _base
+    _base = base
+
+
+def _next(case: Case) -> Outcome:
+    return _outcome_of(case, _base)
+
+
+def _outcome_of(case: Case, base: Base) -> Outcome:
+    end = outcome(case, base)
+    return end if end.failure is None else smallest(end, base)
+
+
+def _run(options: argparse.Namespace, base: Base) -> list[Outcome]:
+    names = tuple(options.entries), tuple(options.faults)
+    cases = [case_of(number, options.seed, *names) for number in range(options.cases)]
     ends = []
-    for number in range(options.cases):
-        end = outcome(case_of(number, options.seed, tuple(options.entries), tuple(options.faults)), base)
+    for end in _ends(cases, base, options.jobs):
         if end.failure is not None:
-            least = smallest(end, base)
-            print(f"FAILURE {end.case}  trackfg {end.command}\n  {least.failure}\n  {'; '.join(least.done)}")
-            print("    " + least.detail.strip()[-1500:].replace("\n", "\n    "), flush=True)
+            print(f"FAILURE {end.case}  trackfg {end.command}\n  {end.failure}\n  {'; '.join(end.done)}")
+            print("    " + end.detail.strip()[-1500:].replace("\n", "\n    "), flush=True)
         ends.append(end)
     return ends
+
+
+def _ends(cases: Sequence[Case], base: Base, jobs: int) -> Iterator[Outcome]:
+    if jobs == 1:
+        yield from (_outcome_of(case, base) for case in cases)
+        return
+    with ProcessPoolExecutor(jobs, get_context("fork"), _begin, (base,)) as pool:
+        yield from pool.map(_next, cases)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -100,6 +162,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--cases", type=int, default=500, metavar="N", help="how many cases")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the first seed")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="how many at a time")
     parser.add_argument("--entries", nargs="+", choices=list(BY_NAME), default=list(BY_NAME), metavar="NAME")
     parser.add_argument("--faults", nargs="+", choices=KINDS, default=list(KINDS), metavar="NAME")
     parser.add_argument("--case", metavar="ENTRY:FAULT:SEED", help="run this case alone, and print all about it")

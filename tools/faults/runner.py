@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Mapping
@@ -13,61 +14,88 @@ from dataclasses import dataclass
 from pathlib import Path
 
 TIME_S = 60.0
-"""A command that takes longer hangs, s: all that the sound inputs need is 2 s."""
+"""A command that takes more processor time hangs, s: all that the sound inputs need is 2 s."""
+WAIT_S = 240.0
+"""A command that has not ended after this time hangs too, s: it waits. Loaded machines are slow."""
 MEMORY_BYTES = 2 * 2**30
 """Memory that a command may take beyond what this process has mapped."""
 NOBODY = 65534
 """The user that cases about rights run as."""
+_LOOK_EVERY_S = 1.0
+"""Time between two looks at the processor time of a command, s."""
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
 class Conditions:
     """What a command runs under, besides the limits: the time after which it is killed, memory and file size in
-    bytes, standard streams that are closed or full, and whether its user owns nothing.
+    bytes, standard streams that are closed or full, how many files it may open, and whether its user owns nothing.
     """
 
     killed_after_s: float | None = None
     memory_bytes: int = MEMORY_BYTES
     file_bytes: int | None = None
     streams: Mapping[int, str | None] | None = None
+    open_files: int | None = None
     is_nobody: bool = False
 
 
 @dataclass(frozen=True)
 class End:
-    """``status``: of the exit, negative for a signal. ``hung``: it had to be ended."""
+    """``status``: of the exit, negative for a signal. ``hung``: it had to be ended. ``cpu_s``: processor time."""
 
     status: int
     hung: bool
     seconds: float
     out: str
     err: str
+    cpu_s: float = 0.0
+
+
+class Running:
+    """``trackfg command`` runs in a folder; ``stdin`` names a file in it."""
+
+    def __init__(self, command: str, folder: Path, conditions: Conditions, stdin: str | None = None) -> None:
+        self.conditions = conditions
+        self._texts = [Path(tempfile.mkstemp(prefix=name, dir=folder.parent)[1]) for name in ("out-", "err-")]
+        for path in self._texts:
+            path.chmod(0o666)
+        self._start = time.monotonic()
+        self._child = os.fork()
+        if self._child == 0:
+            _become(command, folder, conditions, stdin, *self._texts)
+
+    def end(self) -> End:
+        """Wait for the end, and bring it about where the time is over."""
+        killed_after_s = self.conditions.killed_after_s
+        limit, looked, hung, done = killed_after_s or WAIT_S, self._start, False, 0
+        while not done:
+            done, status, usage = os.wait4(self._child, os.WNOHANG)
+            now = time.monotonic()
+            if not done and killed_after_s is None and now > looked + _LOOK_EVERY_S:
+                looked, hung = now, _processor_time_s(self._child) > TIME_S
+            if not done and (hung or now - self._start > limit):
+                hung = killed_after_s is None
+                os.kill(self._child, signal.SIGKILL)
+                done, status, usage = os.wait4(self._child, 0)
+            elif not done:
+                time.sleep(0.002 if killed_after_s else 0.01)
+        texts = [path.read_bytes()[:100_000].decode(errors="replace") for path in self._texts]
+        for path in self._texts:
+            path.unlink()
+        seconds, cpu_s = time.monotonic() - self._start, usage.ru_utime + usage.ru_stime
+        return End(os.waitstatus_to_exitcode(status), hung, seconds, *texts, cpu_s)
 
 
 def run(command: str, folder: Path, conditions: Conditions, stdin: str | None = None) -> End:
     """Run ``trackfg command`` in a folder and wait for its end."""
-    out, err = folder.parent / "stdout", folder.parent / "stderr"
-    for path in (out, err):
-        path.touch()  # the child may be killed before it does
-        path.chmod(0o666)
-    start = time.monotonic()
-    child = os.fork()
-    if child == 0:
-        _become(command, folder, conditions, stdin, out, err)
-    limit = conditions.killed_after_s or TIME_S
-    status = None
-    while status is None and time.monotonic() - start < limit:
-        done, code = os.waitpid(child, os.WNOHANG)
-        status = code if done else None
-        if status is None:
-            time.sleep(0.002 if conditions.killed_after_s else 0.01)
-    ended = status is not None
-    if status is None:
-        os.kill(child, signal.SIGKILL)
-        _, status = os.waitpid(child, 0)
-    seconds = time.monotonic() - start
-    texts = [path.read_bytes()[:100_000].decode(errors="replace") for path in (out, err)]
-    return End(os.waitstatus_to_exitcode(status), not ended and conditions.killed_after_s is None, seconds, *texts)
+    return Running(command, folder, conditions, stdin).end()
+
+
+def _processor_time_s(process: int) -> float:
+    """Return what a process and its ended children have used."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:15])) / _TICKS_PER_S
 
 
 def _opened(stdin: str | None) -> int:
@@ -81,6 +109,7 @@ def _become(command: str, folder: Path, conditions: Conditions, stdin: str | Non
     code = 99
     try:
         os.chdir(folder)
+        tempfile.tempdir = os.environ["TMPDIR"] = os.environ["HOME"] = str(folder.parent)
         os.dup2(_opened(stdin), 0)
         for number, path in ((1, out), (2, err)):
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), number)
@@ -95,7 +124,11 @@ def _become(command: str, folder: Path, conditions: Conditions, stdin: str | Non
         if conditions.file_bytes is not None:
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (conditions.file_bytes,) * 2)
+        if conditions.open_files is not None:
+            taken = max(map(int, os.listdir("/proc/self/fd")))
+            resource.setrlimit(resource.RLIMIT_NOFILE, (taken + conditions.open_files,) * 2)
         if conditions.is_nobody:
+            os.setgroups([])
             os.setgid(NOBODY)
             os.setuid(NOBODY)
         sys.argv = ["trackfg", *command.split()]

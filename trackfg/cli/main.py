@@ -65,10 +65,11 @@ def main() -> None:
         _fail(_sentence(error), status=1)
     except MemoryError as error:
         _fail(f"out of memory ({first_line(error)}). Hint: {_LESS_MEMORY}", status=1)
-    except ModuleNotFoundError as error:
-        if error.name not in sys.stdlib_module_names:
+    except ImportError as error:
+        if isinstance(error, ModuleNotFoundError) and error.name not in sys.stdlib_module_names:
             raise
-        _fail(f"{first_line(error)}: a part of Python cannot be opened. Hint: allow more open files", status=1)
+        hint = "Hint: allow more open files, or free memory"
+        _fail(f"{first_line(error)}: a part of Python or of a library cannot be opened. {hint}", status=1)
 
 
 _LESS_MEMORY = "free memory, or cut the recording into parts (docs/performance.md says what a run takes)"

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-import os
-import pwd
-import shutil
-import subprocess
-import tempfile
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -24,6 +19,10 @@ from trackfg.maps.feature_map import (
     RUN_COLUMNS,
     TEXT_COLUMNS,
 )
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "tools"))
+
+from faults.server import Server, programs, running_server
 
 MakeMap = Callable[..., FeatureMap]
 
@@ -133,75 +132,14 @@ def _assert_same_map(found: FeatureMap, expected: FeatureMap) -> None:
         assert getattr(found, name) == getattr(expected, name), name
 
 
-@dataclasses.dataclass(frozen=True)
-class Server:
-    """A PostgreSQL server on a unix socket in ``folder``; ``postgis`` says whether the extension is installed there."""
-
-    folder: Path
-    programs: Path
-    postgis: bool
-
-    def sql(self, database: str, statement: str) -> str:
-        """What psql prints, one line per row."""
-        command = [self.programs / "psql", "-h", self.folder, "-U", "trackfg", "-d", database, "-XAtq", "-c", statement]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        return done.stdout.strip()
-
-    def url(self, database: str, schema: str) -> str:
-        return f"postgresql://trackfg@/{database}?host={self.folder}&schema={schema}"
-
-
 @pytest.fixture(scope="session")
 def server() -> Iterator[Server]:
-    """A server for the tests, with the databases ``plain`` and, where it can be, ``spatial`` (with PostGIS).
-
-    PostgreSQL refuses to run as root, so root lends it to the unprivileged user of the Debian package or ``nobody``.
-    """
-    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[4]))
-    if not found:
+    """A server for the tests, with the databases ``plain`` and, where it can be, ``spatial`` (with PostGIS)."""
+    if programs() is None:
         pytest.skip("no PostgreSQL server installed")
     pytest.importorskip("psycopg")
-    programs = found[-1].parent
-    # not tmp_path: the socket's path has at most 107 bytes, and every folder above it must be open to that user
-    folder = Path(tempfile.mkdtemp(prefix="pg"))
-    user = _unprivileged_user()
-    if user is not None:
-        shutil.chown(folder, user)
-
-    def run(program: str, *arguments: object) -> None:
-        command = [str(programs / program), *map(str, arguments)]
-        environment = {**os.environ, "LC_ALL": "C", "HOME": str(folder)}
-        with (folder / "said").open("ab") as said:  # not a pipe: the server would keep it open
-            done = subprocess.run(
-                command, user=user, cwd=folder, env=environment, stdout=said, stderr=said, check=False
-            )
-        assert done.returncode == 0, (folder / "said").read_text()
-
-    data, log = folder / "data", folder / "log"
-    options = f"-k {folder} -c listen_addresses='' -c fsync=off"
-    try:
-        run("initdb", "-D", data, "-U", "trackfg", "-A", "trust", "-E", "UTF8", "--no-sync")
-        run("pg_ctl", "-D", data, "-l", log, "-o", options, "-w", "start")
-        try:
-            bare = Server(folder, programs, postgis=False)
-            postgis = bare.sql("postgres", "SELECT count(*) FROM pg_available_extensions WHERE name = 'postgis'") == "1"
-            bare.sql("postgres", "CREATE DATABASE plain")
-            if postgis:
-                bare.sql("postgres", "CREATE DATABASE spatial")
-                bare.sql("spatial", "CREATE EXTENSION postgis")
-            yield Server(folder, programs, postgis)
-        finally:
-            run("pg_ctl", "-D", data, "-m", "fast", "-w", "stop")
-    finally:
-        shutil.rmtree(folder)
-
-
-def _unprivileged_user() -> str | None:
-    if os.geteuid() != 0:
-        return None
-    names = {entry.pw_name for entry in pwd.getpwall()}
-    return "postgres" if "postgres" in names else "nobody"
+    with running_server() as running:
+        yield running
 
 
 @pytest.fixture(params=["gpkg", "plain", "spatial"])

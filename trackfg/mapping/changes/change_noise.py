@@ -40,6 +40,8 @@ _LEAST_CROSSINGS = 100
 _FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
 """Residuals from which a sigma is known: it errs by 16 %, and by 22 % where its course along the line is borrowed.
 Chosen on simulated runs; see Assumptions in docs/engine.md."""
+_ROUNDING = 1e-6
+"""Spread over the stated sigma below which a difference is rounding: doubles keep 16 digits, sensors know five."""
 _SLOWEST_MPS = 0.5
 """Least speed of a band of speed, m/s."""
 FEWEST_CROSSINGS_PER_M = 0.02
@@ -121,10 +123,14 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
 
 
 def _spread(ratio: Array) -> float:
-    """Return the robust sigma of the ratios that are known; NaN for a stretch with too few sign changes."""
+    """Return the robust sigma of the ratios that are known; NaN for a stretch with too few sign changes.
+
+    A run that the map was made of alone differs from it by rounding, which shows nothing: its sigmas stay as stated.
+    """
     if _crossings(ratio) < _LEAST_CROSSINGS:
         return np.nan
-    return robust_sd(ratio[np.isfinite(ratio)])
+    spread = robust_sd(ratio[np.isfinite(ratio)])
+    return spread if spread > _ROUNDING else 1.0
 
 
 def _crossings(ratio: Array) -> int:

@@ -26,6 +26,9 @@ MOST_SUDDEN = 4
 FEWEST_RUNS = 3
 """Fewest runs that determine both a rate and its scatter."""
 
+_LEAST_SHARE = 1e-5
+"""Least sigma over the largest one at a place: the normal matrix holds the square, of which doubles keep 16 digits."""
+
 _RUNS_BEFORE_STEP = 2
 """Runs before a step at least; a first run that does not fit the rest is an outlier."""
 
@@ -64,7 +67,9 @@ def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, at: float 
     at = float(t[-1]) if at is None else at
     known = np.isfinite(y) & np.isfinite(sd) & (sd > 0.0)
     enough = _different_times(t, known) >= FEWEST_RUNS
-    y, weight = np.where(known, y, 0.0), np.where(known & enough, 1.0 / np.where(known, sd, 1.0) ** 2, 0.0)
+    sd = np.where(known, sd, 0.0)
+    sd = np.where(known, np.maximum(sd, _LEAST_SHARE * sd.max(axis=0)), 1.0)
+    y, weight = np.where(known, y, 0.0), np.where(known & enough, 1.0 / sd**2, 0.0)
     # Columns (n, m, p): the value at the time, the rate, and steps; those not taken in are zero.
     X = np.zeros((*y.shape, 2 + MOST_SUDDEN))
     X[..., 0], X[..., 1] = 1.0, (t - at)[:, None]

@@ -6,6 +6,7 @@ another site that is open in the same browser cannot read it (DNS rebinding).
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +16,8 @@ from typing import ClassVar
 from trackfg.errors import OutputError
 
 ADDRESS = "127.0.0.1"
+_MOST_THREADS = 100
+"""Threads of the process, one for each open connection, beyond which no further one is served; a browser opens six."""
 
 
 class LocalHandler(BaseHTTPRequestHandler):
@@ -60,6 +63,22 @@ class LocalHandler(BaseHTTPRequestHandler):
         """Keep requests off the terminal, which shows what the command tells."""
 
 
+class _LocalServer(ThreadingHTTPServer):
+    """The server keeps what browsers do to their connections off the terminal."""
+
+    daemon_threads = True
+    request_queue_size = _MOST_THREADS
+
+    def verify_request(self, request: object, client_address: object) -> bool:
+        """Refuse a connection beyond the most that are served at a time: each has a thread."""
+        return threading.active_count() <= _MOST_THREADS
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing where a connection breaks off; anything else is an error of trackfg."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
+
 @contextmanager
 def serving_locally(handler: type[LocalHandler], port: int) -> Iterator[str]:
     """Answer requests by a handler while the block runs, and yield the address. ``port`` 0: any that is free.
@@ -67,12 +86,11 @@ def serving_locally(handler: type[LocalHandler], port: int) -> Iterator[str]:
     Raises :class:`OutputError` where the port is taken.
     """
     try:
-        server = ThreadingHTTPServer((ADDRESS, port), handler)
+        server = _LocalServer((ADDRESS, port), handler)
     except OSError as error:
         raise OutputError(
             f"{ADDRESS}:{port}: cannot be listened at ({error.strerror}). Hint: another port, by --port"
         ) from error
-    server.daemon_threads = True
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
     thread.start()
     try:

@@ -89,3 +89,9 @@ def test_what_stands_still_has_an_open_interval_and_what_is_beyond_is_there_now(
     assert np.mean(np.isinf(reached(d, 25.0)[2])) > 0.9
     over = drift(t, 30.0 + noise(6), np.full((6, PLACES), SD), threshold=6.0)
     assert np.all(reached(over, 25.0)[0] == 5.0)
+
+
+def test_a_sigma_that_is_nearly_zero_leaves_numbers() -> None:
+    t, sd = np.array([0.0, 1.0, 2.0]), np.array([[1e-14], [0.1], [0.1]])
+    d = drift(t, np.array([[1.0], [1.5], [2.1]]), sd, threshold=6.0)
+    assert np.isfinite([d.rate, d.rate_sd, d.value, d.value_sd]).all()
