@@ -120,9 +120,9 @@ _ENTRIES = (
         others=("gnss",),
     ),
     Entry("line", ("line.toml",), ("simulate trolley --duration 20 --line line.toml -o out",)),
-    Entry("known line", ("known.geojson",), ("smooth gnss -o out --line known.geojson",), others=("gnss",)),
+    Entry("tracks as geojson", ("known.geojson",), ("smooth gnss -o out --line known.geojson",), others=("gnss",)),
     Entry(
-        "known line as gpkg",
+        "tracks as gpkg",
         ("known.gpkg",),
         ("smooth gnss -o out --line known.gpkg", "report result -o page.html --background known.gpkg"),
         others=("gnss", "result"),
