@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 Quantity = Literal[
     "chainage",
     "position",
+    "height",
     "speed",
     "roll",
     "pitch",
@@ -27,7 +28,7 @@ Quantity = Literal[
     "curvature",
     "gradient",
 ]
-"""Versines are those of ``level`` and ``alignment``."""
+"""Position is that in plan, height its own; versines are those of ``level`` and ``alignment``."""
 
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 

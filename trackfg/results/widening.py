@@ -17,7 +17,7 @@ QUANTITY_OF_COLUMN: dict[str, Quantity] = {
     "chainage_m": "chainage",
     "east_m": "position",
     "north_m": "position",
-    "up_m": "position",
+    "up_m": "height",
     "speed_mps": "speed",
     "roll_rad": "roll",
     "pitch_rad": "pitch",
@@ -43,6 +43,7 @@ measure it.
 UNKNOWN_SD: dict[Quantity, float] = {
     "chainage": 1e5,
     "position": 1e5,
+    "height": 1e4,
     "speed": 200.0,
     "roll": math.pi,
     "pitch": math.pi,
@@ -57,8 +58,8 @@ UNKNOWN_SD: dict[Quantity, float] = {
 """The sigma, in the columns' units, of a quantity that is not to be trusted: as wide as nothing on rails can differ.
 
 Positions: longer than a run between two fixes. Speed: above the record of 160 m/s. Cant stays below 200 mm (EN 13803),
-radii above 10 m, gradients of rack railways below 500 per mille. It is finite, so that every reader of the tables can
-go on working with them; a mean weighted by 1 / sigma^2 passes over such rows.
+radii above 10 m, gradients of rack railways below 500 per mille, and no railway climbs 10 km. It is finite, so that
+every reader of the tables can go on working with them; a mean weighted by 1 / sigma^2 passes over such rows.
 """
 
 

@@ -50,14 +50,14 @@ _SENSORS = {
         "the tachometer's distances", ("chainage", "speed"), _POSITIONS, "check unit, sign and clock of [tach]"
     ),
     FactorType.GNSS_POSITION: _Sensor(
-        "the GNSS positions", ("position",), (), "check origin, clock, lever arm and sigmas of [gnss]"
+        "the GNSS positions", ("position", "height"), (), "check origin, clock, lever arm and sigmas of [gnss]"
     ),
     FactorType.ABSOLUTE_FIX: _Sensor(
         "the fixes", ("chainage",), (), "check the chainages of the fixes, their sigmas and track.direction"
     ),
     FactorType.NON_HOLONOMIC: _Sensor(
         "motion along the vehicle's axis",
-        ("position", "pitch", "yaw"),
+        ("position", "height", "pitch", "yaw"),
         (FactorType.GNSS_POSITION,),
         "check imu.axes, the units of the IMU and the sign of the tachometer; trackfg check tells them apart",
     ),

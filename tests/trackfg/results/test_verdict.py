@@ -103,6 +103,13 @@ def test_sigmas_are_widened_by_the_factor_of_their_quantity(make_result: Callabl
     assert tuple(trajectory.columns) == TRAJECTORY_COLUMNS
 
 
+def test_a_height_in_doubt_leaves_the_position_in_plan_as_it_is(make_result: Callable[..., Result]) -> None:
+    trajectory = make_result().trajectory
+    wide = widened(trajectory, verdicts([doubt(3.0, "height")]))
+    ratio = {name: (wide[f"{name}_sd"] / trajectory[f"{name}_sd"]).iloc[0] for name in ("east_m", "north_m", "up_m")}
+    assert ratio == pytest.approx({"east_m": 1.0, "north_m": 1.0, "up_m": 3.0})
+
+
 def test_the_joint_covariance_is_widened_on_both_sides() -> None:
     places = PlaceCovariance(np.array([0.0, 250.0]), np.ones((4, 4)))
     wide = widened_places(places, verdicts([doubt(2.0, "chainage"), doubt(3.0, "cross_level")]))

@@ -62,7 +62,7 @@ _FUNCTIONS = (
     _Function("chainage_m", False, ("chainage",)),
     _Function("east_m", False, ("position",)),
     _Function("north_m", False, ("position",)),
-    _Function("up_m", False, ("position",)),
+    _Function("up_m", False, ("height",)),
     _Function("speed_mps", False, ("speed",)),
     _Function("roll_rad", False, ("roll", "cross_level")),
     _Function("pitch_rad", False, ("pitch", "gradient")),
@@ -112,7 +112,7 @@ _HINTS = {
 
 _PREDICTED: dict[FactorType, tuple[str, tuple[Quantity, ...]]] = {
     FactorType.ABSOLUTE_FIX: ("fixes", ("chainage",)),
-    FactorType.GNSS_POSITION: ("gnss", ("position", "chainage")),
+    FactorType.GNSS_POSITION: ("gnss", ("position", "height", "chainage")),
 }
 """Positions that are predicted from all else: their group, and what they tell of."""
 
