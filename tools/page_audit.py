@@ -1,8 +1,9 @@
-"""Hold pages against the rules of accessibility of axe-core, in headless Chromium.
+"""Hold pages against the rules of accessibility of axe-core and against the keyboard, in headless Chromium.
 
-Each page is opened at the widths of a desk, a tablet and a phone, light and dark, with everything unfolded. axe-core
-comes from npm into a temporary folder unless ``--axe`` names its ``axe.min.js``. Printed is a line per page and view;
-the exit status is 1 where a rule is broken::
+Each page, a file or the address of one that is served (the live page of a stream), is opened at the widths of a desk, a
+tablet and a phone, light and dark, with everything unfolded. axe-core comes from npm into a temporary folder unless
+``--axe`` names its ``axe.min.js``. In each view Tab has to reach everything that can be operated, and the page must not
+be wider than the window. Printed is a line per page and view; the exit status is 1 where anything is wrong::
 
     python tools/page_audit.py out1.html comparison1.html http://127.0.0.1:8765/
 """
@@ -18,11 +19,23 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 WIDTHS = (1400, 800, 390)
 SCHEMES = ("light", "dark")
 AXE_VERSION = "4.14.1"
+
+OPERATED = "a[href], button, input, select, textarea, summary, [tabindex='0']"
+"""What a page has for its user to operate. Of radio buttons of one name Tab reaches one; arrows reach the others."""
+
+MARK = """(operated) => {
+  const shown = (one) => one.checkVisibility({ visibilityProperty: true }) && !one.disabled && one.tabIndex >= 0;
+  window.unreached = new Set([...document.querySelectorAll(operated)].filter(shown));
+  document.addEventListener("focusin", (event) => window.unreached.delete(event.target));
+  document.body.focus();
+  return window.unreached.size;
+}"""
+LEFT = "() => [...window.unreached].filter((one) => one.isConnected).map((one) => one.outerHTML.slice(0, 100))"
 
 
 def axe_core(folder: Path) -> str:
@@ -32,18 +45,40 @@ def axe_core(folder: Path) -> str:
     return (folder / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
 
 
-def violations(browser: Browser, page: str, axe: str, width: int, scheme: str) -> list[dict[str, Any]]:
-    """Return the rules that a page breaks in one view, each with the elements that do."""
+def drawn(tab: Page, address: str) -> None:
+    """Open a page and wait until its charts are there."""
+    tab.goto(address)
+    if tab.locator(".chart").count():
+        tab.wait_for_selector("html[data-charts=drawn]", timeout=120_000)
+    if tab.locator(".strips").count():
+        tab.wait_for_selector(".strips figure", timeout=120_000)
+    tab.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    tab.wait_for_function("document.querySelectorAll('.chart:not([data-drawn])').length === 0")
+
+
+def unreached(tab: Page) -> list[str]:
+    """Return what can be operated, but not reached by Tab."""
+    for _ in range(tab.evaluate(MARK, OPERATED) + 3):
+        tab.keyboard.press("Tab")
+    left: list[str] = tab.evaluate(LEFT)
+    return left
+
+
+def faults(browser: Browser, address: str, axe: str, width: int, scheme: str) -> list[str]:
+    """Return what is wrong with a page in one view, a line each."""
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True)
     try:
         tab = context.new_page()
-        tab.goto(page if page.startswith("http://") else Path(page).resolve().as_uri())
-        tab.wait_for_selector("html[data-charts=drawn]", timeout=120_000)
-        tab.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-        tab.wait_for_function("document.querySelectorAll('.chart:not([data-drawn])').length === 0")
+        drawn(tab, address)
         tab.evaluate(axe)
-        found: list[dict[str, Any]] = tab.evaluate("axe.run(document)")["violations"]
-        return found
+        rules: list[dict[str, Any]] = tab.evaluate("axe.run(document)")["violations"]
+        found = [
+            f"{rule['id']} ({rule['impact']}), {len(rule['nodes'])} times: {rule['nodes'][0]['html'][:100]}"
+            for rule in rules
+        ]
+        found += [f"Tab does not reach {one}" for one in unreached(tab)]
+        wide = tab.evaluate("document.documentElement.scrollWidth")
+        return found + ([f"is {wide} px wide"] if wide > width else [])
     finally:
         context.close()
 
@@ -62,13 +97,10 @@ def main() -> int:
         browser = playwright.chromium.launch(executable_path=chromium)
         bad = 0
         for page, width, scheme in itertools.product(asked.pages, WIDTHS, SCHEMES):
-            broken = violations(browser, page, axe, width, scheme)
-            bad += len(broken)
-            print(f"{page} {width} px {scheme}: {len(broken)} violations", flush=True)
-            for rule in broken:
-                print(
-                    f"  {rule['id']} ({rule['impact']}), {len(rule['nodes'])} times: {rule['nodes'][0]['html'][:100]}"
-                )
+            address = page if page.startswith("http://") else Path(page).resolve().as_uri()
+            found = faults(browser, address, axe, width, scheme)
+            bad += len(found)
+            print("\n  ".join([f"{page} {width} px {scheme}: {len(found)} faults", *found]), flush=True)
         browser.close()
     return 1 if bad else 0
 

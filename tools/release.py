@@ -1,13 +1,14 @@
 """Builds what a release consists of, twice, and tries it where nothing else is installed.
 
-    python tools/release.py [--out dist]
+    python tools/release.py [--out dist] [--interpreter python3.13 ...]
 
 Source distribution and two wheels are built from the last commit, whose time all their members have, so that anyone
 can build the same bytes again; the second build proves it. One wheel has the compiled kernels, for every CPython from
 3.11 on and for Linux with a C library as old as auditwheel finds that they need (manylinux); the other has none, for
 all other machines, which need no compiler then. ``twine check`` reads their metadata. Each wheel is then installed with
 its required dependencies alone into an empty environment, where a simulated minute is smoothed, and what the first
-environment holds is written beside the files as a software bill of materials (CycloneDX). It needs the extra
+environment holds is written beside the files as a software bill of materials (CycloneDX). The compiled one is tried
+with every further ``--interpreter`` too. It needs the extra
 ``release``, a C++ compiler and a network. The tag and the upload are the maintainer's.
 """
 
@@ -80,13 +81,13 @@ def set_times(sdist: Path, epoch: int) -> None:
 KERNELS = "from trackfg.numerics.kernels import kernels_in_use as used; print(used(), end='')"
 
 
-def try_wheel(wheel: Path, folder: Path, kernels: str) -> Path:
+def try_wheel(wheel: Path, folder: Path, kernels: str, interpreter: str = sys.executable) -> Path:
     """Smooth a simulated minute with nothing but the wheel and what it requires; return the environment's Python.
 
     ``kernels`` are those that must be in use: ``compiled`` or ``numpy``.
     """
     folder.mkdir()
-    run(sys.executable, "-m", "venv", folder / "env", cwd=folder)
+    run(interpreter, "-m", "venv", folder / "env", cwd=folder)
     python = folder / "env" / "bin" / "python"
     run(python, "-m", "pip", "install", "--quiet", wheel, cwd=folder)
     for command in (
@@ -110,7 +111,9 @@ def main() -> int:
     """Build, compare, check, try; print each file with its digest."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the files (dist)")
-    out = options.parse_args().out.resolve()
+    options.add_argument("--interpreter", nargs="*", default=[], help="further Pythons to try the compiled wheel with")
+    asked = options.parse_args()
+    out = asked.out.resolve()
     if run("git", "status", "--porcelain", cwd=ROOT):
         raise SystemExit("there are changes that are not committed: a release is what a commit holds")
     with tempfile.TemporaryDirectory() as name:
@@ -122,6 +125,9 @@ def main() -> int:
         wheel, pure = (file for file in first if file.suffix == ".whl")  # cp311-abi3 before py3-none
         python = try_wheel(wheel, folder / "compiled", "compiled")
         try_wheel(pure, folder / "numpy", "numpy")
+        for number, interpreter in enumerate(asked.interpreter):
+            try_wheel(wheel, folder / f"further{number}", "compiled", interpreter)
+            print(f"works with {run(interpreter, '--version', cwd=folder).strip()}", flush=True)
         materials = wheel.with_suffix(".cdx.json")
         run(
             sys.executable,
