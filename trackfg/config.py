@@ -281,7 +281,15 @@ class SolverConfig(_Section):
 
 
 class SmoothConfig(_Section):
-    """All settings of ``trackfg smooth``. Every section may be left out."""
+    """All settings of ``trackfg smooth``. Every section may be left out.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> config = trackfg.SmoothConfig.model_validate({"output": {"rate_hz": 50.0}})
+    >>> config.output.rate_hz, config.keyframes.interval_s  # Hz, s
+    (50.0, 1.0)
+    """
 
     keyframes: KeyframeConfig = KeyframeConfig()
     imu: ImuConfig = ImuConfig()

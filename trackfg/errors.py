@@ -10,15 +10,47 @@ from collections.abc import Iterable
 
 
 class TrackfgError(Exception):
-    """Something the user can act on: the message alone says what and where."""
+    """Something the user can act on: the message alone says what and where.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> try:
+    ...     trackfg.read_recording("no-such-run")
+    ... except trackfg.TrackfgError as error:
+    ...     print(error)
+    no-such-run/recording.toml: no such folder; expected a folder with recording.toml
+    """
 
 
 class BadInputError(TrackfgError):
-    """Input that cannot be used. The message names file, column, row and what was expected."""
+    """Input that cannot be used. The message names file, column, row and what was expected.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> try:
+    ...     trackfg.SmoothConfig.from_toml("no-such-settings.toml")
+    ... except trackfg.BadInputError as error:
+    ...     print(error)
+    no-such-settings.toml: cannot be read: No such file or directory
+    """
 
 
 class UnsolvableError(TrackfgError):
-    """A recording that is well-formed but does not determine what was asked for; the message says why."""
+    """A recording that is well-formed but does not determine what was asked for; the message says why.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import trackfg
+    >>> recording = trackfg.read_recording("run1")
+    >>> try:
+    ...     trackfg.smooth(replace(recording, imu=recording.imu.head(20)))
+    ... except trackfg.UnsolvableError as error:
+    ...     print(error)
+    the IMU record has 20 samples over 0.1 s: at least 10 samples and 0.5 s are needed
+    """
 
 
 class OutputError(TrackfgError):

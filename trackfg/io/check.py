@@ -38,9 +38,30 @@ class CheckReport:
 def check_recording(
     path: Path | str, limits: CheckLimits | None = None, *, progress: Callable[[str, float], None] | None = None
 ) -> CheckReport:
-    """Check the recording in the folder ``path``, or described by the file ``path``. Never raises for bad input.
+    """Check a recording, and estimate what its data say of sensor, clocks and wheel. Never raises for bad input.
 
-    ``progress(stage, fraction)`` is called as the stages "reading" and "checking" begin.
+    Parameters
+    ----------
+    path
+        The recording's folder, or its ``recording.toml``.
+    limits
+        Beyond which values are doubtful, and beyond which they are wrong; the defaults suit a railway vehicle.
+    progress
+        Called as ``progress(stage, fraction)`` when the stages "reading" and "checking" begin.
+
+    Returns
+    -------
+    CheckReport
+        Every finding, errors first, and the estimates.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> report = trackfg.check_recording("run1")
+    >>> report.usable
+    True
+    >>> trackfg.check_recording("no-such-run").findings[0].message
+    'no such folder'
     """
     limits, begin = limits or CheckLimits(), progress or (lambda stage, done: None)
     begin("reading", 0.0)

@@ -52,11 +52,33 @@ class LoadedRecording:
 
 
 def read_recording(path: Path | str, limits: CheckLimits | None = None) -> Recording:
-    """Read the recording in the folder ``path``, or described by the file ``path``; tables as in
-    trackfg.recording.model.
+    """Read a recording; its tables are as in :mod:`trackfg.recording.model`, in SI, body axes and one clock.
 
-    Raises :class:`BadInputError` with the first error (file, column, data row, what was expected, the hint) and how
-    many more there are.
+    Parameters
+    ----------
+    path
+        The recording's folder, or its ``recording.toml``.
+    limits
+        Beyond which values are doubtful, and beyond which they are wrong; the defaults suit a railway vehicle.
+
+    Returns
+    -------
+    Recording
+        Description and tables, with what was noticed about the quality of the data.
+
+    Raises
+    ------
+    BadInputError
+        With the first error (file, column, data row, what was expected, the hint) and how many more there are.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> recording = trackfg.read_recording("run1")
+    >>> recording
+    <Recording mainline-seed1-run0: 60.0 s, imu 12000 rows at 200 Hz, tach 3001 rows>
+    >>> list(recording.imu.columns)[:4]  # s, rad/s
+    ['t_s', 'wx_radps', 'wy_radps', 'wz_radps']
     """
     loaded = load(path, limits)
     found = errors(loaded.findings)

@@ -40,12 +40,41 @@ def write_recording(
     truth: pd.DataFrame | None = None,
     truth_geometry: pd.DataFrame | None = None,
 ) -> Path:
-    """Write ``recording`` as the folder ``folder`` and return its path.
+    """Write a recording as a folder, which appears complete or not at all (:mod:`trackfg.files.atomic_folder`).
 
-    The folder appears complete or not at all (:mod:`trackfg.files.atomic_folder`). A recording that is there already is
-    replaced. ``truth`` has ``t_s`` and trajectory columns, ``truth_geometry`` has ``chainage_m``; geometry needs truth.
-    Raises :class:`BadInputError` where ``folder`` is anything else than free, empty or a recording with nothing but its
-    own files, where it is the one that ``recording`` was read from, and where a table lacks a column.
+    Parameters
+    ----------
+    recording
+        What is written, in its canonical form.
+    folder
+        Where; a recording that is there already is replaced.
+    table_format
+        Of the tables: ``"parquet"`` or ``"csv"``.
+    truth
+        What is known to be true, with ``t_s`` in s and columns of a trajectory.
+    truth_geometry
+        The true geometry, with ``chainage_m`` in m; needs ``truth``.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    BadInputError
+        Where ``folder`` is anything else than free, empty or a recording with nothing but its own files, where it is
+        the one that ``recording`` was read from, and where a table lacks a column.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> recording = trackfg.read_recording("run1")
+    >>> folder = trackfg.write_recording(recording, "copy", table_format="csv")
+    >>> sorted(path.name for path in folder.iterdir())
+    ['imu.csv', 'recording.toml', 'tach.csv']
+    >>> trackfg.read_recording(folder).imu.equals(recording.imu)
+    True
     """
     folder = Path(folder)
     _refuse_to_destroy(folder, recording)

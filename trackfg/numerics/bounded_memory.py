@@ -27,6 +27,21 @@ def bounded_memory(limit_bytes: int, folder: Path) -> Iterator[None]:
     It holds for arrays that the calling thread makes inside the ``with``, by compiled kernels and under Linux;
     elsewhere nothing happens, as where there can be no such file. The file has no name, so that nothing is left of it
     however the process ends; where the disk is full, arrays stay in memory.
+
+    Parameters
+    ----------
+    limit_bytes
+        Memory of the process to stay at, bytes.
+    folder
+        Where the file is, on a disk with room for the arrays.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import trackfg
+    >>> recording = trackfg.read_recording("run1")
+    >>> with trackfg.bounded_memory(2_000_000_000, Path(".")):
+    ...     result = trackfg.smooth(recording)
     """
     if not compiled_kernels() or sys.platform != "linux":
         yield

@@ -70,10 +70,34 @@ def plot_geometry(
     to_m: float | None = None,
     limits: Sequence[LimitLine] = (),
 ) -> Path:
-    """Draw the geometry of ``result`` into ``path``: ``.png``, ``.svg`` or, opened without a network, ``.html``.
+    """Draw the track geometry of a result over the chainage, with bands of 95 %.
 
-    ``from_m`` and ``to_m`` are chainages, m. Limits of columns that the chart does not show are left out. Raises
-    :class:`BadInputError` for another suffix, and where there is nothing to draw.
+    Parameters
+    ----------
+    result
+        With a geometry.
+    path
+        The picture, by its suffix: ``.png``, ``.svg`` or, opened without a network, ``.html``.
+    from_m, to_m
+        Chainages of the chart's ends, m; those of the geometry unless given.
+    limits
+        Lines to draw; those of columns that the chart does not show are left out.
+
+    Returns
+    -------
+    pathlib.Path
+        The picture.
+
+    Raises
+    ------
+    BadInputError
+        For another suffix, and where there is nothing to draw.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> trackfg.plot_geometry(trackfg.Result.read("out1"), "geometry.png", to_m=100.0).name
+    'geometry.png'
     """
     path = picture_path(path)
     return draw(geometry_sheet(result, from_m, to_m, limits), path)

@@ -31,11 +31,36 @@ def plot_trajectory(
     title: str | None = None,
     highlight: Sequence[Span] = (),
 ) -> Path:
-    """Draw ``result`` into ``path``: ``.png``, ``.svg`` or, opened without a network, ``.html`` by its suffix.
+    """Draw the path of a result, and over time its speed, attitude and sigmas, with bands of 95 % (1.96 sigma).
 
-    Bands are 95 % (1.96 sigma). ``reference`` (``t_s, east_m, north_m`` of the vehicle reference point) is what the
-    position is compared with. ``highlight`` holds the spans in which positions were withheld: they are shaded, and the
-    map then shows the reference in them only. Raises :class:`BadInputError` for another suffix.
+    Parameters
+    ----------
+    result
+        With a trajectory.
+    path
+        The picture, by its suffix: ``.png``, ``.svg`` or, opened without a network, ``.html``.
+    reference
+        Positions to compare with: ``t_s`` in s, ``east_m`` and ``north_m`` of the vehicle reference point in m.
+    title
+        Above the picture; the recording's id unless given.
+    highlight
+        Spans, s, in which positions were withheld: they are shaded, and the map then shows the reference in them only.
+
+    Returns
+    -------
+    pathlib.Path
+        The picture.
+
+    Raises
+    ------
+    BadInputError
+        For another suffix.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> trackfg.plot_trajectory(trackfg.Result.read("out1"), "path.svg", title="Main line").name
+    'path.svg'
     """
     path = picture_path(path)
     return draw(sheet_of(result, reference, title or result.summary.recording_id, tuple(highlight)), path)

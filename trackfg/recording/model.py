@@ -57,20 +57,36 @@ _SINGLE = ("tach", "fixes", "gnss")
 
 @dataclass(frozen=True, repr=False)
 class Recording(KeyFigures):
-    """One run. ``gnss_origin`` is (latitude deg, longitude deg, height m), or None where GNSS is local or absent.
+    """One run: what was measured, and how the sensors sit in the vehicle.
 
-    ``findings`` is what reading the files noticed about the quality of the data; it goes into the result's summary.
+    Examples
+    --------
+    >>> import trackfg
+    >>> recording = trackfg.read_recording("run1")
+    >>> recording.gyro.shape, recording.description.imu.rigid
+    ((12000, 3), True)
+    >>> list(recording.tables)
+    ['imu', 'tach']
     """
 
     description: RecordingDescription
+    """What ``recording.toml`` says."""
     imu: pd.DataFrame
+    """Samples of the IMU: ``t_s`` in s, angular rate in rad/s, specific force in m/s^2."""
     tach: pd.DataFrame | None = None
+    """Readings of the tachometer."""
     fixes: pd.DataFrame | None = None
+    """Passages of places whose chainage is known, m."""
     gnss: pd.DataFrame | None = None
+    """Positions east, north and up of ``gnss_origin``, m, with their sigmas."""
     lasers: dict[str, pd.DataFrame] = field(default_factory=dict)
+    """Readings of displacement sensors by name, m."""
     gnss_origin: Array | None = None
+    """Latitude and longitude in degrees and height in m; None where GNSS is local or absent."""
     folder: Path | None = None
+    """Where it was read from."""
     findings: tuple[Finding, ...] = ()
+    """What reading the files noticed about the quality of the data; it goes into the result's summary."""
     others: dict[str, pd.DataFrame] = field(default_factory=dict)
     """Tables of further sensors by name."""
     balises: pd.DataFrame | None = None

@@ -71,16 +71,35 @@ RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES, OPTIONA
 class Result(KeyFigures):
     """The smoothed run, or a geometry that another system measured, which has no trajectory and no solver.
 
-    Raises ``ValueError`` if a table has other columns than the contract's.
+    Raises
+    ------
+    ValueError
+        If a table has other columns than the contract's.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> result = trackfg.Result.read("out1")
+    >>> result.geometry.columns[:2].tolist(), len(result.geometry) > 1000
+    (['chainage_m', 'chainage_m_sd'], True)
+    >>> result.write("again").name
+    'again'
     """
 
     trajectory: pd.DataFrame
+    """A row per instant of a uniform clock; docs/results.md has its columns, s, m, m/s, rad."""
     geometry: pd.DataFrame
+    """A row per 0.25 m of chainage, or whatever ``geometry.step_m`` of the settings is."""
     events: pd.DataFrame
+    """Standstills, slips and slides, gaps, fixes."""
     summary: Summary
+    """What the solver did, what the sigmas are worth, calibration."""
     covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
+    """Joint covariance of chainage and cross-level errors along the run."""
     balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(BALISE_COLUMNS)).astype(_TYPES))
+    """A row per balise that was passed."""
     passages: BalisePassages = field(default_factory=BalisePassages.none)
+    """What a survey by several runs needs of the passages."""
 
     def __post_init__(self) -> None:
         bands = tuple(name for name in self.geometry if name in BAND_COLUMNS)

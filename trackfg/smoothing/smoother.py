@@ -119,15 +119,47 @@ def smooth(
     limits: CheckLimits | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Estimate the whole run from all its measurements, from a map if there is one to be recognised on, and from a
-    known line if there is one for it to be on.
+    """Estimate the whole run from all its measurements.
 
-    Without ``known_line`` the recording's own is used, if it has one. ``limits`` are those of the checks of the
-    recording, as of :func:`~trackfg.io.check.check_recording`.
-    ``progress(stage, fraction)`` is called as the stages "graph", "solve", "covariance", "check", "output", "geometry"
-    and "map" go on. Linear algebra runs on one thread, so that the result is the same to the last bit wherever and
-    beside whatever else it is computed. Raises ``UnsolvableError`` where the recording does not determine the run; the
-    message says what is missing. Raises :class:`~trackfg.errors.BadInputError` for a known line that cannot be used.
+    Linear algebra runs on one thread, so that the result is the same to the last bit wherever and beside whatever else
+    it is computed.
+
+    Parameters
+    ----------
+    recording
+        Of one run, with an IMU and whatever else was measured.
+    config
+        Settings other than the defaults.
+    feature_map
+        A map to be recognised on: where the run is on it becomes a measurement.
+    known_line
+        Tracks that the run was on: its distance from them becomes a measurement. The recording's own unless given.
+    limits
+        Those of the checks of the recording, as of :func:`~trackfg.io.check.check_recording`.
+    progress
+        Called as ``progress(stage, fraction)`` while the stages "graph", "solve", "covariance", "check", "output",
+        "geometry" and "map" go on.
+
+    Returns
+    -------
+    Result
+        Trajectory, geometry and events with sigmas, and a summary; chainages in m, times in s.
+
+    Raises
+    ------
+    UnsolvableError
+        Where the recording does not determine the run; the message says what is missing.
+    BadInputError
+        For a known line that cannot be used.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> result = trackfg.smooth(trackfg.read_recording("run1"))
+    >>> result.summary.converged
+    True
+    >>> int(result.trajectory["chainage_m"].max().round(-1))  # m, from where the run starts
+    300
     """
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))

@@ -84,10 +84,36 @@ class PassOutput(NamedTuple):
 
 
 class FixedLagSmoother:
-    """The batch smoother's graph on the last ``lag_s`` seconds of a stream, located on a map if there is one.
+    """The batch smoother's graph on the last seconds of a stream, located on a map if there is one.
 
-    Raises :class:`~trackfg.errors.BadInputError` for a lag that is too short to hold two keyframes, for a description
-    in which nothing measures speed, and for a map whose columns mean something else than the stream's.
+    Parameters
+    ----------
+    description
+        Of the stream's tables and sensors, as of a recording.
+    config
+        Settings other than the defaults.
+    lag_s
+        How long a smoothed estimate waits for later measurements, s.
+    feature_map
+        A map to be located on.
+
+    Raises
+    ------
+    BadInputError
+        For a lag that is too short to hold two keyframes, for a description in which nothing measures speed, and for a
+        map whose columns mean something else than the stream's.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.streaming.intake.intake import Intake
+    >>> from trackfg.streaming.sources.source import RecordingSource
+    >>> source = RecordingSource(trackfg.read_recording("run1"))
+    >>> smoother = trackfg.FixedLagSmoother(source.description, lag_s=10.0)
+    >>> intake = Intake.of(source)
+    >>> newest = [smoother.put(intake.push(batch)[0]).filtered for batch in source]
+    >>> sum(map(len, newest)) > 40  # a row per keyframe: every 20 m or 1 s, at rest every 5 s
+    True
     """
 
     config: SmoothConfig

@@ -38,18 +38,19 @@ class Batch:
 
 
 class Source(Protocol):
-    """Batches of rows, and their description. ``canonical``: see :mod:`trackfg.streaming.rows`. ``live``: whether rows
-    come when they come, and not when they are taken.
-    """
+    """A source hands out batches of rows, and says what they are."""
 
     @property
-    def description(self) -> RecordingDescription: ...
+    def description(self) -> RecordingDescription:
+        """Sensors and columns of the rows."""
 
     @property
-    def canonical(self) -> bool: ...
+    def canonical(self) -> bool:
+        """True where rows are canonical (:mod:`trackfg.streaming.rows`), not as the sensors send them."""
 
     @property
-    def live(self) -> bool: ...
+    def live(self) -> bool:
+        """True where rows come when they come, and not when they are taken."""
 
     @property
     def length(self) -> int | None:

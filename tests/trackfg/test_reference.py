@@ -1,0 +1,97 @@
+"""The reference is whole: everything public has a docstring, and every public name of trackfg an example that runs."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import inspect
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import trackfg
+from trackfg.datasets.scenarios import simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("datasets", "factors", "trackfg")
+NAMES = [name for name in trackfg.__all__ if name != "__version__"]
+
+
+def undocumented(tree: ast.AST, place: str) -> Iterator[str]:
+    """Public modules, classes, functions and methods without a docstring."""
+    if isinstance(tree, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+        accessor = any("setter" in ast.unparse(each) for each in getattr(tree, "decorator_list", ()))
+        if not ast.get_docstring(tree) and not accessor:
+            yield place
+    if isinstance(tree, ast.Module | ast.ClassDef):
+        for node in tree.body:
+            name = getattr(node, "name", "_")
+            if not name.startswith("_"):
+                yield from undocumented(node, f"{place}: {name}")
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_everything_public_has_a_docstring(folder: str) -> None:
+    modules = sorted((ROOT / folder).rglob("*.py"))
+    assert modules
+    texts = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in modules}
+    assert [place for name, text in texts.items() for place in undocumented(ast.parse(text), name)] == []
+
+
+def test_what_has_no_docstring_is_named() -> None:
+    code = '"""M."""\nclass A:\n    "A."\n    def b(self): ...\n    def _c(self): ...\ndef d(): ...\n'
+    assert list(undocumented(ast.parse(code), "m.py")) == ["m.py: A: b", "m.py: d"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_parameters_results_and_errors_have_sections(name: str) -> None:
+    public = getattr(trackfg, name)
+    text = inspect.getdoc(public) or ""
+    sections = re.findall(r"^(\w+)\n-+$", text, flags=re.MULTILINE)
+    assert "Examples" in sections
+    if inspect.isfunction(public):
+        listed = re.search(r"^Parameters\n-+\n(.*?)^\w+\n-+$", text, flags=re.MULTILINE | re.DOTALL)
+        assert listed
+        described = [
+            word for line in re.findall(r"^(\w[\w, ]*)$", listed[1], re.MULTILINE) for word in line.split(", ")
+        ]
+        assert described == list(inspect.signature(public).parameters)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the recording ``run1`` and its result ``out1``."""
+    path = tmp_path_factory.mktemp("examples")
+    simulate("mainline", seed=1, duration_s=60.0).write(path / "run1")
+    trackfg.smooth(trackfg.read_recording(path / "run1")).write(path / "out1")
+    return path
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_example_of_a_public_name_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if name.startswith("plot_"):
+        pytest.importorskip("matplotlib")
+    monkeypatch.chdir(folder)
+    examples = doctest.DocTestFinder(recurse=False).find(getattr(trackfg, name), name, globs={})
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    printed: list[str] = []
+    for example in examples:
+        runner.run(example, out=printed.append)
+    assert runner.tries > 0
+    assert not printed, "".join(printed)
+
+
+def test_the_reference_lists_every_public_name() -> None:
+    page = (ROOT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
+    parts = re.split(r"^\.\. currentmodule:: (\S+)$", page, flags=re.MULTILINE)
+    listed = {
+        module: re.findall(r"^   (\w+)$", text, flags=re.MULTILINE)
+        for module, text in zip(parts[1::2], parts[2::2], strict=True)
+    }
+    assert sorted(listed["trackfg"]) == sorted(NAMES)
+    for module, names in listed.items():
+        if hasattr(import_module(module), "__all__") and module != "trackfg":
+            assert sorted(names) == sorted(import_module(module).__all__), module
