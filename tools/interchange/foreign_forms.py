@@ -14,6 +14,7 @@ from trackfg.interchange.importing.proposal import GNSS_SD_M
 from trackfg.interchange.importing.sources.phones import SIGMA_OF_RADIUS
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 
 START_NS = 1_777_605_120_000_000_000  # 2026-05-01T03:12:00Z
@@ -211,7 +212,58 @@ def write_tdms(drive: Drive, folder: Path) -> Path:
     return path
 
 
+def write_vbo(drive: Drive, folder: Path) -> Path:
+    """Write a VBO file as Racelogic's specification has it and return its path; no library writes them."""
+    path = folder / "run.vbo"
+    names = ["X_Accel", "Y_Accel", "Z_Accel", "RollRate", "PitchRate", "YawRate", "Wheel_Speed"]
+    values = [*drive.accel.T / STANDARD_GRAVITY, *np.degrees(drive.gyro).T, 3.6 * drive.speed]
+    # The receiver is slower than the rows, which repeat its position until the next one.
+    held = np.clip(np.searchsorted(drive.gnss_t, drive.t, side="right") - 1, 0, None)
+    date = pd.to_datetime(drive.ns[0]).strftime("%d/%m/%Y")
+    stamps = pd.Series(pd.to_datetime(drive.ns)).dt.strftime("%H%M%S.%f")
+    with path.open("w", newline="\r\n") as file:
+        print(f"File created on {date} at 03:12:00\n", file=file)
+        print("[header]", "satellites", "time", "latitude", "longitude", "height", *names, "", sep="\n", file=file)
+        print("[channel units]", "g", "g", "g", "deg/s", "deg/s", "deg/s", "km/h", "", sep="\n", file=file)
+        print("[column names]", " ".join(["sats", "time", "lat", "long", "height", *names]), "", sep="\n", file=file)
+        print("[data]", file=file)
+        for i, row in enumerate(zip(*values, strict=True)):
+            place = drive.latitude[held[i]] * 60.0, -drive.longitude[held[i]] * 60.0, drive.height[held[i]]
+            cells = [f"{place[0]:+.9f}", f"{place[1]:+.9f}", f"{place[2]:+.4f}", *(f"{x:+.15E}" for x in row)]
+            print("009", stamps[i], *cells, file=file)
+    return path
+
+
+def write_text(drive: Drive, folder: Path) -> Path:
+    """Write a logger's text, with a block above the header, a row of units and decimal commas; return its path."""
+    path = folder / "log.csv"
+    names = ["Zeit", *(f"Drehrate {a}" for a in "XYZ"), *(f"Beschl. {a}" for a in "XYZ"), "Raddrehzahl Geschw."]
+    units = ["", "°/s", "°/s", "°/s", "g", "g", "g", "km/h"]
+    values = [*np.degrees(drive.gyro).T, *drive.accel.T / STANDARD_GRAVITY, 3.6 * drive.speed]
+    stamps = pd.Series(pd.to_datetime(drive.ns)).dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
+    with path.open("w", encoding="cp1252", newline="\r\n") as file:
+        print("Gerät;DataLog 3000", "Kanäle;7", "", ";".join(names), ";".join(units), sep="\n", file=file)
+        for stamp, *row in zip(stamps, *values, strict=True):
+            print(stamp, *(repr(float(x)).replace(".", ",") for x in row), sep=";", file=file)
+    return path
+
+
+def write_can_trace(drive: Drive, folder: Path) -> Path:
+    """Write a decoded CAN trace, a row for each value, and return its path."""
+    path = folder / "trace.csv"
+    signals = [(f"Gyro{a}", "rad/s", drive.gyro[:, i]) for i, a in enumerate("XYZ")]
+    signals += [(f"Acc{a}", "m/s^2", drive.accel[:, i]) for i, a in enumerate("XYZ")]
+    signals += [("WheelSpeed", "km/h", 3.6 * drive.speed)]
+    columns = ["Signal", "Value", "Unit"]
+    parts = [pd.DataFrame({"Timestamp": drive.t, **dict(zip(columns, (n, v, u), strict=True))}) for n, u, v in signals]
+    pd.concat(parts).sort_values("Timestamp", kind="stable").to_csv(path, index=False)
+    return path
+
+
 WRITERS: dict[str, Callable[..., Path]] = {
+    "text": write_text,
+    "text, a row a value": write_can_trace,
+    "vbo": write_vbo,
     "sensor-logger": write_sensor_logger,
     "phyphox": write_phyphox,
     "ros": write_ros2,
@@ -222,3 +274,8 @@ WRITERS: dict[str, Callable[..., Path]] = {
     "mdf": write_mdf,
     "tdms": write_tdms,
 }
+
+
+def format_key(name: str) -> str:
+    """Return the importer's name of a form in :data:`WRITERS`."""
+    return {"mcap": "ros", "text, a row a value": "text", "rcm-dx with prefixes": "rcm-dx"}.get(name, name)

@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 
 from interchange.balises import print_balises
-from interchange.foreign_forms import WRITERS, Drive
+from interchange.foreign_forms import WRITERS, Drive, format_key
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError
 from trackfg.interchange.exporting.export import export_result
@@ -90,7 +90,7 @@ def _default(question: Question) -> str:
 
 
 def _imported(source: Path, out: Path, name: str) -> Recording:
-    form = source_format(source, {"mcap": "ros"}.get(name, name.partition(" ")[0]))
+    form = source_format(source, format_key(name))
     tables = form.tables(source, lambda _: None)
     proposal = propose(tables, _default, form.mapping(tables))
     made = write_imported(tables, mapping_of(proposal.sections, "proposal"), out, run_id=source.stem)

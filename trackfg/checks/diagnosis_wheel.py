@@ -45,7 +45,7 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
         return None
     nominal = np.interp(inside["t_s"], t, tach["distance_m"])
     inside, nominal = (rows[_not_misplaced(nominal, inside)] for rows in (inside, nominal))
-    if np.ptp(nominal) < _MIN_CHORD_M:
+    if len(inside) < 2 or np.ptp(nominal) < _MIN_CHORD_M:
         return None
     travelled = np.cumsum(np.abs(np.diff(inside["chainage_m"], prepend=inside["chainage_m"].iloc[0])))
     weights = 1.0 / inside["chainage_sd_m"].to_numpy() ** 2

@@ -92,8 +92,8 @@ def init(
         return
     proposal, made = _proposed(source, out, from_format, _assume if yes else _ask)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
-    _report(made)
     tell(f"mapping: {target}")
+    _report(made)
 
 
 def _tables(source: Path, from_format: str | None, dialect_for: DialectFor) -> Sequence[SourceTable]:

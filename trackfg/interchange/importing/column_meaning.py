@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
+from trackfg.interchange.importing.calendar_columns import COMPOSED
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import guessed_unit
 from trackfg.numerics.units import STANDARD_GRAVITY
@@ -31,7 +32,10 @@ _PATTERNS = {
     ),
     "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
     "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h",
-    "count": r"pulse|impuls|count|ticks|encoder|tacho|zähl",
+    "count": (
+        r"pulse|impuls|(?<!packet)(?<!packet.)(?<!sample)(?<!sample.)(?<!frame)(?<!frame.)count|"
+        r"ticks|encoder|tacho|zähl"
+    ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
     "station": r"chain|kilom|station|^km\b|post|stationierung|position_km|^km$",
     "latitude": r"^lat|latitude|breite",
@@ -150,8 +154,11 @@ def first_of(table: SourceTable, kind: str) -> str | None:
 def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     """Return the column of the time, or those of date and time of day; None where none is found.
 
-    A column whose name means a time is preferred, of several the finest one; else the first that grows steadily.
+    A date that was put together of its parts is preferred, then a column whose name means a time, of several the finest
+    one; else the first that grows steadily.
     """
+    if COMPOSED in table.columns:
+        return (COMPOSED,)
     named = [name for name in table.columns if meaning(name) == "time"]
     text = [name for name in named if pd.api.types.is_string_dtype(table.frame[name])]
     if len(text) >= 2:
@@ -187,9 +194,21 @@ def _steady(values: np.ndarray) -> bool:
     return bool((step > 0).all() and np.median(np.abs(step - np.median(step))) < 0.2 * np.median(step))
 
 
-def time_unit(table: SourceTable, columns: tuple[str, ...]) -> str | None:
-    """Return the unit of a numeric time column, from its name, its stated unit or its values; None for text."""
+def time_unit(
+    table: SourceTable, columns: tuple[str, ...], beside: tuple[SourceTable, str] | None = None
+) -> str | None:
+    """Return the unit of a numeric time column, from its name, its stated unit or its values; None for text.
+
+    ``beside``: the table of the inertial sensor and its column of times, which events within it are counted like.
+    """
     if len(columns) == 2 or pd.api.types.is_string_dtype(table.frame[columns[0]]):
         return None
     stated = table.units.get(columns[0], "").casefold() or columns[0].casefold().rpartition("_")[2]
-    return _TIME_UNITS.get(stated) or guessed_unit(table.numbers(columns[0]))
+    if stated in _TIME_UNITS:
+        return _TIME_UNITS[stated]
+    values = table.numbers(columns[0])
+    if beside is not None and not pd.api.types.is_string_dtype(beside[0].frame[beside[1]]):
+        t = beside[0].numbers(beside[1])
+        if np.nanmin(t) <= np.nanmin(values) and np.nanmax(values) <= np.nanmax(t):
+            return time_unit(beside[0], (beside[1],))
+    return guessed_unit(values)

@@ -24,7 +24,15 @@ from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.mapping import MappedSensor, Mapping
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, spread_stamps, start_of
+from trackfg.interchange.importing.times import (
+    Times,
+    as_datetime,
+    as_ns,
+    read_times,
+    spread_stamps,
+    start_of,
+    unwrapped,
+)
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
@@ -55,6 +63,11 @@ _COLUMN_KEYS = {
 
 _FIX_COLUMNS = {"chainage": "chainage_m", "sd": "sd_m"}
 """Columns of fixes that need no name in a description."""
+
+_FASTEST_S = 0.04
+"""Time between the positions of the fastest receivers, s: 20 Hz, and some with 25 Hz."""
+_HELD_S = 1.5
+"""A position that is the same for longer is one of a vehicle at rest, s: the slowest receivers have 1 Hz."""
 
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
@@ -130,12 +143,29 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     columns, keys = _columns(sensor, table, kilometrage)
     measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
     keep = ~np.all([np.isnan(values) for values in measured], axis=0)
+    if sensor.kind == "gnss":
+        keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
     if sensor.kind != "imu" and not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
     if len(next(iter(columns.values()))) == 0:
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = _in_known_units(sensor, times, columns, keys)
     return _Part(sensor, times, columns, keys)
+
+
+def _is_news(t: Array, measured: Array) -> np.ndarray:
+    """Return which rows (n,) of positions differ from the one before, or come long after the last that is kept.
+
+    A table that is written at a higher rate than any receiver's repeats each position until the next one.
+    """
+    if len(t) < 2 or np.median(np.diff(t)) > _FASTEST_S:
+        return np.ones(len(t), dtype=bool)
+    new = np.append(True, (measured[1:] != measured[:-1]).any(axis=1))
+    last = -np.inf
+    for i, at in enumerate(t.tolist()):
+        new[i] |= at >= last + _HELD_S
+        last = at if new[i] else last
+    return new
 
 
 def _columns(
@@ -223,7 +253,11 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
 def _in_known_units(
     sensor: MappedSensor, times: Times, columns: dict[str, Array], keys: dict[str, Any]
 ) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return an IMU's columns in units that a recording knows, increments as rates over the interval before them."""
+    """Return columns in units that a recording knows: an IMU's increments as rates over the interval before them,
+    pulses of a counter that starts again as those of one that goes on.
+    """
+    if sensor.kind == "tach" and keys.get("kind") == "pulses":
+        return {name: unwrapped(values) for name, values in columns.items()}, keys
     if sensor.kind != "imu":
         return columns, keys
     columns, keys = dict(columns), dict(keys)

@@ -20,7 +20,15 @@ from trackfg.checks.diagnosis import estimates_of
 from trackfg.checks.diagnosis_axes import AXES
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import Triple, first_of, has_gravity, time_columns, time_unit, triples
+from trackfg.interchange.importing.column_meaning import (
+    Triple,
+    first_of,
+    has_gravity,
+    meaning,
+    time_columns,
+    time_unit,
+    triples,
+)
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.interchange.importing.source_table import SourceTable
@@ -120,14 +128,14 @@ def _asked_unit(triple: Triple, key: str, ask: Ask) -> str:
     return ask(Question("imu.gyro_unit", f"Unit of {columns}", triple.unit, ("rad/s", "deg/s", "deg/h", "mrad/s")))
 
 
-def _time(table: SourceTable) -> dict[str, Any]:
+def _time(table: SourceTable, beside: tuple[SourceTable, str] | None = None) -> dict[str, Any]:
     columns = time_columns(table)
     if columns is None:
         raise BadInputError(
             f"{table.name}: no column of times found among {', '.join(table.columns[:30])}; expected one. Hint: "
             "name it in a mapping (docs/importing.md)"
         )
-    unit = time_unit(table, columns)
+    unit = time_unit(table, columns, beside)
     return {"time": columns[0] if len(columns) == 1 else list(columns), **({} if unit is None else {"time_unit": unit})}
 
 
@@ -135,7 +143,8 @@ def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     imu = proposal.sections["imu"]["file"]
     for kind in ("count", "distance", "speed"):
         for table in tables:
-            name = first_of(table, kind)
+            names = [name for name in table.columns if meaning(name) == kind]
+            name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
             if name is None or (kind == "speed" and not _is_wheels(table, name, imu, ask)):
                 continue
             section: dict[str, Any] = {"file": table.name, **_time(table), "column": name}
@@ -206,11 +215,20 @@ def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
             continue
         unit = "km" if _unit_is(table, name, "km") and not _written_places(table, name) else "m"
         sd = next((column for column in table.columns if column.casefold().startswith("sd")), FIX_SD_M)
-        section = {"file": table.name, **_time(table), "chainage": name, "sd": sd, "chainage_unit": unit}
+        time = _time(table, _clock_of_imu(proposal, tables))
+        section = {"file": table.name, **time, "chainage": name, "sd": sd, "chainage_unit": unit}
         proposal.sections["fixes"] = section
         if sd is FIX_SD_M:
             proposal.reasons["fixes.sd"] = "m, assumed, since the source has none"
         return
+
+
+def _clock_of_imu(proposal: Proposal, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:
+    """Return the table of the inertial sensor, the gyro's of two, and its column of times if it is one."""
+    file, time = proposal.sections["imu"]["file"], proposal.sections["imu"].get("time")
+    name = file if isinstance(file, str) else file[0]
+    table = next((table for table in tables if table.name == name), None)
+    return (table, time) if table is not None and isinstance(time, str) and time in table.columns else None
 
 
 def _written_places(table: SourceTable, name: str) -> bool:

@@ -15,6 +15,7 @@ from trackfg.interchange.importing.sources.phones import Phyphox, SensorLogger
 from trackfg.interchange.importing.sources.rosbag import RosBag
 from trackfg.interchange.importing.sources.tdms import Tdms
 from trackfg.interchange.importing.sources.text import TextFormat
+from trackfg.interchange.importing.sources.vbo import Vbo
 
 ENTRY_POINT = "trackfg.source_formats"
 """Other packages register a :class:`SourceFormat` class under this group."""
@@ -28,6 +29,7 @@ _OWN: tuple[type[SourceFormat], ...] = (
     Mdf,
     Tdms,
     GnssLog,
+    Vbo,
     TextFormat,
 )
 """In the order in which they are tried: the particular ones first."""

@@ -172,7 +172,12 @@ def _usual_width(rows: list[list[str]]) -> int:
 
 
 def _first_data_row(rows: list[list[str]], width: int) -> int | None:
+    """Return the first row of values: most of its cells are, or those in the columns in which all later ones are."""
+    later = [row for row in rows[len(rows) // 2 :] if len(row) == width]
+    always = [i for i in range(width) if len(later) > 1 and all(_NUMBER.match(row[i]) for row in later)]
     for i, row in enumerate(rows):
+        if always and len(row) == width and all(_NUMBER.match(row[k]) for k in always):
+            return i
         filled = [cell for cell in row if cell]
         values = [cell for cell in filled if _is_value(cell)]
         numbers = any(_NUMBER.match(cell) for cell in values)

@@ -16,7 +16,7 @@ from trackfg.interchange.importing.registry import source_format
 
 sys.path.insert(0, str(Path(__file__).parents[4] / "tools"))
 
-from interchange.foreign_forms import WRITERS, write_sensor_logger
+from interchange.foreign_forms import WRITERS, format_key, write_sensor_logger
 
 IMU = ["wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2"]
 
@@ -28,10 +28,16 @@ def _same_imu(made, drive, *, atol=1e-9):
     np.testing.assert_allclose(recording.imu[IMU[3:]], drive.accel, atol=atol)
 
 
-def _same_positions(made, drive):
+def _same_positions(made, drive, *, held: bool):
     gnss = made.loaded.recording.gnss
-    np.testing.assert_allclose(gnss["t_s"], drive.gnss_t, atol=1e-9)
-    north = (drive.latitude - drive.latitude[0]) * np.pi / 180.0 * 6_367_800.0  # the meridian's radius at 46.9 deg
+    if held:  # at rest fewer rows are kept than the receiver gave
+        moving = np.flatnonzero(np.diff(drive.latitude)) + 1
+        assert np.isin(np.round(drive.gnss_t[moving], 6), np.round(gnss["t_s"], 6)).all()
+        assert len(gnss) <= len(drive.gnss_t)
+    else:
+        np.testing.assert_allclose(gnss["t_s"], drive.gnss_t, atol=1e-9)
+    latitude = drive.latitude[np.searchsorted(drive.gnss_t, gnss["t_s"] + 1e-6) - 1]
+    north = (latitude - drive.latitude[0]) * np.pi / 180.0 * 6_367_800.0  # the meridian's radius at 46.9 deg
     np.testing.assert_allclose(gnss["north_m"], north, atol=0.02)
 
 
@@ -41,16 +47,16 @@ def test_what_a_format_s_library_writes_comes_back(name, drive, tmp_path, import
 
     made = imported(source)
 
-    assert source_format(source).key == {"mcap": "ros", "rcm-dx with prefixes": "rcm-dx"}.get(name, name)
+    assert source_format(source).key == format_key(name)
     _same_imu(made, drive)
     recording = made.loaded.recording
     if recording.gnss is not None:
-        _same_positions(made, drive)
-    if name in ("ros", "mcap", "mdf"):
+        _same_positions(made, drive, held=name == "vbo")
+    if name in ("ros", "mcap", "mdf", "vbo", "text", "text, a row a value"):
         rolled = recording.tach["distance_m"].to_numpy()
         distance = np.interp(recording.tach["t_s"], drive.t, np.cumsum(drive.speed) / 100.0)
         np.testing.assert_allclose(rolled - rolled[0], distance, atol=0.05)
-    assert recording.gnss is not None or name not in ("ros", "mcap", "sensor-logger", "hdf5")
+    assert recording.gnss is not None or name not in ("ros", "mcap", "sensor-logger", "hdf5", "vbo")
 
 
 def _files(path: Path) -> list[Path]:
@@ -73,7 +79,7 @@ def test_damaged_files_are_refused_with_a_reason(name, drive, tmp_path, imported
             damaged = whole[:at] + rng.bytes(2000) + whole[at + 2000 :]
         target.write_bytes(damaged)
         try:
-            made = imported(source, None if i % 2 else {"mcap": "ros"}.get(name, name.partition(" ")[0]))
+            made = imported(source, None if i % 2 else format_key(name))
         except BadInputError:
             refused += 1
         else:

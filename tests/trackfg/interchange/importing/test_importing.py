@@ -13,8 +13,10 @@ import tomli_w
 
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
+from trackfg.interchange.importing.column_meaning import meaning, time_columns
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of, read_mapping
+from trackfg.interchange.importing.proposal import propose
 from trackfg.interchange.importing.registry import source_format, source_formats
 from trackfg.io.reader import read_recording
 
@@ -279,3 +281,73 @@ def test_a_format_is_found_by_name_or_refused_with_the_nearest():
     with pytest.raises(BadInputError, match="did you mean 'ros'"):
         source_format(Path("."), "rso")
     assert set(source_formats()) >= {"text", "ros", "mdf", "tdms", "rcm-dx", "hdf5", "gnss", "phyphox", "sensor-logger"}
+
+
+def test_a_row_for_each_value_becomes_a_column_for_each_signal(tmp_path):
+    rows = ["Timestamp,Message,Signal,Value,Unit"]
+    for i in range(40):
+        for signal, value, unit in (("GyroX", 0.5 * i, "deg/s"), ("AccX", 9.8, "m/s^2")):
+            rows.append(f"{1773480413 + 0.01 * i:.3f},IMU,{signal},{value},{unit}")
+        if i % 2 == 0:
+            rows.append(f"{1773480413 + 0.01 * i + 0.002:.3f},TCU,Pulses,{(65530 + i) % 65536},-")
+    (source := tmp_path / "s").mkdir()
+
+    imu, pulses = _tables(source, trace="\n".join(rows) + "\n")
+
+    assert (imu.name, imu.columns, imu.units["GyroX"]) == (
+        "trace.csv/GyroX",
+        ["Timestamp", "GyroX", "AccX"],
+        "deg/s",
+    )
+    assert pulses.columns == ["Timestamp", "Pulses"]
+    np.testing.assert_array_equal(imu.frame["GyroX"], 0.5 * np.arange(40))
+    assert len(pulses.frame) == 20
+
+
+def test_a_counter_of_pulses_that_starts_again_goes_on(tmp_path):
+    rows = "".join(f"{0.1 * i:.1f},{(65_000 + 100 * i) % 65_536}\n" for i in range(12))
+    (source := tmp_path / "s").mkdir()
+    tables = _tables(source, imu=_imu_text(200), wheel="t,count\n" + rows)
+    wheel = {"file": "wheel.csv", "time": "t", "column": "count", "kind": "pulses"}
+
+    made = write_imported(
+        tables,
+        _mapping(imu={"file": "imu.csv", **IMU}, tach={**wheel, "pulses_per_rev": 100.0, "wheel_diameter_m": 0.9}),
+        tmp_path / "r",
+        run_id="r",
+    )
+
+    rolled = made.loaded.recording.tach["distance_m"].to_numpy()
+    np.testing.assert_allclose(np.diff(rolled), np.pi * 0.9)
+
+
+def test_a_date_in_parts_is_one_time(tmp_path):
+    names = "PacketCounter,UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Acc_X"
+    rows = [f"{i},2026,3,14,23,59,{59 if i < 50 else 0},{(500 + 10 * i) % 1000 * 1_000_000},1" for i in range(50)]
+    (source := tmp_path / "s").mkdir()
+
+    (table,) = _tables(source, log="\n".join([names, *rows]) + "\n")
+
+    (column,) = time_columns(table)
+    ns = table.numbers(column)
+    assert pd.Timestamp(int(ns[0])) == pd.Timestamp("2026-03-14T23:59:59.5")
+    assert meaning("PacketCounter") is None
+
+
+def test_sparse_events_count_like_the_inertial_sensor_beside_them(tmp_path):
+    (source := tmp_path / "s").mkdir()
+    tables = _tables(source, imu=_imu_text(30_000), posts="t,km\n40.8,84+400\n68.9,84+900\n200.0,86+900\n")
+
+    proposal = propose(tables, lambda question: question.default)
+
+    assert proposal.sections["fixes"]["time_unit"] == "s"
+
+
+def test_a_header_above_rows_that_are_mostly_text_is_found(tmp_path):
+    rows = "".join(f"{i * 0.1:.1f},bogie,front,left,ok,{i}\n" for i in range(60))
+    (source := tmp_path / "s").mkdir()
+
+    (table,) = _tables(source, log="time,place,end,side,state,value\n" + rows)
+
+    assert table.columns == ["time", "place", "end", "side", "state", "value"]
+    assert len(table.frame) == 60

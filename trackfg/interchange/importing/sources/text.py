@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from trackfg.errors import BadInputError
+from trackfg.interchange.importing.calendar_columns import with_whole_dates
+from trackfg.interchange.importing.column_meaning import time_columns
+from trackfg.interchange.importing.long_table import wide_tables
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
@@ -57,7 +60,9 @@ def _all(files: Sequence[Path], dialect_for: DialectFor, *, single: bool = False
         elif file.suffix.casefold() in GNSS_LOGS:
             tables.append(read_gnss_log(file))
         elif single or file.suffix.casefold() in TEXT_SUFFIXES:
-            tables.append(read_text(file, dialect_for(file.name)))
+            table = with_whole_dates(read_text(file, dialect_for(file.name)))
+            time = time_columns(table)
+            tables += wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
     return tables
 
 

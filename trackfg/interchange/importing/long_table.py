@@ -1,0 +1,63 @@
+"""A table with a row for each value, as decoded CAN traces have it, becomes tables with a column for each signal.
+
+Signals with the same times, as those of one message, are columns of one table, named after the first of them.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pandas as pd
+
+from trackfg.interchange.importing.source_table import SourceTable
+
+_SIGNAL = re.compile(
+    r"^(signal|channel|variable|parameter|quantity|kanal|gr(ö|oe)(ß|ss)e)([\s_.]?name)?$", re.IGNORECASE
+)
+_VALUE = re.compile(
+    r"^((physical|phys|decoded|signal|channel)[\s_.]?)?(value|wert)([\s_.]?\(?phys\w*\)?)?$", re.IGNORECASE
+)
+_UNIT = re.compile(r"^units?$|^einheit$", re.IGNORECASE)
+_MOST_SIGNALS = 10_000
+"""Signals of a trace: the network of a vehicle has some thousand."""
+
+
+def wide_tables(table: SourceTable, time: str | None) -> list[SourceTable]:
+    """Return tables with a column for each signal; the ``table`` itself where it is none of a row for each value.
+
+    ``time`` is the name of its column of times.
+    """
+    signal, value, unit = (_named(table, pattern) for pattern in (_SIGNAL, _VALUE, _UNIT))
+    if time is None or signal is None or value is None:
+        return [table]
+    frame = table.frame
+    number, names = pd.factorize(frame[signal].astype("string").str.strip())
+    if not 1 < len(names) <= min(_MOST_SIGNALS, len(frame) // 2):
+        return [table]
+    numbers = SourceTable(table.name, frame.loc[number >= 0, [value]], first_row=table.first_row).numbers(value)
+    order = np.argsort(number[number >= 0], kind="stable")
+    ends = np.cumsum(np.bincount(number[number >= 0]))[:-1]
+    times = frame.loc[number >= 0, time].to_numpy()[order]
+    units = {} if unit is None else frame.drop_duplicates(signal).set_index(signal)[unit].dropna().to_dict()
+    made: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
+    for name, t, values in zip(names, np.split(times, ends), np.split(numbers[order], ends), strict=True):
+        same = next((columns for before, columns in made if np.array_equal(before, t)), None)
+        if same is None:
+            made.append((t, {str(name): values}))
+        else:
+            same[str(name)] = values
+    return [
+        SourceTable(
+            f"{table.name}/{next(iter(columns))}",
+            pd.DataFrame({time: t, **columns}),
+            {column: str(units[column]) for column in columns if column in units}
+            | ({time: table.units[time]} if time in table.units else {}),
+            table.first_row,
+        )
+        for t, columns in made
+    ]
+
+
+def _named(table: SourceTable, pattern: re.Pattern[str]) -> str | None:
+    return next((name for name in table.columns if pattern.match(name.strip())), None)
