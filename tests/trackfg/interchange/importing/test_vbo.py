@@ -15,7 +15,8 @@ HEAD = (
 )
 UNITS = "\n[channel units]\ng\n"
 NAMES = "\n[column names]\nsats time lat long velocity X_Accel\n\n"
-ROWS = "009 235959.50 +02814.00000 -00444.00000 010.000 +1.0E-01\n009 000000.50 +02814.06000 -00444.00000 010.000 +2.0E-01\n"
+FIRST, SECOND = "009 235959.50 +02814.00000", "009 000000.50 +02814.06000"
+ROWS = f"{FIRST} -00444.00000 010.000 +1.0E-01\n{SECOND} -00444.00000 010.000 +2.0E-01\n"
 
 
 def _read(folder: Path, text: str):
