@@ -79,7 +79,7 @@ def _steps(block: Block, folder: Path, names: dict[str, Any]) -> Iterator[Step]:
             elif block.needs:
                 yield Step(place, line, needs=block.needs)
             elif run:
-                yield _command(place, line, folder)
+                yield command(place, line, folder)
     elif block.language == "python":
         title = next(line for line in block.text.splitlines() if line.strip())
         if block.needs:
@@ -121,7 +121,8 @@ def _python(place: str, title: str, text: str, folder: Path, names: dict[str, An
     return Step(place, title, time.perf_counter() - start, failure=failure, printed=printed.getvalue())
 
 
-def _command(place: str, line: str, folder: Path) -> Step:
+def command(place: str, line: str, folder: Path) -> Step:
+    """Run a line of a shell in ``folder``, on a terminal, by the programs that a user has."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", _ROWS, _COLUMNS, 0, 0))
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
