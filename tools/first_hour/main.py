@@ -3,8 +3,8 @@
 A newcomer's first hour: a fresh clone of the last commit, its own environment, ``make demo``; then, in an empty folder
 and a terminal of 80 columns, every command and every block of Python in turn; at last every page that has been made, in
 Chromium at three widths and printed on A4, with pictures of all. Each step is listed with its time, its longest silence
-and what became of it. What needs something that a machine may lack (the block's first line says it) is not done, but its
-commands and options have to be there; these are counted. Exit status 1 if anything failed.
+and what became of it. What needs something that a machine may lack (the first line of a block says it) is not done, but
+its commands and options have to be there; these are counted. Exit status 1 if anything failed.
 
     python tools/first_hour.py [--pages README.md docs/maps.md ...] [--folder DIR] [--here]
 """

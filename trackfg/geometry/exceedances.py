@@ -126,6 +126,14 @@ def _applies(limit: Limit, speed: Array, to_left: Array) -> np.ndarray:
     return applies
 
 
+def _repeated(places_m: Array, count: int, within_m: float) -> np.ndarray:
+    """Return which of rising places are among ``count`` that lie within a distance."""
+    first = np.flatnonzero(places_m[count - 1 :] - places_m[: max(len(places_m) - count + 1, 0)] <= within_m)
+    repeated = np.zeros(len(places_m), dtype=bool)
+    repeated[(first[:, None] + np.arange(count)).ravel()] = True
+    return repeated
+
+
 def _judge(
     limit: Limit, quantity: JudgedQuantity, applies: np.ndarray, speed: Array, chainage_sd: Array
 ) -> pd.DataFrame:
@@ -136,6 +144,8 @@ def _judge(
         if quantity.one_sided:
             value = np.where(value > 0.0, value, np.nan)
         table = peaks(chainage, value, limit.value_mm).rename(columns={"value": "value_mm"})
+        if limit.within_m is not None:
+            table = table[_repeated(table["chainage_m"].to_numpy(), limit.repeats, limit.within_m)].copy()
         at = np.searchsorted(chainage, table["chainage_m"])
         table["speed_kmh"] = speed[at]
         table["chainage_m_sd"] = chainage_sd[at]

@@ -16,6 +16,7 @@ track classes; which class a line has follows from more than its speed, so no sp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -27,6 +28,9 @@ from pydantic_core import ErrorDetails
 
 from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.small_file import read_toml, toml_of
+
+EN_13848_5 = "en-13848-5"
+"""The name of the template whose numbers the user fills in."""
 
 CFR_213 = "cfr-213"
 """The name of the built-in table of 49 CFR 213."""
@@ -59,8 +63,8 @@ class Limit(BaseModel):
     ``gauge_narrow`` are relative to the nominal gauge.
 
     ``kind``: the largest magnitude (``peak``), or the standard deviation or the mean's magnitude over sections of
-    ``section_m``. The limit holds for ``speed_from_kmh < speed <= speed_to_kmh``, and on ``tangent`` or ``curved``
-    track only where ``track`` says so.
+    ``section_m``. With ``repeats`` peaks count where so many separate ones lie within ``within_m``. The limit holds for
+    ``speed_from_kmh < speed <= speed_to_kmh``, and on ``tangent`` or ``curved`` track only where ``track`` says so.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -78,6 +82,8 @@ class Limit(BaseModel):
     speed_to_kmh: Positive | None = None
     track: Literal["any", "tangent", "curved"] = "any"
     section_m: Positive = 200.0
+    repeats: Annotated[int, Field(ge=1)] = 1
+    within_m: Positive | None = None
 
     @model_validator(mode="after")
     def _keys_fit(self) -> Self:
@@ -93,6 +99,8 @@ class Limit(BaseModel):
             )
         if self.uniformity and self.chord_m is None:
             raise ValueError("uniformity: expected only with chord_m")
+        if (self.repeats > 1) != (self.within_m is not None) or (self.repeats > 1 and self.kind != "peak"):
+            raise ValueError("repeats: expected above 1 with within_m and kind 'peak' only")
         if (
             self.speed_from_kmh is not None
             and self.speed_to_kmh is not None
@@ -107,6 +115,7 @@ class Limit(BaseModel):
         over = [self.band, self.chord_m and f"{self.chord_m:g} m chord", self.base_m and f"over {self.base_m:g} m"]
         words = [self.parameter.replace("_", " "), *(str(part) for part in over if part)]
         words += ["uniformity"] if self.uniformity else []
+        words += [] if self.within_m is None else [f"{self.repeats} within {self.within_m:g} m"]
         words += [] if self.track == "any" else [f"{self.track} track"]
         return ", ".join([*words, self.kind])
 
@@ -120,9 +129,29 @@ class _LimitFile(BaseModel):
 
 
 def read_limits(path: Path | str) -> tuple[Limit, ...]:
-    """Read the limits of a TOML file. Raises ``BadInputError`` that names file, entry, key and what was expected."""
+    """Read the limits of a TOML file; those whose ``value_mm`` is nan were left open in a template, and left out.
+
+    Raises ``BadInputError`` that names file, entry, key and what was expected.
+    """
     path = Path(path)
-    return _validated(read_toml(path), str(path))
+    content = read_toml(path)
+    listed = content.get("limits")
+    if isinstance(listed, list):
+        content["limits"] = [each for each in listed if not _is_open(each)]
+        if listed and not content["limits"]:
+            raise BadInputError(f"{path}: every value_mm is nan: expected numbers, mm, of a standard that you may use")
+    return _validated(content, str(path))
+
+
+def limit_template() -> str:
+    """Return the template of EN 13848-5 as TOML: its quantities, levels and speeds, without its numbers."""
+    return files("trackfg.geometry").joinpath("en_13848_5.toml").read_text(encoding="utf-8")
+
+
+def _is_open(entry: object) -> bool:
+    """Return whether an entry's number has not been filled in."""
+    value = entry.get("value_mm") if isinstance(entry, dict) else None
+    return isinstance(value, float) and math.isnan(value)
 
 
 def cfr_213() -> tuple[Limit, ...]:

@@ -63,6 +63,8 @@ def _reason_against(limit: Limit, result: Result) -> str | None:
         return f"{limit.kind} over {limit.section_m:g} m"
     if limit.parameter in ("warp", "runoff"):
         return limit.parameter
+    if limit.repeats > 1:
+        return "repeated deviations"
     if limit.uniformity:
         return f"{limit.parameter}, uniformity"
     if limit.chord_m is not None and limit.chord_m != conventions.chord_m:

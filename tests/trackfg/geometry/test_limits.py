@@ -36,7 +36,7 @@ def test_the_law_is_built_in_millimetres() -> None:
         / 25.4
         for limit in limits
     }
-    assert len(inches) == len(limits) == 25 + 13 + 24 + 10 + 13 + 8 + 12
+    assert len(inches) == len(limits) == 25 + 13 + 24 + 10 + 13 + 8 + 12 + 12
     surface = "49 CFR 213.63(a)"
     for parameter, length, track, row in (
         ("runoff", 9.4488, "any", (3.5, 3, 2, 1.5, 1)),
