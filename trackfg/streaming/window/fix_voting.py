@@ -115,11 +115,13 @@ class FixVotes:
             votes = 1 if rival is None else rival.votes + 1
             self._replace(rival, Rival(float(further), float(sigma), min(votes, self.votes)))
 
-    def vote_on_fixes(self, interval: Interval, newest: States, *, wheel_alone: bool = False) -> tuple[Interval, float]:
+    def vote_on_fixes(
+        self, interval: Interval, newest: States, *, wheels_alone: bool = False
+    ) -> tuple[Interval, float]:
         """Count the fixes of the interval after the ``newest`` keyframe; return it with contradicting fixes withheld.
 
         The second value is by how much the accepted position shifts, m; the interval is not shifted by it, nor by the
-        ``creep`` that a fix may show. ``wheel_alone``: nothing else measures the distance, so that creep is unnoticed.
+        ``creep`` that a fix may show. ``wheels_alone``: nothing else measures the distance, so creep is unnoticed.
         """
         fixes = family_of(interval.families, FactorType.ABSOLUTE_FIX)
         if fixes is None or fixes.loss is None:
@@ -138,7 +140,7 @@ class FixVotes:
                 if not repeated:
                     self._count_agreement(position, interval.t)
                 continue
-            if wheel_alone and not repeated and not shift_m and self._has_crept(innovation, sd, position, interval.t):
+            if wheels_alone and not repeated and not shift_m and self._has_crept(innovation, sd, position, interval.t):
                 continue
             shift = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd, position, interval.t)
             shift_m += shift

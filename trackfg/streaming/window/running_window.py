@@ -216,7 +216,7 @@ class RunningWindow:
         gnss_width = self.context.config.position.gnss_width
         interval = interval._replace(families=self.gnss.weigh_next(interval.families, gnss_width))
         if not self.on_map:
-            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, wheel_alone=self._wheel_alone)
+            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, wheels_alone=self._wheels_alone)
             creep = self.votes.pop_creep()
             if shift_m:
                 return self._record(self._jump_along_track(interval, shift_m))
@@ -309,10 +309,10 @@ class RunningWindow:
         return FilterUpdate.of(self.undelivered_pass.whole_window, self.undelivered_pass.root)
 
     @property
-    def _wheel_alone(self) -> bool:
-        """Return whether nothing in the window but the wheel and fixes measures the distance."""
-        types = (family.type for family in self.window.families)
-        return not any(kind is FactorType.GNSS_POSITION or kind.of_further_sensor for kind in types)
+    def _wheels_alone(self) -> bool:
+        """Return whether nothing in the window but wheels and fixes measures the distance."""
+        others = (FactorType.GNSS_POSITION, FactorType.SPEED_DISTANCE)
+        return not any(family.type in others and len(family) for family in self.window.families)
 
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd

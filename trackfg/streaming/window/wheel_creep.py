@@ -14,8 +14,10 @@ with a sigma of ``MOST_CREEP``, so that ``q^2 w = MOST_CREEP^2``: r is up to 3 %
 another balise is further off.
 
 If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for the walk
-before the window. The accelerometer shows where in the window the scale changed. The scale keeps walking until as
-many more fixes agree as a hypothesis has votes. The sigmas of rows that have left the window by then are doubted.
+before the window. The accelerometer shows where in the window the scale changed. Wheels of further axles have one scale
+for the run, so over that way their increments may be off by as much, too: all that agree have crept together, and one
+that has not crept agrees with the fix. The scale keeps walking until as many more fixes agree as a hypothesis has
+votes. The sigmas of rows that have left the window by then are doubted.
 
 **Accelerometer.** A change of the scale by a per cent within seconds makes large residuals of the wheel, one after the
 other, or slip in each interval. There the likelihood of the window's rows decides whether the scale walks, as in the
@@ -98,10 +100,21 @@ def with_creep(window: Window, creep: Creep) -> Window:
     odo = window.states.odo.array.copy()
     odo[:, Odo.DISTANCE] += creep.further_m * since / creep.way_m
     walk, before = creep.walk_per_sqrt_m, float(since[0])
-    families = with_walking_scale(window.families, window.states.odo.step[1:], walk * (since[1:] != 0.0))
+    step = window.states.odo.step[1:] * (since[1:] != 0.0)
+    families = with_walking_scale(window.families, step, walk)
+    families = _with_creeping_axles(families, np.abs(step) * creep.variance / abs(creep.way_m))
     if before:
         families = changed(families, FactorType.MARGINAL_PRIOR, lambda one: with_scale_walked(one, before, walk))
     return replace(window, states=replace(window.states, odo=Odo(odo)), families=families)
+
+
+def _with_creeping_axles(families: Sequence[Family], variance: Array) -> tuple[Family, ...]:
+    """Return families whose wheels of further axles creep by so much more, ``variance`` (n - 1,), m^2, per interval."""
+
+    def creeping(wheel: Family) -> Family:
+        return replace(wheel, sigma=np.sqrt(wheel.sigma**2 + variance[wheel.slots[0].index, None]))
+
+    return changed(families, FactorType.TACH_INCREMENT, creeping)
 
 
 def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> bool:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.further_axle import FurtherAxle
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.driving import Service
 from trackfg.factors.factor_type import FactorType
@@ -73,20 +74,20 @@ def passing(distance: float, fix: float, t: float) -> tuple[Interval, States]:
     return Interval(t, np.zeros(6), at(distance), nothing, np.zeros((6, Kind.IMU.dim)), (family,)), at(distance - 10.0)
 
 
-def votes_after(offset: float, *, wheel_alone: bool) -> tuple[FixVotes, list[FactorType]]:
+def votes_after(offset: float, *, wheels_alone: bool) -> tuple[FixVotes, list[FactorType]]:
     """The votes after three fixes that agree and one that does not, 500 m apart, and what became of the last."""
     votes = FixVotes(distance_scale_covariance=np.diag([0.1, 1e-6]))
     for i, off in enumerate([0.0, 0.0, 0.0, offset]):
         interval, newest = passing(500.0 * i, 500.0 * i + off, 20.0 * i)
-        interval, _ = votes.vote_on_fixes(interval, newest, wheel_alone=wheel_alone)
+        interval, _ = votes.vote_on_fixes(interval, newest, wheels_alone=wheels_alone)
     return votes, [family.type for family in interval.families]
 
 
 @pytest.mark.parametrize(
-    ("offset", "wheel_alone", "follows"), [(8.0, True, True), (8.0, False, False), (200.0, True, False)]
+    ("offset", "wheels_alone", "follows"), [(8.0, True, True), (8.0, False, False), (200.0, True, False)]
 )
-def test_only_what_nobody_else_would_notice_is_creep(offset: float, wheel_alone: bool, follows: bool) -> None:
-    votes, became = votes_after(offset, wheel_alone=wheel_alone)
+def test_only_what_nobody_else_would_notice_is_creep(offset: float, wheels_alone: bool, follows: bool) -> None:
+    votes, became = votes_after(offset, wheels_alone=wheels_alone)
     assert became == [FactorType.ABSOLUTE_FIX if follows else FactorType.WITHHELD_FIX]
     assert (votes.pop_creep() is not None) == follows
     assert votes.pop_creep() is None
@@ -95,34 +96,43 @@ def test_only_what_nobody_else_would_notice_is_creep(offset: float, wheel_alone:
 
 
 def test_the_scale_walks_until_so_many_fixes_agree_as_a_place_has_votes() -> None:
-    votes, _ = votes_after(8.0, wheel_alone=True)
+    votes, _ = votes_after(8.0, wheels_alone=True)
     creep = votes.pop_creep()
     assert creep is not None
     assert (creep.further_m, creep.way_m, creep.since_s) == pytest.approx((8.0, 500.0, 40.0))
     for left in reversed(range(MOST_VOTES)):
         assert votes.walk_per_sqrt_m == pytest.approx(creep.walk_per_sqrt_m)
         place = 2000.0 + 500.0 * (MOST_VOTES - left)
-        votes.vote_on_fixes(*passing(place, place, 100.0), wheel_alone=True)
+        votes.vote_on_fixes(*passing(place, place, 100.0), wheels_alone=True)
     assert votes.walk_per_sqrt_m == 0.0
+
+
+def creeping(tach: pd.DataFrame) -> pd.DataFrame:
+    """Return what a wheel counts that creeps by 1.5 % for 25 s."""
+    t, distance = tach["t_s"], tach["distance_m"]
+    creep = 0.015 * np.interp(t, [CREEPS[0], CREEPS[0] + 2.0, CREEPS[1] - 2.0, CREEPS[1]], [0.0, 1.0, 1.0, 0.0])
+    return tach.assign(distance_m=distance + np.cumsum(distance.diff().fillna(0.0) * creep))
+
+
+def past_balises(name: str, seed: int) -> Simulation:
+    """Two minutes past a balise every 300 m, with wheels that creep."""
+    plan = scenario(name)
+    assert isinstance(plan.driver, Service)
+    balises = BaliseModel(spacing_m=300.0, sd_m=SD_M)
+    axles = tuple(replace(axle, adhesion=None) for axle in plan.further_sensors if isinstance(axle, FurtherAxle))
+    driver = replace(plan.driver, start_rest_s=9.0)
+    plan = replace(plan, driver=driver, adhesion=None, balises=balises, further_sensors=axles)
+    made = simulate(plan, seed=seed, duration_s=120.0)
+    assert made.recording.tach is not None
+    assert np.ptp(made.truth["chainage_m"]) > 1500.0
+    others = {name: creeping(table) for name, table in made.recording.others.items()}
+    return replace(made, recording=replace(made.recording, tach=creeping(made.recording.tach), others=others))
 
 
 @pytest.fixture(scope="module")
 def run() -> Simulation:
-    """Two minutes past a balise every 300 m, with a wheel that creeps by 1.5 % for 25 s."""
-    plan = scenario("mainline")
-    assert isinstance(plan.driver, Service)
-    balises = BaliseModel(spacing_m=300.0, sd_m=SD_M)
-    plan = replace(plan, driver=replace(plan.driver, start_rest_s=9.0), adhesion=None, balises=balises)
-    made = simulate(plan, seed=2, duration_s=120.0)
-    assert made.recording.tach is not None
-    tach = made.recording.tach.copy()
-    t, column = tach["t_s"].to_numpy(), tach.columns[1]
-    rolled = np.interp(t, made.truth["t_s"], np.abs(made.truth["chainage_m"] - made.truth["chainage_m"].iloc[0]))
-    creep = 0.015 * np.interp(t, [CREEPS[0], CREEPS[0] + 2.0, CREEPS[1] - 2.0, CREEPS[1]], [0.0, 1.0, 1.0, 0.0])
-    counts = np.diff(tach[column], prepend=tach[column].iloc[0])
-    assert rolled[-1] > 1500.0
-    tach[column] += np.cumsum(counts * creep)
-    return replace(made, recording=replace(made.recording, tach=tach))
+    """A ride with one wheel."""
+    return past_balises("mainline", seed=2)
 
 
 def streamed(recording: Recording, lag_s: float) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
@@ -155,6 +165,15 @@ def test_right_fixes_stay_while_the_wheel_creeps_and_a_wrong_one_does_not(run: S
     assert beyond(smoothed, run, "speed_mps", 4.0) < 0.05
     assert beyond(filtered, run, "chainage_m", 4.0) < 0.05
     assert DOUBT not in kinds
+
+
+def test_right_fixes_stay_while_the_wheels_of_two_axles_creep_together() -> None:
+    """Both agree with each other, and only the fixes show that they crept."""
+    ride = past_balises("slippery-line-two-axles", seed=3)
+    _, smoothed, kinds = streamed(ride.recording, 20.0)
+    assert "wheel-crept" in kinds
+    assert "fix set aside" not in kinds
+    assert beyond(smoothed[smoothed["chainage_m_sd"] < 100.0], ride, "chainage_m", 4.0) == 0.0
 
 
 def test_without_fixes_the_accelerometer_shows_creep_as_it_begins(run: Simulation) -> None:
