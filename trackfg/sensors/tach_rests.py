@@ -15,8 +15,11 @@ folded normal distribution over its standard deviation.
 
 Such a span begins before the speed is zero, for two reasons, and is trimmed by the longer of both times. A second whose
 mean z passes for zero may hold the last u seconds of a motion, in which the wheel rolls z times 1 s; at constant jerk
-it rolls r = z ((1 + u)^3 - u^3) / u^3 in the second before. And a signal in steps is zero below one of them: the speed
-falls by a step with half the slope that it had.
+it rolls r = z ((1 + u)^3 - u^3) / u^3 in the second before. And a signal in steps q that is cut off is zero below one
+of them. A speed that reaches q after u seconds of constant jerk rolls r = q ((1 + u)^3 - u^3) / (3 u^2) in the second
+beyond, so that with x = 1/u
+
+    x + x^2 / 3 = r / q - 1.
 """
 
 from __future__ import annotations
@@ -163,13 +166,37 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     at_rest = variance[mean <= zero]
     zero = np.maximum(zero, bound * np.sqrt(at_rest.mean() if at_rest.size else 0.0))
     runs = true_runs(maximum_filter1d(mean <= zero, window))
+    is_exact, runs = _exactly_zero(np.abs(speed) < _NO_MPS, runs)
     edges = t[runs]
     moving = np.abs(speed[np.abs(speed) > _NO_MPS])
     step = 2.0 * float(np.min(moving, initial=np.inf)) if moving.size else 0.0
-    passing = np.array([np.median(zero[i:j]) for i, j in runs])[:, None]
+    passing = np.where(is_exact, 0.0, [np.median(zero[i:j]) for i, j in runs])[:, None]
     rolled = _rolled(t, distance, edges)
-    by_steps = step / np.maximum(rolled - step, _CRAWL_MPS)  # half of what it gains in a second
-    return edges, np.minimum(np.maximum(_in_motion(passing, rolled), by_steps), _LONGEST_TRIM_S)
+    return edges, np.minimum(np.maximum(_in_motion(passing, rolled), _below_a_step(step, rolled)), _LONGEST_TRIM_S)
+
+
+def _exactly_zero(is_zero: Array, runs: Array) -> tuple[Array, Array]:
+    """Return in which of ``runs`` (m, 2) at least half of the rows are exactly zero, (m,), and the runs (m, 2), those
+    from their first to their last zero.
+
+    Such a signal has no noise at rest: what seems to be noise as the vehicle starts are steps of its speed.
+    """
+    zeros = np.append(np.flatnonzero(is_zero), len(is_zero))
+    first, end = np.searchsorted(zeros, runs[:, 0]), np.searchsorted(zeros[:-1], runs[:, 1])
+    is_exact = 2 * (end - first) >= np.diff(runs, axis=1)[:, 0]
+    exact = np.stack([zeros[first], zeros[np.maximum(end - 1, 0)] + 1], axis=1)
+    return is_exact, np.where(is_exact[:, None], exact, runs)
+
+
+def _below_a_step(step: float, rolled: Array) -> Array:
+    """Return how long a motion shows no ``step`` of a speed, m/s, at constant jerk, s (see above). Shape (m, 2).
+
+    ``rolled`` is what the wheel rolls in the second beyond, m, by a speed that is cut off: half a step less than it is.
+    """
+    if step == 0.0:
+        return np.zeros_like(rolled)
+    x = 1.5 * (np.sqrt(1.0 + np.maximum(rolled / step - 0.5, 0.0) / 0.75) - 1.0)
+    return np.asarray(1.0 / np.maximum(x, 1.0 / _LONGEST_TRIM_S))
 
 
 def _in_motion(mean: Array, rolled: Array) -> Array:

@@ -8,6 +8,7 @@ import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
+from trackfg.smoothing.doubts.path_doubts import path_doubts
 from trackfg.smoothing.doubts.residual_doubts import self_test
 from trackfg.smoothing.doubts.vibration_doubts import vibration_doubts
 from trackfg.smoothing.reassessment import SolvedRun
@@ -21,8 +22,8 @@ def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
     if not run.solution.converged:
         return verdicts([*_of_solver(run), *run.doubts])
     tested = self_test(run)
-    doubts = [*_of_what_is_measured(run), *tested.doubts, *vibration_doubts(run, geometry), *run.doubts]
-    return verdicts(doubts, tested.checked_by)
+    seen = [*path_doubts(run), *vibration_doubts(run, geometry)]
+    return verdicts([*_of_what_is_measured(run), *tested.doubts, *seen, *run.doubts], tested.checked_by)
 
 
 def _of_solver(run: SolvedRun) -> list[Doubt]:
