@@ -175,7 +175,7 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     return edges, np.minimum(np.maximum(_in_motion(passing, rolled), _below_a_step(step, rolled)), _LONGEST_TRIM_S)
 
 
-def _exactly_zero(is_zero: Array, runs: Array) -> tuple[Array, Array]:
+def _exactly_zero(is_zero: np.ndarray, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return in which of ``runs`` (m, 2) at least half of the rows are exactly zero, (m,), and the runs (m, 2), those
     from their first to their last zero.
 
