@@ -170,7 +170,9 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     edges = t[runs]
     moving = np.abs(speed[np.abs(speed) > _NO_MPS])
     step = 2.0 * float(np.min(moving, initial=np.inf)) if moving.size else 0.0
-    passing = np.where(is_exact, 0.0, [np.median(zero[i:j]) for i, j in runs])[:, None]
+    # The seconds at both ends passed for zero by what the noise seemed to be then.
+    ends = np.clip(runs + (window // 2, -1 - window // 2), 0, len(zero) - 1)
+    passing = np.where(is_exact[:, None], 0.0, zero[ends])
     rolled = _rolled(t, distance, edges)
     return edges, np.minimum(np.maximum(_in_motion(passing, rolled), _below_a_step(step, rolled)), _LONGEST_TRIM_S)
 
@@ -200,7 +202,7 @@ def _below_a_step(step: float, rolled: Array) -> Array:
 
 
 def _in_motion(mean: Array, rolled: Array) -> Array:
-    """Return how much of a second with this mean speed is the end of a motion, s, shapes (m, 1), (m, 2) and (m, 2).
+    """Return how much of a second with this mean speed is the end of a motion, s, (m, 2) all of them.
 
     ``rolled`` is what the wheel rolls in the second before, m (see above).
     """
