@@ -171,7 +171,7 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     moving = np.abs(speed[np.abs(speed) > _NO_MPS])
     step = 2.0 * float(np.min(moving, initial=np.inf)) if moving.size else 0.0
     # The seconds at both ends passed for zero by what the noise seemed to be then.
-    ends = np.clip(runs + (window // 2, -1 - window // 2), 0, len(zero) - 1)
+    ends = np.clip(runs + np.array([window // 2, -1 - window // 2]), 0, len(zero) - 1)
     passing = np.where(is_exact[:, None], 0.0, zero[ends])
     rolled = _rolled(t, distance, edges)
     return edges, np.minimum(np.maximum(_in_motion(passing, rolled), _below_a_step(step, rolled)), _LONGEST_TRIM_S)
