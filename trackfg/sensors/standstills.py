@@ -100,7 +100,7 @@ def find_standstills(
         integrates_speed = description is not None and description.integrates_speed
         record = (float(samples.t[0]), float(samples.t[-1]))
         found = tach_rests(tach, record, integrates_speed=integrates_speed, silent_at_rest=silent_at_rest)
-        spans = _confirmed(samples, found.spans[_felt(samples, found)])
+        spans = _confirmed(samples, found.spans[_felt(samples, found)], noise_hides_starts=integrates_speed)
     lasting = [(begin, end) for begin, end in spans if end - begin >= min_duration_s]
     return np.array(lasting, dtype=np.float64).reshape(-1, 2)
 
@@ -192,14 +192,21 @@ class _Blocks:
         return begin + before, stop - after
 
 
-def _confirmed(samples: _Samples, candidates: Array) -> list[Span]:
-    """Return the parts of candidate spans (m, 2), s, that the inertial sensor confirms."""
+def _confirmed(samples: _Samples, candidates: Array, *, noise_hides_starts: bool = False) -> list[Span]:
+    """Return the parts of candidate spans (m, 2), s, that the inertial sensor confirms.
+
+    Where noise of a speed hides how it starts, the accelerometer says when; the pulses of a count are silent before.
+    """
     spans = []
     for begin, end in candidates:
         blocks = _Blocks.between(samples, begin, end)
         calm = np.all(blocks.scatter <= _QUIET_RATIO * np.quantile(blocks.scatter, 0.2, axis=0) + 1e-6, axis=1)
         steady = _near(blocks.mean, np.median(blocks.mean[calm], axis=0), blocks.error)
-        spans += [blocks.at_rest(i, j) for i, j in true_runs(calm & steady).tolist()]
+        runs = true_runs(calm & steady).tolist()
+        if noise_hides_starts:
+            spans += [blocks.at_rest(i, j) for i, j in runs]
+        else:
+            spans += [(float(blocks.edges[i]), float(blocks.edges[j])) for i, j in runs]
     return spans
 
 
