@@ -2,12 +2,13 @@
 
     python tools/fleet.py                                     20 runs of 60 s
     python tools/fleet.py --runs 200 --kills 10 --map-runs 300 --out fleet   all of it, kept in a folder
-    python tools/fleet.py --runs 0 --map-runs 300             maps alone
+    python tools/fleet.py --runs 0 --map-runs 300             maps and trends alone
 
 Recordings are simulated once. Then they are computed by local processes, by a cluster of dask workers of which one is
 killed twice, and by a command that is itself killed again and again: catalogue and results must be the same, to the
 last bit. Faults of single runs must become rows, a second call must do nothing, one changed setting must do what it
 affects. A map of many runs must take no more memory than a few, and one run more must cost what it costs with 30.
+Growing defects of made-up lines must be found, with their rates, the dates of a limit, and tamping.
 Exit status 1 where a figure misses its target. Timings are those of a machine with nothing else to do.
 """
 
@@ -36,6 +37,7 @@ from rich.table import Table
 from fleet.faults import KINDS, write_faults
 from fleet.many_runs import write_store
 from fleet.runs import write_runs
+from fleet.trends import FOUND_BY, trend_scores
 
 _TRACKFG = [sys.executable, "-m", "trackfg"]
 _MADE_UP = 100_000
@@ -72,6 +74,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="length of a run")
     parser.add_argument("--kills", type=int, default=3, help="times that the command is killed")
     parser.add_argument("--map-runs", type=int, default=60, help="runs of a map")
+    parser.add_argument("--trend-lines", type=int, default=2, help="lines of 20 km with growing defects")
     parser.add_argument("--out", type=Path, help="folder to keep; a temporary one if absent")
     options = parser.parse_args()
     folder = options.out or Path(tempfile.mkdtemp(prefix="fleet-"))
@@ -85,6 +88,8 @@ def main() -> int:
             _throughput(table, folder, figures)
         if options.map_runs:
             _maps(folder, options.map_runs, figures)
+        if options.trend_lines:
+            _trends(options.trend_lines, figures)
     finally:
         if options.out is None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -302,6 +307,16 @@ def _maps(folder: Path, runs: int, figures: Figures) -> None:
         cost[number] = min(added)
     what = f"one run more: {cost[runs]:.2f} s of a core; against {few} runs"
     figures.add(what, f"{cost[runs] / cost[few]:.2f} times", "<= 1.5", cost[runs] <= 1.5 * cost[few])
+
+
+def _trends(lines: int, figures: Figures) -> None:
+    scores = trend_scores(lines)
+    figures.add(f"defects found by month {FOUND_BY}", f"{scores.found:.1%}", ">= 95 %", scores.found >= 0.95)
+    for what, share in (("rates within two sigmas", scores.rates), ("dates of a limit inside", scores.dates)):
+        figures.add(f"  {what}", f"{share:.1%}", "90 to 98 %", 0.9 <= share <= 0.98)
+    figures.add("  tamping found at its first run", f"{scores.tamped:.1%}", "100 %", scores.tamped == 1.0)
+    false = scores.false_per_100_km
+    figures.add("false trends in 100 km of still line", f"{false:.2f}", "< 1", false < 1.0)
 
 
 def _taken(command: list[str]) -> tuple[float, float]:

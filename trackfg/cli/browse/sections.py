@@ -78,7 +78,7 @@ class StoredSections:
             return None
         if len(geometry) < 2:
             return None
-        sections = sections_of_run(geometry, row["run"], row["start"] or _NO_DATE, summary.geometry.chord_m)
+        sections = sections_of_run(geometry, row["run"], row["start"] or _NO_DATE, summary)
         known = any(pd.notna(value).any() for value in sections.value.values())
         return sections if known else None
 

@@ -1,7 +1,8 @@
 """A series of values at one place is a straight drift, with steps where the track was worked on, and outliers.
 
-    y_i = a + b t_i + sum_k c_k [i >= k] + e_i,    e_i ~ N(0, sigma_i^2)
+    y_i = a + b t_i + sum_j d_j o_ij + sum_k c_k [i >= k] + e_i,    e_i ~ N(0, sigma_i^2)
 
+The columns o are offsets of sensors and the season (:mod:`trackfg.mapping.trends.offsets`), where there are any.
 Steps and outliers are found one at a time by what each takes off the sum of squared whitened residuals: a step at k as
 a column of ones from k on, an outlier as a column with a single one. Whichever takes off most is taken in, while that
 is beyond a threshold; at the last run the two are the same, which counts as a step. The drift goes on at one rate over
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trackfg.mapping.trends.offsets import different_times
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
 
@@ -55,25 +57,38 @@ class Drift:
     runs: Array
 
 
-def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, at: float | None = None) -> Drift:
+def drift(
+    t: Array,
+    y: Array,
+    sd: Array,
+    *,
+    threshold: Array | float,
+    at: float | None = None,
+    offsets: Array | None = None,
+) -> Drift:
     """Fit the drift of values ``y`` (n, m) with sigmas ``sd`` at ascending times ``t`` (n,); NaN: not known.
 
     ``threshold``: sigmas from which a step or an outlier is one, for all or for each value (n, m). ``at``: time of the
-    value, the last if None. Places with fewer values than :data:`FEWEST_RUNS` at different times get NaN. Raises
-    ``ValueError`` for times that fall.
+    value, the last if None. ``offsets``: further columns (n, m, k), which are not in the value.
+
+    Places with fewer values than :data:`FEWEST_RUNS` at different times get NaN. Raises ``ValueError`` for times that
+    fall.
     """
     if np.any(np.diff(t) < 0.0):
         raise ValueError("t: expected ascending times")
     at = float(t[-1]) if at is None else at
     known = np.isfinite(y) & np.isfinite(sd) & (sd > 0.0)
-    enough = _different_times(t, known) >= FEWEST_RUNS
+    enough = different_times(t, known) >= FEWEST_RUNS
+    offsets = np.zeros((*y.shape, 0)) if offsets is None else offsets
+    steps_from = 2 + offsets.shape[2]
     sd = np.where(known, sd, 0.0)
     sd = np.where(known, np.maximum(sd, _LEAST_SHARE * sd.max(axis=0)), 1.0)
     y, weight = np.where(known, y, 0.0), np.where(known & enough, 1.0 / sd**2, 0.0)
-    # Columns (n, m, p): the value at the time, the rate, and steps; those not taken in are zero.
-    X = np.zeros((*y.shape, 2 + MOST_SUDDEN))
-    X[..., 0], X[..., 1] = 1.0, (t - at)[:, None]
-    scale = _local_scale(t, y, weight)
+    # Columns (n, m, p): the value at the time, the rate, offsets, and steps; those not taken in are zero.
+    X = np.zeros((*y.shape, steps_from + MOST_SUDDEN))
+    X[..., 0], X[..., 1], X[..., 2:steps_from] = 1.0, (t - at)[:, None], offsets
+    alike = y if steps_from == 2 else y - np.einsum("nmk,mk->nm", offsets, _solved(X, weight, y)[0][:, 2:steps_from])
+    scale = _local_scale(t, alike, weight)
     threshold = np.broadcast_to(np.asarray(threshold, dtype=np.float64), y.shape)
     first = np.full((MOST_SUDDEN, y.shape[1]), -1)
     outliers = np.zeros(y.shape, dtype=bool)
@@ -81,7 +96,7 @@ def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, at: float 
         run, gain, is_step = _most_sudden(X, weight, y, threshold)
         sudden = gain > scale**2
         steps, places = np.where(sudden & is_step, run, -1), np.flatnonzero(sudden & ~is_step)
-        X[..., 2 + number] = (np.arange(t.size)[:, None] >= steps) & (steps >= 0)
+        X[..., steps_from + number] = (np.arange(t.size)[:, None] >= steps) & (steps >= 0)
         first[number] = steps
         outliers[run[places], places] = True
         weight = np.where(outliers, 0.0, weight)
@@ -93,10 +108,10 @@ def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, at: float 
     jump, jump_sd = np.zeros(y.shape), np.zeros(y.shape)
     for number in range(MOST_SUDDEN):
         places = np.flatnonzero(first[number] >= 0)
-        jump[first[number, places], places] = solution[places, 2 + number]
-        jump_sd[first[number, places], places] = sd_of[places, 2 + number]
-    last = X[-1, :, 2:]  # the value is that after all steps
-    mixed = np.concatenate([np.tile([1.0, 0.0], (y.shape[1], 1)), last], axis=1)
+        jump[first[number, places], places] = solution[places, steps_from + number]
+        jump_sd[first[number, places], places] = sd_of[places, steps_from + number]
+    last = X[-1, :, steps_from:]  # the value is that after all steps, without offsets
+    mixed = np.concatenate([np.ones((y.shape[1], 1)), np.zeros((y.shape[1], steps_from - 1)), last], axis=1)
     of_value = np.einsum("mi,mij->mj", mixed, covariance)
     unknown = np.where(enough, 0.0, np.nan)
     return Drift(
@@ -139,11 +154,6 @@ def reached(d: Drift, limit: float, sigmas: float = 2.0) -> tuple[Array, Array, 
         return np.where(np.isnan(d.rate), np.nan, d.at + np.where(over, 0.0, np.maximum(ahead, 0.0)))
 
     return date(expected), date(np.minimum(early, expected)), date(late)
-
-
-def _different_times(t: Array, known: np.ndarray) -> Array:
-    _, group = np.unique(t, return_inverse=True)
-    return np.asarray(sum(known[group == each].any(axis=0).astype(np.float64) for each in range(group.max() + 1)))
 
 
 def _normal(X: Array, weight: Array) -> Array:

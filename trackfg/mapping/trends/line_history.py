@@ -15,22 +15,24 @@ import numpy as np
 import pandas as pd
 
 from trackfg.mapping.trends.drift import FEWEST_RUNS
-from trackfg.mapping.trends.series import QUANTITIES, Series, section_series
+from trackfg.mapping.trends.series import QUANTITIES, Series, section_series, sensor_of
 from trackfg.mapping.trends.trends import MONTH_DAYS, drift_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import step_of
+from trackfg.results.summary import Summary
 
 
-def sections_of_run(geometry: pd.DataFrame, run: str, date: datetime, correlated_m: float) -> Series:
+def sections_of_run(geometry: pd.DataFrame, run: str, date: datetime, summary: Summary) -> Series:
     """Return the standard deviations of a run's geometry by sections: a series of one run.
 
-    Errors are taken to be independent ``correlated_m`` apart, for the sigmas.
+    Errors are taken to be independent a chord apart, for the sigmas.
     """
     chainage = geometry["chainage_m"].to_numpy(dtype=np.float64)
     value, sd = (
         {name: geometry[f"{name}{end}"].to_numpy(dtype=np.float64)[None] for name in QUANTITIES} for end in ("", "_sd")
     )
-    return section_series(Series((run,), (date,), chainage, step_of(geometry), value, sd), correlated_m)
+    of_run = Series((run,), (date,), chainage, step_of(geometry), value, sd, (sensor_of(summary),))
+    return section_series(of_run, summary.geometry.chord_m)
 
 
 def joined(runs: Sequence[Series]) -> Series:
@@ -43,7 +45,7 @@ def joined(runs: Sequence[Series]) -> Series:
         for name in QUANTITIES:
             value[name][row, at], sd[name][row, at] = run.value[name][0], run.sd[name][0]
     names, dates = tuple(run.runs[0] for run in by_date), tuple(run.dates[0] for run in by_date)
-    return Series(names, dates, places, by_date[0].step_m, value, sd)
+    return Series(names, dates, places, by_date[0].step_m, value, sd, tuple(run.sensors[0] for run in by_date))
 
 
 def newest(history: Series, name: str) -> tuple[Array, Array]:

@@ -39,7 +39,8 @@ _LEAST_COVERED = 0.8
 class Series:
     """Values and sigmas by quantity, (n, m), of n runs in the order of their dates at m places.
 
-    ``chainage_m`` (m,): of cells, or where sections begin. ``t_days`` (n,) from the first date; ``runs`` their ids.
+    ``chainage_m`` (m,): of cells, or where sections begin. ``t_days`` (n,) from the first date; ``runs`` their names.
+    ``sensors``: the one that each ran with, in its mounting.
     """
 
     runs: tuple[str, ...]
@@ -48,6 +49,7 @@ class Series:
     step_m: float
     value: dict[str, Array]
     sd: dict[str, Array]
+    sensors: tuple[str, ...]
 
     @property
     def t_days(self) -> Array:
@@ -66,24 +68,22 @@ class Series:
 
 
 def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> tuple[Series, dict[str, str]]:
-    """Lay results over a map, one after another. Returns the series, and by id runs that cannot be, with the reason.
+    """Lay results over a map, one after another. Returns the series, and by name runs that cannot be, with the reason.
 
-    Raises :class:`~trackfg.errors.BadInputError` for a run whose recording has no date, or is there twice, and for
-    fewer runs than a trend needs.
+    Runs are told apart by what they measured: of recordings with one id, the second is named ``ID-2``. Raises
+    :class:`~trackfg.errors.BadInputError` for a run whose recording has no date, or whose measurements are there twice,
+    and for fewer runs than a trend needs.
     """
-    ids = [result.summary.recording_id for result in results]
-    if twice := [name for name in ids if ids.count(name) > 1]:
-        raise BadInputError(f"run {twice[0]!r} is there {ids.count(twice[0])} times; expected each once")
     dated = sorted(((_date(result.summary), result) for result in results), key=lambda pair: pair[0])
+    names = _names([result.summary for _, result in dated])
     seen, left_out = [], {}
-    for date, result in dated:
-        run = result.summary.recording_id
+    for run, (date, result) in zip(names, dated, strict=True):
         try:
             read = result.read() if isinstance(result, JoinableRun) else result
-            seen.append((date, run, find_changes(read, feature_map).cells))
+            seen.append((date, run, find_changes(read, feature_map).cells, sensor_of(result.summary)))
         except BadInputError as error:
-            left_out[run] = str(error).removeprefix(f"run {run}: ")
-    if (different := len({date for date, _, _ in seen})) < FEWEST_RUNS:
+            left_out[run] = str(error).removeprefix(f"run {result.summary.recording_id}: ")
+    if (different := len({date for date, *_ in seen})) < FEWEST_RUNS:
         reasons = "".join(f"; {reason}" for reason in left_out.values())
         raise BadInputError(f"{different} runs of different dates; a trend needs at least {FEWEST_RUNS}{reasons}")
     grid, step = feature_map.grid, feature_map.conventions.step_m
@@ -97,13 +97,36 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
     on_map["twist_mm"] = twist(on_map["cross_level_mm"].to_numpy(dtype=np.float64), step, base_m, anchor)
     shape = len(seen), every.size
     values, sd = ({name: np.full(shape, np.nan) for name in QUANTITIES} for _ in range(2))
-    for row, (_, _, change) in enumerate(seen):
+    for row, (_, _, change, _) in enumerate(seen):
         places = np.rint(change["chainage_m"].to_numpy() / step).astype(np.int64) - every[0]
         for name in QUANTITIES:
             values[name][row, places] = on_map[name].to_numpy(dtype=np.float64)[places] + change[name].to_numpy()
             sd[name][row, places] = change[f"{name}_sd"].to_numpy()
-    runs, dates = tuple(run for _, run, _ in seen), tuple(date for date, _, _ in seen)
-    return Series(runs, dates, every * step, step, values, sd), left_out
+    dates, runs, _, sensors = zip(*seen, strict=True)
+    return Series(runs, dates, every * step, step, values, sd, sensors), left_out
+
+
+def sensor_of(summary: Summary) -> str:
+    """Return which sensor a run was made with, in which mounting; empty where it is not known."""
+    return "" if summary.run is None else summary.run.imu_id or ""
+
+
+def _names(summaries: Sequence[Summary]) -> list[str]:
+    """Return a name for each dated run: its recording's id, with a number where an earlier run has that."""
+    names: dict[tuple[str, str | None], str] = {}
+    for summary in summaries:
+        facts = summary.run
+        measured = ("", None) if facts is None else (facts.content_sha256, facts.start)
+        if measured in names:
+            raise BadInputError(
+                f"run {summary.recording_id!r} has the measurements of run {names[measured]!r}; expected each run once"
+            )
+        name, taken = summary.recording_id, 1
+        while name in names.values():
+            taken += 1
+            name = f"{summary.recording_id}-{taken}"
+        names[measured] = name
+    return list(names.values())
 
 
 def section_series(cells: Series, correlated_m: float) -> Series:
@@ -121,7 +144,7 @@ def section_series(cells: Series, correlated_m: float) -> Series:
         errors = pd.DataFrame(cells.sd[name].T ** 2).groupby(index).mean().to_numpy().T
         values[name] = np.where(covered, rows.std(ddof=0).to_numpy().T, np.nan)
         sd[name] = np.where(covered, np.sqrt(errors * correlated_m / SUMMARY_M), np.nan)
-    return Series(cells.runs, cells.dates, np.asarray(first * SUMMARY_M), SUMMARY_M, values, sd)
+    return Series(cells.runs, cells.dates, np.asarray(first * SUMMARY_M), SUMMARY_M, values, sd, cells.sensors)
 
 
 def _date(summary: Summary) -> datetime:

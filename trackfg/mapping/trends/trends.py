@@ -21,6 +21,7 @@ from trackfg.geometry.limits import Limit
 from trackfg.mapping.changes.change_noise import FEWEST_CROSSINGS_PER_M, freedom_of, threshold
 from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.trends.drift import Drift, drift, reached
+from trackfg.mapping.trends.offsets import offset_columns
 from trackfg.mapping.trends.series import Series, section_series, series
 from trackfg.maps.feature_map import FeatureMap, MapConventions
 from trackfg.numerics.arrays import Array
@@ -152,13 +153,14 @@ def drift_of(places: Series, name: str) -> Drift:
     """Fit the drift of a quantity of a series, a second time with steps likely where one was found nearby."""
     t, y, sd = places.t_days, places.value[name], places.sd[name]
     strict = _threshold(places, name, np.diff(y, axis=0), tests=t.size)
-    found = drift(t, y, sd, threshold=strict)
+    offsets = offset_columns(t, places.sensors, np.isfinite(y))
+    found = drift(t, y, sd, threshold=strict, offsets=offsets)
     near = 1 + 2 * round(_WORKED_M / places.step_m)
     stepped = pd.DataFrame((found.steps != 0.0).T.astype(float))
     worked = stepped.rolling(near, center=True, min_periods=1).max().to_numpy().T > 0.0
     if not worked.any():
         return found
-    return drift(t, y, sd, threshold=np.where(worked, min(_LIKELY_SIGMAS, strict), strict))
+    return drift(t, y, sd, threshold=np.where(worked, min(_LIKELY_SIGMAS, strict), strict), offsets=offsets)
 
 
 def _crossings(places: Series, rows: Array) -> float:

@@ -89,8 +89,28 @@ def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Re
     undated = make_result(rows=20)
     with pytest.raises(BadInputError, match="made-up: its recording has no start"):
         series([undated], unused)
-    with pytest.raises(BadInputError, match="'made-up' is there 2 times"):
-        series([undated, undated], unused)
+    facts = {"content_sha256": "0" * 64, "direction": 1, "anchored": False, "mount_roll_sd_rad": 0.0}
+    dated = make_result(rows=20, run={**facts, "start": "2026-05-01"})
+    with pytest.raises(BadInputError, match="'made-up' has the measurements of run 'made-up'"):
+        series([dated, dated], unused)
+
+
+def test_recordings_with_one_id_are_told_apart_by_what_they_measured(
+    make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chainage = 0.25 * np.arange(100)
+    columns = {n: np.ones(100) for q in QUANTITIES for n in (q, f"{q}_sd")}
+    changes = SimpleNamespace(cells=pd.DataFrame({"chainage_m": chainage} | columns))
+    monkeypatch.setattr("trackfg.mapping.trends.series.find_changes", lambda result, feature_map: changes)
+    feature_map: Any = SimpleNamespace(grid=changes.cells, conventions=SimpleNamespace(step_m=0.25))
+    facts = {"direction": 1, "anchored": False, "mount_roll_sd_rad": 0.0}
+    runs = [
+        make_result(rows=20, run={**facts, "start": f"2026-0{number}-01", "content_sha256": f"{number:064x}"})
+        for number in (3, 1, 2)
+    ]
+    found, _ = series(runs, feature_map)
+    assert found.runs == ("made-up", "made-up-2", "made-up-3")
+    assert [date.month for date in found.dates] == [1, 2, 3]
 
 
 def test_the_twist_of_a_map_is_that_of_the_runs(

@@ -44,6 +44,7 @@ def made_up(months: int, *, tamped_in: int | None = None, rates: np.ndarray = RA
         step_m=STEP_M,
         value=value,
         sd={name: np.full((months, chainage.size), SD_MM) for name in QUANTITIES},
+        sensors=("",) * months,
     )
 
 
