@@ -14,6 +14,7 @@ from faults.server import Server
 
 SOUND = "sound"
 """Database with the sound map."""
+_NOTHING_LEFT = "nothing is left to damage"
 
 
 @contextmanager
@@ -33,6 +34,8 @@ def values_changed(server: Server, name: str, rng: np.random.Generator) -> str:
         "SELECT table_name || ' ' || column_name || ' ' || data_type FROM information_schema.columns "
         "WHERE table_schema = 'trackfg' ORDER BY table_name, ordinal_position",
     ).splitlines()
+    if not columns:
+        return _NOTHING_LEFT
     table, column, kind = columns[rng.integers(len(columns))].split(" ", 2)
     value = HOSTILE[rng.integers(len(HOSTILE))]
     which = "" if rng.random() < 0.5 else f' WHERE ctid = (SELECT max(ctid) FROM trackfg."{table}")'
@@ -45,12 +48,16 @@ def values_changed(server: Server, name: str, rng: np.random.Generator) -> str:
 def structure_changed(server: Server, name: str, rng: np.random.Generator) -> str:
     """Lose, rename, retype or guard a table, a column or rows."""
     tables = server.sql(name, "SELECT tablename FROM pg_tables WHERE schemaname = 'trackfg' ORDER BY 1").splitlines()
+    if not tables:
+        return _NOTHING_LEFT
     table = tables[rng.integers(len(tables))]
     columns = server.sql(
         name,
         "SELECT column_name FROM information_schema.columns "
         f"WHERE table_schema = 'trackfg' AND table_name = '{table}' ORDER BY ordinal_position",
     ).splitlines()
+    if not columns:
+        return _NOTHING_LEFT
     column, place = columns[rng.integers(len(columns))], f'trackfg."{table}"'
     statements = (
         f"DROP TABLE {place} CASCADE",

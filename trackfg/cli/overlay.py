@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json
+from trackfg.files.atomic_folder import real_path
 from trackfg.files.libraries import library
 
 if TYPE_CHECKING:
@@ -63,9 +64,9 @@ def overlay(
 
 def _names(runs: Sequence[Path]) -> list[str]:
     """Return the runs' names: those of their files or folders, with the folder above where two are alike."""
-    short = [path.resolve().stem for path in runs]
+    short = [real_path(path).stem for path in runs]
     return [
-        name if short.count(name) == 1 else f"{path.resolve().parent.name}/{path.name}"
+        name if short.count(name) == 1 else f"{real_path(path).parent.name}/{path.name}"
         for name, path in zip(short, runs, strict=True)
     ]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +22,7 @@ def replaced_file(path: Path) -> Iterator[Path]:
     unfinished = path.with_name(f"{UNFINISHED}{path.name}")
     try:
         yield unfinished
+        sync(unfinished)  # or a power cut could leave the name without its content
         unfinished.replace(path)
         sync(path.parent)
     except OSError as error:
@@ -36,5 +36,3 @@ def write_whole(path: Path, *content: bytes | memoryview) -> None:
     """Write a file beside its place, put it on the disk and rename it. Raises :class:`OutputError`."""
     with replaced_file(path) as new, new.open("wb") as file:
         file.writelines(content)
-        file.flush()
-        os.fsync(file.fileno())

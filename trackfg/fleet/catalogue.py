@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import pandas as pd
@@ -19,6 +20,7 @@ import pyarrow as pa
 
 from trackfg.errors import BadInputError, did_you_mean, first_line, printable
 from trackfg.files.parquet import read_parquet
+from trackfg.files.small_file import read_small
 from trackfg.fleet.places import is_recording, is_url
 
 COLUMNS = ("recording", "line", "map", "known_line", "settings", "tags", "run")
@@ -34,6 +36,8 @@ TABLE_SUFFIXES = (".csv", ".parquet")
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 """The name of a run is the name of a folder on every system."""
+_MOST_BYTES = 2**26
+"""Size of a table of runs, bytes: 100,000 runs have 30 MB."""
 _HASH_DIGITS = 8
 """Hexadecimal digits after a run's name: among 10,000 recordings of one name, two agree with a probability of 1 %."""
 
@@ -103,10 +107,11 @@ def _matches(pattern: str) -> list[str]:
 
 def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
     try:
+        content = read_small(path, _MOST_BYTES)
         if path.suffix.lower() == ".csv":
-            table = pd.read_csv(path, dtype=str, keep_default_na=False)
+            table = pd.read_csv(BytesIO(content), dtype=str, keep_default_na=False)
         else:
-            columns = read_parquet(path)
+            columns = read_parquet(pa.BufferReader(content))
             texts = {name: columns[name].cast(pa.string()).fill_null("") for name in columns.column_names}
             table = pa.table(texts).to_pandas()
     except (OSError, ValueError) as error:

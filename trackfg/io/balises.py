@@ -14,6 +14,7 @@ import pandas as pd
 from trackfg.checks import columns as checks
 from trackfg.checks.columns import ColumnPlace
 from trackfg.errors import BadInputError
+from trackfg.files.atomic_folder import real_path
 from trackfg.io.table_file import open_table, text_column
 from trackfg.recording import canonical
 from trackfg.recording.description import Balises
@@ -59,7 +60,7 @@ def read_places(path: Path) -> pd.DataFrame:
 
     Columns of the answer are :data:`PLACE_COLUMNS`, one row for each id.
     """
-    path = path.resolve()  # a link is the user's own, other than one in a recording
+    path = real_path(path)  # a link is the user's own, other than one in a recording
     places, findings = _places(path.parent, path.name, Balises(file=path.name))
     if places is None:
         raise BadInputError(str(errors(findings)[0]))

@@ -110,7 +110,7 @@ def _of_geojson(path: Path) -> Iterator[Feature]:
     crs = content.get("crs")
     try:
         system = WGS_84 if crs is None else _system_of(str(crs["properties"]["name"]))
-    except (KeyError, TypeError) as error:
+    except (LookupError, TypeError) as error:
         raise BadInputError(f"{path}: crs has no name: expected properties.name, such as EPSG:3067") from error
     for number, feature in enumerate(features, start=1):
         where = f"feature {number}"
@@ -154,7 +154,7 @@ def _geojson_parts(geometry: dict[str, Any]) -> Iterator[Array]:
     for vertices in lists:
         try:
             xy = np.array([[float(x), float(y)] for x, y, *_ in vertices], dtype=np.float64).reshape(-1, 2)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise ValueError("a vertex is no position: expected pairs of numbers") from error
         yield from np.split(xy, len(xy)) if kind == "MultiPoint" else [xy]
 
@@ -172,7 +172,9 @@ def _of_geopackage(path: Path) -> list[Feature]:
             found = [
                 feature
                 for table, column, srs, epsg in layers
-                for feature in _rows(path, database, table, column, _UNDEFINED.get(srs, _system_of(f"EPSG:{epsg}")))
+                for feature in _rows(
+                    path, database, str(table), str(column), _UNDEFINED.get(srs, _system_of(f"EPSG:{epsg}"))
+                )
             ]
             for table in _tables_without_geometry(database):
                 found += _rows(path, database, table)
@@ -198,6 +200,8 @@ def _rows(
     for number, row in enumerate(database.execute(f"SELECT * FROM {quoted}"), start=1):
         where = f"layer {printable(table)}, row {number}"
         properties = {name: row[name] for name in row.keys() if name != column and name not in keys}  # noqa: SIM118
+        if column is not None and column not in row.keys():  # noqa: SIM118
+            raise BadInputError(f"{path}: {where}: has no column {printable(column)!r}: expected its geometry there")
         blob = None if column is None else row[column]
         try:
             kind, parts = ("", []) if blob is None else geopackage_geometry(blob)

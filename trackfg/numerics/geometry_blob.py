@@ -85,7 +85,7 @@ def geopackage_geometry(blob: bytes) -> tuple[str, list[Array]]:
 
     Raises ``ValueError`` for bytes that are no such geometry.
     """
-    if blob[:2] != b"GP" or len(blob) < 8:
+    if not isinstance(blob, bytes) or blob[:2] != b"GP" or len(blob) < 8:
         raise ValueError("no GeoPackage geometry: expected bytes that begin with GP")
     code = blob[3] >> 1 & 7
     if code >= len(_ENVELOPE_BYTES):

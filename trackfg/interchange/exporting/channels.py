@@ -45,10 +45,10 @@ def read_template(path: Path | None) -> tuple[Channel, ...]:
     name = BUILT_IN if path is None else str(path)
     built_in = resources.files("trackfg.interchange.exporting").joinpath(BUILT_IN)
     content = toml_of(built_in.read_bytes()) if path is None else read_toml(path)
-    channels = tuple(validated(Channel, entry, f"{name}: ", "channel, key ") for entry in content.get("channel", ()))
-    if not channels:
+    entries = content.get("channel")
+    if not isinstance(entries, list) or not entries:
         raise BadInputError(f"{name}: no [[channel]]; expected at least one")
-    return channels
+    return tuple(validated(Channel, entry, f"{name}: ", "channel, key ") for entry in entries)
 
 
 def channel_table(located: pd.DataFrame, channels: tuple[Channel, ...]) -> pd.DataFrame:
