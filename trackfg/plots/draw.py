@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_file import replaced_file
@@ -21,6 +22,19 @@ def picture_path(path: str | os.PathLike[str]) -> Path:
         raise BadInputError(f"{path}: expected a file that ends in .png, .svg or .html")
     library("plotly" if path.suffix == ".html" else "matplotlib", "charts")
     return path
+
+
+def drawn(sheet: Sheet, path: str | os.PathLike[str] | None) -> Any:
+    """Draw ``sheet`` into ``path`` and return that; without a path return a figure of plotly, which a notebook shows.
+
+    Raises what :func:`picture_path` and :func:`draw` raise.
+    """
+    if path is not None:
+        return draw(sheet, picture_path(path))
+    library("plotly", "charts")
+    from trackfg.plots.plotly_page import notebook_figure
+
+    return notebook_figure(sheet)
 
 
 def draw(sheet: Sheet, path: Path) -> Path:

@@ -16,10 +16,36 @@ from trackfg.plots.sheet import AMBER, BAND, GREY, RED, SPAN_NAME, Panel, Sheet,
 _LEGEND = {"orientation": "h", "xanchor": "left"}
 _MAP_SHARE, _GAP = 0.43, 0.07
 _STRIP_PX, _MARGIN_PX, _LABELS_PX = 62, 160, 138
+_LEAST_PX = 480
+"""Height of a figure of few panels, px."""
 
 
 def write(sheet: Sheet, path: Path) -> None:
     """Draw ``sheet`` into ``path``; the same sheet gives the same file."""
+    figure = _figure(sheet)
+    height = "calc(100vh - 32px)" if sheet.paths else f"max(calc(100vh - 32px), {_height_px(sheet):.0f}px)"
+    figure.write_html(
+        path,
+        include_plotlyjs=True,
+        default_height=height,
+        div_id="trackfg",  # a fixed one, so that the same sheet gives the same page
+        config={"displaylogo": False, "responsive": True},
+    )
+
+
+def notebook_figure(sheet: Sheet) -> go.Figure:
+    """Return ``sheet`` as a figure that a notebook shows, as high as its panels need."""
+    figure = _figure(sheet)
+    figure.update_layout(height=_height_px(sheet))
+    return figure
+
+
+def _height_px(sheet: Sheet) -> float:
+    shares = sum(panel.share for panel in sheet.panels)
+    return max(_STRIP_PX * shares + _MARGIN_PX, _LEAST_PX)
+
+
+def _figure(sheet: Sheet) -> go.Figure:
     figure = go.Figure()
     figure.update_layout(
         title={"text": sheet.title, "x": 0.01, "font": {"size": 20}},
@@ -29,18 +55,9 @@ def write(sheet: Sheet, path: Path) -> None:
     )
     if sheet.paths:
         _with_map(figure, sheet)
-        height = "calc(100vh - 32px)"
     else:
         _strips(figure, sheet)
-        shares = sum(panel.share for panel in sheet.panels)
-        height = f"max(calc(100vh - 32px), {_STRIP_PX * shares + _MARGIN_PX:.0f}px)"
-    figure.write_html(
-        path,
-        include_plotlyjs=True,
-        default_height=height,
-        div_id="trackfg",  # a fixed one, so that the same sheet gives the same page
-        config={"displaylogo": False, "responsive": True},
-    )
+    return figure
 
 
 def _with_map(figure: go.Figure, sheet: Sheet) -> None:

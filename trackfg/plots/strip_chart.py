@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 from trackfg.plots.curve_labels import curves, sense_and_radius
 from trackfg.plots.decimation import extremes
-from trackfg.plots.draw import draw, picture_path
+from trackfg.plots.draw import drawn
 from trackfg.plots.geometry_channels import (
     COMMON,
     CROSS_LEVEL,
@@ -64,12 +64,12 @@ class LimitLine:
 
 def plot_geometry(
     result: Result,
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | None = None,
     *,
     from_m: float | None = None,
     to_m: float | None = None,
     limits: Sequence[LimitLine] = (),
-) -> Path:
+) -> Any:
     """Draw the track geometry of a result over the chainage, with bands of 95 %.
 
     Parameters
@@ -77,7 +77,7 @@ def plot_geometry(
     result
         With a geometry.
     path
-        The picture, by its suffix: ``.png``, ``.svg`` or, opened without a network, ``.html``.
+        The picture, by its suffix: ``.png``, ``.svg`` or, opened without a network, ``.html``; none for a figure.
     from_m, to_m
         Chainages of the chart's ends, m; those of the geometry unless given.
     limits
@@ -85,8 +85,8 @@ def plot_geometry(
 
     Returns
     -------
-    pathlib.Path
-        The picture.
+    pathlib.Path or plotly.graph_objects.Figure
+        The picture; without a path a figure, which a notebook shows.
 
     Raises
     ------
@@ -99,8 +99,7 @@ def plot_geometry(
     >>> trackfg.plot_geometry(trackfg.Result.read("out1"), "geometry.png", to_m=100.0).name
     'geometry.png'
     """
-    path = picture_path(path)
-    return draw(geometry_sheet(result, from_m, to_m, limits), path)
+    return drawn(geometry_sheet(result, from_m, to_m, limits), path)
 
 
 def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, limits: Sequence[LimitLine]) -> Sheet:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import Span
 from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
-from trackfg.plots.draw import draw, picture_path
+from trackfg.plots.draw import drawn
 from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Panel, Path2d, Sheet, SheetCurve
 from trackfg.results.result import Result
 
@@ -25,12 +25,12 @@ STRETCHES = 400
 
 def plot_trajectory(
     result: Result,
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | None = None,
     *,
     reference: pd.DataFrame | None = None,
     title: str | None = None,
     highlight: Sequence[Span] = (),
-) -> Path:
+) -> Any:
     """Draw the path of a result, and over time its speed, attitude and sigmas, with bands of 95 % (1.96 sigma).
 
     Parameters
@@ -38,7 +38,7 @@ def plot_trajectory(
     result
         With a trajectory.
     path
-        The picture, by its suffix: ``.png``, ``.svg`` or, opened without a network, ``.html``.
+        The picture, by its suffix: ``.png``, ``.svg`` or, opened without a network, ``.html``; none for a figure.
     reference
         Positions to compare with: ``t_s`` in s, ``east_m`` and ``north_m`` of the vehicle reference point in m.
     title
@@ -48,8 +48,8 @@ def plot_trajectory(
 
     Returns
     -------
-    pathlib.Path
-        The picture.
+    pathlib.Path or plotly.graph_objects.Figure
+        The picture; without a path a figure, which a notebook shows.
 
     Raises
     ------
@@ -62,8 +62,7 @@ def plot_trajectory(
     >>> trackfg.plot_trajectory(trackfg.Result.read("out1"), "path.svg", title="Main line").name
     'path.svg'
     """
-    path = picture_path(path)
-    return draw(sheet_of(result, reference, title or result.summary.recording_id, tuple(highlight)), path)
+    return drawn(sheet_of(result, reference, title or result.summary.recording_id, tuple(highlight)), path)
 
 
 def sheet_of(result: Result, reference: pd.DataFrame | None, title: str, spans: tuple[Span, ...]) -> Sheet:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -101,3 +102,11 @@ def test_unknown_kind_of_file(result: Result, tmp_path: Path) -> None:
     with pytest.raises(trackfg.BadInputError, match=r"\.png, \.svg or \.html"):
         plot_trajectory(result, tmp_path / "a.pdf")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("plot", [trackfg.plot_trajectory, trackfg.plot_geometry])
+def test_without_a_path_there_is_a_figure_for_a_notebook(plot: Callable[..., Any], result: Result) -> None:
+    figure = plot(result)
+    assert "<div" in figure.to_html(full_html=False, include_plotlyjs=False)
+    assert len(figure.data) > 3
+    assert figure.layout.height >= 480
