@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
-import gtsam
 import numpy as np
 
 from trackfg.factors.family import Family
@@ -20,9 +20,14 @@ from trackfg.factors.loss import Cauchy, Huber, Loss
 from trackfg.factors.states import ELIMINATION_ORDER, SHARED, Kind, Nav, Odo, States, Value, vectors
 from trackfg.numerics.arrays import Array
 
+if TYPE_CHECKING:
+    import gtsam
+
 
 def robust_model(loss: Loss) -> gtsam.noiseModel.mEstimator.Base:
     """Return GTSAM's loss with the weights and costs of ``loss``, which must act on each factor by itself."""
+    import gtsam
+
     losses = gtsam.noiseModel.mEstimator
     if isinstance(loss, Huber):
         return losses.Huber.Create(loss.width)
@@ -48,6 +53,8 @@ def custom_factors(family: Family) -> list[gtsam.CustomFactor]:
 
 def _custom_factor(factor: Family) -> gtsam.CustomFactor:
     """Return the GTSAM factor of a family of one."""
+    import gtsam
+
     model: gtsam.noiseModel.Base = gtsam.noiseModel.Diagonal.Sigmas(factor.sigma[0])
     if factor.loss is not None:
         model = gtsam.noiseModel.Robust.Create(robust_model(factor.loss), model)
@@ -99,6 +106,8 @@ def chain_ordering(keyframes: int, sensors: int = 0) -> gtsam.Ordering:
 
     The last of these are the variables of the further ``sensors``.
     """
+    import gtsam
+
     ordering = gtsam.Ordering()
     index = np.arange(keyframes)
     for key in np.stack([kind.keys(index) for kind in ELIMINATION_ORDER], axis=1).ravel().tolist():

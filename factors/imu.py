@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-import gtsam
 import numpy as np
 
 from trackfg.factors.linear import LinearFactors, Slot
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
+
+if TYPE_CHECKING:
+    import gtsam
 
 _INTEGRATION_DENSITY = 1e-5
 """m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""
@@ -44,6 +47,8 @@ class PreintegrationNoise:
 
         The frame turns at ``frame_rate`` (3,), rad/s in n.
         """
+        import gtsam
+
         parameters = gtsam.PreintegrationParams.MakeSharedU(gravity)
         parameters.setGyroscopeCovariance(np.eye(3) * self.gyro**2)
         parameters.setAccelerometerCovariance(np.eye(3) * self.accel**2)
@@ -56,6 +61,8 @@ def preintegrate(
     parameters: gtsam.PreintegrationParams, bias: Array, duration: Array, rotation: Array, velocity: Array
 ) -> gtsam.PreintegratedImuMeasurements:
     """Preintegrate increments (duration (m,) s, rotation (m, 3) rad, velocity (m, 3) m/s) around ``bias`` (6,)."""
+    import gtsam
+
     preintegrated = gtsam.PreintegratedImuMeasurements(
         parameters, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy())
     )
@@ -111,6 +118,8 @@ class Preintegration:
             R, p, v, b = map(kernel_argument, (nav.R[0], nav.p[0], nav.v[0], bias))
             compiled.predict(self.delta, R, p, v, b, out)
             return Nav(out[None, :9].reshape(1, 3, 3), out[None, 9:12], out[None, 12:])
+        import gtsam
+
         state = gtsam.NavState(gtsam.Rot3(nav.R[0]), nav.p[0], nav.v[0])
         end = self.measured.predict(state, gtsam.imuBias.ConstantBias(bias[:3].copy(), bias[3:].copy()))
         return Nav(end.attitude().matrix()[None], end.position()[None], end.velocity()[None])
@@ -128,6 +137,8 @@ class InertialFactors:
     @cached_property
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """GTSAM's own factors."""
+        import gtsam
+
         graph = gtsam.NonlinearFactorGraph()
         for factor in imu_factors(one.measured for one in self.measured):
             graph.push_back(factor)
@@ -169,6 +180,8 @@ class InertialFactors:
 
 def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> list[gtsam.ImuFactor2]:
     """Factor k ties the states of keyframes k and k + 1 and the bias of keyframe k."""
+    import gtsam
+
     measurements = list(preintegrated)
     index = np.arange(len(measurements) + 1)
     nav, bias = Kind.NAV.keys(index).tolist(), Kind.BIAS.keys(index).tolist()

@@ -32,12 +32,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache, cached_property, lru_cache
+from typing import TYPE_CHECKING
 
-import gtsam
 import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import so3_exp, so3_log
+
+if TYPE_CHECKING:
+    import gtsam
 
 
 class Kind(Enum):
@@ -276,6 +279,8 @@ class Step:
 
 
 def _vectors(tangents: Mapping[Kind, Array]) -> gtsam.VectorValues:
+    import gtsam
+
     out = gtsam.VectorValues()
     for kind, vectors in tangents.items():
         for key, vector in zip(_keys(kind, len(vectors)), vectors, strict=True):
@@ -305,6 +310,8 @@ def _zero(keyframes: int, sensors: int) -> gtsam.Values:
 
 def _no_motion(keyframes: int) -> gtsam.Values:
     """Return the variables of inertial factors alone at zero, all of one kind after the other."""
+    import gtsam
+
     values = gtsam.Values()
     for kind, zero in ((Kind.NAV, gtsam.NavState()), (Kind.BIAS, gtsam.imuBias.ConstantBias())):
         for key in _keys(kind, keyframes):

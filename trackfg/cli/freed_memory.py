@@ -1,14 +1,22 @@
-"""Freed memory stays with the process, so that the next array of its size need not be mapped and cleared again.
+"""Memory is not given back or looked through where that only takes time.
+
+Freed memory stays with the process, so that the next array of its size need not be mapped and cleared again.
 
 glibc maps each block above 32 MB anew and gives it back when it is freed (``man mallopt``: ``M_MMAP_THRESHOLD``). The
 kernel clears every page of it at first use. A run of an hour makes many temporaries of 17 MB and more, one of four
 hours nothing but: a third of its CPU time was the kernel's. ``docs/performance.md`` has the measurement.
+
+Python looks through all objects for cycles now and then, and before it ends. Modules are no garbage, and what is left
+at the end goes with the process: ten minutes of a run took 0.5 s of 2.7 s for that.
 """
 
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
 """Numbers of glibc's parameters, as ``malloc.h`` has them."""
@@ -25,3 +33,19 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_M_MMAP_MAX, 0)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST)
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Import inside this: what is there at its end is never looked through."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def leave_the_rest() -> None:
+    """Have the process end without a last look through what it still holds."""
+    gc.freeze()

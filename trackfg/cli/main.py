@@ -22,7 +22,7 @@ from trackfg.cli.balises import balises
 from trackfg.cli.batch import batch
 from trackfg.cli.browse.command import browse
 from trackfg.cli.exporting import export
-from trackfg.cli.freed_memory import keep_freed_memory
+from trackfg.cli.freed_memory import keep_freed_memory, leave_the_rest, without_collection
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
@@ -57,6 +57,7 @@ def main() -> None:
             app(prog_name="trackfg")
         finally:
             _flush_output()
+            leave_the_rest()
     except BadInputError as error:
         _fail(error, status=2)
     except TrackfgError as error:
@@ -235,11 +236,12 @@ def smooth(options: SmoothOptions) -> None:
     did not converge. An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as
     it is.
     """
-    from trackfg.cli import tables
-    from trackfg.config import SmoothConfig
-    from trackfg.io.reader import read_recording
-    from trackfg.results.result import RESULT_FOLDER
-    from trackfg.smoothing.smoother import smooth as run_smoother
+    with without_collection():
+        from trackfg.cli import tables
+        from trackfg.config import SmoothConfig
+        from trackfg.io.reader import read_recording
+        from trackfg.results.result import RESULT_FOLDER
+        from trackfg.smoothing.smoother import smooth as run_smoother
 
     RESULT_FOLDER.refuse_foreign(options.out)
     settings = SmoothConfig.from_toml(options.config) if options.config else None

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-import gtsam
 import numpy as np
 import pandas as pd
 
@@ -55,6 +55,9 @@ from trackfg.sensors.speed_noise import speed_noise
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 from trackfg.sensors.tach_steps import at_steps
+
+if TYPE_CHECKING:
+    import gtsam
 
 _ANYWHERE_SD_M = 1e5
 """Sigma of a start that may be anywhere along the track, m: wider than any line between two fixes."""

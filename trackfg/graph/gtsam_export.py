@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import gtsam
 import numpy as np
 import pandas as pd
 
@@ -18,6 +17,9 @@ from trackfg.factors.family import Family
 from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors, states_at, with_frozen_chain
 from trackfg.factors.states import Kind, States
 from trackfg.numerics.arrays import Array
+
+if TYPE_CHECKING:
+    import gtsam
 
 
 class Variable(NamedTuple):
@@ -69,6 +71,8 @@ class GtsamProblem:
 
     def variable(self, key: int) -> Variable:
         """Return what a key stands for. Raises ``ValueError`` for one that this graph does not have."""
+        import gtsam
+
         symbol = gtsam.Symbol(key)
         kind = next((kind for kind in Kind if ord(kind.letter) == symbol.chr()), None)
         if kind is None or symbol.index() >= self._count(kind):
@@ -79,6 +83,8 @@ class GtsamProblem:
     @property
     def variables(self) -> pd.DataFrame:
         """All variables as a table: key, symbol, kind, number, t_s, which is missing for shared ones."""
+        import gtsam
+
         keys = list(self.values.keys())
         rows = [(key, gtsam.Symbol(key).string(), *self.variable(key)) for key in keys]
         table = pd.DataFrame(rows, columns=["key", "symbol", "kind", "number", "t_s"])
@@ -96,6 +102,8 @@ class GtsamProblem:
 
 def exported(native: gtsam.NonlinearFactorGraph, families: Sequence[Family], states: States, t: Array) -> GtsamProblem:
     """Return the inertial factors and the families as a graph of GTSAM's, at ``states`` of keyframes at ``t``."""
+    import gtsam
+
     graph = gtsam.NonlinearFactorGraph(native)
     for family in families:
         for factor in custom_factors(with_frozen_chain(family, states)):

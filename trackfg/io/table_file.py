@@ -26,6 +26,8 @@ from trackfg.recording.findings import Finding
 TABLE_SUFFIXES = (".parquet", ".csv")
 _EMPTY_CELLS = ("", "NaN", "nan", "NA", "N/A", "null", "NULL", "None")
 _HEADER_LIMIT = 1_000_000
+_ROWS_AT_A_TIME = 1 << 18
+"""Rows of Parquet that are unpacked at a time: 2 MB of a column."""
 _BLOCK_BYTES = 4096
 """Of a disk: what was not written reads as so many null bytes."""
 
@@ -135,21 +137,29 @@ def _as_text(cell: object) -> str:
 
 def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
     with pq.ParquetFile(path) as parquet:
-        schema = parquet.schema_arrow
-        present = [column for column in wanted if schema.names.count(column) == 1]
-        table = parquet.read(columns=present)
-    values, faults = {}, {}
-    for column in present:
-        kind = table.schema.field(column).type
-        if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-            values[column] = np.asarray(pc.cast(table[column], pa.float64(), safe=False).to_numpy(), dtype=np.float64)
-        else:
+        schema, values = parquet.schema_arrow, {}
+        faults = _repeated(schema.names, wanted, name)
+        for column in wanted:
+            if schema.names.count(column) != 1:
+                continue
+            kind = schema.field(column).type
+            if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
+                values[column] = _parquet_column(parquet, column)
+                continue
             hint = "store seconds since the start as numbers" if pa.types.is_temporal(kind) else "store it as numbers"
             faults[column] = Finding(
                 "error", "not-numeric", f"has type {kind}", file=name, column=column, expected="numbers", hint=hint
             )
-    faults |= _repeated(schema.names, wanted, name)
     return TableFile(name, tuple(schema.names), values, faults)
+
+
+def _parquet_column(parquet: pq.ParquetFile, column: str) -> Array:
+    """Return a column, read some rows at a time: Arrow never holds more of it."""
+    out, end = np.empty(parquet.metadata.num_rows), 0
+    for batch in parquet.iter_batches(_ROWS_AT_A_TIME, columns=[column]):
+        begin, end = end, end + len(batch)
+        out[begin:end] = pc.cast(batch.column(0), pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return out
 
 
 def _ends_in_nulls(path: Path) -> bool:

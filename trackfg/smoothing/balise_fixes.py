@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from trackfg.mapping.runs.balise_survey import BaliseSurvey
 from trackfg.recording.description import Fixes
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import FIX_COLUMNS, Recording
+
+if TYPE_CHECKING:
+    from trackfg.mapping.runs.balise_survey import BaliseSurvey
 
 _NAMED = 5
 """So many balises are named in a finding; the table has all."""

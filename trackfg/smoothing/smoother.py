@@ -23,7 +23,6 @@ from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem
-from trackfg.mapping.runs.balise_survey import surveyed
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
@@ -49,8 +48,6 @@ from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
-from trackfg.smoothing.known_line import RunOnLine, on_line
-from trackfg.smoothing.localisation import Located, UnlocatedRun, located
 from trackfg.smoothing.noise_levels import levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
@@ -64,6 +61,8 @@ from trackfg.solver.variance_components import noise_ratios
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
     from trackfg.recording.known_line import KnownLine
+    from trackfg.smoothing.known_line import RunOnLine
+    from trackfg.smoothing.localisation import Located
 
 Progress = Callable[[str, float], None]
 
@@ -177,6 +176,8 @@ def smooth(
         own = own_passages(measured, smoothed.problem, smoothed.solution.states)
         passages = widened_passages(own, smoothed.verdicts)
     if len(passages):
+        from trackfg.mapping.runs.balise_survey import surveyed
+
         balises = surveyed([passages], [recording.description.id])
         found = (*found, *balise_findings(balises))
     return Result(
@@ -204,6 +205,8 @@ def smooth_states(
     network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
     solved, of_line = _solved(recording, config, views, stages), None
     if known_line is not None and network is not None:
+        from trackfg.smoothing.known_line import on_line
+
         of_line = on_line(solved, known_line, network, _solved_again(stages))
         solved = of_line.run
     with stages.stage("check"):
@@ -288,6 +291,8 @@ def _on_map(
     recording: Recording, views: list[RailView], stages: _Stages, alone: SmoothedStates, feature_map: FeatureMap
 ) -> SmoothedStates:
     """Recognise the run on the map, and solve it again with what that says."""
+    from trackfg.smoothing.localisation import UnlocatedRun, located
+
     config, run, solution = alone.config, alone.problem.run, alone.solution
     with stages.stage("map"):
         geometry, passes, on_springs = alone.geometry, alone.passes, not alone.passes

@@ -16,13 +16,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-import gtsam
 import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
 from trackfg.solver.elimination import eliminate
 
 if TYPE_CHECKING:
+    import gtsam
+
     from trackfg.config import SolverConfig
     from trackfg.factors.family import Family
     from trackfg.graph.build import Problem

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
 
-from trackfg.cli.freed_memory import keep_freed_memory
+from trackfg.cli.freed_memory import keep_freed_memory, leave_the_rest, without_collection
 
 _PROGRAM = """
 import resource
@@ -40,3 +41,22 @@ def test_large_arrays_are_not_mapped_again() -> None:
 def test_another_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ctypes, "CDLL", lambda _: SimpleNamespace())
     keep_freed_memory()
+
+
+def test_what_is_imported_is_not_looked_through() -> None:
+    before = gc.get_freeze_count()
+    try:
+        with without_collection():
+            assert not gc.isenabled()
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > before
+    finally:
+        gc.unfreeze()
+
+
+def test_the_process_ends_without_a_look_through_the_rest() -> None:
+    try:
+        leave_the_rest()
+        assert not gc.get_objects(generation=2)
+    finally:
+        gc.unfreeze()
