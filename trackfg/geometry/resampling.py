@@ -25,6 +25,8 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.grid import wave_number
 from trackfg.numerics.arrays import Array
 
+FEWEST_SAMPLES = 4
+"""Samples that a cubic spline without given slopes at its ends needs."""
 _CELLS = 8
 """Cells per step."""
 _PASS_STEPS, _STOP_STEPS = 3.2, 2.0
@@ -50,8 +52,8 @@ def resample(
     place, value = _checked(chainage_m, values)
     cell = step_m / _CELLS
     node, node_value = _nodes(place, value, cell)
-    if len(node) < 4:
-        raise BadInputError(f"{len(node)} samples that are apart; expected at least 4")
+    if len(node) < FEWEST_SAMPLES:
+        raise BadInputError(f"{len(node)} samples that are apart; expected at least {FEWEST_SAMPLES}")
 
     from scipy.interpolate import CubicSpline  # late: 0.2 s
 

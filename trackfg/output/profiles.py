@@ -14,7 +14,7 @@ import numpy as np
 
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import States
-from trackfg.geometry.resampling import resample
+from trackfg.geometry.resampling import FEWEST_SAMPLES, resample
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
@@ -96,6 +96,13 @@ class Ascent:
         backwards = stretch.sense * run.direction < 0
         return cls(motion, stretch, x[::-1] if backwards else x, rows, backwards)
 
+    def holds_profile(self, step_m: float) -> bool:
+        """Return whether the pass is as long as a chord and has rows in as many cells as a spline needs: a clock or a
+        tachometer that jumps makes passes of two places far apart.
+        """
+        long_enough = self.x[-1] - self.x[0] >= SHORTEST_PASS_M
+        return bool(long_enough and len(np.unique(np.floor(self.x / step_m))) >= FEWEST_SAMPLES)
+
     def sorted(self, values: Array) -> Array:
         """Return values of the pass's rows (m, ...) in order of chainage."""
         return values[::-1] if self.backwards else values
@@ -118,7 +125,7 @@ class Ascent:
 def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass) -> Profile | None:
     step_m = run.conventions.step_m
     ascent = Ascent.of(run, motion, stretch)
-    if ascent.x[-1] - ascent.x[0] < SHORTEST_PASS_M:
+    if not ascent.holds_profile(step_m):
         return None
     nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0]
     forward, axle = nav.R @ R_bt[:, 0], nav.R @ (run.direction * R_bt[:, 1])

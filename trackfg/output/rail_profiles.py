@@ -60,7 +60,10 @@ def rail_profiles(run: RunContext, motion: DenseMotion, states: States, views: l
 
 def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretch: Pass) -> Profile | None:
     step_m = run.conventions.step_m
-    seen = [_Sight.of(run, motion, view, stretch) for view in views]
+    ascents = [Ascent.of(run, motion, stretch, view.along_m) for view in views]
+    if not all(ascent.holds_profile(step_m) for ascent in ascents):
+        return None
+    seen = [_Sight.of(run, motion, view, ascent) for view, ascent in zip(views, ascents, strict=True)]
     first = max(sight.cell[0] for sight in seen)
     last = min(sight.cell[-1] for sight in seen)
     if (last - first) * step_m < SHORTEST_PASS_M:
@@ -105,9 +108,8 @@ class _Sight:
     points: Array
 
     @classmethod
-    def of(cls, run: RunContext, motion: DenseMotion, view: RailView, stretch: Pass) -> _Sight:
+    def of(cls, run: RunContext, motion: DenseMotion, view: RailView, ascent: Ascent) -> _Sight:
         step_m = run.conventions.step_m
-        ascent = Ascent.of(run, motion, stretch, view.along_m)
         nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
         body = view.points(t, _row_s(motion)) - run.lever_arm
         points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
