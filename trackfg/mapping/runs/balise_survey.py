@@ -5,10 +5,11 @@ Each balise b has a place L_b and each run r an offset o_r. What runs measured o
 
     y_i = L_b + o_r + e,   e ~ N(0, C_r + reading_sd^2),        z_b = L_b + e,   e ~ N(0, planned_sd^2):
 
-the graph of all states of all runs, condensed to its landmarks. Together ``l = A x + e`` with covariance S. That one
+the graph of all states of all runs, condensed to its landmarks. A fix without an id is passed once and has a plan, so
+that its place drops out of the difference ``y_i - z_i = o_r + e``. Together ``l = A x + e`` with covariance S. That one
 thing is wrong is a hypothesis, which adds a column a with a free factor to A:
 
-* the plan of a balise is wrong, or a passage was misread: a is 1 in its row;
+* the plan of a balise is wrong, a fix is, or a passage was misread: a is 1 in its row;
 * the wheel of a run erred unnoticed between two passages: a is 1 in the rows behind, of that run.
 
 With the residuals' projector P of the whitened A, and l, a whitened, the size of the error is ``a'Pl / a'Pa``, its
@@ -54,6 +55,9 @@ _SAME = 1e-6
 _SAME_PLAN_M = 1e-6
 """Runs have the same plan of a balise if it differs by less, m: rounding of files."""
 
+_OF_PLACES = ("plan", "fix")
+"""Errors of where something is, not of what was read there."""
+
 MISREAD_COLUMNS = ("run", "t_s", "id", "off_m", "off_m_sd")
 SLIP_COLUMNS = ("run", "from_s", "to_s", "off_m", "off_m_sd")
 
@@ -72,8 +76,8 @@ class BaliseSurvey:
 
 
 class _Error(NamedTuple):
-    """A hypothesis: ``kind`` is "plan", "passage" or "wheel", ``row`` that of the plan, of the passage, or of the
-    first passage behind the wheel's error.
+    """A hypothesis: ``kind`` is "plan", "fix", "passage" or "wheel", ``row`` that of the plan, of the fix without an
+    id, of the passage, or of the first passage behind the wheel's error.
     """
 
     kind: str
@@ -82,7 +86,8 @@ class _Error(NamedTuple):
 
 @dataclass(frozen=True)
 class _Network:
-    """The measurements: passages run by run, columns ``run, t_s, name`` and ``balise`` (its number), then plans.
+    """The measurements: passages run by run, columns ``run, t_s, id`` and ``balise`` (its number, -1 of a fix without
+    an id), then plans.
 
     ``measured`` l (m,) and ``A`` (m, n), whitened by the inverse of the root of their covariance, ``whitening``
     (m, m). The first columns of A are the places of ``names``; ``plan_of`` (p,) are the numbers of balises with plans.
@@ -101,12 +106,15 @@ class _Network:
         """Return all hypotheses, those first that are named where two explain the same, and their whitened columns."""
         run, m = self.passages["run"].to_numpy(), len(self.passages)
         behind = np.flatnonzero(run[1:] == run[:-1]) + 1
-        rows = {"plan": np.arange(m, len(self.measured)), "passage": np.arange(m), "wheel": behind}
+        has_id = self.passages["balise"].to_numpy() >= 0
+        fixes, passages = np.flatnonzero(~has_id), np.flatnonzero(has_id)
+        rows = {"plan": np.arange(m, len(self.measured)), "fix": fixes, "passage": passages, "wheel": behind}
         later = np.empty((len(self.measured), m))
         for one in np.unique(run):
             of_run = np.flatnonzero(run == one)
             later[:, of_run] = np.cumsum(self.whitening[:, of_run[::-1]], axis=1)[:, ::-1]
-        columns = np.hstack([self.whitening[:, m:], self.whitening[:, :m], later[:, behind]])
+        alone = [self.whitening[:, rows[kind]] for kind in ("plan", "fix", "passage")]
+        columns = np.hstack([*alone, later[:, behind]])
         return [_Error(kind, int(row)) for kind, some in rows.items() for row in some], columns
 
 
@@ -161,7 +169,7 @@ def surveyed(runs: Sequence[BalisePassages], names: Sequence[str], planned: pd.D
     plans of a balise differ, and where no run passed any.
     """
     passages = _passages(runs, names)
-    plans = _plans(passages, names) if planned is None else _with_anonymous(planned, passages)
+    plans = _plans(passages, names) if planned is None else planned.set_index("id").rename_axis("name")
     network = _network(runs, passages, plans)
     possible, columns = network.possible_errors()
     estimate, undecided = _estimated(network, possible, columns)
@@ -170,23 +178,17 @@ def surveyed(runs: Sequence[BalisePassages], names: Sequence[str], planned: pd.D
 
 
 def _passages(runs: Sequence[BalisePassages], names: Sequence[str]) -> pd.DataFrame:
-    """Return the passages of all runs; a fix without an id has a name of its own."""
+    """Return the passages of all runs."""
     tables = [run.table.assign(run=number) for number, run in enumerate(runs) if len(run)]
     if not tables:
         raise BadInputError(f"{', '.join(names)}: no balise with an id was passed: expected [balises] in the recording")
-    passages = pd.concat(tables, ignore_index=True)
-    anonymous = passages["id"] == ""
-    number = passages.index.to_series().astype(str)
-    return passages.assign(name=passages["id"].where(~anonymous, _ANONYMOUS + number))
-
-
-_ANONYMOUS = "\0"
-"""The first letter of the name of a fix without an id, which no id has."""
+    return pd.concat(tables, ignore_index=True)
 
 
 def _plans(passages: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     """Return the runs' own plans, by name. Raises :class:`BadInputError` where they differ."""
-    stated = passages[["name", "run"]].assign(chainage_m=passages["planned_m"], chainage_sd_m=passages["planned_m_sd"])
+    named = passages[passages["id"] != ""].rename(columns={"id": "name"})
+    stated = named[["name", "run"]].assign(chainage_m=named["planned_m"], chainage_sd_m=named["planned_m_sd"])
     by_name = stated.groupby("name", sort=False)[["chainage_m", "chainage_sd_m"]]
     apart = (by_name.transform("max") - by_name.transform("min")).max(axis=1)
     if (apart > _SAME_PLAN_M).any():
@@ -201,35 +203,29 @@ def _plans(passages: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     return by_name.first()
 
 
-def _with_anonymous(planned: pd.DataFrame, passages: pd.DataFrame) -> pd.DataFrame:
-    """Return plans by name, with those of fixes without an id."""
-    anonymous = passages[passages["id"] == ""].set_index("name")[["planned_m", "planned_m_sd"]]
-    own = anonymous.set_axis(["chainage_m", "chainage_sd_m"], axis=1)
-    return pd.concat([planned.set_index("id").rename_axis("name"), own])
-
-
 def _network(runs: Sequence[BalisePassages], passages: pd.DataFrame, plans: pd.DataFrame) -> _Network:
-    number, names = pd.factorize(passages["name"])
-    run = passages["run"].to_numpy()
+    number, names = pd.factorize(passages["id"].mask(passages["id"] == ""))
+    is_fix, run = number < 0, passages["run"].to_numpy()
     plans = plans.reindex(names)
     known = plans.notna().all(axis=1).to_numpy()
     plan_of = np.flatnonzero(known)
     m, b, r = len(passages), len(names), int(run.max()) + 1
     A = np.zeros((m + len(plan_of), b + r))
-    A[np.arange(m), number] = 1.0
+    A[np.flatnonzero(~is_fix), number[~is_fix]] = 1.0
     A[np.arange(m), b + run] = 1.0
     A[m + np.arange(len(plan_of)), plan_of] = 1.0
-    tied = coo_array((np.ones(m), (number, b + run)), shape=(b + r, b + r))
+    tied = coo_array((np.ones(int((~is_fix).sum())), (number[~is_fix], b + run[~is_fix])), shape=(b + r,) * 2)
     _, part = connected_components(tied, directed=False)
-    anchored = np.isin(part, part[plan_of])
+    anchored = np.isin(part, part[np.append(plan_of, b + np.unique(run[is_fix]))])
     # Where no plan says where a line begins, its first run does; a run without passages has no offset.
     _, first, of_part = np.unique(part[b:], return_index=True, return_inverse=True)
     is_origin = ~anchored[b:] & (first[of_part] == np.arange(r))
     free = np.append(np.ones(b, dtype=bool), np.isin(np.arange(r), run) & ~is_origin)
-    own = [run.covariance + np.diag(run.table["reading_m_sd"].to_numpy() ** 2) for run in runs if len(run)]
+    own = [run.covariance + np.diag(_own_variance(run.table)) for run in runs if len(run)]
     roots = [solve_triangular(cholesky(S, lower=True), np.eye(len(S)), lower=True) for S in own]
     whitening = block_diag(*roots, np.diag(1.0 / plans["chainage_sd_m"].to_numpy()[plan_of]))
-    measured = np.concatenate([passages["chainage_m"].to_numpy(), plans["chainage_m"].to_numpy()[plan_of]])
+    passed = passages["chainage_m"].to_numpy() - np.where(is_fix, passages["planned_m"].to_numpy(), 0.0)
+    measured = np.concatenate([passed, plans["chainage_m"].to_numpy()[plan_of]])
     return _Network(
         passages.assign(balise=number),
         list(names),
@@ -239,6 +235,12 @@ def _network(runs: Sequence[BalisePassages], passages: pd.DataFrame, plans: pd.D
         whitening @ A[:, free],
         anchored[:b],
     )
+
+
+def _own_variance(table: pd.DataFrame) -> Array:
+    """Return what passages (m,) add to the covariance of the run, m^2: of reading, and of the place of a fix."""
+    planned = table["planned_m_sd"].where(table["id"] == "", 0.0)
+    return np.asarray(table["reading_m_sd"].to_numpy() ** 2 + planned.to_numpy() ** 2)
 
 
 def _estimated(network: _Network, possible: list[_Error], columns: Array) -> tuple[_Estimate, set[_Error]]:
@@ -260,8 +262,8 @@ def _estimated(network: _Network, possible: list[_Error], columns: Array) -> tup
             return estimate, undecided
         kept.append(int(np.argmax(explained > greatest * (1.0 - _SAME))))
         rivals = np.flatnonzero(explained**2 > greatest**2 - _AS_LIKELY)
-        plans = {possible[i] for i in rivals if possible[i].kind == "plan"}
-        if possible[kept[-1]].kind == "plan" and len(plans) > 1:
+        plans = {possible[i] for i in rivals if possible[i].kind in _OF_PLACES}
+        if possible[kept[-1]].kind in _OF_PLACES and len(plans) > 1:
             undecided |= plans
 
 
@@ -297,9 +299,9 @@ def _table(
     passages, b, m = network.passages, len(network.names), len(network.passages)
     misread = passages.iloc[[error.row for error in estimate.errors if error.kind == "passage"]]
     table = pd.DataFrame({"id": network.names})
-    table["passes"] = passages.groupby("balise").size()
+    table["passes"] = passages.groupby("balise").size().reindex(range(b))
     table["left_out"] = misread.groupby("balise").size().reindex(range(b), fill_value=0)
-    table["runs"] = passages.groupby("balise")["run"].nunique()
+    table["runs"] = passages.groupby("balise")["run"].nunique().reindex(range(b))
     stated = plans.reindex(network.names)
     table["planned_m"], table["planned_m_sd"] = stated["chainage_m"].to_numpy(), stated["chainage_sd_m"].to_numpy()
     place, place_sd = estimate.x[:b], np.sqrt(np.diag(estimate.covariance)[:b])
@@ -321,7 +323,7 @@ def _table(
         if error.kind == "plan":
             verdict[network.plan_of[error.row - m]] = word
     table["verdict"] = verdict
-    table = table[~table["id"].str.startswith(_ANONYMOUS)].sort_values("place_m", ignore_index=True)
+    table = table.sort_values("place_m", ignore_index=True)
     return pd.concat([table, _not_passed(plans, network.names)], ignore_index=True)[list(BALISE_COLUMNS)]
 
 
