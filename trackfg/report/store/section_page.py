@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _OLDEST, _NEWEST = (158, 197, 229), (11, 47, 92)
 """Colours of the oldest and the newest run, red, green and blue; those between lie on the line between."""
+_MOST_NAMED = 4
+"""Runs whose names stand beside the chart: more do not fit on a telephone. All are in the table below it."""
 _DAY_STEP = 0.01
 """Accuracy of dates in the chart, days."""
 
@@ -64,11 +66,13 @@ def _overlay(runs: Sequence[RunOverSection], ends_m: tuple[float, float]) -> tup
         return (Text("No run covers this section."),)
     shares = np.linspace(0.0, 1.0, len(runs)) if len(runs) > 1 else np.ones(1)
     colours = {run.label: _colour(float(share)) for run, share in zip(runs, shares, strict=True)}
-    note = (
-        "Each run lies at the chainage that its result gives it, the oldest in pale, the newest in dark blue. "
-        "Click a name to hide it, double-click to see it alone."
-    )
-    return (Drawing(runs_chart(colours, [run.geometry for run in runs], ends_m), note=note),)
+    note = f"Each run lies at the chainage that its result gives it; the older it is, the fainter: {_named(runs)}."
+    chart = runs_chart(colours, [run.geometry for run in runs], ends_m)
+    return (Drawing(replace(chart, legend=len(runs) <= _MOST_NAMED), note=note),)
+
+
+def _named(runs: Sequence[RunOverSection]) -> str:
+    return runs[0].label if len(runs) == 1 else f"from {runs[0].label} to {runs[-1].label}"
 
 
 def _colour(share: float) -> str:
