@@ -17,7 +17,6 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.viewcode",
     "numpydoc",
     "docsite",
 ]
@@ -54,6 +53,8 @@ html_title = "trackfg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_copy_source = False
+html_sidebars = {"gallery": []}
 html_theme_options = {
     "logo": {"text": "trackfg"},
     "navbar_end": ["theme-switcher"],

@@ -70,6 +70,11 @@ def test_the_picture_of_the_architecture_is_that_of_the_code() -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_drawings_are_those_that_the_program_draws() -> None:
+    done = subprocess.run([sys.executable, TOOLS / "drawings.py", "--check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_floors_are_the_longest_way_of_imports(architecture: ModuleType, tmp_path: Path) -> None:
     """a imports b, which imports c late; a imports c too, d for type checkers alone."""
     files = {

@@ -49,8 +49,9 @@ def test_code_is_code(page: Path) -> None:
         tomllib.loads(block)
 
 
-def test_the_worked_example_of_adding_a_factor_runs() -> None:
-    """Its own assertions say what it must find."""
+def test_the_worked_example_of_adding_a_factor_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own assertions say what it must find; its picture goes into a folder of its own."""
+    monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for block in blocks(ROOT / "docs" / "adding-a-factor.md", "python"):
         exec(compile(block, "adding-a-factor.md", "exec"), names)
