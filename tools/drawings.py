@@ -216,7 +216,7 @@ def graph() -> str:
             line([(between, 215), (between, 66)], "soft"),
             text((between + 12, 158), "IMU", "small"), text((between, 240), "wheel", "middle small"),
         ]  # fmt: skip
-    below = {0: "at rest", 1: "fix", 3: "fix", 4: "GNSS"}
+    below = {0: "standstill", 1: "fix", 3: "fix", 4: "GNSS"}
     for i, x in enumerate(xs):
         if i in below:
             parts += [line([(x, 170), (x, 262)]), box((x - 7, 255), 14, 14), text((x, 288), below[i], "middle small")]
