@@ -52,11 +52,13 @@ html_theme = "pydata_sphinx_theme"
 html_title = "trackfg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_show_sourcelink = False
 html_copy_source = False
 html_sidebars = {"gallery": []}
 html_theme_options = {
     "logo": {"text": "trackfg"},
+    "navbar_persistent": ["search-button"],
     "navbar_end": ["theme-switcher"],
     "navbar_align": "left",
     "secondary_sidebar_items": ["page-toc"],

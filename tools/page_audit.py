@@ -49,8 +49,7 @@ def drawn(tab: Page, address: str) -> None:
     """Open a page and wait until its charts are there."""
     tab.goto(address)
     if tab.locator(".chart").count():
-        if tab.query_selector(".chart"):
-            tab.wait_for_selector("html[data-charts=drawn]", timeout=120_000)
+        tab.wait_for_selector("html[data-charts=drawn]", timeout=120_000)
     if tab.locator(".strips").count():
         tab.wait_for_selector(".strips figure", timeout=120_000)
     tab.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")

@@ -16,9 +16,11 @@ _FOLDER = "images/drawings/"
 
 
 def inlined(svg: str, alternative: str) -> str:
-    """Return a drawing as a part of a page, with its text alternative."""
-    body = re.sub(r"<\?xml[^>]*\?>|<title>.*?</title>", "", svg, flags=re.DOTALL).strip()
-    return body.replace("<svg ", f'<svg role="img" aria-label="{escape(alternative)}" ', 1)
+    """Return a drawing as a part of a page, with its text alternative; where it is too wide it can be moved by keys."""
+    title = svg.split("<title>")[1].split("</title>")[0]
+    body = re.sub(r"<title>.*?</title>", "", svg, flags=re.DOTALL).strip()
+    image = body.replace("<svg ", f'<svg role="img" aria-label="{escape(alternative)}" ', 1)
+    return f'<div class="scrolled" role="group" tabindex="0" aria-label="{title}">{image}</div>'
 
 
 def _inline(app: Sphinx, tree: nodes.document, _page: str) -> None:
@@ -27,9 +29,7 @@ def _inline(app: Sphinx, tree: nodes.document, _page: str) -> None:
     for image in list(tree.findall(nodes.image)):
         if image["uri"].startswith(_FOLDER):
             svg = (Path(app.srcdir) / image["uri"]).read_text(encoding="utf-8")
-            image.replace_self(
-                nodes.raw("", f"<div class='scrolled'>{inlined(svg, image['alt'])}</div>", format="html")
-            )
+            image.replace_self(nodes.raw("", inlined(svg, image["alt"]), format="html"))
 
 
 def setup(app: Sphinx) -> None:
