@@ -1,4 +1,5 @@
-// Arguments of the kernels are arrays that Python made: buffers of doubles or 64-bit integers, contiguous in C order.
+// Arguments of the kernels are arrays that Python made: buffers of doubles or 64-bit integers, contiguous in C order, at
+// addresses that a processor reads at once.
 #pragma once
 
 #define Py_LIMITED_API 0x030B0000  // Py_buffer is part of it since Python 3.11: one build serves every later version
@@ -31,6 +32,11 @@ class Array {
         if (!right_type || view_.itemsize != sizeof(Number) || view_.ndim != dimensions) {
             PyErr_Format(PyExc_TypeError, "expected an array of %d dimensions of %s, and not of %d of format '%s'",
                          dimensions, std::is_integral_v<Number> ? "64-bit integers" : "doubles", view_.ndim, format);
+            return;
+        }
+        if (view_.len > 0 && reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(Number) != 0) {
+            PyErr_Format(PyExc_ValueError, "expected an array at an address that is a multiple of %d bytes",
+                         static_cast<int>(alignof(Number)));
             return;
         }
         ok_ = true;

@@ -114,23 +114,25 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
     const Layout at{R.size(1), nav_start, nav, alone.size(1)};
     const std::ptrdiff_t K = at.keyframe, tail = at.tail;
     if (starts.size(0) != n + 1 || widths.size(0) != n + 2 || S.size(0) != n || S.size(1) != K || d.size(0) != n ||
-        d.size(1) != K || R.size(2) != K || tail < 1 || nav_start < 0 || nav < 1 || nav_start + nav > K)
+        d.size(1) != K || R.size(2) != K || tail < 1 || nav_start < 0 || nav < 1 || nav > K - nav_start)
         return refused("keyframes");
     const std::int64_t *start = starts.data(), *width = widths.data() + 1;
     std::ptrdiff_t tallest = 0, widest = at.pair();
     for (std::ptrdiff_t k = -1; k <= n; ++k) {
         const bool inside = k >= 0 && k < n, end_of_chain = k == n && width[k] == 0;
         if (!end_of_chain && (width[k] < at.pair() || (width[k] - at.pair()) % nav != 0)) return refused("widths");
-        if (k >= 0 && width[k] + nav < width[k - 1] && !end_of_chain) return refused("widths of neighbours");
+        if (k >= 0 && width[k] < width[k - 1] - nav && !end_of_chain) return refused("widths of neighbours");
         widest = width[k] > widest ? width[k] : widest;
         if (!inside) continue;
+        if (start[k] < 0 || start[k + 1] < start[k] || start[k + 1] > rows.size(0)) return refused("starts");
+        if (width[k] > rows.size(1) - tail || width[k] > S.size(2) + K - tail + 1) return refused("columns");
         const std::ptrdiff_t tall = start[k + 1] - start[k];
-        if (start[k] < 0 || tall < 0 || start[k + 1] > rows.size(0)) return refused("starts");
-        if (width[k] + tail > rows.size(1) || width[k] - K + tail - 1 > S.size(2)) return refused("columns");
         tallest = tall > tallest ? tall : tallest;
     }
     const std::ptrdiff_t most_left = widest - K;
-    if (left_rows > most_left || left.total() < most_left * (most_left + tail)) return refused("rows left over");
+    if (left_rows < 0 || left_rows > most_left || most_left > left.total() ||
+        left.total() < most_left * (most_left + tail))
+        return refused("rows left over");
     if (alone.size(0) < rows.size(0) + left_rows) return refused("rows alone");
 
     bool determined = true;

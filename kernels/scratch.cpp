@@ -247,6 +247,10 @@ PyObject *spill(PyObject *, PyObject *arguments) {
     int file;
     Py_ssize_t budget, limit;
     if (!PyArg_ParseTuple(arguments, "Oinn", &py_table, &file, &budget, &limit)) return nullptr;
+    if (budget < 0 || limit < 0) {
+        PyErr_SetString(PyExc_ValueError, "expected a budget and a limit of 0 bytes or more");
+        return nullptr;
+    }
     void **table = static_cast<void **>(PyCapsule_GetPointer(py_table, nullptr));
     if (table == nullptr) return nullptr;
     PyObject *before = reinterpret_cast<PyObject *(*)()>(table[GET_HANDLER])();
