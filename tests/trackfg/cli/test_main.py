@@ -43,6 +43,7 @@ COMMANDS = (
     "balises",
     "noise",
     "config",
+    "browse",
 )
 MODULE = [sys.executable, "-m", "trackfg"]
 
