@@ -77,8 +77,13 @@ def line_of_recording(folder: Path, part: KnownLineFile) -> tuple[KnownLine | No
         return None, [*findings, Finding("error", "known-line", message, file=part.file)]
 
 
-def line_written(line: KnownLine, file: str) -> tuple[KnownLineFile, bytes]:
-    """Return how tracks are described and written, as GeoJSON, so that reading gives the same ones."""
+def line_described(line: KnownLine, file: str) -> KnownLineFile:
+    """Return the section of a description that names a ``file`` of tracks, as :func:`line_written` gives it."""
+    return KnownLineFile(file=file, crs=LOCAL if line.is_local else None)
+
+
+def line_written(line: KnownLine) -> bytes:
+    """Return tracks as GeoJSON, so that reading gives the same ones."""
     features: list[dict[str, Any]] = [
         {"type": "Feature", "properties": {"id": its_id}, "geometry": {"type": "LineString", "coordinates": vertices}}
         for its_id, vertices in zip(line.ids, (_longitude_first(line, v) for v in line.vertices), strict=True)
@@ -91,8 +96,7 @@ def line_written(line: KnownLine, file: str) -> tuple[KnownLineFile, bytes]:
     if line.relations == ():  # none of the file's relations is left: tracks must not be joined where they touch
         nowhere = {"netelementA": line.ids[0], "positionOnA": 0, "netelementB": line.ids[0], "positionOnB": 0}
         features.append({"type": "Feature", "properties": nowhere | {"navigability": "none"}, "geometry": None})
-    content = json.dumps({"type": "FeatureCollection", "features": features}).encode()
-    return KnownLineFile(file=file, crs=LOCAL if line.is_local else None), content
+    return json.dumps({"type": "FeatureCollection", "features": features}).encode()
 
 
 def _longitude_first(line: KnownLine, vertices: Array) -> list[list[float]]:

@@ -23,7 +23,7 @@ from trackfg.io.balises import balises_written
 from trackfg.io.description_reader import FILE_NAME, read_description
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
 from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
-from trackfg.io.known_lines import line_written
+from trackfg.io.known_lines import line_described, line_written
 from trackfg.recording.description import KnownLineFile, RecordingDescription, Table, Truth
 from trackfg.recording.model import Recording
 
@@ -92,7 +92,7 @@ def write_recording(
         for file, table in tables.items():
             write_table(table, new / file)
         if recording.known_line is not None:
-            (new / KNOWN_LINE_FILE).write_bytes(line_written(recording.known_line, KNOWN_LINE_FILE)[1])
+            (new / KNOWN_LINE_FILE).write_bytes(line_written(recording.known_line))
         (new / FILE_NAME).write_text(
             tomli_w.dumps(_without_none(_with_tachs_together(description.model_dump()))), encoding="utf-8"
         )
@@ -144,7 +144,7 @@ def _written(recording: Recording, table_format: str) -> tuple[RecordingDescript
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})
     line = recording.known_line
-    changes["known_line"] = None if line is None else line_written(line, KNOWN_LINE_FILE)[0]
+    changes["known_line"] = None if line is None else line_described(line, KNOWN_LINE_FILE)
     changes["balises"] = None
     if recording.balises is not None and description.balises is not None:
         file = f"balises.{table_format}"
