@@ -20,11 +20,12 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path, replaced_folder
 from trackfg.files.parquet import write_parquet
 from trackfg.io.balises import balises_written
-from trackfg.io.description_reader import FILE_NAME, read_description
+from trackfg.io.content import named_files
+from trackfg.io.description_reader import FILE_NAME
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
 from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
 from trackfg.io.known_lines import line_described, line_written
-from trackfg.recording.description import KnownLineFile, RecordingDescription, Table, Truth
+from trackfg.recording.description import RecordingDescription, Truth
 from trackfg.recording.model import Recording
 
 TableFormat = Literal["parquet", "csv"]
@@ -224,10 +225,7 @@ def _refuse_to_destroy(folder: Path, recording: Recording) -> None:
         raise BadInputError(
             f"{folder}: is not a recording and not empty; expected a folder that is free or a recording"
         )
-    parts = read_description(folder).parts.values()
-    own = {FILE_NAME} | {file for part in parts if isinstance(part, Table | KnownLineFile) for file in part.files}
-    own |= {part.geometry for part in parts if isinstance(part, Truth) and part.geometry is not None}
-    if foreign := sorted(names - own):
+    if foreign := sorted(names.difference(named_files(folder))):
         raise BadInputError(
             f"{folder}: holds files of others ({', '.join(foreign[:5])}); expected nothing but a recording"
         )
