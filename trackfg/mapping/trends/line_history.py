@@ -1,4 +1,4 @@
-"""What runs say of every 200 m of a line over time, from their results alone: no map is needed.
+"""The standard deviations of each 200 m of a line over time come from the runs' results alone: no map is needed.
 
 Each run's geometry becomes standard deviations over sections (:func:`trackfg.mapping.trends.series.section_series`);
 those of all runs of a line are a series, whose drift is fitted as that of cells. Sections are 200 m long, so that
@@ -36,7 +36,7 @@ def sections_of_run(geometry: pd.DataFrame, run: str, date: datetime, summary: S
 
 
 def joined(runs: Sequence[Series]) -> Series:
-    """Return the series of several runs' sections, in the order of their dates; NaN where a run was not."""
+    """Return the series of several runs' sections, in the order of their dates; NaN where a run has none."""
     by_date = sorted(runs, key=lambda run: run.dates[0])
     places = np.unique(np.concatenate([run.chainage_m for run in by_date]))
     value, sd = ({name: np.full((len(by_date), places.size), np.nan) for name in QUANTITIES} for _ in range(2))

@@ -1,4 +1,4 @@
-"""What differs between runs at a place other than by its drift: the sensor that ran there, and the season.
+"""Besides the drift, two things make runs differ at a place: the sensor that ran there, and the season.
 
 Sensors and the vehicles that they are in respond differently to the same track, at one place more than at another, and
 frost and heat move a track back and forth within a year. Both are columns of the drift's model at each place:
@@ -6,7 +6,7 @@ frost and heat move a track back and forth within a year. Both are columns of th
     y_i = ... + o_s(i) + c cos(2 pi t_i / year) + d sin(2 pi t_i / year)
 
 with an offset o of every sensor but the one with most runs, and the season about its mean over a year. A column is
-there where the runs at a place tell it from drift and steps, and nowhere else.
+there where the runs at a place distinguish it from drift and steps, and nowhere else.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 
 FEWEST_TIMES = 3
-"""Different times of a sensor's runs, and of the others', from which its offset is told from the drift: each then shows
-the drift by itself, with one to spare."""
+"""Different times of a sensor's runs, and of the others', from which its offset is distinguished from the drift: each
+then shows the drift by itself, with one to spare."""
 
 YEAR_DAYS = 365.25
 
 FEWEST_YEARS = 2.0
-"""Years from which a season is told from a drift: over one year the sine of a season and a line have a correlation of
-0.78, over two one of 0.39."""
+"""Years from which a season is distinguished from a drift: over one year the sine of a season and a line have a
+correlation of 0.78, over two one of 0.39."""
 
 FEWEST_IN_SEASONS = 8
 """Different times from which there is a season: twice the four numbers of a drift and a season."""
@@ -45,26 +45,29 @@ def different_times(t: Array, known: np.ndarray) -> Array:
 
 def _of_sensors(t: Array, sensors: np.ndarray, known: np.ndarray) -> list[Array]:
     names, runs = np.unique(sensors, return_counts=True)
-    of_reference = known & (sensors == names[runs.argmax()])[:, None]
+    reference = names[runs.argmax()]
+    of_reference = known & (sensors == reference)[:, None]
     first, last = _ends(t, of_reference)
+    has_reference = different_times(t, of_reference) >= FEWEST_TIMES
     columns = []
-    for name in np.delete(names, runs.argmax()):
+    for name in names[names != reference]:
         own = known & (sensors == name)[:, None]
         own_first, own_last = _ends(t, own)
-        # A sensor that only took another's place cannot be told from work on the track at that time.
-        told = (own_first < last) & (own_last > first)
-        for of_one in (own, of_reference):
-            told &= different_times(t, of_one) >= FEWEST_TIMES
-        if told.any():
-            columns.append(np.where(told, sensors[:, None] == name, 0.0))
+        # A sensor that only took another's place cannot be distinguished from work on the track at that time.
+        overlaps = (own_first < last) & (own_last > first)
+        observable = overlaps & has_reference & (different_times(t, own) >= FEWEST_TIMES)
+        if observable.any():
+            columns.append(np.where(observable, sensors[:, None] == name, 0.0))
     return columns
 
 
 def _of_seasons(t: Array, known: np.ndarray) -> list[Array]:
     first, last = _ends(t, known)
-    told = (last - first >= FEWEST_YEARS * YEAR_DAYS) & (different_times(t, known) >= FEWEST_IN_SEASONS)
+    observable = (last - first >= FEWEST_YEARS * YEAR_DAYS) & (different_times(t, known) >= FEWEST_IN_SEASONS)
+    if not observable.any():
+        return []
     angle = 2.0 * np.pi * t / YEAR_DAYS
-    return [np.outer(wave, told).astype(np.float64) for wave in (np.cos(angle), np.sin(angle))] if told.any() else []
+    return [np.outer(wave, observable).astype(np.float64) for wave in (np.cos(angle), np.sin(angle))]
 
 
 def _ends(t: Array, known: np.ndarray) -> tuple[Array, Array]:
