@@ -180,10 +180,7 @@ def build_problem(
     """
     data = data or intervals(recording)
     if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:
-        raise UnsolvableError(
-            f"the IMU record has {len(recording.imu)} samples over {data.edges[-1] - data.edges[0]:.3g} s: "
-            "at least 10 samples and 0.5 s are needed"
-        )
+        raise too_short(recording, data.edges[-1] - data.edges[0])
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
     if wheel is not None and steps:
@@ -233,6 +230,15 @@ def build_problem(
         clock_origin=inputs.clock_origin,
         response=inputs.response,
         imu_grade=imu_grade(path, description.imu.noise),
+    )
+
+
+def too_short(recording: Recording, seconds: float) -> UnsolvableError:
+    """Return the error of a recording whose IMU has too few samples for a graph, with what was dropped of them."""
+    dropped = "".join(f"; {finding.message}" for finding in recording.findings if finding.code == "imu-rows-dropped")
+    return UnsolvableError(
+        f"the IMU record has {len(recording.imu)} samples over {seconds:.3g} s: "
+        f"at least 10 samples and 0.5 s are needed{dropped}"
     )
 
 

@@ -22,7 +22,7 @@ from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
 from trackfg.factors.states import Kind
 from trackfg.graph.balise_ties import with_balise_ties
-from trackfg.graph.build import Problem, build_problem
+from trackfg.graph.build import Problem, build_problem, too_short
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
@@ -161,7 +161,10 @@ def smooth(
     300
     """
     config, limits = config or SmoothConfig(), limits or CheckLimits()
-    measured, correction = corrected_tach(without_imu_clock_jumps(without_imu_faults(recording, limits)))
+    sound = without_imu_faults(recording, limits)
+    if sound.imu.empty:
+        raise too_short(sound, 0.0)
+    measured, correction = corrected_tach(without_imu_clock_jumps(sound))
     measured = with_gnss_in_time(measured)
     anchored = with_balise_fixes(measured)
     smoothed = smooth_states(

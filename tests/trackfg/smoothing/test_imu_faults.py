@@ -12,6 +12,7 @@ from trackfg import smooth
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.datasets.scenarios import simulate
+from trackfg.errors import UnsolvableError
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 
@@ -52,6 +53,14 @@ def test_a_stuck_gyro_does_not_turn_the_vehicle(run: Any) -> None:
     for name in ("roll_rad", "pitch_rad", "speed_mps"):
         error = result.trajectory[name] - np.interp(result.trajectory["t_s"], run.truth["t_s"], run.truth[name])
         assert (np.abs(error) < 5.0 * result.trajectory[f"{name}_sd"]).all(), name
+
+
+def test_an_imu_without_rows_is_refused_with_the_reason(run: Any) -> None:
+    recording = run.recording
+    with pytest.raises(UnsolvableError, match=r"^the IMU record has 0 samples over 0 s: at least 10 .* are needed$"):
+        smooth(replace(recording, imu=recording.imu.iloc[:0]))
+    with pytest.raises(UnsolvableError, match=r"are needed; 60 rows not used, .*: fx_mps2 show values beyond"):
+        smooth(replace(recording, imu=recording.imu.iloc[:60].assign(fx_mps2=1e4)))
 
 
 def test_a_sound_recording_stays_as_it_is(run: Any) -> None:
