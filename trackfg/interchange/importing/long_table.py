@@ -31,15 +31,15 @@ def wide_tables(table: SourceTable, time: str | None) -> list[SourceTable]:
     signal, value, unit = (_named(table, pattern) for pattern in (_SIGNAL, _VALUE, _UNIT))
     if time is None or signal is None or value is None:
         return [table]
-    frame = table.frame
-    number, names = pd.factorize(frame[signal].astype("string").str.strip())
-    if not 1 < len(names) <= min(_MOST_SIGNALS, len(frame) // 2):
+    rows = table.frame[table.frame[signal].notna()]
+    number, names = pd.factorize(rows[signal].astype("string").str.strip())
+    if not 1 < len(names) <= min(_MOST_SIGNALS, len(table.frame) // 2):
         return [table]
-    numbers = SourceTable(table.name, frame.loc[number >= 0, [value]], first_row=table.first_row).numbers(value)
-    order = np.argsort(number[number >= 0], kind="stable")
-    ends = np.cumsum(np.bincount(number[number >= 0]))[:-1]
-    times = frame.loc[number >= 0, time].to_numpy()[order]
-    units = {} if unit is None else frame.drop_duplicates(signal).set_index(signal)[unit].dropna().to_dict()
+    numbers = SourceTable(table.name, rows[[value]], first_row=table.first_row).numbers(value)
+    order = np.argsort(number, kind="stable")
+    ends = np.cumsum(np.bincount(number))[:-1]
+    times = rows[time].to_numpy()[order]
+    units = {} if unit is None else rows.drop_duplicates(signal).set_index(signal)[unit].dropna().to_dict()
     made: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
     for name, t, values in zip(names, np.split(times, ends), np.split(numbers[order], ends), strict=True):
         same = next((columns for before, columns in made if np.array_equal(before, t)), None)
