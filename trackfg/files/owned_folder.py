@@ -98,7 +98,7 @@ class FolderKind:
 
 
 def _opened(folder: Path) -> int | None:
-    """Return the open folder, which stays the same one whatever happens to its name; None on platforms without."""
+    """Return the open folder, which stays the same one whatever happens to its name; None where none can be opened."""
     if os.open not in os.supports_dir_fd:
         folder.lstat()
         return None

@@ -24,8 +24,8 @@ modules (0.25 GB), small arrays, what the heap loses between arrays, and pages o
 def bounded_memory(limit_bytes: int, folder: Path) -> Iterator[None]:
     """Keep the process's memory at about ``limit_bytes`` by arrays in a file of ``folder``.
 
-    It holds for arrays that the calling thread makes inside the ``with``, by compiled kernels and under Linux;
-    elsewhere nothing happens, as where there can be no such file. The file has no name, so that nothing is left of it
+    It holds for arrays that the calling thread makes inside the ``with``, by compiled kernels and under Linux.
+    Elsewhere, and where no such file can be made, nothing happens. The file has no name, so that nothing is left of it
     however the process ends; where the disk is full, arrays stay in memory.
 
     Parameters

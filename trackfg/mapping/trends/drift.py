@@ -69,7 +69,7 @@ def drift(
     """Fit the drift of values ``y`` (n, m) with sigmas ``sd`` at ascending times ``t`` (n,); NaN: not known.
 
     ``threshold``: sigmas from which a step or an outlier is one, for all or for each value (n, m). ``at``: time of the
-    value, the last if None. ``offsets``: further columns (n, m, k), which are not in the value.
+    value, the last if None. ``offsets``: further columns (n, m, k), whose effect the value leaves out.
 
     Places with fewer values than :data:`FEWEST_RUNS` at different times get NaN. Raises ``ValueError`` for times that
     fall.
