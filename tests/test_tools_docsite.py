@@ -50,6 +50,14 @@ def test_the_glossary_has_the_terms_of_concepts(module: ModuleType) -> None:
     assert list(terms) == sorted(terms, key=str.casefold)
 
 
+@of("docsite.signatures")
+def test_signatures_are_lists_and_other_definition_lists_stay(module: ModuleType) -> None:
+    signature = "(\n\n<dl>\n<dd><em>a</em>,</dd>\n<dd><em>b</em>,</dd>\n</dl>\n\n)"
+    terms = "<dl>\n<dt>a</dt>\n<dd>b</dd>\n</dl>\n"
+    listed = '(\n\n<ul class="parameters">\n<li><em>a</em>,</li>\n<li><em>b</em>,</li>\n</ul>\n\n)'
+    assert module.with_lists(signature + terms) == listed + terms
+
+
 @of("docsite.tutorials")
 def test_outputs_stand_beneath_their_blocks(
     module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
