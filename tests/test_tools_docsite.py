@@ -58,6 +58,12 @@ def test_signatures_are_lists_and_other_definition_lists_stay(module: ModuleType
     assert module.with_lists(signature + terms) == listed + terms
 
 
+@of("docsite.constants")
+def test_an_exported_constant_has_the_docstring_of_its_definition(module: ModuleType) -> None:
+    importlib.import_module("trackfg.curves")
+    assert module.docstring_of("trackfg.curves.CURVE_COLUMNS")[0] == "Columns of :func:`curve_table`."
+
+
 @of("docsite.tutorials")
 def test_outputs_stand_beneath_their_blocks(
     module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

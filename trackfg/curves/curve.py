@@ -21,6 +21,7 @@ CurveKind = Literal["simple", "compound part", "reverse part", "compound and rev
 CurveLaw = TransitionLaw | Literal["none", "unseen"]
 
 POINTS = ("btc_m", "bcc_m", "ecc_m", "etc_m")
+"""The points of a curve by chainage, m: where the transition in begins and ends, and where the one out does."""
 QUANTITIES = (*POINTS, "curvature_1pm", "cant_mm")
 """What :attr:`Curve.covariance` refers to, in this order."""
 
