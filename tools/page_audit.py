@@ -24,6 +24,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 WIDTHS = (1400, 800, 390)
 SCHEMES = ("light", "dark")
 AXE_VERSION = "4.14.1"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 OPERATED = "a[href], button, input, select, textarea, summary, [tabindex='0']"
 """What a page has for its user to operate. Of radio buttons of one name Tab reaches one; arrows reach the others."""
@@ -45,6 +46,11 @@ def axe_core(folder: Path) -> str:
     return (folder / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
 
 
+def chromium() -> str | None:
+    """Return the path of a browser, if there is one."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
 def drawn(tab: Page, address: str) -> None:
     """Open a page and wait until its charts are there."""
     tab.goto(address)
@@ -54,6 +60,12 @@ def drawn(tab: Page, address: str) -> None:
         tab.wait_for_selector(".strips figure", timeout=120_000)
     tab.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     tab.wait_for_function("document.querySelectorAll('.chart:not([data-drawn])').length === 0")
+
+
+def too_wide(tab: Page, width: int) -> list[str]:
+    """Return how wide a page is, px, if that is more than the window."""
+    wide = tab.evaluate("document.documentElement.scrollWidth")
+    return [f"is {wide} px wide"] if wide > width else []
 
 
 def unreached(tab: Page) -> list[str]:
@@ -77,8 +89,7 @@ def faults(browser: Browser, address: str, axe: str, width: int, scheme: str) ->
             for rule in rules
         ]
         found += [f"Tab does not reach {one}" for one in unreached(tab)]
-        wide = tab.evaluate("document.documentElement.scrollWidth")
-        return found + ([f"is {wide} px wide"] if wide > width else [])
+        return found + too_wide(tab, width)
     finally:
         context.close()
 
@@ -89,12 +100,12 @@ def main() -> int:
     parser.add_argument("pages", nargs="+", metavar="PAGE", help="a file, or the address of a page that is served")
     parser.add_argument("--axe", type=Path, metavar="FILE", help="axe.min.js, instead of npm's")
     asked = parser.parse_args()
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if chromium is None:
-        parser.error("no browser: expected chromium, chromium-browser or google-chrome")
+    program = chromium()
+    if program is None:
+        parser.error(f"no browser: expected one of {', '.join(BROWSERS)}")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         axe = asked.axe.read_text(encoding="utf-8") if asked.axe else axe_core(Path(folder))
-        browser = playwright.chromium.launch(executable_path=chromium)
+        browser = playwright.chromium.launch(executable_path=program)
         bad = 0
         for page, width, scheme in itertools.product(asked.pages, WIDTHS, SCHEMES):
             address = page if page.startswith("http://") else Path(page).resolve().as_uri()

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from page_audit import WIDTHS, drawn
+from page_audit import WIDTHS, chromium, drawn, too_wide
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 
 from first_hour.walk import Step
 
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _LOCAL = ("file:", "data:", "blob:")
 """Beginnings of addresses that need no network."""
 _HEIGHT = 900
@@ -24,7 +22,7 @@ def looked_at(folder: Path, pictures: Path) -> Iterator[Step]:
 
     A page has failed where its scripts do, where it asks a network for anything, or is wider than the window.
     """
-    program = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    program = chromium()
     if program is None:
         yield Step("pages", "are opened in Chromium", needs="a browser")
         return
@@ -46,9 +44,7 @@ def _views(browser: Browser, page: Path, pictures: Path, name: str) -> Iterator[
         try:
             drawn(tab, page.resolve().as_uri())
             tab.screenshot(path=f"{picture}-{width}.png", full_page=True)
-            wide = tab.evaluate("document.documentElement.scrollWidth")
-            if wide > width:
-                wrong.append(f"is {wide} px wide")
+            wrong += too_wide(tab, width)
             if width == WIDTHS[0]:
                 tab.pdf(path=f"{picture}.pdf", format="A4", prefer_css_page_size=True)
         except Error as error:
