@@ -1,4 +1,4 @@
-"""Sphinx makes a site of these pages: ``make docs``, or ``sphinx-build -W docs build/site``. No network is used."""
+"""Sphinx makes a site of these pages: ``make docs``, or ``sphinx-build -W docs build/docs``. No network is used."""
 
 import os
 import sys

@@ -8,8 +8,8 @@ can build the same bytes again; the second build proves it. One wheel has the co
 all other machines, which need no compiler then. ``twine check`` reads their metadata. Each wheel is then installed with
 its required dependencies alone into an empty environment, where a simulated minute is smoothed, and what the first
 environment holds is written beside the files as a software bill of materials (CycloneDX). The compiled one is tried
-with every further ``--interpreter`` too. It needs the extra
-``release``, a C++ compiler and a network. The tag and the upload are the maintainer's.
+with every further ``--interpreter`` too. This program needs the extra ``release``, a C++ compiler and a network. The
+tag and the upload are the maintainer's.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def try_wheel(wheel: Path, folder: Path, kernels: str, interpreter: str = sys.ex
     ):
         run(python, "-m", "trackfg", *command.split(), cwd=folder)
     if run(python, "-c", KERNELS, cwd=folder) != kernels:
-        raise SystemExit(f"{wheel.name}: expected the kernels of {kernels} to be in use")
+        raise SystemExit(f"{wheel.name}: expected {kernels} kernels to be in use")
     return python
 
 
