@@ -40,7 +40,7 @@ _SUMMARIES: dict[str, str] = tomllib.loads(Path(__file__).with_name("summaries.t
 
 
 def scenarios() -> dict[str, Scenario]:
-    """All scenarios by name."""
+    """Return all scenarios by name."""
     return {scenario.name: scenario for scenario in _all()}
 
 
