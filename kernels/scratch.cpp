@@ -1,6 +1,6 @@
 // Arrays beyond a budget lie in a scratch file instead of the heap, so that the memory of a long run is bounded.
 //
-// numpy takes the memory of arrays from a handler (NEP 49), here one that gives what earlier handlers give until large
+// numpy takes the memory of arrays from a handler (NEP 49), here one that gives what numpy's own gives until large
 // arrays hold `budget` bytes, and from then on places in a file that is mapped into memory. The kernel writes its pages
 // and reads them again as they are needed. A thread watches what the process holds in memory, and where that comes
 // near the limit, lets go of the file's pages: what is in them stays in the file. Values do not depend on any of this.
@@ -18,6 +18,7 @@
 #include <condition_variable>
 #include <map>
 #include <mutex>
+#include <system_error>
 #include <thread>
 
 namespace {
@@ -34,6 +35,7 @@ struct Handler {
     void (*give)(void *, void *, std::size_t);
 };
 constexpr char HANDLER_NAME[] = "mem_handler";
+constexpr char NUMPYS_OWN[] = "default_allocator";  // numpy's own handler, whose memory is malloc's
 constexpr int SET_HANDLER = 304, GET_HANDLER = 305;
 
 constexpr std::size_t LARGE = std::size_t{1} << 20;      // bytes of an array that may lie in the file: 256 pages
@@ -61,13 +63,18 @@ class ScratchFile {
         close(statm_);
     }
 
+    // Whether this is a copy that a forked process has. It has neither the mapping nor the thread that watches.
+    bool forked() const { return getpid() != process_; }
+
     bool holds(const void *place) const {
         const char *base = base_.load(), *at = static_cast<const char *>(place);
-        return base != nullptr && at >= base && at < base + RESERVED;
+        if (base == nullptr || at < base || at >= base + RESERVED) return false;
+        return !forked() || places_.count(at - base) != 0;  // a forked process may use these addresses otherwise
     }
 
     // A place of so many bytes, from the first gap that is long enough; null where the file cannot grow.
     void *take(std::size_t bytes) {
+        if (forked()) return nullptr;
         const std::size_t length = (bytes + PAGE - 1) / PAGE * PAGE;
         const std::lock_guard<std::mutex> lock(mutex_);
         let_go();
@@ -90,6 +97,7 @@ class ScratchFile {
     }
 
     void give(void *place) {
+        if (forked()) return;
         const std::lock_guard<std::mutex> lock(mutex_);
         const auto own = places_.find(static_cast<char *>(place) - base_);
         add_gap(own->first, own->second);
@@ -116,7 +124,10 @@ class ScratchFile {
             if (mapped == MAP_FAILED) return false;
             madvise(mapped, RESERVED, MADV_DONTFORK);  // a child process would write into its parent's arrays
             base_ = static_cast<char *>(mapped);
-            watch_ = std::thread(&ScratchFile::watch, this);
+            try {
+                watch_ = std::thread(&ScratchFile::watch, this);
+            } catch (const std::system_error &) {  // no more threads are allowed: take() lets go of pages alone
+            }
         }
         const auto last = gaps_.empty() ? gaps_.end() : std::prev(gaps_.end());
         const std::size_t there = last != gaps_.end() && last->first + last->second == size_ ? last->second : 0;
@@ -144,6 +155,7 @@ class ScratchFile {
 
     const int file_;
     const std::size_t limit_;
+    const pid_t process_ = getpid();
     const int statm_ = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
     const std::size_t page_ = sysconf(_SC_PAGESIZE);
     std::atomic<char *> base_{nullptr};
@@ -227,6 +239,7 @@ Scratch::Scratch(const Handler *before, PyObject *owner, int descriptor, std::si
 // Every array has a reference to the handler of its memory: with the last of them the file goes.
 void end(PyObject *capsule) {
     auto *own = static_cast<Scratch *>(static_cast<Handler *>(PyCapsule_GetPointer(capsule, HANDLER_NAME))->context);
+    if (own->file.forked()) return;  // waits for a thread that is not there
     PyObject *owner = own->heap_owner;
     delete own;
     Py_DECREF(owner);
@@ -241,7 +254,8 @@ PyObject *set_handler(void **table, PyObject *handler) {
 
 // spill(table, file, budget, limit) -> handler: from now on this context's arrays beyond `budget` bytes of large ones
 // lie in the file (a descriptor, which is duplicated), and of that no more in memory than the process's `limit` allows.
-// `table` is numpy's _ARRAY_API; returned is the handler before, for unspill(table, handler).
+// `table` is numpy's _ARRAY_API; returned is the handler before, for unspill(table, handler). Where that is not numpy's
+// own, nothing happens and None is returned: the length of what another handler gave cannot be asked for.
 PyObject *spill(PyObject *, PyObject *arguments) {
     PyObject *py_table;
     int file;
@@ -256,10 +270,15 @@ PyObject *spill(PyObject *, PyObject *arguments) {
     PyObject *before = reinterpret_cast<PyObject *(*)()>(table[GET_HANDLER])();
     if (before == nullptr) return nullptr;
     const auto *heap = static_cast<const Handler *>(PyCapsule_GetPointer(before, HANDLER_NAME));
-    const int own_file = heap == nullptr ? -1 : fcntl(file, F_DUPFD_CLOEXEC, 0);
+    if (heap == nullptr || std::strcmp(heap->name, NUMPYS_OWN) != 0) {
+        Py_DECREF(before);
+        if (heap == nullptr) return nullptr;
+        Py_RETURN_NONE;
+    }
+    const int own_file = fcntl(file, F_DUPFD_CLOEXEC, 0);
     if (own_file < 0) {
         Py_DECREF(before);
-        return heap == nullptr ? nullptr : PyErr_SetFromErrno(PyExc_OSError);
+        return PyErr_SetFromErrno(PyExc_OSError);
     }
     auto *scratch = new Scratch(heap, before, own_file, budget, limit);
     PyObject *capsule = PyCapsule_New(&scratch->handler, HANDLER_NAME, end);

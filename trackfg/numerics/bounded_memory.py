@@ -28,6 +28,10 @@ def bounded_memory(limit_bytes: int, folder: Path) -> Iterator[None]:
     Elsewhere, and where no such file can be made, nothing happens. The file has no name, so that nothing is left of it
     however the process ends; where the disk is full, arrays stay in memory.
 
+    A ``with`` inside another changes nothing: the outer limit holds. Nothing happens either where another library has
+    set numpy's memory handler. A forked process makes its own arrays in memory, but cannot read its parent's in the
+    file; a spawned one has no part in this.
+
     Parameters
     ----------
     limit_bytes

@@ -32,6 +32,38 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 """
 """Makes 0.8 GB of arrays, reads them all, and prints its peak memory, kB."""
 
+_FORK = """
+import os
+import sys
+from pathlib import Path
+import numpy as np
+from trackfg.numerics.bounded_memory import bounded_memory
+
+with bounded_memory(1, Path(sys.argv[1])):
+    column = np.arange(1_000_000.0)
+    child = os.fork()
+    if child == 0:
+        assert np.arange(1_000_000.0).sum() == 499_999_500_000.0
+        del column
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    assert column.sum() == 499_999_500_000.0
+"""
+"""Makes an array in a forked process, which frees its parent's array, too."""
+
+_NESTED = """
+import sys
+from pathlib import Path
+import numpy as np
+from trackfg.numerics.bounded_memory import bounded_memory
+
+with bounded_memory(1, Path(sys.argv[1])):
+    with bounded_memory(1_000_000_000, Path(sys.argv[1])):
+        columns = [np.ones(2**17) for _ in range(3)]  # whole places, one next to the other
+    assert sum(column.sum() for column in columns) == 3 * 2**17
+"""
+"""Makes arrays in the file of the outer of two limits."""
+
 
 @in_file
 def test_memory_is_bounded_and_nothing_is_left(tmp_path: Path) -> None:
@@ -64,6 +96,14 @@ def test_arrays_outlive_the_limit(tmp_path: Path) -> None:
     column.resize(100, refcheck=False)
     assert column.sum() == 4950.0
     assert grown[:500_000].sum() == grown.sum() == 124_999_750_000.0
+
+
+@in_file
+@pytest.mark.parametrize("program", [_FORK, _NESTED], ids=["forked", "nested"])
+def test_a_forked_process_and_a_limit_inside_another_do_no_harm(program: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-W", "ignore", "-c", program, str(tmp_path)]
+    run = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
 
 
 @in_file
