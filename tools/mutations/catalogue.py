@@ -594,6 +594,16 @@ _SENSORS = (
         ),
     ),
     Part(
+        "trackfg/smoothing/doubts/path_doubts.py",
+        ("tests/trackfg/smoothing/doubts/test_path_doubts.py",),
+        (_one("a body on springs is as good as a rigid one", "level < _ON_SPRINGS", "level < 1e3 * _ON_SPRINGS"),),
+    ),
+    Part(
+        "trackfg/results/widening.py",
+        ("tests/trackfg/results/test_verdict.py",),
+        (_one("a height is as good as the position in plan", '"up_m": "height"', '"up_m": "position"'),),
+    ),
+    Part(
         "trackfg/sensors/displacement.py",
         ("tests/trackfg/sensors/test_displacement.py",),
         (
@@ -612,8 +622,15 @@ _SENSORS = (
     ),
     Part(
         "trackfg/sensors/tach_rests.py",
-        ("tests/trackfg/sensors/test_standstills.py", "tests/trackfg/sensors/test_rests_of_any_ride.py"),
-        (_one("whatever does not turn the wheel is at rest", "< _LAST_SECOND_M)", "< 1e3 * _LAST_SECOND_M)"),),
+        (
+            "tests/trackfg/sensors/test_tach_rests.py",
+            "tests/trackfg/sensors/test_standstills.py",
+            "tests/trackfg/sensors/test_rests_of_any_ride.py",
+        ),
+        (
+            _one("whatever does not turn the wheel is at rest", "< _LAST_SECOND_M)", "< 1e3 * _LAST_SECOND_M)"),
+            _one("a speed in steps is zero only at rest", "x = 1.5 * (np.sqrt", "x = 1e3 + 1.5 * (np.sqrt"),
+        ),
     ),
     Part(
         "trackfg/sensors/averages.py",
