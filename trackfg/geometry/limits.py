@@ -129,7 +129,7 @@ class _LimitFile(BaseModel):
 
 
 def read_limits(path: Path | str) -> tuple[Limit, ...]:
-    """Read the limits of a TOML file; those whose ``value_mm`` is nan were left open in a template, and left out.
+    """Read the limits of a TOML file, without the entries of a template whose ``value_mm`` is still nan.
 
     Raises ``BadInputError`` that names file, entry, key and what was expected.
     """

@@ -47,7 +47,8 @@ _MARGIN_S = 1.5
 """A gentle start takes this long to show where only the inertial sensor tells, s: trimmed from both ends."""
 
 _FEWEST_BLOCKS = 6
-"""Blocks from which on the median of a rest is that of a rest, whatever its two blocks at either end are."""
+"""A rest of so many blocks has the median force of a standstill, even if the vehicle brakes in the first two of them
+and starts in the last two."""
 
 _QUIET_RATIO = 5.0
 """A block whose scatter is this many times that of the quietest fifth of its candidate is not at rest: a knock."""
@@ -174,9 +175,9 @@ class _Blocks:
     def at_rest(self, first: int, end: int) -> Span:
         """Return the span, s, of the blocks from ``first`` to before ``end`` without what begins to move at its ends.
 
-        The speed gained since two blocks before either end, by the force beyond that of all of them, is noise up to
-        :data:`_SIGMAS`. Beyond, the vehicle moves, and began to within a block before: at the limit of a usual noise
-        it has gained 1 cm/s, with a jerk of 0.5 m/s^3 in 0.2 s.
+        The force beyond the median is summed over the last two blocks towards either end, which gives the speed that
+        the vehicle gains there. Up to :data:`_SIGMAS` that is noise. Beyond, the vehicle moves, and began to move
+        within the block before: at the limit of a usual noise it has gained 1 cm/s, with a jerk of 0.5 m/s^3 in 0.2 s.
         """
         begin, stop = float(self.edges[first]), float(self.edges[end])
         if end - first < _FEWEST_BLOCKS:
