@@ -26,7 +26,7 @@ def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
         for heading in ("limit", "class", "why"):
             table.add_column(heading, overflow="fold")
         for (quantity, reason), levels in judgement.not_judged_levels().items():
-            table.add_row(Text(quantity), Text(", ".join(levels)), Text(reason))
+            table.add_row(Text(quantity), Text(levels), Text(reason))
         yield table
 
 

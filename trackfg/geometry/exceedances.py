@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from trackfg.errors import BadInputError
 from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense
 from trackfg.geometry.judged_quantities import ColumnLengths, JudgedQuantity, quantities, step_of
-from trackfg.geometry.limits import Limit
+from trackfg.geometry.limits import Limit, listed_levels
 from trackfg.geometry.statistics import peaks, section_statistics
 from trackfg.numerics.arrays import Array
 
@@ -51,12 +51,12 @@ class Judgement:
     found: pd.DataFrame
     not_judged: tuple[tuple[Limit, str], ...]
 
-    def not_judged_levels(self) -> dict[tuple[str, str], list[str]]:
-        """Group the limits that were not judged: (quantity, reason) to the levels that it concerns."""
-        levels: dict[tuple[str, str], list[str]] = {}
+    def not_judged_levels(self) -> dict[tuple[str, str], str]:
+        """Group the limits that were not judged: (quantity, reason) to the levels that it concerns, as one text."""
+        limits: dict[tuple[str, str], list[Limit]] = {}
         for limit, reason in self.not_judged:
-            levels.setdefault((limit.quantity, reason), []).append(limit.level)
-        return levels
+            limits.setdefault((limit.quantity, reason), []).append(limit)
+        return {key: listed_levels(group) for key, group in limits.items()}
 
 
 def exceedances(

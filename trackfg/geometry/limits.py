@@ -167,9 +167,14 @@ def at_level(limits: Iterable[Limit], level: str) -> tuple[Limit, ...]:
     limits = tuple(limits)
     chosen = tuple(limit for limit in limits if limit.level == level)
     if not chosen:
-        known = ", ".join(dict.fromkeys(limit.level for limit in limits))
-        raise BadInputError(f"no limits of level {level!r}; expected one of {known}")
+        raise BadInputError(f"no limits of level {level!r}; expected one of {listed_levels(limits)}")
     return chosen
+
+
+def listed_levels(limits: Iterable[Limit]) -> str:
+    """Return each level of limits once, in their order, as one text; a name that has a comma stands in quotes."""
+    levels = dict.fromkeys(limit.level for limit in limits)
+    return ", ".join(repr(level) if "," in level else level for level in levels)
 
 
 def at_line_speed(limits: Iterable[Limit], line_speed_kmh: float | None) -> tuple[Limit, ...]:

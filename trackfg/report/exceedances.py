@@ -53,8 +53,7 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
         blocks.append(Text(note, "note"))
     if judgement.not_judged:
         rows = tuple(
-            TableRow((quantity, ", ".join(levels), reason))
-            for (quantity, reason), levels in judgement.not_judged_levels().items()
+            TableRow((quantity, levels, reason)) for (quantity, reason), levels in judgement.not_judged_levels().items()
         )
         blocks.append(Fold("Limits that were not judged", (PageTable(("limit", "class", "why"), rows),)))
     return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks))

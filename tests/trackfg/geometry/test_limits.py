@@ -85,6 +85,8 @@ def test_a_level_is_chosen_by_name() -> None:
     assert {limit.level for limit in at_level(cfr_213(), "class 4")} == {"class 4"}
     with pytest.raises(BadInputError, match=r"no limits of level 'class 10'; expected one of class 1, class 2"):
         at_level(cfr_213(), "class 10")
+    with pytest.raises(BadInputError, match=r"class 5, 'class 1, cant deficiency above 5 in', 'class 2, "):
+        at_level(cfr_213(), "class 11")
 
 
 def test_a_users_table_is_read(tmp_path: Path) -> None:
