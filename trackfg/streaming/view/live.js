@@ -5,10 +5,12 @@ const NS = "http://www.w3.org/2000/svg";
 const KEPT = { time: 1200, place: 2000 };
 const SHOWN_EVENTS = 100;
 const LEFT = 58, RIGHT = 6, TOP = 6, BOTTOM = 18, HEIGHT = 92;
+// Column, label, factor; for a logarithmic axis its range: less is drawn at its end, and more, such as the 100 km of a
+// chainage before the first fix, is not known and not drawn.
 const STRIPS = {
   time: [
     ["speed_mps", "Speed, km/h", 3.6],
-    ["chainage_m_sd", "1-sigma of the chainage, m", 1],
+    ["chainage_m_sd", "1-sigma of the chainage, m (logarithmic)", 1, [0.01, 1e4]],
     ["roll_rad", "Roll, deg", 180 / Math.PI],
     ["delay_s", "Delay from the newest row to its estimate, s", 1],
   ],
@@ -77,9 +79,11 @@ function element(name, attributes, text) {
   return made;
 }
 
-function strip(part, [name, label, scale]) {
+function strip(part, [name, label, scale, range]) {
   const columns = data.columns[part], at = columns.indexOf(name), sd = columns.indexOf(name + "_sd");
-  const points = data[part].filter((row) => row[at] !== null).map((row) => [row[0], scale * row[at], sd < 0 ? 0 : 1.96 * scale * (row[sd] || 0)]);
+  const height = (value) => (range ? Math.log10(Math.max(value, range[0])) : value);
+  const rows = data[part].filter((row) => row[at] !== null && !(range && scale * row[at] > range[1]));
+  const points = rows.map((row) => [row[0], height(scale * row[at]), sd < 0 ? 0 : 1.96 * scale * (row[sd] || 0)]);
   const id = `strip-${part}-${name}`;
   let figure = byId(id);
   if (points.length < 2) { if (figure) figure.remove(); return; }
@@ -97,6 +101,8 @@ function strip(part, [name, label, scale]) {
   let low = Math.min(...points.map((p) => p[1] - Math.min(p[2], wide)));
   let high = Math.max(...points.map((p) => p[1] + Math.min(p[2], wide)));
   if (high - low < 1e-9) { low -= 0.5; high += 0.5; }
+  const back = (y) => (range ? 10 ** y : y);
+  const written = (value, more) => fixed(value, digitsFor(range ? value : high - low) + more);
   const X = (x) => LEFT + (width - LEFT - RIGHT) * (x - x0) / span;
   const Y = (y) => Math.min(Math.max(TOP + (HEIGHT - TOP - BOTTOM) * (high - y) / (high - low), 0), HEIGHT - BOTTOM + 4);
   const path = (pairs) => pairs.map(([x, y], i) => `${i ? "L" : "M"}${X(x).toFixed(1)} ${Y(y).toFixed(1)}`).join("");
@@ -106,7 +112,7 @@ function strip(part, [name, label, scale]) {
   for (const share of [0, 0.5, 1]) {
     const y = low + share * (high - low);
     svg.append(element("line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: Y(y), y2: Y(y) }));
-    svg.append(element("text", { x: LEFT - 6, y: Y(y) + 4, "text-anchor": "end" }, fixed(y, digitsFor(high - low))));
+    svg.append(element("text", { x: LEFT - 6, y: Y(y) + 4, "text-anchor": "end" }, written(back(y), 0)));
   }
   for (const [share, anchor] of [[0, "start"], [0.5, "middle"], [1, "end"]]) {
     const x = x0 + share * span;
@@ -119,10 +125,9 @@ function strip(part, [name, label, scale]) {
     }
     svg.append(element("path", { class: "curve", d: path(run) }));
   }
-  const last = points[points.length - 1], digits = digitsFor(high - low) + 1;
-  const text = `${label}: ${last[1].toFixed(digits)}${sd < 0 ? "" : ` ± ${last[2].toFixed(digits)} (95 %)`}`;
+  const text = `${label}: ${written(scale * rows.at(-1)[at], 1)}${sd < 0 ? "" : ` ± ${written(points.at(-1)[2], 1)} (95 %)`}`;
   figure.querySelector("figcaption").textContent = text;
-  svg.setAttribute("aria-label", `${text}; from ${low.toFixed(digits)} to ${high.toFixed(digits)} between ${x0.toFixed(0)} and ${x1.toFixed(0)} ${part === "time" ? "s" : "m"}`);
+  svg.setAttribute("aria-label", `${text}; from ${written(back(low), 1)} to ${written(back(high), 1)} between ${x0.toFixed(0)} and ${x1.toFixed(0)} ${part === "time" ? "s" : "m"}`);
 }
 
 // Pieces without a hole: a gap of more than ten steps is not bridged.

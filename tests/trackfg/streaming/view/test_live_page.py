@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,24 @@ def test_a_browser_shows_the_stream_and_finds_it_again(browser: Any, steps: list
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert faults == []
+
+
+def test_what_is_not_known_before_a_fix_does_not_flatten_the_sigma_of_the_chainage(
+    browser: Any, steps: list[StreamStep]
+) -> None:
+    with_rows = [step for step in steps if len(step.estimates.filtered)]
+    state = LiveState("run", 5.0)
+    for i, step in enumerate(with_rows):
+        sigma_m = 1e5 if i < len(with_rows) // 2 else 0.5 + i / len(with_rows)
+        filtered = step.estimates.filtered.assign(chainage_m_sd=sigma_m)
+        state.watch(replace(step, estimates=step.estimates._replace(filtered=filtered)))
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    with serving(state, port=0) as address:
+        page.goto(address)
+        label = page.wait_for_selector("#strip-time-chainage_m_sd svg").get_attribute("aria-label")
+    found = re.search(r"\(logarithmic\): (\S+); from (\S+) to (\S+) between", label)
+    assert found is not None
+    assert [float(number) for number in found.groups()] == pytest.approx([1.5, 1.0, 1.5], abs=0.05)
 
 
 def test_the_command_serves_it(tmp_path: Path) -> None:
