@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,24 @@ def test_a_fixed_selection_ends_as_documented() -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-5000:]
     assert "45 cases, 0 failures" in done.stdout
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are forked")
+def test_nothing_is_left_after_sigterm(tmp_path: Path) -> None:
+    script = (
+        "import time; from faults import main\n"
+        "main.make_inputs = lambda folder: (print(folder, flush=True), time.sleep(60.0))\n"
+        "main._FOR_COMMANDS = main._OF_EXTRAS = ()\n"
+        "main.main(['--entries', 'line'])"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(TOOLS), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-c", script]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        assert Path(process.stdout.readline().strip()).parent == tmp_path
+        process.terminate()
+        assert process.wait(30.0) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_case_is_every_entry_with_every_fault_in_turn(tools: SimpleNamespace) -> None:

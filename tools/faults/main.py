@@ -17,6 +17,7 @@ import argparse
 import codecs
 import importlib
 import os
+import signal
 import sys
 import tempfile
 from collections import Counter
@@ -69,6 +70,7 @@ _OF_EXTRAS = ("asammdf", "h5py", "nptdms", "rosbags.highlevel", "mcap.reader", "
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the cases; the exit status is 1 if any ended otherwise than documented."""
     options = _parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, _end)
     for module in _FOR_COMMANDS:
         importlib.import_module(module)
     for module in _OF_EXTRAS:
@@ -94,6 +96,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.table:
         Path(options.table).write_text(table(ends, options.entries, options.faults))
     sys.exit(1 if failed else 0)
+
+
+def _end(number: int, frame: object) -> None:
+    """Leave in order, as an interrupt does: the server ends, and the folders are removed. It is asked for once."""
+    signal.signal(number, signal.SIG_IGN)
+    sys.exit(128 + number)
 
 
 def table(ends: Sequence[Outcome], entries: Sequence[str], faults: Sequence[str]) -> str:

@@ -107,6 +107,7 @@ def _opened(stdin: str | None) -> int:
 def _become(command: str, folder: Path, conditions: Conditions, stdin: str | None, out: Path, err: Path) -> None:
     """Turn this process, a child, into the command; never returns."""
     code = 99
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         os.chdir(folder)
         tempfile.tempdir = os.environ["TMPDIR"] = os.environ["HOME"] = str(folder.parent)
