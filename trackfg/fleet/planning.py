@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +24,7 @@ from trackfg.fleet.freshness import (
 from trackfg.fleet.known_content import KnownContent, Sight, sight
 from trackfg.fleet.places import PlaceError, content_of, exists, joined, local_recording, read
 from trackfg.fleet.store import Store
-from trackfg.io.content import content_files, files_sha256
+from trackfg.io.content import content_files, file_sha256, files_sha256
 from trackfg.results.result import RESULT_FOLDER
 
 _COLUMNS = ("run", "status", "reason", "recording", "tags", *Inputs._fields)
@@ -90,7 +89,7 @@ def _newest_map(place: str) -> str:
 
 def _digest(known_line: str) -> str:
     try:
-        return hashlib.sha256(Path(known_line).read_bytes()).hexdigest()
+        return file_sha256(Path(known_line)).hex()
     except OSError as error:
         raise BadInputError(f"{known_line}: cannot be read: {error.strerror}: expected a file of tracks") from error
 

@@ -32,6 +32,12 @@ def _content_names(path: Path | str, read: ReadDescription) -> tuple[str, ...]:
     return (toml.name, *read.files)
 
 
+def file_sha256(path: Path) -> bytes:
+    """Return the digest of a file, byte by byte. Raises :class:`OSError`."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
+
+
 def files_sha256(folder: Path, names: Iterable[str]) -> str | None:
     """Return a digest of files of a folder and of their names; None where one is outside it or cannot be read."""
     digest = hashlib.sha256()
@@ -40,8 +46,7 @@ def files_sha256(folder: Path, names: Iterable[str]) -> str | None:
         if path is None:
             return None
         try:
-            with path.open("rb") as file:
-                content = hashlib.file_digest(file, "sha256").digest()
+            content = file_sha256(path)
         except OSError:
             return None
         digest.update(hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest() + content)

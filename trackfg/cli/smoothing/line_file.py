@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import numpy as np
 from trackfg.datasets.line.landxml import read_landxml
 from trackfg.datasets.line.landxml_file import open_landxml
 from trackfg.errors import BadInputError
+from trackfg.io.content import file_sha256
 from trackfg.io.known_lines import known_line, read_known_line
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLin
         raise BadInputError(f"--alignment chooses one of a LandXML file: {path} is none")
     else:
         line = read_known_line(path, system)
-    return replace(line, content_sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+    return replace(line, content_sha256=file_sha256(path).hex())
 
 
 def _of_landxml(path: Path, system: str | None, alignment: str | None) -> KnownLine:
