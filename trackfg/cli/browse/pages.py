@@ -7,13 +7,12 @@ import shlex
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import Any, ClassVar
 from urllib.parse import parse_qsl, urlsplit
 
 import pandas as pd
 
-from trackfg.cli.browse.sections import StoredSections, geometry_of, has_dates
+from trackfg.cli.browse.sections import NO_DATE, StoredSections, geometry_of, has_dates
 from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.fleet.batch_progress import BatchState, batch_states
 from trackfg.fleet.key_figures import SCHEMA
@@ -70,16 +69,16 @@ class StorePages:
         if parts.path == PROGRESS:
             return Answer(json.dumps(self._progress(query)).encode(), "application/json")
         if make is None:
-            return _said("There is no such page.", 404)
+            return _sentence_page("There is no such page.", 404)
         return self._made(make, query)
 
     def _made(self, make: Callable[[Query], Page], query: Query) -> Answer:
         try:
             return Answer(make(query).html().encode())
         except _NoSuchPage as error:
-            return _said(str(error), 404)
+            return _sentence_page(str(error), 404)
         except (TrackfgError, OSError, ValueError) as error:
-            return _said(first_line(error), 500)
+            return _sentence_page(first_line(error), 500)
 
     def _rows(self) -> list[Row]:
         """Return the rows of the catalogue, which is read again after :data:`_REST` times what reading it takes."""
@@ -99,7 +98,7 @@ class StorePages:
             lines=lines,
             quantities=QUANTITIES,
             unread=unread,
-            progress=_said_of(batch_states(self.store.place), unread),
+            progress=_progress_text(batch_states(self.store.place), unread),
             seen=_seen(rows, unread),
         )
         return store_page(content, query)
@@ -108,7 +107,7 @@ class StorePages:
         """Return how far running batches are, and whether there is more to show than a page has seen."""
         rows = self._rows()
         unread = self._sections.read(rows)
-        text = _said_of(batch_states(self.store.place), unread)
+        text = _progress_text(batch_states(self.store.place), unread)
         return {"text": text, "reload": unread == 0 and query.get("seen") != _seen(rows, unread)}
 
     def _line(self, query: Query) -> Page:
@@ -127,7 +126,7 @@ class StorePages:
         series, _ = self._sections.lines(rows).get(line, (None, None))
         ends = from_m, from_m + SUMMARY_M
         over = [row for row in rows if row["status"] == "done" and _overlaps(row, ends)]
-        over.sort(key=lambda row: (_unix(row["start"]), row["run"]))
+        over.sort(key=lambda row: (row["start"] or NO_DATE, row["run"]))
         shown = over if query.get("runs") == "all" else over[-NEWEST_RUNS:]
         runs = [RunOverSection(row["run"], row["start"], self._between(row["run"], ends)) for row in shown]
         others = section_address(line, from_m, every_run=True) if len(shown) < len(over) else ""
@@ -175,7 +174,7 @@ class _NoSuchPage(Exception):  # noqa: N818  (it is an answer)
     """An address that names what the store does not have."""
 
 
-def _said(text: str, status: int) -> Answer:
+def _sentence_page(text: str, status: int) -> Answer:
     """Return a page with one sentence."""
     section = PageSection("answer", "Not found" if status == 404 else "Cannot be shown", (Text(text, "warning"),))
     page = Page("store", "no page", "", (section,), origin=(("all runs", STORE),))
@@ -198,20 +197,16 @@ def _overlaps(row: Row, ends: tuple[float, float]) -> bool:
     return low is not None and high is not None and low < ends[1] and high > ends[0]
 
 
-def _unix(start: datetime | None) -> float:
-    return 0.0 if start is None else start.timestamp()
-
-
 def _seen(rows: list[Row], unread: int) -> str:
-    """Return what is another text whenever a page of the store would be."""
+    """Return a text that differs whenever the page of the store would."""
     return f"{len(rows)}-{sum(row['status'] == 'done' for row in rows)}-{unread}"
 
 
-def _said_of(batches: list[BatchState], unread: int) -> str:
+def _progress_text(batches: list[BatchState], unread: int) -> str:
     """Return how far batches are, in words."""
     now = time.time()
-    said = [_lost(batch) if batch.lost(now) else _running(batch) for batch in batches] or ["No batch is running."]
-    return " ".join((*said, *([f"The results of {unread} runs are yet to be read."] if unread else [])))
+    texts = [_lost(batch) if batch.lost(now) else _running(batch) for batch in batches] or ["No batch is running."]
+    return " ".join((*texts, *([f"The results of {unread} runs are yet to be read."] if unread else [])))
 
 
 def _lost(batch: BatchState) -> str:

@@ -22,7 +22,8 @@ from trackfg.results.summary import Summary
 AT_ONCE = 50
 """Results that are read for one request, a second or two; while a page is open it asks on, and the rest are read."""
 
-_NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
+NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
+"""Stands for the beginning of a run whose recording has none."""
 _GEOMETRY = "geometry.parquet"
 _INPUTS = ("run", "files_sha256", "settings_sha256", "map", "algorithm")
 """Columns of the catalogue that are others whenever a result is."""
@@ -43,7 +44,7 @@ class StoredSections:
         """Read results of the catalogue's rows that were not read yet, the newest first; return how many are left."""
         with self._lock:
             unread = [row for row in rows if row["status"] == "done" and _key(row) not in self._runs]
-            unread.sort(key=lambda row: row["start"] or _NO_DATE, reverse=True)
+            unread.sort(key=lambda row: row["start"] or NO_DATE, reverse=True)
             for row in unread[:AT_ONCE]:
                 self._runs[_key(row)] = self._of_result(row)
             return max(0, len(unread) - AT_ONCE)
@@ -78,14 +79,14 @@ class StoredSections:
             return None
         if len(geometry) < 2:
             return None
-        sections = sections_of_run(geometry, row["run"], row["start"] or _NO_DATE, summary)
+        sections = sections_of_run(geometry, row["run"], row["start"] or NO_DATE, summary)
         known = any(pd.notna(value).any() for value in sections.value.values())
         return sections if known else None
 
 
 def has_dates(series: Series) -> bool:
     """Return whether the runs of a line have dates."""
-    return series.dates[-1] != _NO_DATE
+    return series.dates[-1] != NO_DATE
 
 
 def geometry_of(store: Store, run: str) -> tuple[pd.DataFrame, Summary]:
