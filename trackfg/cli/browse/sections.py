@@ -11,6 +11,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.parquet import read_parquet
+from trackfg.fleet.freshness import Inputs
 from trackfg.fleet.places import PlaceError, joined, local_files
 from trackfg.fleet.store import Store
 from trackfg.mapping.trends.line_history import joined as joined_series
@@ -25,8 +26,8 @@ AT_ONCE = 50
 NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 """Stands for the beginning of a run whose recording has none."""
 _GEOMETRY = "geometry.parquet"
-_INPUTS = ("run", "files_sha256", "settings_sha256", "map", "algorithm")
-"""Columns of the catalogue that are others whenever a result is."""
+_IDENTITY = ("run", *Inputs._fields)
+"""Columns of the catalogue that differ whenever a result does."""
 
 Key = tuple[object, ...]
 Row = dict[str, Any]
@@ -97,4 +98,4 @@ def geometry_of(store: Store, run: str) -> tuple[pd.DataFrame, Summary]:
 
 
 def _key(row: Row) -> Key:
-    return tuple(row[name] for name in _INPUTS)
+    return tuple(row[name] for name in _IDENTITY)
