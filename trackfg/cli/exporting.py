@@ -23,7 +23,7 @@ class ExportChoices:
         str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
     ] = "csv"
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default OUT and what it is.")
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default named after OUT.")
     ] = None
     table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory, events or balises, for csv.")] = (
         "geometry"

@@ -1,8 +1,8 @@
-"""How far the batches are that write to a store: a small file each in it, for whoever looks at the store meanwhile.
+"""The progress of batches that write to a store: each keeps a small file in it, for whoever looks at the store.
 
 A batch writes its file as runs end, and every :data:`ALIVE_S` at least; it removes the file when it ends. The file of
-a batch that was killed stays behind, and is removed by a later batch: whether a batch is still at work is told by how
-old its file is, since the store may be at a URL and the batch on another machine.
+a batch that was killed stays behind, and is removed by a later batch: the age of its file shows whether a batch
+is still running, since the store may be at a URL and the batch on another machine.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def shown_progress(store: str, runs: int) -> Iterator[Callable[[int, int], None]
 
 
 def batch_states(store: str) -> list[BatchState]:
-    """Return how far each batch is that said so in a store, those that were lost with them."""
+    """Return the progress of each batch that has a file in a store, that of lost ones too."""
     states = []
     with suppress(*_FAULTS):
         for path in matching(joined(store, _FOLDER), "*.json"):

@@ -6,7 +6,7 @@ place               content
 store.json          says that it is a store
 results/RUN         the result of a run, a folder
 catalogue           Parquet, ``line=7/month=2026-05/runs.parquet``: a row per run (:mod:`trackfg.fleet.key_figures`)
-progress            how far batches are that write now (:mod:`trackfg.fleet.batch_progress`)
+progress            the progress of running batches (:mod:`trackfg.fleet.batch_progress`)
 .known.sqlite       what is known of files that need not be read again (:mod:`trackfg.fleet.known_content`)
 ==================  ==========================================================================================
 

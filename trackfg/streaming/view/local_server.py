@@ -60,7 +60,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *values: object) -> None:
-        """Keep requests off the terminal, which shows what the command tells."""
+        """Keep requests off the terminal, which shows what the command prints."""
 
 
 class _LocalServer(ThreadingHTTPServer):
