@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 from trackfg.cli.browse.pages import StorePages, handler_of
+from trackfg.cli.browse.sections import StoredSections
 from trackfg.errors import BadInputError
 from trackfg.fleet.batch_progress import batch_states, shown_progress
 from trackfg.fleet.catalogue import Run
-from trackfg.fleet.key_figures import done_row, failed_row
+from trackfg.fleet.key_figures import SCHEMA, done_row, failed_row
 from trackfg.fleet.store import Store
 from trackfg.results.result import Result
 from trackfg.streaming.view.local_server import serving_locally
@@ -176,6 +177,14 @@ def test_who_may_ask_for_what(address: str) -> None:
     assert not re.findall(r"""(src|href)=["']?(https?:)?//""", html)
     assert asked(address, "/", host="evil.example").status == 403
     assert asked(address, "/", method="POST").status == 501
+
+
+def test_sections_are_those_of_the_known_line_that_a_run_was_smoothed_with(store: Store) -> None:
+    rows = [row for row in store.read(SCHEMA.names) if row["run"] == "run6"]
+    sections = StoredSections(store)
+    assert sections.read(rows) == 0
+    assert list(sections.lines(rows)) == ["8"]
+    assert sections.lines([{**row, "known_line": "another"} for row in rows]) == {}
 
 
 def test_a_browser_goes_from_the_store_to_a_report(browser: Any, address: str) -> None:
