@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +20,7 @@ from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.run import Stream
 from trackfg.streaming.sinks.sink import Callback
+from trackfg.streaming.sources.json_lines import JsonLinesSource
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window import running_window, starting_window
 from trackfg.streaming.window.window import Window
@@ -201,3 +204,46 @@ def test_what_fails_at_the_end_leaves_the_rows_before_it_written(monkeypatch: py
     with pytest.raises(UnsolvableError, match="as asked"):
         stream.run(Callback(lambda table, frame: None), watch=steps.append)
     assert len(steps) == len(put) > 1
+
+
+def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such rows tell no heading: without a bound each keyframe solves again a window that has grown by one."""
+    most, work, windows = 2000, [0], running_window.RunningWindow.begin
+
+    def begin(*args: Any, **kwargs: Any) -> Any:
+        work.append(0)
+        return windows(*args, **kwargs)
+
+    def counted(self: Any, window: Window) -> Window:
+        before = self.damped_work
+        solution = batch(self, window)
+        work[-1] += self.damped_work - before
+        longest.append(len(window))
+        return solution
+
+    batch, longest = running_window.RunningWindow._batch_solution, list[int]()
+    monkeypatch.setattr(running_window, "_MOST_DAMPED", most)
+    monkeypatch.setattr(running_window.RunningWindow, "begin", begin)
+    monkeypatch.setattr(running_window.RunningWindow, "_batch_solution", counted)
+    source = JsonLinesSource(_in_random_order())
+    smoother, intake, events = FixedLagSmoother(source.description, lag_s=10.0), Intake.of(source), list[Event]()
+    for push in source:
+        events += smoother.put(intake.push(push)[0]).events
+    events += [*smoother.put(intake.finish()[0]).events, *smoother.finish().events]
+    iterations = SmoothConfig().solver.max_iterations
+    assert max(work) <= most + iterations * max(longest)
+    restarts = [event.detail for event in events if event.kind == "restarted"]
+    assert any("have not told the heading" in detail for detail in restarts), restarts
+
+
+def _in_random_order() -> io.BytesIO:
+    run = simulate("no-stop", seed=0, duration_s=30.0).recording
+    assert run.tach is not None
+    imu, names = run.imu.iloc[::2], ("t", "wx", "wy", "wz", "fx", "fy", "fz")
+    lines = [json.dumps({"table": "imu", **dict(zip(names, row, strict=True))}) for row in imu.to_numpy().tolist()]
+    lines += [json.dumps({"table": "tach", "t": t, "d": d}) for t, d in run.tach.to_numpy().tolist()]
+    lines = np.random.default_rng(1).permutation(lines).tolist()
+    tach = {"column": "d", "kind": "distance", "unit": "m"}
+    imu_columns = {"gyro": ["wx", "wy", "wz"], "accel": ["fx", "fy", "fz"]}
+    first = json.dumps({"description": {"id": "shuffled", "imu": imu_columns, "tach": tach}})
+    return io.BytesIO("\n".join([first, *lines, ""]).encode())

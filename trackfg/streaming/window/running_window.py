@@ -8,7 +8,9 @@ A filter step that doubts the wheel is replaced by a step of the *recent* keyfra
 before them: whether a wheel slipped shows in several intervals. If that fails, the pass is taken at once; if the pass
 does not settle, the window is solved as a batch from its own states. Until the heading is known, linearised positions
 are of little worth: nothing is marginalised then unless the window has more than 240 keyframes, the recent keyframes
-are the whole window, and where up to four steps of it do not settle, the damped batch solver takes over.
+are the whole window, and where up to four steps of it do not settle, the damped batch solver takes over. Rows that
+contradict each other, as in random order, never tell a heading and have it begin far from a minimum each time: its work
+on one window is bounded, and a window that needs more is lost.
 """
 
 from __future__ import annotations
@@ -68,6 +70,10 @@ _HEADING_SD_RAD = 0.03
 """Maximum sigma of yaw with which the heading is known, rad."""
 _MOST_WITHOUT_HEADING = 240
 """Keyframes in a window whose heading is not known: a vehicle may stand for hours before it shows."""
+_MOST_DAMPED = 50_000
+"""Iterations of the batch solver times keyframes, in all, that a window is given to tell its heading. One takes some
+0.2 ms, so these take as long as the rows of a new first window. The simulated lines need 1500 to 9000.
+"""
 _ROLLING = 0.9
 """Minimum probability that the wheel rolls; below it the recent keyframes are solved again."""
 
@@ -108,7 +114,8 @@ class RunningWindow:
     ``window``, the ``root`` of its information and its ``linearisation_point`` are those of the last pass; ``recent``
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
-    ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event.
+    ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event;
+    ``damped_work``: its iterations until then, times the keyframes of each.
     ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
     of their errors. ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first
     window.
@@ -131,6 +138,7 @@ class RunningWindow:
     predicted: PredictedPair | None = field(default=None, metadata=DERIVED)
     heading_known: bool = False
     damped: bool = False
+    damped_work: int = 0
     speed_sd: float = 0.0
     walks: bool = False
     gnss: GnssRecord = field(default_factory=GnssRecord)
@@ -403,7 +411,14 @@ class RunningWindow:
         return oldest.joined(*later)
 
     def _batch_solution(self, window: Window) -> Window:
-        """Return the window solved by the damped batch solver, from its own states."""
+        """Return the window solved by the damped batch solver, from its own states.
+
+        Raises ``UnsolvableError`` where that has been done too often without telling a heading.
+        """
+        if not self.heading_known and self.damped_work >= _MOST_DAMPED:
+            raise UnsolvableError(
+                f"{len(window)} keyframes have not told the heading: their rows contradict each other"
+            )
         data, context = self.buffer.inertial, self.context
         problem = Problem(
             run=context.run_of(window.t, data),
@@ -416,7 +431,10 @@ class RunningWindow:
             clock_origin=context.clock_origin,
             response=window.response,
         )
-        return replace(window, states=solve(problem, context.config.solver).states)
+        solution = solve(problem, context.config.solver)
+        if not self.heading_known:
+            self.damped_work += solution.iterations * len(window)
+        return replace(window, states=solution.states)
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
         """Return the sigma of the newest yaw, rad."""

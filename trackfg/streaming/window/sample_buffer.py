@@ -189,8 +189,12 @@ class SampleBuffer:
         return rail_views(Recording(self.description, NO_SAMPLES, lasers=lasers))
 
     def mean_rate(self, t: float) -> Array:
-        """Return the gyro's mean rate around a time, rad/s, shape (1, 3)."""
-        data = self.intervals(t - 2.0 * RATE_WINDOW_S, t + 2.0 * RATE_WINDOW_S)
+        """Return the gyro's mean rate around a time, rad/s, shape (1, 3): beside a hole, the bridged one."""
+        edges = self.inertial.edges
+        before, after = int(np.searchsorted(edges, t)) - 1, int(np.searchsorted(edges, t, side="right"))
+        begin = min(t - 2.0 * RATE_WINDOW_S, float(edges[max(before, 0)]))
+        end = max(t + 2.0 * RATE_WINDOW_S, float(edges[min(after, len(edges) - 1)]))
+        data = self.intervals(begin, end)
         return means_around(np.array([t]), RATE_WINDOW_S, data.edges, data.gyro)
 
     def forget(self, before: float, newer: float) -> None:
