@@ -169,8 +169,8 @@ class PositionConfig(_Section):
     """Where a GNSS position begins to lose its weight [sigma]."""
     fix_width: Positive = 4.0
     """Where a fix begins to lose its weight [sigma]."""
-    gnss_clock_offset_sd_s: Positive = 0.05
-    """Sigma of the receiver's clock offset [s]."""
+    gnss_clock_offset_sd_s: Positive = 0.3
+    """Sigma of the receiver's clock offset [s]. Positions that are stamped on arrival are late by some tenths."""
     gnss_correlation_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """How long GNSS errors last (multipath: tens of seconds) [s]."""
 

@@ -87,9 +87,10 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
     wheel = tach_distance(k, response, sigma, loss)
     wheel = replace(wheel, doubtful=inputs.rolling.slips_within(inputs.t))
     read = _readable(inputs)
-    count, rate = inputs.wheel.at(inputs.t[read]), inputs.wheel.rate(inputs.t[read])
-    since = inputs.t[read] - inputs.clock_origin
-    return [wheel, tach_reading(read, count, rate, since, inputs.wheel.reading_sd(inputs.t[read])[:, None])]
+    at = inputs.t[read]
+    # The rate of the count itself has the noise of its rounding, by which each reading would contradict any offset.
+    count, rate, since = inputs.wheel.at(at), inputs.rolling.speed_at(at), at - inputs.clock_origin
+    return [wheel, tach_reading(read, count, rate, since, inputs.wheel.reading_sd(at)[:, None])]
 
 
 def creep_variance(inputs: GraphInputs) -> Array:

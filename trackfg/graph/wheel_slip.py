@@ -81,6 +81,13 @@ class Rolling:
     rolls: np.ndarray
     wheel: Wheel
 
+    def speed_at(self, t: Array) -> Array:
+        """Return the vehicle's speed at times ``t`` (m,), s, in m/s, shape (m,).
+
+        The accelerometer has its part in it: there is neither the rounding of a count in it nor wrong pulses.
+        """
+        return np.interp(t, self.t, self.speed)
+
     def slips_within(self, t: Array) -> np.ndarray:
         """Return whether the wheel slips somewhere between neighbouring times (m,), shape (m - 1,)."""
         edges = np.clip(np.searchsorted(self.t, t), 0, len(self.rolls))
@@ -126,7 +133,7 @@ def rolling(
     """
     t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
     if len(t) < _FEWEST:
-        return Rolling(t, np.zeros(len(t)), np.ones(len(t) - 1, dtype=bool), wheel)
+        return Rolling(t, wheel.rate(t), np.ones(len(t) - 1, dtype=bool), wheel)
     felt = forward_force(t, wheel, data, floor, path, gravity, config)
     evidence = _evidence(t, wheel, felt, rests, gravity, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]

@@ -15,7 +15,7 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.gnss_clock import gnss_clock
 
 _LEAST_S = 0.15
-"""Smaller offsets are left to the graph, s: three of its prior sigmas, ``position.gnss_clock_offset_sd_s``."""
+"""Smaller offsets are left to the graph, s: what is not linear in them makes 1 cm at 1 m/s^2."""
 
 _SIGMAS = 4.0
 """Offsets of so many of their own sigmas are certain."""

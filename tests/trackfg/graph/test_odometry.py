@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig, TachConfig
+from trackfg.datasets.effects.wheel import LateTach, MiscountedPulses
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.odometer import TachModel, rolled_distance
 from trackfg.datasets.vehicle.vehicle import Rigid
+from trackfg.evaluation.scores import rms
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.odometry import wheel_response
@@ -122,3 +124,15 @@ def test_distance_survives_slides_in_a_row_to_two_thousandths(simulated_in_full:
     for slip in run.slips.itertuples():
         if abs(slip.peak_creep) > 0.05 and slip.end_s - slip.start_s >= 1.0:
             assert ((events["start_s"] < slip.end_s) & (events["end_s"] > slip.start_s)).any()
+
+
+def test_readings_change_with_an_offset_of_the_clock_by_the_vehicles_speed_and_not_by_pulses() -> None:
+    base = scenario("mainline-gnss")
+    run = simulate(replace(base, effects=(LateTach(0.3), MiscountedPulses(0.01))), seed=1, duration_s=120.0)
+    problem = build_problem(run.recording, SmoothConfig())
+    readings, wheel = problem.family(FactorType.TACH_READING), problem.wheel
+    assert readings is not None
+    assert wheel is not None
+    t = problem.t[readings.slots[0].index]
+    speed = np.interp(t - 0.3, run.truth["t_s"], run.truth["speed_mps"])
+    assert rms(readings.data["rate"][:, 0] - speed) < 0.7 * rms(wheel.rate(t) - speed)
