@@ -1,4 +1,4 @@
-"""Besides the drift, two things make runs differ at a place: the sensor that ran there, and the season.
+"""Sensors and the season make runs differ at a place, besides the drift.
 
 Sensors and the vehicles that they are in respond differently to the same track, at one place more than at another, and
 frost and heat move a track back and forth within a year. Both are columns of the drift's model at each place:
