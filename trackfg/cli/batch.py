@@ -6,10 +6,12 @@ import json as json_text
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfg.cli.options import with_options
 from trackfg.cli.terminal import shows_progress, tell
 
 if TYPE_CHECKING:
@@ -20,47 +22,53 @@ _FAILED = 1
 """Exit status where a run failed."""
 
 
-def batch(  # noqa: PLR0913  (a parameter is an option of the command)
+@dataclass(frozen=True)
+class BatchChoices:
+    """The options of ``trackfg batch``."""
+
     places: Annotated[
         list[str],
         typer.Argument(
             metavar="CATALOGUE...", help="A table of runs, recordings, or a pattern in quotes.", show_default=False
         ),
-    ],
+    ]
     out: Annotated[
         str, typer.Option("-o", "--out", metavar="STORE", help="Folder or URL for results and their catalogue.")
-    ],
+    ]
     line: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of runs whose row names no line.", show_default=False)
-    ] = None,
+    ] = None
     map_location: Annotated[
         str | None, typer.Option("--map", metavar="MAP", help="For runs whose row names no map.", show_default=False)
-    ] = None,
+    ] = None
     known_line: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="Tracks of runs whose row names none.", show_default=False),
-    ] = None,
+    ] = None
     config: Annotated[
         str | None,
         typer.Option(metavar="C.toml", help="Settings of runs whose row names none.", show_default=False),
-    ] = None,
+    ] = None
     jobs: Annotated[
         int | None,
         typer.Option(
             metavar="N", min=1, help="Runs at a time. As many as cores and memory allow if absent.", show_default=False
         ),
-    ] = None,
-    timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run.")] = 14400.0,
-    memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run.")] = 4.0,
+    ] = None
+    timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run.")] = 14400.0
+    memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run.")] = 4.0
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="URL", help="Compute on a running dask.distributed cluster: tcp://HOST:8786.", show_default=False
         ),
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what is to be computed and why, and stop.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of text.")] = False,
-) -> None:
+    ] = None
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what is to be computed and why, and stop.")] = False
+    json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of text.")] = False
+
+
+@with_options(BatchChoices)
+def batch(options: BatchChoices) -> None:
     """Smooth many runs, each in a process of its own, and list them in the store's catalogue with their key figures.
 
     A result that is there and fresh is kept: the same recording, settings, version of the map and algorithm. A run that
@@ -72,24 +80,34 @@ def batch(  # noqa: PLR0913  (a parameter is an option of the command)
     from trackfg.fleet.planning import plan
     from trackfg.fleet.store import Store
 
-    defaults = {"line": line, "map": map_location, "known_line": known_line, "settings": config}
-    runs = read_catalogue(places, {name: text for name, text in defaults.items() if text})
-    store = Store(out, create=not dry_run)
+    defaults = {
+        "line": options.line,
+        "map": options.map_location,
+        "known_line": options.known_line,
+        "settings": options.config,
+    }
+    runs = read_catalogue(options.places, {name: text for name, text in defaults.items() if text})
+    store = Store(options.out, create=not options.dry_run)
     known = KnownContent(store.known_content)
     planned = plan(runs, store, known)
-    if dry_run:
-        sys.stdout.writelines(_planned_line(each, json) for each in planned)
+    if options.dry_run:
+        sys.stdout.writelines(_planned_line(each, options.json) for each in planned)
         return
     wanted = sum(not each.fresh for each in planned)
-    limits = Limits(timeout_s=timeout or None, memory_bytes=round(memory * 1e9), jobs=jobs, scheduler=scheduler)
+    limits = Limits(
+        timeout_s=options.timeout or None,
+        memory_bytes=round(options.memory * 1e9),
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+    )
     with _progress(wanted) as progress:
         outcomes = run_batch(planned, store, known, limits, progress)
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
-    if json:
+    if options.json:
         sys.stdout.writelines(_outcome_line(outcome) for outcome in outcomes)
     else:
         tell(f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}")
-        tell(f"store: {out}")
+        tell(f"store: {options.out}")
     if failed:
         raise typer.Exit(_FAILED)
 

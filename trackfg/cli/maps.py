@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Commands, Json, Km, Level, Limits
+from trackfg.cli.options import Commands, Json, Km, Level, Limits, with_options
 from trackfg.cli.terminal import progress_bar, show_or_tell, tell
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
@@ -104,9 +104,11 @@ def changes(
     show_or_tell(*map_tables.of_changes(track_changes), written=None if out is None else f"changes: {out}")
 
 
-@maps.command(epilog="Example: trackfg map trends line.gpkg out1 out2 out3 --limits ours.toml -o trends")
-def trends(  # noqa: PLR0913  (a parameter is an option of the command)
-    place: MapPlace,
+@dataclass(frozen=True)
+class TrendChoices:
+    """The options of ``trackfg map trends``."""
+
+    place: MapPlace
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -114,16 +116,20 @@ def trends(  # noqa: PLR0913  (a parameter is an option of the command)
             help="Folders of results, each of a date. Those that the map was made of if absent.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.", show_default=False)
-    ] = None,
-    limits: Limits = None,
-    level: Level = None,
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
-    floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1,
-    json: Json = False,
-) -> None:
+    ] = None
+    limits: Limits = None
+    level: Level = None
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None
+    floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1
+    json: Json = False
+
+
+@maps.command(epilog="Example: trackfg map trends line.gpkg out1 out2 out3 --limits ours.toml -o trends")
+@with_options(TrendChoices)
+def trends(options: TrendChoices) -> None:
     """Find how fast the track changes from run to run, where it jumped, and when it will reach limits.
 
     Rates, values and dates come with their uncertainty, for every 0.25 m and every 200 m. An earlier folder of tables
@@ -136,24 +142,25 @@ def trends(  # noqa: PLR0913  (a parameter is an option of the command)
     from trackfg.maps import read_map
     from trackfg.results.result import Result
 
-    if level is not None and limits is None:
+    if options.level is not None and options.limits is None:
         raise BadInputError("--level chooses among limits: expected --limits too")
-    chosen = () if limits is None else LimitChoice(limits, level).table()
-    if out is not None:
-        trend_tables.TRENDS_FOLDER.refuse_foreign(out)
-    feature_map = read_map(place, version)
-    if runs:
-        found = find_trends([Result.read(run) for run in runs], feature_map, chosen, floor_mm_per_month=floor)
+    chosen = () if options.limits is None else LimitChoice(options.limits, options.level).table()
+    if options.out is not None:
+        trend_tables.TRENDS_FOLDER.refuse_foreign(options.out)
+    feature_map = read_map(options.place, options.version)
+    if options.runs:
+        results = [Result.read(run) for run in options.runs]
+        found = find_trends(results, feature_map, chosen, floor_mm_per_month=options.floor)
     else:
         of_map, missing = runs_of_map(feature_map)
-        found = find_trends(of_map, feature_map, chosen, floor_mm_per_month=floor)
+        found = find_trends(of_map, feature_map, chosen, floor_mm_per_month=options.floor)
         found = replace(found, left_out={**missing, **found.left_out})
-    if out is not None:
-        trend_tables.write(found, out)
-    if json:
+    if options.out is not None:
+        trend_tables.write(found, options.out)
+    if options.json:
         print(trend_tables.as_json(found))
         return
-    show_or_tell(*trend_tables.of_trends(found), written=None if out is None else f"trends: {out}")
+    show_or_tell(*trend_tables.of_trends(found), written=None if options.out is None else f"trends: {options.out}")
 
 
 @maps.command(epilog="Example: trackfg map show line.gpkg")
