@@ -70,7 +70,7 @@ class Series:
 def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> tuple[Series, dict[str, str]]:
     """Lay results over a map, one after another. Returns the series, and by name runs that cannot be, with the reason.
 
-    Runs are told apart by what they measured: of recordings with one id, the second is named ``ID-2``. Raises
+    Runs are distinguished by what they measured: of recordings with one id, the second is named ``ID-2``. Raises
     :class:`~trackfg.errors.BadInputError` for a run whose recording has no date, or whose measurements are there twice,
     and for fewer runs than a trend needs.
     """

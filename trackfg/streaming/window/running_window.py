@@ -9,8 +9,8 @@ before them: whether a wheel slipped shows in several intervals. If that fails, 
 does not settle, the window is solved as a batch from its own states. Until the heading is known, linearised positions
 are of little worth: nothing is marginalised then unless the window has more than 240 keyframes, the recent keyframes
 are the whole window, and where up to four steps of it do not settle, the damped batch solver takes over. Rows that
-contradict each other, as in random order, never tell a heading and have it begin far from a minimum each time: its work
-on one window is bounded, and a window that needs more is lost.
+contradict each other, as in random order, never determine a heading, and the solver begins far from a minimum
+each time: its work on one window is bounded, and a window that needs more is lost.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ _HEADING_SD_RAD = 0.03
 _MOST_WITHOUT_HEADING = 240
 """Keyframes in a window whose heading is not known: a vehicle may stand for hours before it shows."""
 _MOST_DAMPED = 50_000
-"""Iterations of the batch solver times keyframes, in all, that a window is given to tell its heading. One takes some
-0.2 ms, so these take as long as the rows of a new first window. The simulated lines need 1500 to 9000.
+"""Iterations of the batch solver times keyframes, in all, that a window is given to determine its heading. One takes
+some 0.2 ms, so these take as long as the rows of a new first window. The simulated lines need 1500 to 9000.
 """
 _ROLLING = 0.9
 """Minimum probability that the wheel rolls; below it the recent keyframes are solved again."""
@@ -413,7 +413,7 @@ class RunningWindow:
     def _batch_solution(self, window: Window) -> Window:
         """Return the window solved by the damped batch solver, from its own states.
 
-        Raises ``UnsolvableError`` where that has been done too often without telling a heading.
+        Raises ``UnsolvableError`` where that has been done too often while the heading is unknown.
         """
         if not self.heading_known and self.damped_work >= _MOST_DAMPED:
             raise UnsolvableError(
