@@ -4,11 +4,11 @@ import os
 import sys
 from pathlib import Path
 
+import trackfg
+
 ROOT = Path(__file__).parents[1]
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT / "tools"), os.environ.get("PYTHONPATH", "")])  # processes, too
 sys.path.insert(0, str(ROOT / "tools"))
-
-import trackfg  # noqa: E402
 
 project = "trackfg"
 author = "trackfg developers"

@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 WIDTHS = (1400, 800, 390)
 SCHEMES = ("light", "dark")
@@ -59,7 +59,7 @@ def drawn(tab: Page, address: str) -> None:
     if tab.locator(".strips").count():
         tab.wait_for_selector(".strips figure", timeout=120_000)
     tab.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-    tab.wait_for_function("document.querySelectorAll('.chart:not([data-drawn])').length === 0")
+    expect(tab.locator(".chart:not([data-drawn])")).to_have_count(0, timeout=120_000)
 
 
 def too_wide(tab: Page, width: int) -> list[str]:

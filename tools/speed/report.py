@@ -10,13 +10,13 @@ the browser are the least of ``--repeats``, with the time that its main thread c
 from __future__ import annotations
 
 import argparse
-import shutil
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from page_audit import BROWSERS, chromium
 from playwright.sync_api import Browser, sync_playwright
 
 from trackfg.config import GeometryConfig
@@ -116,10 +116,9 @@ def main() -> None:
     parser.add_argument("--rails", action="store_true")
     parser.add_argument("--repeats", type=int, default=3)
     asked = parser.parse_args()
-    names = ("chromium", "chromium-browser", "google-chrome")
-    chromium = next(filter(None, map(shutil.which, names)), None)
-    if chromium is None:
-        parser.error(f"no browser: expected one of {', '.join(names)}")
+    program = chromium()
+    if program is None:
+        parser.error(f"no browser: expected one of {', '.join(BROWSERS)}")
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result"
         made_up(asked.km, rails=asked.rails).write(result)
@@ -128,7 +127,7 @@ def main() -> None:
         print(f"{'building':45} {time.perf_counter() - start:8.2f} s")
         print(f"{'size':45} {page.stat().st_size / 1e6:8.2f} MB")
         with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=chromium)
+            browser = playwright.chromium.launch(executable_path=program)
             runs = pd.DataFrame([opened(browser, page) for _ in range(asked.repeats)])
             browser.close()
     for name, seconds in runs.min().items():

@@ -75,7 +75,7 @@ class StorePages:
     def _made(self, make: Callable[[Query], Page], query: Query) -> Answer:
         try:
             return Answer(make(query).html().encode())
-        except _NoSuchPage as error:
+        except _NoSuchPageError as error:
             return _sentence_page(str(error), 404)
         except (TrackfgError, OSError, ValueError) as error:
             return _sentence_page(first_line(error), 500)
@@ -121,7 +121,7 @@ class StorePages:
         try:
             from_m = float(query.get("from", ""))
         except ValueError:
-            raise _NoSuchPage("expected from=, the chainage where a section begins, in m") from None
+            raise _NoSuchPageError("expected from=, the chainage where a section begins, in m") from None
         self._sections.read(rows)
         series, _ = self._sections.lines(rows).get(line, (None, None))
         ends = from_m, from_m + SUMMARY_M
@@ -136,7 +136,7 @@ class StorePages:
     def _run(self, query: Query) -> Page:
         row = next((row for row in self._rows() if row["run"] == query.get("run")), None)
         if row is None:
-            raise _NoSuchPage(f"the store lists no run {query.get('run', '')!r}")
+            raise _NoSuchPageError(f"the store lists no run {query.get('run', '')!r}")
         above = (("all runs", STORE), (f"line {row['line']}", line_address(row["line"])))
         if row["status"] != "done":
             return _failed(row, above)
@@ -149,7 +149,7 @@ class StorePages:
         line = query.get("line", "")
         rows = [row for row in self._rows() if row["line"] == line]
         if not rows:
-            raise _NoSuchPage(f"the store lists no run of a line {line!r}")
+            raise _NoSuchPageError(f"the store lists no run of a line {line!r}")
         return line, rows
 
     def _between(self, run: str, ends: tuple[float, float]) -> pd.DataFrame:
@@ -170,7 +170,7 @@ class _Handler(LocalHandler):
         self.send_content(answer.content, answer.kind, answer.status)
 
 
-class _NoSuchPage(Exception):  # noqa: N818  (it is an answer)
+class _NoSuchPageError(Exception):
     """An address that names what the store does not have."""
 
 

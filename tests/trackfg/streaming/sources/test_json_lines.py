@@ -231,4 +231,4 @@ def test_any_objects_become_rows_or_events(rows: list[dict[str, Any]]) -> None:
 def test_a_known_line_is_refused() -> None:
     with_line = {**DESCRIPTION, "known_line": {"file": "net.geojson"}}
     with pytest.raises(BadInputError, match=r"a stream uses none.*trackfg smooth"):
-        JsonLinesSource(io.BytesIO(lines({"description": with_line}))).description  # noqa: B018
+        _ = JsonLinesSource(io.BytesIO(lines({"description": with_line}))).description
