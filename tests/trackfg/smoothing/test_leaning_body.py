@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from trackfg.config import SmoothConfig
-from trackfg.datasets.scenarios import scenario, simulate
-from trackfg.datasets.vehicle.suspension import Suspension
-from trackfg.datasets.vehicle.vehicle import CarBody
 from trackfg.numerics.units import STANDARD_GRAVITY
+from trackfg.recording.model import Recording
 from trackfg.smoothing.leaning_body import _lean, leaning_body
 from trackfg.smoothing.passage import STEP_M, Passage
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
@@ -45,14 +43,11 @@ def test_at_one_speed_nothing_is_known() -> None:
 
 
 def test_a_body_declared_rigid_is_found_out_and_its_geometry_not_trusted(
-    smoothed: Callable[..., SmoothedStates],
+    smoothed: Callable[..., SmoothedStates], on_springs: Callable[..., tuple[Recording, Recording]]
 ) -> None:
     """Seed 0 brakes in curves. The vehicle of the scenario itself is rigid, and nothing is said of it."""
-    plan = replace(scenario("mainline"), vehicle=CarBody(Suspension(roll_coefficient=0.2)))
-    recording = simulate(plan, seed=0, duration_s=300.0).recording
-    imu = recording.description.imu.model_copy(update={"rigid": True})
-    description = recording.description.model_copy(update={"imu": imu})
-    body = smooth_states(replace(recording, description=description), SmoothConfig())
+    recording, declared_rigid = on_springs(0.2, seed=0, duration_s=300.0)
+    body = smooth_states(declared_rigid, SmoothConfig())
     (finding,) = leaning_body(body).findings
     assert "of the cant deficiency" in finding.message
     verdicts = {verdict.quantity: verdict.status for verdict in body.verdicts}

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from trackfg.config import SmoothConfig
-from trackfg.datasets.scenarios import scenario, simulate
-from trackfg.datasets.vehicle.suspension import Suspension
-from trackfg.datasets.vehicle.vehicle import CarBody
+from trackfg.recording.model import Recording
 from trackfg.smoothing.doubts.path_doubts import path_doubts
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 
 def test_the_geometry_of_a_body_on_springs_that_is_declared_rigid_is_not_trusted(
-    smoothed: Callable[..., SmoothedStates],
+    smoothed: Callable[..., SmoothedStates], on_springs: Callable[..., tuple[Recording, Recording]]
 ) -> None:
     """The body does not lean, so that its roll says nothing; the vehicle of the scenario itself is rigid."""
-    plan = replace(scenario("mainline"), vehicle=CarBody(Suspension(roll_coefficient=0.0)))
-    recording = simulate(plan, seed=1, duration_s=100.0).recording
-    imu = recording.description.imu.model_copy(update={"rigid": True})
-    description = recording.description.model_copy(update={"imu": imu})
-    body = smooth_states(replace(recording, description=description), SmoothConfig())
+    recording, declared_rigid = on_springs(0.0, seed=1, duration_s=100.0)
+    body = smooth_states(declared_rigid, SmoothConfig())
     verdicts = {verdict.quantity: verdict for verdict in body.verdicts}
     for quantity in ("cross_level", "twist", "level", "alignment"):
         assert verdicts[quantity].status == "not_trusted"
