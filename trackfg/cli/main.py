@@ -45,6 +45,8 @@ app = Commands(no_args_is_help=True, pretty_exceptions_enable=False)
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
+_INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells count it: 128 and the number of the signal."""
 
 
 def main() -> None:
@@ -55,6 +57,10 @@ def main() -> None:
     try:
         try:
             app(prog_name="trackfg")
+        except Exception as error:
+            if _is_interrupted(error):
+                raise SystemExit(_INTERRUPTED) from error
+            raise
         finally:
             _flush_output()
             leave_the_rest()
@@ -71,6 +77,12 @@ def main() -> None:
             raise
         hint = "Hint: allow more open files, or free memory"
         _fail(f"{first_line(error)}: a part of Python or of a library cannot be opened. {hint}", status=1)
+
+
+def _is_interrupted(error: BaseException) -> bool:
+    """Return whether Ctrl-C is behind the error: compiled libraries turn it into a failure of their import."""
+    origin = error.__cause__ or error.__context__
+    return isinstance(error, KeyboardInterrupt) or (origin is not None and _is_interrupted(origin))
 
 
 _LESS_MEMORY = "free memory, or cut the recording into parts (docs/performance.md says what a run takes)"

@@ -479,6 +479,23 @@ def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_ctrl_c_while_a_compiled_library_is_imported(tmp_path: Path) -> None:
+    """Its initialisation fails with an ImportError that was caused by the interrupt."""
+    program = (
+        "import sys, importlib\n"
+        "def interrupted(name):\n"
+        "    try: raise KeyboardInterrupt\n"
+        "    except KeyboardInterrupt as interrupt: raise ImportError('initialization failed') from interrupt\n"
+        "importlib.import_module('trackfg.datasets.scenarios').scenario = interrupted\n"
+        "sys.argv = ['trackfg', 'simulate', 'mainline', '-o', sys.argv[1]]\n"
+        "from trackfg.cli.main import main; main()"
+    )
+    command = [sys.executable, "-c", program, tmp_path / "rec"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.strip()) == (130, "")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 def test_ctrl_c_at_many_moments(tmp_path: Path) -> None:
     for delay_s in (0.5, 1.0, 1.5, 2.0, 2.5):
