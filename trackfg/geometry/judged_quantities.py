@@ -90,28 +90,27 @@ def quantities(
             return str(error)
     if limit.parameter == "runoff":
         return "where the track was raised is not in a geometry table"
-    if limit.parameter in ("gauge_wide", "gauge_narrow"):
+    if limit.parameter in ("gauge_wide", "gauge_narrow", "gauge_change"):
         gauge = column("gauge_mm")
-        if gauge is None or gauge_m is None:
-            return "needs the column gauge_mm and the nominal gauge"
+        if gauge is None:
+            return "needs the column gauge_mm"
+        if limit.parameter == "gauge_change":
+            return [JudgedQuantity("gauge_mm", chainage, _range_within(gauge, step, _base_of(limit)))]
+        if gauge_m is None:
+            return "needs the nominal gauge"
         wide = gauge - 1000.0 * gauge_m
-        return [
-            JudgedQuantity(
-                "gauge_mm",
-                chainage,
-                wide if limit.parameter == "gauge_wide" else -wide,
-                column("gauge_mm_sd"),
-                one_sided=True,
-            )
-        ]
+        value = wide if limit.parameter == "gauge_wide" else -wide
+        return [JudgedQuantity("gauge_mm", chainage, value, column("gauge_mm_sd"), one_sided=True)]
     twist = column("twist_mm")
     if limit.parameter == "twist" and limit.base_m == lengths.twist_base_m and twist is not None:
         return [JudgedQuantity("twist_mm", chainage, twist, column("twist_mm_sd"))]
     cross_level, sd = column("cross_level_mm"), column("cross_level_mm_sd")
     if cross_level is None:
         return "needs the column cross_level_mm"
-    if limit.parameter == "reverse_cross_level":
-        return [JudgedQuantity("cross_level_mm", chainage, cross_level * curved_to_left, sd, one_sided=True)]
+    if limit.parameter in ("elevation", "reverse_cross_level"):
+        inner_above = cross_level * curved_to_left
+        value = inner_above if limit.parameter == "reverse_cross_level" else -inner_above
+        return [JudgedQuantity("cross_level_mm", chainage, value, sd, one_sided=True)]
     if limit.parameter == "cross_level":
         cant = column("cant_mm")
         if cant is not None:
@@ -119,14 +118,19 @@ def quantities(
         if limit.track == "tangent":
             return [JudgedQuantity("cross_level_mm", chainage, cross_level, sd)]
         return "needs the column cant_mm, the design's cross-level"
-    assert limit.base_m is not None  # by the schema, for twist and warp
     if limit.parameter == "warp":
-        return [JudgedQuantity("cross_level_mm", chainage, _range_within(cross_level, step, limit.base_m))]
+        return [JudgedQuantity("cross_level_mm", chainage, _range_within(cross_level, step, _base_of(limit)))]
     try:
-        value = twist_of(cross_level, step, limit.base_m, lengths.twist_anchor)
+        value = twist_of(cross_level, step, _base_of(limit), lengths.twist_anchor)
     except BadInputError as error:
         return str(error)
     return [JudgedQuantity("cross_level_mm", chainage, value)]
+
+
+def _base_of(limit: Limit) -> float:
+    """Return the base of a limit whose parameter is over one, m."""
+    assert limit.base_m is not None  # by the schema
+    return limit.base_m
 
 
 def _offsets(

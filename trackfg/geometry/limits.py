@@ -10,8 +10,8 @@
     kind = "peak"
     value_mm = 12.0
 
-:func:`cfr_213` gives the tables of 49 CFR 213.53, 213.55, 213.63 and 213.327 (the law's inches as mm). Their levels are
-track classes; which class a line has follows from more than its speed, so no speed stands in them.
+:func:`cfr_213` gives the tables of 49 CFR 213 for gage, alinement, elevation and surface (the law's inches as mm).
+Their levels are track classes; which class a line has follows from more than its speed, so no speed stands in them.
 """
 
 from __future__ import annotations
@@ -44,10 +44,12 @@ Parameter = Literal[
     "alignment",
     "cross_level",
     "reverse_cross_level",
+    "elevation",
     "twist",
     "warp",
     "gauge_wide",
     "gauge_narrow",
+    "gauge_change",
     "runoff",
 ]
 
@@ -59,8 +61,9 @@ class Limit(BaseModel):
     meant, or with ``uniformity`` its deviation from the mean of nine around it. ``twist`` is over ``base_m``; ``warp``
     is the greatest difference of cross-level between any two places less than ``base_m`` apart; ``runoff`` the change
     of height over ``base_m`` at the end of a raise. ``cross_level`` is relative to the design's cant, or to zero on
-    tangent track; ``reverse_cross_level`` is how much higher the inner rail of a curve is. ``gauge_wide`` and
-    ``gauge_narrow`` are relative to the nominal gauge.
+    tangent track; ``elevation`` is how much higher the outer rail of a curve is, ``reverse_cross_level`` the inner one.
+    ``gauge_wide`` and ``gauge_narrow`` are relative to the nominal gauge; ``gauge_change`` is the greatest difference
+    of gauge between any two places less than ``base_m`` apart.
 
     ``kind``: the largest magnitude (``peak``), or the standard deviation or the mean's magnitude over sections of
     ``section_m``. With ``repeats`` peaks count where so many separate ones lie within ``within_m``. The limit holds for
@@ -92,7 +95,7 @@ class Limit(BaseModel):
         if given != by_wavelength:
             wanted = "one of them" if by_wavelength else "neither"
             raise ValueError(f"band and chord_m: expected {wanted} with parameter {self.parameter!r}")
-        over_base = self.parameter in ("twist", "warp", "runoff")
+        over_base = self.parameter in ("twist", "warp", "gauge_change", "runoff")
         if over_base != (self.base_m is not None):
             raise ValueError(
                 f"base_m: expected {'a length' if over_base else 'none'} with parameter {self.parameter!r}"
@@ -155,8 +158,8 @@ def _is_open(entry: object) -> bool:
 
 
 def cfr_213() -> tuple[Limit, ...]:
-    """Return the limits of gage, alinement and track surface of classes 1 to 5 (49 CFR 213.53, 55, 63), and those of
-    alinement of 6 to 9 (213.327).
+    """Return the limits of gage, alinement, elevation and surface of classes 1 to 5 (49 CFR 213.53, 55, 57, 63), and
+    those of gage, alinement and elevation of 6 to 9 (213.323, 327, 329).
     """
     resource = files("trackfg.geometry").joinpath("cfr_213.toml")
     return _validated(toml_of(resource.read_bytes()), resource.name)

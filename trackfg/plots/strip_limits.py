@@ -3,7 +3,7 @@
 A line can be drawn where the limit speaks of what a panel shows: the largest magnitude of a column, with the chord,
 base and band that the column has. Cross-level and the versines of the alignment hold the designed curve too, so their
 limits stand on straight track only; the limit of a reversed cross-level stands in curves, on the side of the inner
-rail.
+rail. That of a curve's elevation is not drawn: it lies so far from any track that the panel would show nothing else.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ def limit_lines(
 
 def _reason_against(limit: Limit, result: Result) -> str | None:
     conventions = result.summary.geometry
-    if limit.parameter in ("gauge_wide", "gauge_narrow") and not result.has_rails:
+    if limit.parameter in ("gauge_wide", "gauge_narrow", "gauge_change") and not result.has_rails:
         return "gauge, which the result has not"
     if limit.kind != "peak":
         return f"{limit.kind} over {limit.section_m:g} m"
-    if limit.parameter in ("warp", "runoff"):
-        return limit.parameter
+    if limit.parameter in ("elevation", "warp", "gauge_change", "runoff"):
+        return limit.parameter.replace("_", " ")
     if limit.repeats > 1:
         return "repeated deviations"
     if limit.uniformity:

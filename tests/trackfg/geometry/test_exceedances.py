@@ -181,6 +181,29 @@ def test_gauge_is_judged_on_either_side_of_the_nominal() -> None:
     ]
 
 
+def test_a_change_of_gauge_is_judged_between_places_less_than_the_base_apart() -> None:
+    ramp = np.interp(CHAINAGE, [1200.0, 1230.0], [0.0, 12.0])  # 0.4 mm a metre
+    steep = np.interp(CHAINAGE, [1500.0, 1506.0], [0.0, 8.0])
+    change = limit(parameter="gauge_change", base_m=9.4488, value_mm=5.0)
+    (found,) = exceedances(table(gauge_mm=1435.0 + ramp + steep), [change], speed_kmh=0.0).found.itertuples()
+    assert found.value_mm == pytest.approx(8.0)
+    assert 1496.0 < found.from_m < found.to_m < 1510.0
+
+
+def test_the_elevation_of_a_curve_is_that_of_its_outer_rail() -> None:
+    left = np.where((CHAINAGE >= 1200.0) & (CHAINAGE <= 1400.0), 1.0, 0.0)
+    right = np.where((CHAINAGE >= 1600.0) & (CHAINAGE <= 1800.0), 1.0, 0.0)
+    curvature = 1e-3 * (left - right)  # to the left is positive
+    high = 185.0 * (right - left) + 190.0 * bump(1300.0, 1.0) * 2.0 * left  # the left rail above the right is positive
+    geometry = table(cross_level_mm=high, curvature_1pm=curvature)
+    found = exceedances(geometry, at_level(cfr_213(), "class 4"), speed_kmh=0.0).found
+    found = found[found["parameter"] == "elevation"]
+    assert found["value_mm"].unique().tolist() == [185.0]
+    assert found["from_m"].min() < 1250.0
+    assert found["to_m"].max() > 1750.0
+    assert len(found) == 3  # the one to the left is cut where its inner rail is the higher one
+
+
 def test_what_cannot_be_judged_is_said_with_the_reason() -> None:
     geometry = table(level_mm=np.zeros(N), cross_level_mm=np.zeros(N))
     judged = exceedances(geometry, cfr_213(), speed_kmh=0.0, gauge_m=1.067)

@@ -36,7 +36,7 @@ def test_the_law_is_built_in_millimetres() -> None:
         / 25.4
         for limit in limits
     }
-    assert len(inches) == len(limits) == 25 + 13 + 24 + 10 + 13 + 8 + 12 + 12
+    assert len(inches) == len(limits) == 25 + 13 + 24 + 10 + 13 + 8 + 12 + 12 + 1 + 5 + 12 + 4
     surface = "49 CFR 213.63(a)"
     for parameter, length, track, row in (
         ("runoff", 9.4488, "any", (3.5, 3, 2, 1.5, 1)),
@@ -68,6 +68,15 @@ def test_the_law_is_built_in_millimetres() -> None:
         gage = ("49 CFR 213.53(b)", f"class {k}")
         assert inches[*gage, "gauge_wide", None, "any"] == pytest.approx(wide)
         assert inches[*gage, "gauge_narrow", None, "any"] == pytest.approx(0.5)
+    for k, (narrow, change) in enumerate(((0.5, 0.75), (0.5, 0.5), (0.5, 0.5), (0.25, 0.5)), start=6):
+        gage = ("49 CFR 213.323(b)", f"class {k}")
+        assert inches[*gage, "gauge_wide", None, "any"] == pytest.approx(0.75)
+        assert inches[*gage, "gauge_narrow", None, "any"] == pytest.approx(narrow)
+        assert inches[*gage, "gauge_change", 9.4488, "any"] == pytest.approx(change)
+    assert inches["49 CFR 213.53(b)", "excepted track", "gauge_wide", None, "any"] == pytest.approx(1.75)
+    for k, highest in enumerate((8, 8, 7, 7, 7, 7, 7, 7, 7), start=1):
+        standard = "49 CFR 213.57(a)" if k <= 5 else "49 CFR 213.329(a)"
+        assert inches[standard, f"class {k}", "elevation", None, "curved"] == pytest.approx(highest)
     for k, (tangent, short, long) in enumerate(
         ((5.0, None, 5.0), (3.0, None, 3.0), (1.75, 1.25, 1.75), (1.5, 1.0, 1.5), (0.75, 0.5, 0.625)), start=1
     ):
