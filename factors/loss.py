@@ -10,9 +10,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 
-from trackfg.factors.switching import OUTLIER_SIGMAS, Chain, chain_after, chain_cost, chain_weights
+from trackfg.factors.switching import Chain, chain_after, chain_cost, chain_weights
 from trackfg.numerics.arrays import Array
 
 
@@ -60,27 +59,6 @@ class Cauchy(Loss):
         """See :meth:`Loss.cost`."""
         c = self.width
         return 0.5 * c**2 * np.log1p((norm / c) ** 2)
-
-
-class Switch(Loss):
-    """A switch between inlier and outlier is averaged over: the loss is the negative logarithm of a mixture.
-
-    It is one of the measurement's own normal distribution and of one
-    :data:`~trackfg.factors.switching.OUTLIER_SIGMAS` as wide, which are equally likely at the width. Below the width
-    errors count in full, beyond it they count for nothing, so that many of one sign do not pull together. The weight is
-    all but the probability that the error is the measurement's own.
-    """
-
-    def weight(self, norm: Array) -> Array:
-        """See :meth:`Loss.weight`."""
-        outlier = expit(-0.5 * self.width**2 + 0.5 * (1.0 - OUTLIER_SIGMAS**-2) * norm**2)
-        return np.asarray(1.0 - outlier * (1.0 - OUTLIER_SIGMAS**-2))
-
-    def cost(self, norm: Array) -> Array:
-        """See :meth:`Loss.cost`."""
-        c = self.width
-        outlier = -0.5 * c**2 - 0.5 * (norm / OUTLIER_SIGMAS) ** 2
-        return np.asarray(np.log1p(np.exp(-0.5 * c**2)) - np.logaddexp(-0.5 * norm**2, outlier))
 
 
 @dataclass(frozen=True)

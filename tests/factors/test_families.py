@@ -15,14 +15,13 @@ from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
 from trackfg.factors.landmark import OnLine, across_line, along_line, balise_passage, landmark
-from trackfg.factors.loss import Cauchy, Huber, Loss, Switch, SwitchChain
+from trackfg.factors.loss import Cauchy, Huber, Loss, SwitchChain
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
 from trackfg.factors.path import follows_path
 from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.rail import RailSightings, same_rail
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, Step, vectors
-from trackfg.factors.switching import OUTLIER_SIGMAS
 from trackfg.numerics.rotations import so3_exp
 
 KEYFRAMES = 6
@@ -138,7 +137,7 @@ def test_checker_finds_a_wrong_jacobian() -> None:
         check_jacobians(Family(good.type, wrong, good.slots, good.data, good.sigma), random_states(0))
 
 
-LOSSES = (Huber(1.3), Cauchy(2.0), Switch(2.0))
+LOSSES = (Huber(1.3), Cauchy(2.0))
 
 
 @pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: type(loss).__name__)
@@ -147,14 +146,6 @@ def test_weight_is_the_slope_of_the_loss_over_the_error_and_1_for_small_ones(los
     slope = (loss.cost(error + step) - loss.cost(error - step)) / (2.0 * step)
     np.testing.assert_allclose(loss.weight(error) * error, slope, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(loss.cost(np.array([0.0, 0.1])), [0.0, 0.005], rtol=0.2, atol=1e-12)
-
-
-def test_switch_leaves_outliers_no_pull_but_holds_what_they_measure() -> None:
-    loss = Switch(3.0)
-    assert loss.weight(np.array([3.0]))[0] == pytest.approx(0.5, abs=1e-4)
-    assert loss.weight(np.array([1.0]))[0] > 0.97
-    assert 40.0 * loss.weight(np.array([40.0]))[0] < 1e-4
-    np.testing.assert_allclose(loss.weight(np.array([10.0, 1e3, 1e6])), OUTLIER_SIGMAS**-2)
 
 
 @pytest.mark.parametrize("loss", [None, *LOSSES], ids=lambda loss: "plain" if loss is None else type(loss).__name__)

@@ -33,6 +33,7 @@ from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.evaluation.scores import quantities, score_bands, score_run, score_runs
 from trackfg.geometry.repeatability import section_repeatability
+from trackfg.numerics.units import KMH
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.smoothing.smoother import smooth_states
 
@@ -138,7 +139,7 @@ def repeatability_table(scenario: str, geometry: dict[int, pd.DataFrame]) -> pd.
                 rows.append(
                     {
                         "run": run,
-                        "kmh": 3.6 * compared["speed_mps"].mean(),
+                        "kmh": compared["speed_mps"].mean() / KMH,
                         "shift": "per section" if each else "whole run",
                         "shift_mean_m": sections["shift_m"].mean(),
                         "shift_from_m": sections["shift_m"].min(),
@@ -199,7 +200,7 @@ def main() -> None:
         for name in [name for name in REPEATED if name in durations]:
             geometry = {run: found["repeated", name, run] for run in REPEATED[name]}
             table = repeatability_table(name, geometry)
-            speed = 3.6 * geometry[REPEATED[name][0]]["speed_mps"].mean()
+            speed = geometry[REPEATED[name][0]]["speed_mps"].mean() / KMH
             _show(f"{name}, seed 0: sd of the difference from run 0 ({speed:.1f} km/h) per section of 200 m", table)
             written.append(table.assign(scenario=name, table="repeatability"))
     print(f"\n{time.perf_counter() - start:.0f} s in all", file=sys.stderr)

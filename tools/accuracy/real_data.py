@@ -22,6 +22,7 @@ from trackfg.datasets.real.real_run import RealRun
 from trackfg.evaluation.outages import horizontal_errors, score_outages, withhold
 from trackfg.evaluation.scores import rms
 from trackfg.numerics.spans import Span
+from trackfg.numerics.units import DEG_PER_H
 from trackfg.recording.model import Recording
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
@@ -93,7 +94,7 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
     )
     print(
         f"  wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, "
-        f"vertical gyro bias {np.degrees(bias) * 3600:.1f} +- {np.degrees(sd) * 3600:.1f} deg/h, "
+        f"vertical gyro bias {bias / DEG_PER_H:.1f} +- {sd / DEG_PER_H:.1f} deg/h, "
         f"tach clock {summary.clock_offset_s.value:+.3f} s; {summary.solver.iterations} iterations, "
         f"{summary.reason}"
     )

@@ -18,6 +18,7 @@ from trackfg.checks.diagnosis_silence import SilentSpan
 from trackfg.checks.diagnosis_wheel import WheelScale
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics import rotations
+from trackfg.numerics.units import KMH
 from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
@@ -200,7 +201,7 @@ _SURE_CORRELATION = 0.8
 
 def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
     """Return the key and the edit that multiply the tach's distance by ``scale``."""
-    for unit, other, ratio in (("m/s", "km/h", 1.0 / 3.6), ("km/h", "m/s", 3.6), ("m", "mm", 1e-3), ("mm", "m", 1e3)):
+    for unit, other, ratio in (("m/s", "km/h", KMH), ("km/h", "m/s", 1.0 / KMH), ("m", "mm", 1e-3), ("mm", "m", 1e3)):
         if tach.unit == unit and abs(np.log(abs(scale) / ratio)) < _UNIT_TOLERANCE:
             return "tach.unit", f'the data look like {other}: set tach.unit = "{other}"'
     if tach.kind == "pulses" and tach.wheel_diameter_m is not None:

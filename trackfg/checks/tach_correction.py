@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset, tach_acceleration
+from trackfg.numerics.units import KMH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged, band_passed
@@ -43,8 +44,8 @@ _OTHER_SENSE = "it counts in the other sense"
 _ANOTHER_WHEEL = "the wheel, or the number of pulses of a turn, is another one than described"
 _MISTAKES = {
     1.0: "",
-    1.0 / 3.6: "its values look like km/h, and are taken for m/s",
-    3.6: "its values look like m/s, and are taken for km/h",
+    KMH: "its values look like km/h, and are taken for m/s",
+    1.0 / KMH: "its values look like m/s, and are taken for km/h",
     0.44704: "its values look like mph, and are taken for m/s",
     1e-3: "its values look like mm, and are taken for m",
     1e3: "its values look like m, and are taken for mm",

@@ -24,32 +24,30 @@ _SHARED_ABOVE = 1e-4
 """Significance of the likelihood ratio test that the ramps of cant and of curvature are the same."""
 
 
-def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0, widest_radius_m: float = 10_000.0) -> list[Curve]:
+def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0) -> list[Curve]:
     """Find the curves of a profile, in order of chainage.
 
     ``profile`` has ``chainage_m`` ascending in uniform steps, ``curvature_1pm`` over ``base_m`` and its ``_sd``, and
-    perhaps ``cross_level_mm``: a result's geometry table. Rows may be missing or NaN. What is wider than
-    ``widest_radius_m`` is taken as straight. Sigmas refer to the profile's own chainage: that of the chainage itself is
-    not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile without these columns or this grid.
+    perhaps ``cross_level_mm``: a result's geometry table. Rows may be missing or NaN. Sigmas refer to the profile's own
+    chainage: that of the chainage itself is not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile
+    without these columns or this grid.
     """
     with one_thread():
-        return _curves_of(cells_of(profile, base_m), widest_radius_m)
+        return _curves_of(cells_of(profile, base_m))
 
 
-def _curves_of(pieces: Sequence[Cells], widest_radius_m: float) -> list[Curve]:
-    lines = [CurvedLine(cells, tuple(first_chains(cells, widest_radius_m))) for cells in pieces]
+def _curves_of(pieces: Sequence[Cells]) -> list[Curve]:
+    lines = [CurvedLine(cells, tuple(first_chains(cells))) for cells in pieces]
     if not any(line.chains for line in lines):
         return []
     noise = LineNoise(turn_noise(lines, straights_only=True), None)
     lines = [line.undisturbed(noise) for line in lines]
     noise = LineNoise(turn_noise(lines, straights_only=True), None)
-    lines = [line.structured(noise, widest_radius_m) for line in lines]
+    lines = [line.structured(noise) for line in lines]
     noise = LineNoise(turn_noise(lines, straights_only=False), tilt_noise(lines))
     lines = [line.undisturbed(noise).canted(noise) for line in lines]
     noise = LineNoise(turn_noise(lines, straights_only=False), tilt_noise(lines))
-    groups = [
-        _group(chain, line.stretch(k, noise), widest_radius_m) for line in lines for k, chain in enumerate(line.chains)
-    ]
+    groups = [_group(chain, line.stretch(k, noise)) for line in lines for k, chain in enumerate(line.chains)]
     fits = [group for group in groups if group is not None]
     weights = law_weights([group.trial for group in fits])
     fits = [group.relawed(w) for group, w in zip(fits, weights, strict=True)]
@@ -74,8 +72,8 @@ class Group:
         return replace(self, trial=with_likeliest_laws(self.trial, weights))
 
 
-def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group | None:
-    curvature_fit = structured(chain, stretch.without_tilt(), widest_radius_m)
+def _group(chain: CurveChain, stretch: Stretch) -> Group | None:
+    curvature_fit = structured(chain, stretch.without_tilt())
     if curvature_fit is None:
         return None
     if stretch.tilt is None or not any(curvature_fit.chain.straight):
@@ -86,7 +84,7 @@ def _group(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Group
     excess = joint_fit.chi2 / joint_fit.scale - (curvature_fit.chi2 + cant_fit.chi2) / joint_fit.scale
     limit = float(chdtri(len(curvature_fit.chain.places), _SHARED_ABOVE))
     if excess < limit and np.all(np.diff(joint_fit.chain.points) >= 0.0):
-        return Group(law_trial(simplified(joint_fit, widest_radius_m)), None)
+        return Group(law_trial(simplified(joint_fit)), None)
     return Group(law_trial(curvature_fit), cant_fit)
 
 

@@ -100,11 +100,11 @@ class CurvedLine:
             cross_level_known=cells.cross_level_known[rows],
         )
 
-    def structured(self, noise: LineNoise, widest_radius_m: float) -> CurvedLine:
+    def structured(self, noise: LineNoise) -> CurvedLine:
         """Return the line with the chains that the curvature shows, and the disturbed cells besides."""
         chains, turn = [], self.cells.turn
         for k, chain in enumerate(self.chains):
-            fit = structured(chain, self.stretch(k, noise).without_tilt(), widest_radius_m)
+            fit = structured(chain, self.stretch(k, noise).without_tilt())
             if fit is not None and fit.stretch.turn is not None:
                 chains.append(fit.chain)
                 turn = turn.with_part(self._rows(k, overlapping=True), fit.stretch.turn.increments)

@@ -23,6 +23,9 @@ import numpy as np
 from trackfg.curves.transition_laws import TransitionLaw, rise
 from trackfg.numerics.arrays import Array
 
+WIDEST_RADIUS_M = 10_000.0
+"""Curves wider than this, m, are taken for straight: their versine over 10 m is below 1.25 mm, as those of
+irregularities are."""
 _SHORTEST_M = 1e-3
 """Least length of a transition, m: the division by it stays finite."""
 

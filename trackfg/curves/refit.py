@@ -9,13 +9,13 @@ import numpy as np
 
 from trackfg.curves.chain_edits import level_length, merged, straightened, swapped, with_crossing
 from trackfg.curves.fit import Fit, Stretch, fitted
-from trackfg.curves.model import CurveChain
+from trackfg.curves.model import WIDEST_RADIUS_M, CurveChain
 
 _TURNED_M = 1.0
 """A transition the wrong way round by more than this, m, is turned; a shorter one loses its length."""
 
 
-def refitted(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
+def refitted(chain: CurveChain, stretch: Stretch) -> Fit | None:
     """Fit a chain, and correct it until its points are in order and its curves not too wide.
 
     None without a curve, or where its points leave the stretch.
@@ -44,7 +44,7 @@ def refitted(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit
             continue
         curved = fit.chain.curved
         flattest = int(curved[np.argmin(np.abs(fit.chain.curvature[curved]))])
-        if abs(fit.chain.curvature[flattest]) * widest_radius_m < 1.0:
+        if abs(fit.chain.curvature[flattest]) * WIDEST_RADIUS_M < 1.0:
             chain = straightened(fit.chain, flattest)
             if not chain.curved.size:
                 return None

@@ -18,7 +18,7 @@ import numpy as np
 
 from trackfg.curves.cells import Cells
 from trackfg.curves.chain_edits import level_length, selected
-from trackfg.curves.model import CurveChain
+from trackfg.curves.model import WIDEST_RADIUS_M, CurveChain
 from trackfg.curves.transition_laws import TransitionLaw
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
@@ -45,12 +45,12 @@ _LEAST_SD = 2e-5
 are none of them."""
 
 
-def first_chains(cells: Cells, widest_radius_m: float) -> list[CurveChain]:
+def first_chains(cells: Cells) -> list[CurveChain]:
     """Return a chain per group of curves, in order of chainage, with clothoids only and without cant."""
     weight = np.convolve(np.ones(len(cells)), np.ones(_AVERAGED), mode="same")
     mean = np.convolve(cells.curvature, np.ones(_AVERAGED), mode="same") / weight
     sd = max(cells.turn_sd / cells.base_m, _LEAST_SD)
-    least = max(0.5 / widest_radius_m, _SIGMAS * sd / _AVERAGED)
+    least = max(0.5 / WIDEST_RADIUS_M, _SIGMAS * sd / _AVERAGED)
     groups: list[list[int]] = []
     for first, stop in true_runs(np.abs(mean) > least):
         if groups and (first - groups[-1][1]) * cells.base_m < GROUP_GAP_M:

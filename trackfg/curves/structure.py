@@ -66,7 +66,7 @@ _SHORT_CURVE_M = 60.0
 """Curves this short, m, with their transitions, are tried as disturbances."""
 
 
-def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> Fit | None:
+def structured(chain: CurveChain, stretch: Stretch) -> Fit | None:
     """Fit the chain with the levels, transitions and points that the profile shows.
 
     The fit's stretch has the disturbances that it shows besides; None where it shows no curve.
@@ -77,8 +77,8 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
     laws = sorted(LAWS, key=lambda law: -chain.laws.count(law))
     for tried, law in enumerate(laws):
         for start in starts:
-            fit = refitted(with_law(start, law), stretch, widest_radius_m)
-            fit = None if fit is None else simplified(fit, widest_radius_m)
+            fit = refitted(with_law(start, law), stretch)
+            fit = None if fit is None else simplified(fit)
             if best is None or (fit is not None and _costs_less(fit, best)):
                 best = fit
         # Several curves can hide a wrong law behind a wrong straight: they are always tried by two laws.
@@ -89,32 +89,32 @@ def structured(chain: CurveChain, stretch: Stretch, widest_radius_m: float) -> F
     if best is None:
         return None
     if _misfits(best):
-        best = simplified(_relawed(best, widest_radius_m), widest_radius_m)
+        best = simplified(_relawed(best))
     for _ in range(2 + len(chain.straight)):
-        best = _undisturbed(best, widest_radius_m)
+        best = _undisturbed(best)
         split = (with_level(best.chain, t) for t in _doubtful(best))
-        candidate = _first_lower(best, split, widest_radius_m)
+        candidate = _first_lower(best, split)
         if candidate is best:
             break
-        best = simplified(candidate, widest_radius_m)
-    best = _without_short_curves(best, widest_radius_m)
+        best = simplified(candidate)
+    best = _without_short_curves(best)
     return None if len(best.chain.curved) == 1 and _straight_costs_less(best, stretch) else best
 
 
-def simplified(best: Fit, widest_radius_m: float) -> Fit:
+def simplified(best: Fit) -> Fit:
     """Return the fit without levels that it does not need, nor lengths that do not differ from nothing."""
     for _ in range(4):
-        candidate = _merged_where_short(_pruned(best, widest_radius_m), widest_radius_m)
+        candidate = _merged_where_short(_pruned(best))
         if candidate is best:
             break
         best = candidate
     return best
 
 
-def _merged_where_short(best: Fit, widest_radius_m: float) -> Fit:
+def _merged_where_short(best: Fit) -> Fit:
     for _ in range(len(best.chain.places)):
         shorter = _shortest_merged(best)
-        candidate = best if shorter is None else _lower(best, shorter, widest_radius_m)
+        candidate = best if shorter is None else _lower(best, shorter)
         if candidate is best:
             return best
         best = candidate
@@ -133,24 +133,24 @@ def _costs_less(fit: Fit, than: Fit) -> bool:
     return fit.chi2 / richer.scale + _price(fit) < than.chi2 / richer.scale + _price(than) - _LEAST_GAIN
 
 
-def _pruned(best: Fit, widest_radius_m: float) -> Fit:
+def _pruned(best: Fit) -> Fit:
     """Return the fit without the levels and transitions that it does not need, and with the lengths that it does."""
     for _ in range(2 * len(best.chain.straight)):
-        candidate = _first_lower(best, opened(best.chain), widest_radius_m)
+        candidate = _first_lower(best, opened(best.chain))
         if candidate is best:
-            candidate = _first_lower(best, _reduced(best), widest_radius_m)
+            candidate = _first_lower(best, _reduced(best))
         if candidate is best:
             return best
         best = candidate
     return best
 
 
-def _relawed(best: Fit, widest_radius_m: float) -> Fit:
+def _relawed(best: Fit) -> Fit:
     """Return the fit with each transition by the law that fits best."""
     for i in range(len(best.chain.laws)):
         for law in LAWS:
             if i < len(best.chain.laws) and law != best.chain.laws[i]:
-                best = _lower(best, with_law(best.chain, law, i), widest_radius_m)
+                best = _lower(best, with_law(best.chain, law, i))
     return best
 
 
@@ -184,22 +184,22 @@ def _reduced(fit: Fit) -> Iterator[CurveChain]:
             yield bridged(chain, level)
 
 
-def _lower(best: Fit, other: CurveChain, widest_radius_m: float) -> Fit:
+def _lower(best: Fit, other: CurveChain) -> Fit:
     """Return the other chain's fit if it costs less, else the one there is."""
-    fit = refitted(other, best.stretch, widest_radius_m)
+    fit = refitted(other, best.stretch)
     return best if fit is None or not _costs_less(fit, best) else fit
 
 
-def _first_lower(best: Fit, others: Iterable[CurveChain], widest_radius_m: float) -> Fit:
+def _first_lower(best: Fit, others: Iterable[CurveChain]) -> Fit:
     """Return the first of the other chains' fits that costs less, else the one there is."""
     for other in others:
-        fit = _lower(best, other, widest_radius_m)
+        fit = _lower(best, other)
         if fit is not best:
             return fit
     return best
 
 
-def _undisturbed(fit: Fit, widest_radius_m: float) -> Fit:
+def _undisturbed(fit: Fit) -> Fit:
     """Return the fit with the disturbances that explain more of the residuals than a step of curvature does."""
     for _ in range(len(fit.stretch.edges) // 10):
         if fit.stretch.turn is None:
@@ -207,14 +207,14 @@ def _undisturbed(fit: Fit, widest_radius_m: float) -> Fit:
         gain, turn = fit.stretch.turn.most_disturbed(*regressors(fit.chain, fit.stretch.without_tilt()))
         if _to_scale(gain, fit) < DISTURBED_FROM or gain < _step_gains(fit)[1].max(initial=0.0):
             break
-        candidate = refitted(fit.chain, replace(fit.stretch, turn=turn), widest_radius_m)
+        candidate = refitted(fit.chain, replace(fit.stretch, turn=turn))
         if candidate is None:
             break
         fit = candidate
     return fit
 
 
-def _without_short_curves(best: Fit, widest_radius_m: float) -> Fit:
+def _without_short_curves(best: Fit) -> Fit:
     """Return the fit without curves that are rather disturbances."""
     for level in reversed(best.chain.curved):
         chain = best.chain
@@ -225,8 +225,8 @@ def _without_short_curves(best: Fit, widest_radius_m: float) -> Fit:
             continue
         between = chain.curvature[level - 1] * chain.curvature[level + 1] > 0.0
         other = bridged(chain, int(level)) if between else straightened(chain, int(level))
-        fit = refitted(other, best.stretch, widest_radius_m)
-        fit = None if fit is None else _undisturbed(fit, widest_radius_m)
+        fit = refitted(other, best.stretch)
+        fit = None if fit is None else _undisturbed(fit)
         if fit is not None and _costs_less(fit, best):
             best = fit
     return best

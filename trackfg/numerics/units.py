@@ -13,6 +13,9 @@ STANDARD_GRAVITY = 9.80665
 KMH = 1.0 / 3.6
 """m/s per km/h."""
 
+DEG_PER_H = math.radians(1.0) / 3600.0
+"""rad/s per deg/h."""
+
 _FACTORS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "angular rate": {"rad/s": 1.0, "deg/s": math.pi / 180.0},

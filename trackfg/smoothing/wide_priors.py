@@ -29,6 +29,7 @@ from trackfg.graph.inertial import response_of_motion
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.numerics.rotations import rpy_from_matrix
+from trackfg.numerics.units import DEG_PER_H
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
@@ -56,7 +57,6 @@ _SET_SD = 1e-5
 _EARTH_SIGMAS = 3.0
 """Sigmas beyond which the data contradict an Earth that does not turn: only simulated ones do not."""
 
-_DEGREES_AN_HOUR = float(np.degrees(3600.0))
 _EARTH_HINT = "declare latitude_deg and heading_deg of [track]"
 
 _WORTH_A_LINE = np.array([np.radians(1.0), np.radians(1.0), 2.0, 0.5, 2.0])
@@ -122,7 +122,7 @@ def _calibration() -> Iterator[_Scalar]:
     column, text = count(EARTH.start), "the Earth turns about the axis {} by {{}} deg/h"
     for axis in ("of the heading at the start", "to the left of that"):
         said = text.format(axis)
-        yield _Scalar(next(column), said, _EARTH_HINT, _DEGREES_AN_HOUR, least_sd=0.0, limit=_EARTH_SIGMAS)
+        yield _Scalar(next(column), said, _EARTH_HINT, 1.0 / DEG_PER_H, least_sd=0.0, limit=_EARTH_SIGMAS)
 
 
 def _wheel() -> Iterator[_Scalar]:

@@ -8,15 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from trackfg.numerics.units import DEG_PER_H, KMH
 from trackfg.report.geometry_charts import channels
 from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
 from trackfg.report.page import Block, Facts, PageSection, PageTable, TableRow, Text, Tile, Tiles
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import Verdict, causes, opinions
-
-_DEG_PER_HOUR = math.degrees(1.0) * 3600.0
-"""From rad/s to deg/h."""
 
 
 def measured_elsewhere(result: Result) -> PageSection:
@@ -49,7 +47,7 @@ def sensor_facts(page: Summary) -> Facts:
     facts = (
         ("recording", page.recording_id),
         ("clock offset of the tachometer", _estimate(page.clock_offset_s, "s")),
-        ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, _DEG_PER_HOUR, "deg/h")),
+        ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, 1.0 / DEG_PER_H, "deg/h")),
         ("accelerometer bias x, y, z at the end", _vector(page.accel_bias_mps2, 1000.0, "mm/s²")),
         ("cost", cost),
         ("time by stage", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in page.timings_s.items())),
@@ -122,7 +120,7 @@ def _extent(result: Result) -> str:
 def _mean_speed(page: Summary) -> str:
     if page.distance_m is None or page.duration_s <= 0.0:
         return NONE
-    return f"{3.6 * page.distance_m / page.duration_s:.1f} km/h"
+    return f"{page.distance_m / page.duration_s / KMH:.1f} km/h"
 
 
 def _per_km(result: Result) -> str:
