@@ -251,7 +251,7 @@ ASSUMPTIONS = (
     Assumption(f"{_RECOGNITION}.fine_match:_CURVES_SCALE", "scale error of a match by curves", recognised),
     Assumption(f"{_RECOGNITION}.fine_match:_WALK_REST", "walk of the wheel within a section", recognised),
     # Perfect agreement is 1.
-    Assumption(f"{_RECOGNITION}.fine_match:_LEAST_SHARED", "least agreement of a match", recognised, (0.5, 1.0, 1.2)),
+    Assumption(f"{_RECOGNITION}.section_fit:_LEAST_SHARED", "least agreement of a match", recognised, (0.5, 1.0, 1.2)),
     Assumption(f"{_CHANGES}.changes:_SLOW_M", "window of the slow difference", changed),
     Assumption(f"{_CHANGES}.changes:_SMOOTHED_M", "smoothing of the slow difference", changed),
     Assumption(f"{_CHANGES}.change_noise:_FREEDOM", "residuals from which a sigma is known", changed),

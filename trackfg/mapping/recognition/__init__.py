@@ -31,8 +31,8 @@ fine:
    with transitions for creep, slips, maintenance and leaving the reference. Forward filtering and backward smoothing
    give ``P(p_k | all sections)``.
 
-4. **Fine match** (``fine_match``). From the most probable place on, least squares on the rows themselves, with x from
-   the section's middle,
+4. **Fine match** (``fine_match``, by ``section_fit``). From the most probable place on, least squares on the rows
+   themselves, with x from the section's middle,
 
        run_k(x) = reference(m_k + (1 + e_k) x) + constant + noise,
 

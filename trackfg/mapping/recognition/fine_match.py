@@ -1,40 +1,9 @@
 """Fine match of sections: where exactly each lies on the reference, by least squares on the rows.
 
-With ``r`` the run's features, ``f`` the reference (a cubic spline) and ``x`` the run's chainage about a section's
-middle, the unknowns of each section are the position ``m`` of its middle on the reference, in metres, and its scale
-error ``e``, with a prior sigma as of the run's scale:
-
-    r(x) = f(m + (1 + e) x) + c + noise.
-
-The constant ``c`` of each feature and section (a roll offset, a bias) is projected out. Gauss-Newton steps; rows far
-off (a defect) have the weight ``w = 1/(1 + (residual / (3 sigma))^2)`` of Cauchy's loss. Each feature has one sigma:
-the robust sigma of its residuals in all sections, but no less than what the tables' sigmas say of curvature and
-versines (those of the cross-level are mostly of its constant).
-
-**Derivatives** by m and e are those of the run, ``r'`` and ``r' x`` (an instrumental variable: Stock and Watson,
-Introduction to Econometrics, chapter 12). Between rows a spline has less of the reference's noise than on rows, so
-residuals are smallest half way: with the reference's own slopes a match is drawn there, by 1 cm where white noise is a
-twentieth of the profile. The run's slopes by central differences have nothing of the noise of the row itself, nor of
-the reference's. Matches by curves, whose means have no such noise, take the reference's slopes, which know less of the
-run's noise.
-
-**Covariance.** Noise of neighbouring rows is correlated over the operators' bases. With the derivatives ``J_i`` of a
-row by (m, e), less their weighted mean over the section, the transform ``G(W)`` of ``J_i / sigma`` and the pooled
-periodogram ``P`` of ``w_i residual_i / sigma`` of all sections (times ``(sigma / their robust sigma)^2`` where the
-tables claim more), it is that of an M-estimator (Huber and Ronchetti, Robust Statistics, section 7.6),
-
-    C = A^-1 B A^-1,    A = k sum w_i J_i J_i^T / sigma^2 + prior,    B = mean over frequencies of G G* P + prior,
-
-summed over the features. ``k`` is the mean derivative of the score ``w_i residual_i`` by the residual, over the mean
-weight, of all sections: with Cauchy's loss a row that is far off moves the score less than its weight says.
-
-The variance is raised where a section's own residuals are larger than the others', and by ``(sum J^2 / sum f' r')^2``
-where that exceeds one: slopes that run and reference do not share are no information.
-
-**Acceptance.** There is no match, and no sigma, where ``sum f' r' < 0.7 sum f'^2``, where half of the rows
-or more are unknown, where the iteration has not converged, or where it went too far from where it began. Slopes of raw
+Sections on unchanged track are matched by all features (:mod:`trackfg.mapping.recognition.section_fit`). Slopes of raw
 rows are mostly those of the shortest waves. Recording cars do not repeat these, so a section that is not accepted is
-matched once more with both profiles low-passed at 4 m, where runs become coherent; the same rule holds then.
+matched once more with both profiles low-passed at 4 m, where runs become coherent; the same rule holds then. Sections
+on changed track are matched by their curves alone, the means of curvature over 20 m.
 
 **Mean and middle.** Least squares gives about the mean over the section of the shift between the two chainages; it is
 reported as the shift at the middle. Where the wheel's scale is a random walk, the shift is an integrated one. Let ``d``
@@ -52,48 +21,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.mapping.recognition.profiles import (
-    CROSS_LEVEL,
-    CURVATURE,
-    LONG_M,
-    FeatureProfile,
-    forward_mean,
-    sections_of,
+from trackfg.mapping.recognition.profiles import CROSS_LEVEL, CURVATURE, FeatureProfile
+from trackfg.mapping.recognition.section_fit import (
+    REACH_BY_CURVES_M,
+    SectionFit,
+    fit_sections,
+    mean_difference,
+    section_feature,
 )
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
 
-_ROUNDS = 4
-"""Gauss-Newton steps."""
-_GREATEST_STEP_M, _GREATEST_SCALE_STEP = 5.0, 0.02
-"""Greatest change of the place, m, and of the scale error in one step."""
-_CONVERGED_M = 0.3
-"""A section whose last step is longer than this, m, has not converged."""
-_SEARCH_M, _SEARCH_STEP_M = 2.0, 0.5
-"""How far to either side the place is searched before the first step, m, and in what steps: a place of
-:mod:`trackfg.mapping.recognition.likelihood` is 2 m wide."""
-_REACH_M, _REACH_BY_CURVES_M = 3.0, 15.0
-"""How far a match by all features, and one by curves, may lie from the place where it began, m."""
-_FAR_SIGMAS = 3.0
-"""Width of Cauchy's loss, sigmas."""
-_WALK_SCALE = 1e-4
-"""Sigma of a section's own scale error: a creep of 1 mm per root of a metre over 100 m."""
 _CURVES_SCALE = 0.003
 """Greatest sigma of a section's scale error where there are only curves: their few slopes would fit irregularities by
 it. Chosen on simulated tamped lines; see Assumptions in docs/engine.md."""
 _CURVES_SD = 1.3
 """Factor of the sigma of matches by curves: irregularities bend the fit itself. Chosen on simulated tamped lines; see
 Assumptions in docs/engine.md."""
-_LEAST_SHARED = 0.7
-"""Least ``sum f' r' / sum f'^2`` of a match. Chosen on simulated lines; see Assumptions in docs/engine.md."""
-_LEAST_SOFTNESS = 0.5
-"""Least mean derivative of the score over the mean weight: of normal residuals it is 0.84."""
-_LEAST_KNOWN = 0.5
-"""Least share of a section's rows that a match needs."""
-_LEAST_NOISE = 1e-4
-"""Least noise of a feature, as a share of its standard deviation on the reference: for profiles without noise."""
-_ON_ROW = 1e-9
-"""A place so little below a row, in rows, is on it: rounding."""
 _LEAST_TRIPLES = 5
 """Triples of sections from which the wheel's walk can be estimated."""
 _WALK_MEAN = 0.055
@@ -102,14 +46,6 @@ _WALK_REST = 0.1
 """The sigma about it, per sd(d): twice the 0.052 of a Wiener process. Chosen on ten pairs of simulated runs (shuttle,
 mainline), whose matches err by 1.0 to 1.7 sigmas rms with it and by 1.15 to 1.8 with 0.052; see Assumptions in
 docs/engine.md."""
-_VALUE_M = 2.5
-"""Length of track per independent residual, m: a quarter of the base of versines and curvature."""
-_COMMON_VALUES = 20.0
-"""The noise of all sections counts as much as so many independent residuals of a section's own."""
-_SMOOTHED_OVER = 5
-"""Frequencies over which the periodogram is averaged."""
-_LONG_WAVES = slice(2, 9)
-"""Frequencies of the periodogram that stand for long waves: the lowest that are left without the mean."""
 
 
 @dataclass(frozen=True)
@@ -146,330 +82,63 @@ class Matches:
     cross_level_bias_mm_sd: Array
 
 
-@dataclass(frozen=True)
-class _Feature:
-    """One feature: the run's rows (k, m) and their slopes, 1/m; the reference as a cubic spline from row to row.
-
-    ``cubic`` (n, 4): of the row numbered ``first`` and those after it, highest power first; ``known`` (n,): whether the
-    row and the next are. ``by_run``: a section is moved along the run's slopes, not the reference's. ``claimed``: sigma
-    of the comparison by the tables; ``least_sigma``: the least that is taken.
-    """
-
-    run: Array
-    run_slope: Array
-    by_run: bool
-    step_m: float
-    first: int
-    cubic: Array
-    known: NDArray[np.bool_]
-    claimed: float
-    least_sigma: float
-
-    def at(self, places: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the reference's values, its slopes, and whether they are known, at places, m: three of their shape."""
-        position = places / self.step_m - self.first
-        row = np.floor(position + _ON_ROW).astype(np.int64)
-        inside = (row >= 0) & (row < len(self.cubic))
-        row = np.clip(row, 0, len(self.cubic) - 1)
-        t = np.where(inside, position - row, 0.0)
-        a, b, c, d = np.moveaxis(self.cubic[row], -1, 0)
-        return ((a * t + b) * t + c) * t + d, ((3.0 * a * t + 2.0 * b) * t + c) / self.step_m, inside & self.known[row]
-
-
-@dataclass(frozen=True)
-class _Linearised:
-    """One feature at the sections' present places: residuals (k, m) and derivatives by place and scale error (2, k, m).
-
-    The derivatives are those of the run where :attr:`_Feature.by_run`, and ``slope`` (k, m) is the reference's.
-    ``weight`` (k, m): of Cauchy's loss, 0 where not known. ``spread``: robust sigma of the residuals; ``sigma``: that
-    or, if it is larger, what the tables claim.
-    """
-
-    feature: _Feature
-    residual: Array
-    jacobian: Array
-    slope: Array
-    weight: Array
-    known: NDArray[np.bool_]
-    spread: float
-    sigma: float
-
-    @classmethod
-    def of(cls, feature: _Feature, places: Array, x: Array, weight: Array) -> _Linearised:
-        """Linearise at ``places`` (k, m) with the weights of the round before (k, m)."""
-        value, slope, known = feature.at(places)
-        steep = feature.run_slope if feature.by_run else slope
-        known &= np.isfinite(feature.run) & np.isfinite(steep)
-        w = np.where(known, weight, 0.0)
-        residual = _centred(np.where(known, feature.run - value, 0.0), w)
-        steep = np.where(known, steep, 0.0)
-        jacobian = np.stack([_centred(steep, w), _centred(steep * x, w)])
-        spread = robust_sd(residual[known]) if known.any() else 0.0
-        return cls(
-            feature,
-            residual,
-            jacobian,
-            _centred(slope, w),
-            w,
-            known,
-            spread,
-            max(spread, feature.claimed, feature.least_sigma),
-        )
-
-    @property
-    def cauchy_weight(self) -> Array:
-        """The weights of the next round, (k, m)."""
-        return 1.0 / (1.0 + (self.residual / (_FAR_SIGMAS * self.sigma)) ** 2)
-
-    def normal(self) -> tuple[Array, Array]:
-        """Return the normal matrix (k, 2, 2) and the right-hand side (k, 2)."""
-        J, w = self.jacobian, self.weight
-        matrix = np.einsum("akm,bkm,km->kab", J, J, w) / self.sigma**2
-        return matrix, np.einsum("akm,km,km->ka", J, w, self.residual) / self.sigma**2
-
-    @property
-    def softness(self) -> float:
-        """The mean derivative of the score by the residual, over the mean weight."""
-        square = (self.residual[self.known] / (_FAR_SIGMAS * self.sigma)) ** 2
-        if not square.size:
-            return 1.0
-        return max(
-            float(np.mean((1.0 - square) / (1.0 + square) ** 2) / np.mean(1.0 / (1.0 + square))), _LEAST_SOFTNESS
-        )
-
-    def coloured(self) -> Array:
-        """Return B without the prior: the variance of the right-hand side under coloured noise, (k, 2, 2)."""
-        u = self.weight * self.residual / self.sigma
-        spectrum = _periodogram(u, self.known) * max(
-            1.0, (self.sigma / max(self.spread, self.feature.least_sigma)) ** 2
-        )
-        G = np.fft.rfft(self.jacobian * self.known / self.sigma, 2 * (len(spectrum) - 1), axis=2)
-        return _mean_over_frequencies(np.real(G[:, None] * np.conj(G[None])) * spectrum).transpose(2, 0, 1)
-
-    def slopes(self) -> tuple[Array, Array, Array]:
-        """Return ``sum f' r'``, ``sum f'^2`` and the sum of the squared derivatives of each section, weighted, (k,)."""
-        of_run = np.where(self.known & np.isfinite(self.feature.run_slope), self.feature.run_slope, 0.0)
-        w = self.weight
-        products = (_centred(of_run, w) * self.slope, self.slope**2, self.jacobian[0] ** 2)
-        shared, of_reference, used = ((product * w).sum(axis=1) / self.sigma**2 for product in products)
-        return shared, of_reference, used
-
-    def squares(self) -> Array:
-        """Return the sections' sums of squared residuals in units of the mean over all sections, (k,)."""
-        u = self.weight * self.residual / self.sigma
-        power = float((u**2).sum()) / max(int(self.known.sum()), 1)
-        return np.asarray((u**2).sum(axis=1) / max(power, np.finfo(np.float64).tiny))
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Places (m), their sigmas (m, NaN where there is no match) and the scale errors of sections, (k,) each."""
-
-    place: Array
-    sd: Array
-    scale: Array
-
-
 def match_sections(run: FeatureProfile, reference: FeatureProfile, sections: Sections, scale_sd: float) -> Matches:
-    """Match sections of the run. ``scale_sd``: prior sigma of their scale errors.
-
-    Sections on unchanged track are matched by all features on every row, from within 2 m: those that share no slopes
-    with the reference once more, without the waves in which runs of recording cars are not coherent. The others are
-    matched by their curves alone, the means of curvature over 20 m.
-    """
-    rows = sections.length_m * run.rows_per_cell
-    x: Array = run.step_m * np.arange(rows, dtype=np.float64) - 0.5 * sections.length_m
+    """Match sections of the run. ``scale_sd``: prior sigma of their scale errors."""
     count = len(sections.middle_m)
-    place, sd, scale = sections.about_m.copy(), np.full(count, np.nan), sections.scale.copy()
+    position_m, sd_m, scale = sections.about_m.copy(), np.full(count, np.nan), sections.scale.copy()
+    every = tuple(run.features)
     for coherent in (False, True):
-        which = np.flatnonzero(sections.unchanged & np.isnan(sd))
+        which = np.flatnonzero(sections.unchanged & np.isnan(sd_m))
         if which.size:
-            of_run, of_reference = _low_passed(run, reference, sections[which]) if coherent else (run, reference)
-            first = _first_rows(of_run, sections[which])
-            features = [_feature(of_run, of_reference, name, first, rows, by_curves=False) for name in run.features]
-            fit = _fit(features, x, sections.about_m[which], sections.scale[which], scale_sd, searched=True)
-            place[which], sd[which], scale[which] = fit.place, fit.sd, fit.scale
+            some = sections[which]
+            profiles = _low_passed(run, reference, some) if coherent else (run, reference)
+            fit = _fitted(*profiles, some, every, scale_sd)
+            position_m[which], sd_m[which], scale[which] = fit
     which = np.flatnonzero(~sections.unchanged)
     if which.size and CURVATURE in run.features:
-        features = [_feature(run, reference, CURVATURE, _first_rows(run, sections[which]), rows, by_curves=True)]
-        curves_sd = min(scale_sd, _CURVES_SCALE)
-        fit = _fit(features, x, sections.about_m[which], sections.scale[which], curves_sd, searched=False)
-        place[which], sd[which], scale[which] = fit.place, _CURVES_SD * fit.sd, fit.scale
-    sd = np.hypot(sd, _mean_to_middle_sd(place - sections.middle_m, sd))
+        fit = _fitted(run, reference, sections[which], (CURVATURE,), min(scale_sd, _CURVES_SCALE), by_curves=True)
+        position_m[which], sd_m[which], scale[which] = fit.position_m, _CURVES_SD * fit.sd_m, fit.scale
+    sd_m = np.hypot(sd_m, _mean_to_middle_sd(position_m - sections.middle_m, sd_m))
     bias, bias_sd = np.full(count, np.nan), np.full(count, np.nan)
-    matched = np.flatnonzero(np.isfinite(sd))
-    if CROSS_LEVEL in run.features and matched.size:
-        first = _first_rows(run, sections[matched])
-        feature = _feature(run, reference, CROSS_LEVEL, first, rows, by_curves=False)
-        bias[matched], bias_sd[matched] = _bias(feature, x, _Fit(place[matched], sd[matched], scale[matched]))
-    return Matches(place, sd, bias, bias_sd)
+    which = np.flatnonzero(np.isfinite(sd_m))
+    if CROSS_LEVEL in run.features and which.size:
+        feature = section_feature(run, reference, CROSS_LEVEL, *_rows(run, sections[which]), by_curves=False)
+        fit = SectionFit(position_m[which], sd_m[which], scale[which])
+        bias[which], bias_sd[which] = mean_difference(feature, fit)
+    return Matches(position_m, sd_m, bias, bias_sd)
+
+
+def _fitted(
+    run: FeatureProfile,
+    reference: FeatureProfile,
+    sections: Sections,
+    names: Sequence[str],
+    scale_sd: float,
+    *,
+    by_curves: bool = False,
+) -> SectionFit:
+    """Return the sections' least-squares fit by the features ``names``, or by their means over 20 m."""
+    rows = _rows(run, sections)
+    features = [section_feature(run, reference, name, *rows, by_curves=by_curves) for name in names]
+    return fit_sections(features, sections.about_m, sections.scale, scale_sd, searched=not by_curves)
 
 
 def _low_passed(
     run: FeatureProfile, reference: FeatureProfile, sections: Sections
 ) -> tuple[FeatureProfile, FeatureProfile]:
     """Return both profiles about the sections without the waves in which runs are not coherent."""
-    around = 0.5 * sections.length_m + _REACH_BY_CURVES_M
+    around = 0.5 * sections.length_m + REACH_BY_CURVES_M
     of_run, of_reference = (
-        profile.between(float(places.min()) - around, float(places.max()) + around).low_passed()
-        for profile, places in ((run, sections.middle_m), (reference, sections.about_m))
+        profile.between(float(middle_m.min()) - around, float(middle_m.max()) + around).low_passed()
+        for profile, middle_m in ((run, sections.middle_m), (reference, sections.about_m))
     )
     return of_run, of_reference
 
 
-def _first_rows(run: FeatureProfile, sections: Sections) -> NDArray[np.int64]:
-    """Return the rows of the run at which the sections begin, (k,)."""
+def _rows(run: FeatureProfile, sections: Sections) -> tuple[NDArray[np.int64], int]:
+    """Return the rows of the run at which the sections begin, (k,), and how many rows each has."""
     first = np.rint((sections.middle_m - 0.5 * sections.length_m) / run.step_m).astype(np.int64)
-    return np.asarray(first - run.first)
-
-
-def _feature(
-    run: FeatureProfile, reference: FeatureProfile, name: str, first: NDArray[np.int64], rows: int, *, by_curves: bool
-) -> _Feature:
-    """Return one feature of the run's sections that begin at rows ``first`` (k,), or its means over 20 m."""
-    from scipy.interpolate import CubicSpline  # late: 0.2 s
-
-    r, f = run.features[name], reference.features[name]
-    if by_curves:
-        r, f = (forward_mean(values, LONG_M * run.rows_per_cell) for values in (r, f))
-    pieces = sections_of(r, first, rows)
-    known = np.isfinite(f)
-    at = np.flatnonzero(known)
-    if at.size < 2:
-        cubic, both = np.zeros((1, 4)), np.zeros(1, dtype=bool)
-    else:
-        every = np.arange(len(f))
-        cubic = np.append(CubicSpline(every, np.interp(every, at, f[at])).c.T, np.zeros((1, 4)), axis=0)
-        cubic[-1, 3] = f[at[-1]]
-        both = known & np.append(known[1:], known[-1])
-    has_claim = not by_curves and name != CROSS_LEVEL
-    return _Feature(
-        run=pieces,
-        run_slope=sections_of(np.gradient(r, run.step_m), first, rows),
-        by_run=not by_curves,
-        step_m=run.step_m,
-        first=reference.first,
-        cubic=cubic,
-        known=both,
-        claimed=float(np.sqrt(run.claimed_variance(name) + reference.claimed_variance(name))) if has_claim else 0.0,
-        least_sigma=max(
-            _LEAST_NOISE * float(np.std(f[known])) if at.size else 0.0, float(np.finfo(np.float64).tiny) ** 0.25
-        ),
-    )
-
-
-def _fit(
-    features: Sequence[_Feature], x: Array, about: Array, about_scale: Array, scale_sd: float, *, searched: bool
-) -> _Fit:
-    """Return the places and scale errors that fit best, by Gauss-Newton from ``about``, m, and ``about_scale``, (k,)
-    each. The latter is the mean of the scale's prior.
-    """
-    scale = about_scale
-    place = _searched(features, x, about, scale) if searched else about.copy()
-    prior = 1.0 / (scale_sd**2 + _WALK_SCALE**2)
-    weights = [np.ones_like(feature.run) for feature in features]
-    for _ in range(_ROUNDS):
-        places = place[:, None] + (1.0 + scale[:, None]) * x
-        linearised = [_Linearised.of(feature, places, x, w) for feature, w in zip(features, weights, strict=True)]
-        A, b = _normal_equations(linearised, prior, about_scale - scale)
-        step = np.linalg.solve(A, b[..., None])[..., 0]
-        place = place + np.clip(step[:, 0], -_GREATEST_STEP_M, _GREATEST_STEP_M)
-        scale = scale + np.clip(step[:, 1], -_GREATEST_SCALE_STEP, _GREATEST_SCALE_STEP)
-        weights = [part.cauchy_weight for part in linearised]
-    reach = _REACH_M if searched else _REACH_BY_CURVES_M
-    accepted = _is_match(linearised) & (np.abs(step[:, 0]) < _CONVERGED_M) & (np.abs(place - about) < reach)
-    sd = np.sqrt(_variance(linearised, prior), where=accepted, out=np.full(len(about), np.nan))
-    return _Fit(np.where(accepted, place, about), sd, scale)
-
-
-def _normal_equations(linearised: Sequence[_Linearised], prior: float, pull: Array) -> tuple[Array, Array]:
-    """Return A (k, 2, 2) and the right-hand side (k, 2); ``pull`` (k,): the prior scale error less the present one."""
-    A, b = np.zeros((len(pull), 2, 2)), np.zeros((len(pull), 2))
-    A[:, 1, 1] = prior
-    b[:, 1] = prior * pull
-    for part in linearised:
-        matrix, vector = part.normal()
-        A += matrix
-        b += vector
-    A[:, 0, 0] += np.finfo(np.float64).tiny
-    return A, b
-
-
-def _variance(linearised: Sequence[_Linearised], prior: float) -> Array:
-    """Return the variances of the places, m^2 (k,), under coloured noise."""
-    count = len(linearised[0].residual)
-    A, B = np.zeros((count, 2, 2)), np.zeros((count, 2, 2))
-    A[:, 1, 1] = B[:, 1, 1] = prior
-    A[:, 0, 0] += np.finfo(np.float64).tiny
-    shared, slopes, squares, rows = (np.zeros(count) for _ in range(4))
-    for part in linearised:
-        A += part.softness * part.normal()[0]
-        B += part.coloured()
-        with_run, _, used = part.slopes()
-        shared += with_run
-        slopes += used
-        squares += part.squares()
-        rows += part.known.sum(axis=1)
-    inverse = np.linalg.inv(A)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        variance = (inverse @ B @ inverse)[:, 0, 0] * np.maximum(slopes / shared, 1.0) ** 2
-    per_value = _VALUE_M / linearised[0].feature.step_m
-    own_noise = (_COMMON_VALUES + squares / per_value) / (_COMMON_VALUES + rows / per_value)
-    return np.asarray(variance * np.maximum(1.0, own_noise))
-
-
-def _is_match(linearised: Sequence[_Linearised]) -> NDArray[np.bool_]:
-    """Return whether each section (k,) shares its slopes with the reference, and has rows enough."""
-    shared, slopes, _ = (sum(parts) for parts in zip(*(part.slopes() for part in linearised), strict=True))
-    known = np.concatenate([part.known for part in linearised], axis=1)
-    return np.asarray((shared > _LEAST_SHARED * slopes) & (known.sum(axis=1) > _LEAST_KNOWN * known.shape[1]))
-
-
-def _searched(features: Sequence[_Feature], x: Array, place: Array, scale: Array) -> Array:
-    """Return the best of positions at every 0.5 m within 2 m, m (k,), compared at every 0.5 m of the run, with the
-    nearest reference row.
-
-    Compared are profile log likelihoods, those of the best constant and the best variance of the noise, on the rows
-    that the reference knows at all of these positions. Where there are none, the position stays: the least shift is
-    first.
-    """
-    step_m = features[0].step_m
-    stride = max(1, round(_SEARCH_STEP_M / step_m))
-    reach = round(_SEARCH_M / (stride * step_m))
-    offsets = stride * np.array(sorted(range(-reach, reach + 1), key=abs))
-    log_likelihood = np.zeros((len(offsets), len(place)))
-    middle = np.rint((place[:, None] + (1.0 + scale[:, None]) * x[::stride]) / step_m).astype(np.int64)
-    for feature in features:
-        r, f = feature.run[:, ::stride], np.where(feature.known, feature.cubic[:, 3], np.nan)
-        beyond = np.append(f, np.nan)
-        rows = (middle - feature.first + offset for offset in offsets)
-        differences = [r - beyond[np.where((row >= 0) & (row < len(f)), row, len(f))] for row in rows]
-        known = np.logical_and.reduce([np.isfinite(d) for d in differences])
-        count = known.sum(axis=1)
-        for i, d in enumerate(differences):
-            squares = (_centred(np.where(known, d, 0.0), known.astype(np.float64)) ** 2).sum(axis=1)
-            log_likelihood[i] -= 0.5 * count * np.log(squares / np.maximum(count, 1) + feature.least_sigma**2)
-    return np.asarray(place + step_m * offsets[np.argmax(log_likelihood, axis=0)])
-
-
-def _centred(values: Array, weight: Array) -> Array:
-    """Return values less the weighted mean of their row; zero where nothing weighs."""
-    total = np.maximum(weight.sum(axis=-1, keepdims=True), np.finfo(np.float64).tiny)
-    return np.where(weight > 0.0, values - (values * weight).sum(axis=-1, keepdims=True) / total, 0.0)
-
-
-def _periodogram(u: Array, known: NDArray[np.bool_]) -> Array:
-    """Return the mean periodogram per row of sections (k, m), smoothed; one for white noise of unit variance."""
-    n = 2 ** int(np.ceil(np.log2(2 * u.shape[1])))
-    spectrum = (np.abs(np.fft.rfft(u, n, axis=1)) ** 2).sum(axis=0) / max(int(known.sum()), 1)
-    padded = np.pad(spectrum, _SMOOTHED_OVER // 2, mode="reflect")
-    return np.convolve(padded, np.full(_SMOOTHED_OVER, 1.0 / _SMOOTHED_OVER), mode="valid")
-
-
-def _mean_over_frequencies(values: Array) -> Array:
-    """Return means over all frequencies of values (..., n/2 + 1) at those that are not negative."""
-    n = 2 * (values.shape[-1] - 1)
-    return np.asarray((2.0 * values.sum(axis=-1) - values[..., 0] - values[..., -1]) / n)
+    return np.asarray(first - run.first), sections.length_m * run.rows_per_cell
 
 
 def _mean_to_middle_sd(shift: Array, sd: Array) -> Array:
@@ -487,19 +156,3 @@ def _mean_to_middle_sd(shift: Array, sd: Array) -> Array:
     usual = robust_sd(bend[known]) ** 2 - float(np.median(explained[known]))
     of_section = np.where(known, bend**2 - explained, usual)
     return np.sqrt(_WALK_MEAN**2 * np.maximum(of_section, 0.0) + _WALK_REST**2 * max(usual, 0.0))
-
-
-def _bias(feature: _Feature, x: Array, fit: _Fit) -> tuple[Array, Array]:
-    """Return the means of run minus reference over matched sections, and their sigmas, (k,) each."""
-    value, slope, known = feature.at(fit.place[:, None] + (1.0 + fit.scale[:, None]) * x)
-    known &= np.isfinite(feature.run)
-    count = known.sum(axis=1)
-    some = np.maximum(count, 1)
-    mean = np.where(known, feature.run - value, 0.0).sum(axis=1) / some
-    slope = np.where(known, slope, 0.0).sum(axis=1) / some
-    r = np.where(known, feature.run - value - mean[:, None], 0.0)
-    spread = robust_sd(r[known]) if known.any() else 0.0
-    weight = 1.0 / (1.0 + (r / (_FAR_SIGMAS * max(spread, feature.least_sigma))) ** 2)
-    long_waves = float(_periodogram(r * weight, known)[_LONG_WAVES].mean())
-    variance = long_waves / some + (slope * fit.sd) ** 2
-    return np.where(count > 0, mean, np.nan), np.where(count > 0, np.sqrt(variance), np.nan)

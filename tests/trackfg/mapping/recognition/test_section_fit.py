@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trackfg.mapping.recognition.fine_match import _feature, _searched
 from trackfg.mapping.recognition.profiles import CROSS_LEVEL, FeatureProfile
+from trackfg.mapping.recognition.section_fit import searched_positions, section_feature
 
 STEP_M = 0.25
 ROWS = 400
@@ -19,8 +19,8 @@ def profile(values: np.ndarray) -> FeatureProfile:
 
 def searched(run: np.ndarray, reference: np.ndarray, about_m: float) -> float:
     """The position of the section of 100 m from the run's first row on, searched about ``about_m``."""
-    feature = _feature(profile(run), profile(reference), CROSS_LEVEL, np.array([0]), ROWS, by_curves=False)
-    return float(_searched([feature], X, np.array([about_m]), np.zeros(1))[0])
+    feature = section_feature(profile(run), profile(reference), CROSS_LEVEL, np.array([0]), ROWS, by_curves=False)
+    return float(searched_positions([feature], np.array([about_m]), np.zeros(1))[0])
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
