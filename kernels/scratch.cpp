@@ -39,6 +39,7 @@ constexpr char NUMPYS_OWN[] = "default_allocator";  // numpy's own handler, whos
 constexpr int SET_HANDLER = 304, GET_HANDLER = 305;
 
 constexpr std::size_t LARGE = std::size_t{1} << 20;      // bytes of an array that may lie in the file: 256 pages
+constexpr std::size_t BLOCK = std::size_t{1} << 24;      // bytes that no array of one block of a long run has: 16 MiB
 constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, bytes: 256 GiB
 constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
 constexpr std::size_t PAGE = std::size_t{1} << 16;       // places begin at multiples of this: of all sizes of pages
@@ -186,9 +187,11 @@ struct Scratch {
         const std::size_t bytes = malloc_usable_size(place);
         if (bytes >= LARGE) on_heap -= bytes;
     }
-    // A place in the file for an array that is large and beyond the budget; null for all others.
+    // A place in the file for an array that is large and beyond the budget; null for all others. A quarter of the budget
+    // is for arrays of blocks: their memory is used again and again, and the kernel writes none of it to a disk.
     void *spilled(std::size_t bytes) {
-        return bytes < LARGE || on_heap + bytes <= budget ? nullptr : file.take(bytes);
+        const std::size_t share = bytes < BLOCK ? budget : budget / 4 * 3;
+        return bytes < LARGE || on_heap + bytes <= share ? nullptr : file.take(bytes);
     }
 };
 

@@ -16,6 +16,7 @@ m with at most 3 % of their amplitude (0.2 % above 0.25 m). With samples 0.1 m a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -33,8 +34,12 @@ _PASS_STEPS, _STOP_STEPS = 3.2, 2.0
 """Edges of the low-pass, wavelengths in steps."""
 _ATTENUATION_DB = 60.0
 """Attenuation of the low-pass in its stop band, dB: an amplitude of 0.1 % is left."""
-_CHUNK = 10_000
+_CHUNK = 2_000
 """Steps evaluated at a time: their cells stay in the cache."""
+_BEYOND = 64
+"""Nodes to either side of a chunk that its spline runs through: what is beyond a node has at most half the influence
+that it has there (de Boor, *A Practical Guide to Splines* (1978), ch. XIII), 2^-64 in all, which is below rounding.
+"""
 
 
 def resample(
@@ -51,7 +56,8 @@ def resample(
         raise BadInputError(f"step_m is {step_m!r}; expected a length above 0")
     place, value = _checked(chainage_m, values)
     cell = step_m / _CELLS
-    node, node_value = _nodes(place, value, cell)
+    nodes = _Nodes.of(place, cell)
+    node = nodes.place
     if len(node) < FEWEST_SAMPLES:
         raise BadInputError(f"{len(node)} samples that are apart; expected at least {FEWEST_SAMPLES}")
 
@@ -64,14 +70,16 @@ def resample(
     out = np.full((*value.shape[:-1], len(grid)), np.nan)
     if len(grid) == 0:
         return grid, out
-    for row in np.ndindex(value.shape[:-1]):
-        spline = CubicSpline(node, node_value[row])
-        for begin in range(0, len(grid), _CHUNK):
-            part = out[row][begin : begin + _CHUNK]
-            start = (first + begin) * _CELLS - reach
-            fine = np.arange(start, start + (len(part) - 1) * _CELLS + 2 * reach + 1) * cell
-            fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
-            part[...] = _decimate(spline(fine), taps)
+    for begin in range(0, len(grid), _CHUNK):
+        part = out[..., begin : begin + _CHUNK]
+        start = (first + begin) * _CELLS - reach
+        fine = np.arange(start, start + (part.shape[-1] - 1) * _CELLS + 2 * reach + 1) * cell
+        fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
+        low, high = np.searchsorted(node, fine[[0, -1]])
+        near = slice(max(low - _BEYOND, 0), high + _BEYOND)
+        at_nodes = nodes.values(value, near)
+        for row in np.ndindex(value.shape[:-1]):
+            part[row] = _decimate(CubicSpline(node[near], at_nodes[row])(fine), taps)
     reach_m = reach * cell
     known = (grid - reach_m >= node[0] - 0.5 * cell) & (grid + reach_m <= node[-1] + 0.5 * cell)
     for hole in np.flatnonzero(np.diff(node) > max_hole_m):
@@ -110,27 +118,39 @@ def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     return place, value
 
 
-def _nodes(place: Array, value: Array, cell: float) -> tuple[Array, Array]:
-    """Return one node per cell that has samples, no two nearer than half a cell."""
-    number = np.floor(place / cell)
-    starts = np.flatnonzero(np.diff(number, prepend=np.nan) != 0.0)
-    if len(starts) < len(place):
-        counts = np.diff(starts, append=len(place))
-        origin = cell * number[starts]
-        offset = np.add.reduceat(place - np.repeat(origin, counts), starts) / counts
-        place, value = origin + offset, np.add.reduceat(value, starts, axis=-1) / counts
-    number = number[starts]
-    adjacent = np.diff(number) == 1.0
-    if len(place) < 3 or not adjacent.any():
-        return place, value
-    middle = (number + 0.5) * cell
-    low = np.where(np.concatenate([[False], adjacent]), middle - 0.25 * cell, -np.inf)
-    high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
-    moved = np.clip(place, low, high)
-    slope = np.empty_like(value)
-    slope[..., 1:-1] = (value[..., 2:] - value[..., :-2]) / (place[2:] - place[:-2])
-    slope[..., 0], slope[..., -1] = slope[..., 1], slope[..., -2]
-    return moved, value + slope * (moved - place)
+@dataclass(frozen=True)
+class _Nodes:
+    """There is one node per cell that has samples, no two nearer than half a cell.
+
+    Node i, at ``place`` (k,), stands for the samples from ``edges[i]`` (k + 1,) on, whose ``mean`` place (k,) is near.
+    """
+
+    edges: np.ndarray
+    mean: Array
+    place: Array
+
+    @classmethod
+    def of(cls, place: Array, cell: float) -> _Nodes:
+        """Return the nodes of samples at ascending places."""
+        number = np.floor(place / cell)
+        starts = np.flatnonzero(np.diff(number, prepend=np.nan) != 0.0)
+        edges, number = np.append(starts, len(place)), number[starts]
+        counts, origin = np.diff(edges), cell * number
+        mean = origin + np.add.reduceat(place - np.repeat(origin, counts), starts) / counts
+        adjacent, middle = np.diff(number) == 1.0, (number + 0.5) * cell
+        low = np.where(np.concatenate([[False], adjacent]), middle - 0.25 * cell, -np.inf)
+        high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
+        return cls(edges, mean, np.clip(mean, low, high))
+
+    def values(self, samples: Array, some: slice) -> Array:
+        """Return values at some of the nodes, three or more, from those of all samples (..., m)."""
+        mean, place = self.mean[some], self.place[some]
+        edges = self.edges[some.start : some.start + len(mean) + 1]
+        value = np.add.reduceat(samples[..., edges[0] : edges[-1]], edges[:-1] - edges[0], axis=-1) / np.diff(edges)
+        slope = np.empty_like(value)
+        slope[..., 1:-1] = (value[..., 2:] - value[..., :-2]) / (mean[2:] - mean[:-2])
+        slope[..., 0], slope[..., -1] = slope[..., 1], slope[..., -2]
+        return np.asarray(value + slope * (place - mean))
 
 
 def _decimate(fine: Array, taps: Array) -> Array:

@@ -63,7 +63,7 @@ class PosteriorErrors:
 
     @classmethod
     def of(cls, states: States, samples: Array, rng: np.random.Generator) -> PosteriorErrors:
-        """Turn samples of the tangents (n, d, count) into errors in n."""
+        """Turn samples of the keyframes' tangents (n, KEYFRAME_DIM, count) into errors in n."""
         at = offset_in_keyframe(Kind.NAV)
         n, _, count = samples.shape
         attitude, position, velocity = (states.nav.R @ samples[:, at + i : at + i + 3] for i in (0, 3, 6))

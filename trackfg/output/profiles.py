@@ -7,7 +7,7 @@ shape by its own path and attitude; on springs, displacement sensors give it (:m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,13 @@ from trackfg.sensors.displacement import Side
 
 SHORTEST_PASS_M = 10.0
 """A shorter pass gives no geometry, m: it does not hold the default chord."""
+
+_CHUNK = 10_000
+"""Places looked up at a time: what is needed on the way stays small."""
+
+Seen = Callable[[slice], tuple[Array, Array, Array]]
+"""Returns, at some of a pass's rows, the vehicle's left axis and the arm from the place that is seen to the IMU, (k, 3)
+in n, and the speed (k,)."""
 
 
 @dataclass(frozen=True)
@@ -107,17 +114,30 @@ class Ascent:
         """Return values of the pass's rows (m, ...) in order of chainage."""
         return values[::-1] if self.backwards else values
 
-    def on(self, grid: Array, values: Array) -> Array:
-        """Interpolate slow values of the pass's rows (m, c) linearly at places (n,). Shape (n, c)."""
-        place = np.maximum.accumulate(self.x)
-        return np.column_stack([np.interp(grid, place, column) for column in self.sorted(values).T])
+    def on(self, grid: Array, values: Callable[[slice], Array]) -> Array:
+        """Interpolate slow values, given at some of the pass's rows (k, c), linearly at ascending places (n,).
 
-    def points(self, grid: Array, left: Array, axle: Array, arm: Array, speed: Array) -> tuple[Points, Array]:
-        """Return when and where each place of the grid was passed, and how fast; the last three are at the pass's
-        rows.
+        Shape (n, c).
         """
-        when = self.motion.keyframe[self.rows] + self.motion.fraction[self.rows]
-        at = self.on(grid, np.column_stack([when, speed, axle, arm]))
+        place = np.maximum.accumulate(self.x)
+        parts = []
+        for part in np.split(grid, range(_CHUNK, len(grid), _CHUNK)):
+            low = max(int(np.searchsorted(place, part[0], side="right")) - 1, 0)
+            high = min(int(np.searchsorted(place, part[-1], side="right")) + 1, len(place))
+            rows = slice(len(place) - high, len(place) - low) if self.backwards else slice(low, high)
+            columns = self.sorted(values(rows)).T
+            parts.append(np.column_stack([np.interp(part, place[low:high], column) for column in columns]))
+        return np.concatenate(parts)
+
+    def points(self, grid: Array, left: Array, seen: Seen) -> tuple[Points, Array]:
+        """Return when and where each place of the grid was passed, and how fast."""
+        keyframe, fraction = self.motion.keyframe[self.rows], self.motion.fraction[self.rows]
+
+        def values(rows: slice) -> Array:
+            axle, arm, speed = seen(rows)
+            return np.column_stack([keyframe[rows] + fraction[rows], speed, axle, arm])
+
+        at = self.on(grid, values)
         k = np.clip(at[:, 0].astype(np.int64), self.stretch.first, self.stretch.last - 1)
         return Points(keyframe=k, fraction=at[:, 0] - k, left=left, axle=at[:, 2:5], arm=at[:, 5:8]), at[:, 1]
 
@@ -128,15 +148,17 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
     if not ascent.holds_profile(step_m):
         return None
     nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0]
-    forward, axle = nav.R @ R_bt[:, 0], nav.R @ (run.direction * R_bt[:, 1])
-    arm = nav.R @ run.lever_arm
-    position = nav.p - arm
-    heading = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    shape = np.vstack([position.T, heading, axle[:, 2]])
+    ahead, leftward = R_bt[:, 0], run.direction * R_bt[:, 1]
+
+    def seen(rows: slice) -> tuple[Array, Array, Array]:
+        R = nav.R[rows]
+        return R @ leftward, R @ run.lever_arm, np.abs(np.einsum("mi,mi->m", nav.v[rows], R @ ahead))
+
+    heading = np.unwrap(np.arctan2(nav.R[:, 1] @ ahead, nav.R[:, 0] @ ahead))
+    shape = np.vstack([(nav.p - nav.R @ run.lever_arm).T, heading, nav.R[:, 2] @ leftward])
     grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
     lateral, left = lateral_of(east, north, step_m)
-    speed = np.abs(np.einsum("mi,mi->m", nav.v, forward))
-    points, speed = ascent.points(grid, left, axle, arm, speed)
+    points, speed = ascent.points(grid, left, seen)
     none = np.zeros(len(grid))
     return Profile(
         cell=np.rint(grid / step_m).astype(np.int64),

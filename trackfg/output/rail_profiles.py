@@ -121,9 +121,13 @@ def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple
     view, ascent, body, step_m = sight.view, sight.ascent, sight.body, run.conventions.step_m
     nav = ascent.motion.nav[ascent.rows]
     body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
-    arm = -np.einsum("mij,mj->mi", nav.R, body)
-    speed = np.abs(np.sum(nav.v * (nav.R @ ascent.motion.forward), axis=1))
-    points, speed = ascent.points(grid, leftward, nav.R[:, :, 1] * run.direction, arm, speed)
+
+    def seen(rows: slice) -> tuple[Array, Array, Array]:
+        R = nav.R[rows]
+        speed = np.abs(np.sum(nav.v[rows] * (R @ ascent.motion.forward), axis=1))
+        return R[:, :, 1] * run.direction, -np.einsum("mij,mj->mi", R, body[rows]), speed
+
+    points, speed = ascent.points(grid, leftward, seen)
     across, up = view.sd(0.0)
     readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
     share = np.sqrt(_KEPT / readings)

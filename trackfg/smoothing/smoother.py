@@ -25,7 +25,7 @@ from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem, too_short
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
+from trackfg.output.dense_motion import dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
 from trackfg.output.events import event_table
 from trackfg.output.own_passages import own_passages
@@ -92,16 +92,14 @@ class SmoothedStates(SolvedRun):
     """Everything the smoother knows, before it becomes files.
 
     ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
-    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``. ``motion`` and ``passes`` are what the tables were
-    made from. Sigmas are those of the model: ``verdicts`` say by what a result's are wider.
+    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``. Sigmas are those of the model: ``verdicts`` say by
+    what a result's are wider.
     """
 
     trajectory: pd.DataFrame
     geometry: pd.DataFrame
     places: PlaceCovariance
     calibration: pd.DataFrame
-    motion: DenseMotion
-    passes: list[Profile]
     timings_s: dict[str, float]
     verdicts: tuple[Verdict, ...] = ()
     located: Located | None = None
@@ -216,9 +214,7 @@ def smooth_states(
         findings = recording_findings(recording, limits or CheckLimits())
         doubts = (*recording_doubts(recording, findings), *solved.doubts)
     solved = replace(solved, findings=(*findings, *solved.findings), doubts=doubts)
-    smoothed = replace(_with_tables(recording, views, stages, solved), on_line=of_line)
-    if feature_map is not None:
-        smoothed = _on_map(recording, views, stages, smoothed, feature_map)
+    smoothed = replace(_with_tables(recording, views, stages, solved, feature_map), on_line=of_line)
     with stages.stage("covariance"):
         return replace(smoothed, verdicts=judged(smoothed, smoothed.geometry))
 
@@ -264,7 +260,10 @@ def _covariance(problem: Problem, solution: Solution, stages: _Stages) -> tuple[
         return covariance, noise_ratios(problem, solution, covariance)
 
 
-def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, solved: SolvedRun) -> SmoothedStates:
+def _with_tables(
+    recording: Recording, views: list[RailView], stages: _Stages, solved: SolvedRun, feature_map: FeatureMap | None
+) -> SmoothedStates:
+    """Return a run with its tables; where it is recognised on a map, solved again with what that says."""
     run, states, covariance = solved.problem.run, solved.solution.states, solved.covariance
     with stages.stage("output"):
         clock = _clock(run.t, solved.config.output.rate_hz)
@@ -276,32 +275,43 @@ def _with_tables(recording: Recording, views: list[RailView], stages: _Stages, s
         passes = []
         if _speed_is_measured(recording):
             passes = seen_profiles(recording.description, views, run, motion, states)
+        del motion  # the tables need its memory
         geometry = geometry_table(run, passes, states, covariance, solved.solution.root)
         places = place_covariance(run, passes, states, solved.solution.root, covariance)
-    return SmoothedStates(
+    alone = SmoothedStates(
         **{part.name: getattr(solved, part.name) for part in fields(SolvedRun)},
         trajectory=trajectory,
         geometry=geometry,
         places=places,
         calibration=calibration,
-        motion=motion,
-        passes=passes,
         timings_s=stages.timings_s,
     )
+    if feature_map is None:
+        return alone
+    at = _located(recording, stages, alone, passes, feature_map)
+    if not at.use.sections:
+        return replace(alone, located=at)
+    with stages.stage("solve") as report:
+        solution = solve(at.problem, solved.config.solver, report)
+    covariance, ratios = _covariance(at.problem, solution, stages)
+    covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
+    again = replace(solved, problem=at.problem, solution=solution, covariance=covariance, noise_ratios=ratios)
+    return replace(_with_tables(recording, views, stages, again, None), located=at, places=PlaceCovariance.none())
 
 
-def _on_map(
-    recording: Recording, views: list[RailView], stages: _Stages, alone: SmoothedStates, feature_map: FeatureMap
-) -> SmoothedStates:
-    """Recognise the run on the map, and solve it again with what that says."""
+def _located(
+    recording: Recording, stages: _Stages, alone: SmoothedStates, passes: list[Profile], feature_map: FeatureMap
+) -> Located:
+    """Recognise the run on the map."""
     from trackfg.smoothing.localisation import UnlocatedRun, located
 
     config, run, solution = alone.config, alone.problem.run, alone.solution
     with stages.stage("map"):
-        geometry, passes, on_springs = alone.geometry, alone.passes, not alone.passes
+        geometry, on_springs = alone.geometry, not passes
         if on_springs and _speed_is_measured(recording):
             # On springs alone the motion is not the track's, but curves are seen in it all the same.
-            passes = profiles(run, alone.motion, solution.states)
+            states = solution.states
+            passes = profiles(run, dense_motion(run, states, dense_step(states, run.conventions.step_m)), states)
             geometry = geometry_table(run, passes, solution.states, alone.covariance, solution.root)
         unlocated = UnlocatedRun(
             id=recording.description.id,
@@ -313,16 +323,7 @@ def _on_map(
             wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
             on_springs=on_springs,
         )
-        at = located(unlocated, feature_map, config.position)
-    if not at.use.sections:
-        return replace(alone, located=at)
-    with stages.stage("solve") as report:
-        solution = solve(at.problem, config.solver, report)
-    covariance, ratios = _covariance(at.problem, solution, stages)
-    covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
-    solved = SolvedRun(config, alone.declared, at.problem, solution, covariance, ratios, alone.findings, alone.doubts)
-    again = _with_tables(recording, views, stages, solved)
-    return replace(again, located=at, on_line=alone.on_line, places=PlaceCovariance.none())
+        return located(unlocated, feature_map, config.position)
 
 
 def _speed_is_measured(recording: Recording) -> bool:

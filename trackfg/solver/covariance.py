@@ -107,18 +107,19 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     return Covariance(marginal, root.regression[:-1] if cross is None else _gain(marginal, cross))
 
 
-def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> Array:
-    """Return tangents (x_k, s) of all keyframes together, drawn from their joint posterior. Shape (n, d, count)."""
+def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return tangents of all variables together, drawn from their joint posterior.
+
+    Those of the keyframes (n, KEYFRAME_DIM, count), and of the shared variables (s, count).
+    """
     n, size = len(root.inverse), root.size
-    samples = np.empty((n, size, count))
-    noise = root.inverse @ rng.standard_normal((n, KEYFRAME_DIM, count))
+    samples = rng.standard_normal((n, KEYFRAME_DIM, count))
     window = np.zeros((root.parents(n - 1), count))
-    window[KEYFRAME_DIM:size] = root.shared_inverse @ rng.standard_normal((size - KEYFRAME_DIM, count))
+    shared = window[KEYFRAME_DIM:size] = root.shared_inverse @ rng.standard_normal((size - KEYFRAME_DIM, count))
     for k in range(n - 1, -1, -1):
-        own = root.regression[k, :, : len(window)] @ window + noise[k]
-        window = np.concatenate([own, window[root.kept(k)]])
-        samples[k] = window[:size]
-    return samples
+        samples[k] = root.regression[k, :, : len(window)] @ window + root.inverse[k] @ samples[k]
+        window = np.concatenate([samples[k], window[root.kept(k)]])
+    return samples, shared
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,9 @@ def gains(root: SquareRoot, functions: Columns) -> Columns:
     """Return ``P c / sqrt(c' P c)`` of each of m functions c of the states."""
     gain = Columns(*times_covariance(root, *functions))
     variance = np.einsum("nkm,nkm->m", functions.keyframes, gain.keyframes) + np.sum(functions.shared * gain.shared, 0)
-    return Columns(gain.keyframes / np.sqrt(variance), gain.shared / np.sqrt(variance))
+    for part in gain:
+        part /= np.sqrt(variance)
+    return gain
 
 
 def misfits(

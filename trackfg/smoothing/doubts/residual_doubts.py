@@ -142,8 +142,7 @@ def self_test(run: SolvedRun) -> SelfTest:
     blocks = [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
     worst: dict[Quantity, Doubt] = {}
     checked: dict[Quantity, tuple[str, ...]] = {}
-    columns = [_columns(run, function) for function in _FUNCTIONS]
-    gain = gains(run.solution.root, Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*columns, strict=True))))
+    gain = gains(run.solution.root, _columns(run))
     for function, found in zip(_FUNCTIONS, misfits(rows, gain, blocks, len(_FUNCTIONS)), strict=True):
         causes = [cause for one in found if (cause := _cause(one, levels.get(one.group)))]
         factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
@@ -171,18 +170,20 @@ def _levels(run: SolvedRun) -> Iterator[tuple[str, Level]]:
             yield group, level(left.in_sigmas(family.sigma))
 
 
-def _columns(run: SolvedRun, function: _Function) -> Columns:
-    """Return the function at some keyframes as columns, one per place."""
+def _columns(run: SolvedRun) -> Columns:
+    """Return each function at some keyframes as columns, one per place, function by function."""
     states, size = run.solution.states, run.solution.root.size
-    n, i = len(states), QUANTITIES.index(function.column)
-    J = keyframe_jacobian(states, run.problem.run.lever_arm)[:, i]
+    n = len(states)
+    J = keyframe_jacobian(states, run.problem.run.lever_arm)
     at = np.unique(np.linspace(0, n - 1, _PLACES + 2).astype(np.int64)[1:-1])
-    m = np.arange(len(at))
-    columns = Columns(np.zeros((n, KEYFRAME_DIM, m.size)), np.zeros((size - KEYFRAME_DIM, m.size)))
-    for k, sign in ((at, 1.0), (at + 1, -1.0)) if function.change else ((at, 1.0),):
-        k = np.minimum(k, n - 1)
-        columns.keyframes[k, :, m] += sign * J[k, :KEYFRAME_DIM]
-        columns.shared[: J.shape[1] - KEYFRAME_DIM] += sign * J[k, KEYFRAME_DIM:].T
+    count = len(_FUNCTIONS) * len(at)
+    columns = Columns(np.zeros((n, KEYFRAME_DIM, count)), np.zeros((size - KEYFRAME_DIM, count)))
+    for column, function in zip(np.arange(count).reshape(len(_FUNCTIONS), -1), _FUNCTIONS, strict=True):
+        for k, sign in ((at, 1.0), (at + 1, -1.0)) if function.change else ((at, 1.0),):
+            k = np.minimum(k, n - 1)
+            row = sign * J[k, QUANTITIES.index(function.column)]
+            columns.keyframes[k, :, column] += row[:, :KEYFRAME_DIM]
+            columns.shared[: J.shape[2] - KEYFRAME_DIM, column] += row[:, KEYFRAME_DIM:].T
     return columns
 
 
