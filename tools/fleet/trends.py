@@ -14,7 +14,9 @@ import pandas as pd
 
 from trackfg.geometry.limits import Limit
 from trackfg.mapping.trends.series import QUANTITIES, Series
-from trackfg.mapping.trends.trends import MONTH_DAYS, Trends, trends_of
+from trackfg.mapping.trends.trends import trends_of
+from trackfg.mapping.trends.wear import MONTH_DAYS
+from trackfg.results.trends import Trends
 
 KM = 20.0
 DEFECTS = 40

@@ -453,7 +453,7 @@ class ReportOptions:
     """What a page is about, and what it shows besides."""
 
     folder: Annotated[
-        Path, typer.Argument(metavar="OUT", help="Folder of a result or a comparison.", show_default=False)
+        Path, typer.Argument(metavar="OUT", help="Folder of a result, a comparison or trends.", show_default=False)
     ]
     out: Annotated[
         Path | None,
@@ -478,7 +478,7 @@ class ReportOptions:
 @app.command(epilog="Example: trackfg report out1 --recording run1 --limits cfr-213-class-4")
 @with_options(ReportOptions)
 def report(asked: ReportOptions) -> None:
-    """Write one self-contained page about a result or a comparison, opened in a browser without a network."""
+    """Write one self-contained page about a result, a comparison or trends, opened in a browser without a network."""
     from trackfg.report import write_report
 
     whole = real_path(asked.folder)

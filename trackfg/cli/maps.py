@@ -14,8 +14,12 @@ from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from trackfg.mapping.joining.build import JoinableRun
     from trackfg.maps.feature_map import FeatureMap
     from trackfg.numerics.kilometrage import Kilometrage
+    from trackfg.results.result import Result
 
 maps = Commands(no_args_is_help=True, help="Feature maps: what repeated runs say together about a line.")
 
@@ -124,6 +128,15 @@ class TrendChoices:
     level: Level = None
     version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None
     floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1
+    tonnage: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Million tonnes that had passed by each date (.csv: date, mt): rates are per million tonnes then.",
+            show_default=False,
+        ),
+    ] = None
+    layers: Annotated[bool, typer.Option("--layers", help="Put them into the map, as layers for a GIS, too.")] = False
     json: Json = False
 
 
@@ -138,29 +151,38 @@ def trends(options: TrendChoices) -> None:
     from trackfg.cli import trend_tables
     from trackfg.cli.stored_runs import runs_of_map
     from trackfg.geometry.limits import LimitChoice
+    from trackfg.mapping.trends.trend_layers import trend_layers
     from trackfg.mapping.trends.trends import find_trends
     from trackfg.maps import read_map
+    from trackfg.maps.location import locate
+    from trackfg.maps.store import draw
     from trackfg.results.result import Result
+    from trackfg.results.trends import TRENDS_FOLDER
 
     if options.level is not None and options.limits is None:
         raise BadInputError("--level chooses among limits: expected --limits too")
     chosen = () if options.limits is None else LimitChoice(options.limits, options.level).table()
+    load = None if options.tonnage is None else trend_tables.read_tonnage(options.tonnage)
     if options.out is not None:
-        trend_tables.TRENDS_FOLDER.refuse_foreign(options.out)
-    feature_map = read_map(options.place, options.version)
+        TRENDS_FOLDER.refuse_foreign(options.out)
+    feature_map, missing = read_map(options.place, options.version), dict[str, str]()
+    runs: Sequence[Result | JoinableRun]
     if options.runs:
-        results = [Result.read(run) for run in options.runs]
-        found = find_trends(results, feature_map, chosen, floor_mm_per_month=options.floor)
+        runs = [Result.read(run) for run in options.runs]
     else:
-        of_map, missing = runs_of_map(feature_map)
-        found = find_trends(of_map, feature_map, chosen, floor_mm_per_month=options.floor)
-        found = replace(found, left_out={**missing, **found.left_out})
+        runs, missing = runs_of_map(feature_map)
+    found = find_trends(runs, feature_map, chosen, floor_mm_per_month=options.floor, load=load)
+    found = replace(found, left_out={**missing, **found.left_out})
     if options.out is not None:
-        trend_tables.write(found, options.out)
+        found.write(options.out)
+    written = [] if options.out is None else [f"trends: {options.out}"]
+    if options.layers:
+        draw(options.place, feature_map, trend_layers(found, feature_map))
+        written.append(f"layers: {locate(options.place).shown}")
     if options.json:
-        print(trend_tables.as_json(found))
+        print(found.as_json())
         return
-    show_or_tell(*trend_tables.of_trends(found), written=None if options.out is None else f"trends: {options.out}")
+    show_or_tell(*trend_tables.of_trends(found), written="\n".join(written) or None)
 
 
 @maps.command(epilog="Example: trackfg map show line.gpkg")

@@ -86,7 +86,7 @@ def _as_json(laid: RunOverlay) -> str:
 def _write(laid: RunOverlay, out: Path, command: str) -> None:
     """Write the folder, complete or not at all."""
     from trackfg.files.atomic_folder import replaced_folder
-    from trackfg.report.overlay_page import overlay_page
+    from trackfg.report.runs.overlay_page import overlay_page
 
     with replaced_folder(out) as new:
         (new / _HEAD).write_text(_as_json(laid) + "\n", encoding="utf-8")

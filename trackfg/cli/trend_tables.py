@@ -1,57 +1,64 @@
-"""Tables, JSON and files of ``trackfg map trends``."""
+"""What ``trackfg map trends`` reads besides results, and shows."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 from rich.console import RenderableType
 from rich.text import Text
 
-from trackfg.cli.tables import records
 from trackfg.cli.terminal import titled
-from trackfg.files.atomic_folder import replaced_folder
-from trackfg.files.owned_folder import FolderKind
-from trackfg.files.parquet import write_parquet
+from trackfg.errors import BadInputError, first_line
+from trackfg.files.small_file import read_small
 
 if TYPE_CHECKING:
-    from trackfg.mapping.trends.trends import Trends
+    from trackfg.mapping.trends.wear import Wear
+    from trackfg.numerics.arrays import Array
+    from trackfg.results.trends import Trends
 
-_HEAD = "trends.json"
-_FOR_PEOPLE = ("trends", "steps", "reached")
-_LARGE = ("cells", "sections", "values", "section_values")
-
-TRENDS_FOLDER = FolderKind(
-    "folder of trends",
-    _HEAD,
-    "trackfg-trends/",
-    (_HEAD, *(f"{name}.csv" for name in _FOR_PEOPLE), *(f"{name}.parquet" for name in _LARGE)),
-)
+_MOST_BYTES = 2**24
+"""Size of a table of tonnage, bytes: a row per day of a century has 1 MB."""
 
 
-def write(found: Trends, folder: Path) -> None:
-    """Write all tables into a folder, which is replaced in one step."""
-    with replaced_folder(folder) as new:
-        for name in _FOR_PEOPLE:
-            getattr(found, name).to_csv(new / f"{name}.csv", index=False)
-        for name in _LARGE:
-            write_parquet(getattr(found, name), new / f"{name}.parquet")
-        (new / _HEAD).write_text(as_json(found) + "\n", encoding="utf-8")
+def read_tonnage(path: Path) -> Wear:
+    """Return the load of a table: the million tonnes ``mt`` that had passed in all at each ``date``, ascending.
 
+    Raises :class:`BadInputError` for a file that is none, with the row.
+    """
+    from trackfg.mapping.trends.wear import DAY_S, Wear
 
-def as_json(found: Trends) -> str:
-    """Return trends, steps, dates of limits, and what was left out, as JSON."""
-    tables = {name: records(getattr(found, name)) for name in _FOR_PEOPLE}
-    return json.dumps({"format": "trackfg-trends/1", **tables, "left_out": found.left_out}, indent=2, allow_nan=False)
+    try:
+        table = pd.read_csv(BytesIO(read_small(path, _MOST_BYTES)), dtype="str", keep_default_na=False)
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: not a readable table of tonnage: {first_line(error)}") from error
+    if missing := {"date", "mt"} - set(table):
+        raise BadInputError(f"{path}: no column {min(missing)!r}; expected date and mt, million tonnes in all by then")
+    dates = pd.to_datetime(table["date"], utc=True, errors="coerce", format="ISO8601")
+    mt: Array = np.asarray(pd.to_numeric(table["mt"], errors="coerce"), dtype=np.float64)
+    days: Array = np.asarray((dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=DAY_S), dtype=np.float64)
+    for column, wrong, expected in (
+        ("date", np.isnan(days), "a date such as 2026-05-01"),
+        ("mt", ~np.isfinite(mt), "million tonnes"),
+        ("date", np.diff(days, prepend=-np.inf) <= 0.0, "later dates from row to row"),
+        ("mt", np.diff(mt, prepend=-np.inf) < 0.0, "what has passed in all: no less than in the row before"),
+    ):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise BadInputError(f"{path}: row {row + 1}, column {column}: {table[column][row]!r}; expected {expected}")
+    if len(mt) < 2 or mt[-1] == mt[0]:
+        raise BadInputError(f"{path}: no load between the first row and the last; expected two rows and more")
+    return Wear(days, mt, "mt")
 
 
 def of_trends(found: Trends) -> Iterator[RenderableType]:
     """Yield tables of trends, of steps, and of when limits are reached."""
     named = (
-        ("Trends, mm per month", found.trends, "No trend: the track does not change by more than noise."),
+        (f"Trends, {found.unit}", found.trends, "No trend: the track does not change by more than noise."),
         ("Steps: work on the track, or damage", found.steps, "No step."),
         ("Limits", found.reached, ""),
     )

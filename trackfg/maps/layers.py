@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from trackfg.maps.feature_map import LANDMARK_COLUMNS, FeatureMap
-from trackfg.maps.schema import KEY, data_column
+from trackfg.maps.schema import KEY
 from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
@@ -60,7 +60,7 @@ class Layer:
             sa.Column("fid", KEY, primary_key=True),
             sa.Column("geom", geometry),
             sa.Column("version", sa.Integer(), nullable=False),
-            *map(data_column, self.attributes.columns),
+            *(_column(str(name), values.dtype.kind) for name, values in self.attributes.items()),
             sqlite_autoincrement=True,
         )
 
@@ -73,12 +73,17 @@ class Layer:
         ]
 
 
+def _column(name: str, kind: str) -> sa.Column[Any]:
+    """Return the column of an attribute of a kind of numpy's: only numbers that are not whole may be NULL."""
+    if kind == "f":
+        return sa.Column(name, sa.Double())
+    return sa.Column(name, sa.Integer() if kind in "iu" else sa.Text(), nullable=False)
+
+
 def layers(feature_map: FeatureMap) -> tuple[Layer, Layer]:
     """Return the layers of landmarks and of the reference line."""
     marks = feature_map.landmarks
-    line = feature_map.line
-    vertices = np.column_stack([_placed(feature_map, line), line["chainage_m"]])
-    pieces = _pieces(vertices)
+    pieces = _pieces(_vertices(feature_map))
     spans = np.array([piece[[0, -1], 3] for piece in pieces]).reshape(-1, 2)
     georeferenced = feature_map.origin is not None
     return (
@@ -99,6 +104,38 @@ def layers(feature_map: FeatureMap) -> tuple[Layer, Layer]:
             tuple(pieces),
         ),
     )
+
+
+def stretches(name: str, description: str, attributes: pd.DataFrame, feature_map: FeatureMap) -> Layer:
+    """Return a layer with a line per row: the stretch of the track from ``from_m`` to ``to_m``.
+
+    A stretch of one cell is drawn as long as that is.
+    """
+    vertices, half = _vertices(feature_map), 0.5 * feature_map.conventions.step_m
+    ends = attributes[["from_m", "to_m"]].to_numpy(dtype=np.float64)
+    ends += np.where(ends[:, :1] == ends[:, 1:], [-half, half], 0.0)
+    lines = tuple(_between(vertices, start, end) for start, end in ends)
+    return Layer(name, description, "LINESTRING", feature_map.origin is not None, attributes, lines)
+
+
+def _between(vertices: Array, start: float, end: float) -> Array | None:
+    """Return the line from one chainage to another, as far as there is one; None where it is broken or there is none.
+
+    A vertex without a position breaks it.
+    """
+    if not len(vertices):
+        return None
+    chainage = vertices[:, 3]
+    inner = vertices[(chainage > start) & (chainage < end)]
+    ends = np.clip([start, end], *chainage[[0, -1]])
+    first, last = np.column_stack([np.interp(ends, chainage, column) for column in vertices.T])
+    line = np.vstack([first, inner, last])
+    return line if ends[1] > ends[0] and np.isfinite(line).all() else None
+
+
+def _vertices(feature_map: FeatureMap) -> Array:
+    """Return the vertices of the centre line (n, 4), the last column their chainage."""
+    return np.column_stack([_placed(feature_map, feature_map.line), feature_map.line["chainage_m"]])
 
 
 def _placed(feature_map: FeatureMap, table: pd.DataFrame) -> Array:

@@ -21,7 +21,7 @@ from pydantic import JsonValue
 from trackfg.errors import BadInputError, TrackfgError, printable
 from trackfg.maps import geopackage, postgres
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
-from trackfg.maps.layers import LAYERS, layers
+from trackfg.maps.layers import LAYERS, Layer, layers
 from trackfg.maps.location import Location, locate
 from trackfg.maps.rows import get_matrices, insert_frame, put_matrices, read_frame
 from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS
@@ -127,17 +127,49 @@ def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, pare
             connection.execute(place.schema.format.insert(), {"fid": 1, "format": FORMAT})
         else:
             _require_map(connection, place)
-        if place.path is not None:
-            try:
-                geopackage.check_triggers(connection, place.schema)
-            except ValueError as error:
-                raise BadInputError(f"{place.shown}: {error}") from error
+        _check_triggers(connection, place)
         newest = _newest(connection, place)
         if newest != parent:
             raise MapConflictError(place.shown, parent, newest)
         written = replace(feature_map, version=(newest or 0) + 1, parent=parent, written_at=now)
         _write(connection, place, written, configuration, software)
     return written
+
+
+def draw(location: str | os.PathLike[str], feature_map: FeatureMap, drawn: tuple[Layer, ...]) -> None:
+    """Put layers about a version into its map, in place of those of the same names; all else stays.
+
+    Raises :class:`BadInputError` where there is no map, and for a table of another's with the name of a layer.
+    """
+    place = locate(location)
+    with place.connect("write") as connection:
+        _require_map(connection, place)
+        _check_triggers(connection, place)
+        stored = _table_names(connection, place)
+        for layer in drawn:
+            columns = {"fid", "geom", "version", *layer.attributes}
+            schema = place.schema.metadata.schema
+            if layer.name in stored and columns != {
+                column["name"] for column in sa.inspect(connection).get_columns(layer.name, schema=schema)
+            }:
+                raise BadInputError(f"{place.shown}: holds another table {layer.name}; it is left alone: rename it")
+        _publish(connection, place, feature_map.version or 0, drawn)
+
+
+def _check_triggers(connection: sa.Connection, place: Location) -> None:
+    if place.path is None:
+        return
+    try:
+        geopackage.check_triggers(connection, place.schema)
+    except ValueError as error:
+        raise BadInputError(f"{place.shown}: {error}") from error
+
+
+def _publish(connection: sa.Connection, place: Location, version: int, drawn: tuple[Layer, ...]) -> None:
+    if place.path is not None:
+        geopackage.publish(connection, version, drawn)
+    else:
+        postgres.publish(connection, place.schema, version, drawn)
 
 
 def _json(content: Mapping[str, JsonValue]) -> str:
@@ -215,10 +247,7 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
         (schema.runs, _runs_with_addresses(connection, place, written)),
     ):
         insert_frame(connection, table, version, frame)
-    if place.path is not None:
-        geopackage.publish(connection, version, layers(written))
-    else:
-        postgres.publish(connection, schema, version, layers(written))
+    _publish(connection, place, version, layers(written))
 
 
 def _runs_with_addresses(connection: sa.Connection, place: Location, written: FeatureMap) -> pd.DataFrame:

@@ -19,11 +19,13 @@ from trackfg.plots.strip_limits import limit_lines
 from trackfg.report.comparison_page import comparison_page
 from trackfg.report.page import Page
 from trackfg.report.result_page import result_page
+from trackfg.report.runs.trend_page import trend_page
 from trackfg.report.sections.background import Background, read_background
 from trackfg.report.track_limits import judge
 from trackfg.report.truth import against
 from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import RESULT_FOLDER, Result
+from trackfg.results.trends import TRENDS_FOLDER, Trends
 
 _SUFFIX = ".html"
 
@@ -45,6 +47,17 @@ class _Wanted:
     km: bool = False
     background: Path | None = None
 
+    def refuse(self, why: str) -> None:
+        """Raise :class:`BadInputError` where anything is wanted: it belongs beside a result only."""
+        for what, value in (
+            ("a recording", self.recording),
+            ("limits", self.limits),
+            ("official places", self.km or None),
+            ("a background", self.background),
+        ):
+            if value is not None:
+                raise BadInputError(f"{why}; expected {what} beside a result only")
+
 
 def write_report(
     folder: str | os.PathLike[str],
@@ -55,15 +68,15 @@ def write_report(
     km: bool = False,
     background: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Write the page about the result or comparison in ``folder`` into the file ``path``, in one step.
+    """Write the page about the result, comparison or trends in ``folder`` into the file ``path``, in one step.
 
     ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. ``limits``
     are those that a result's geometry is held against; with ``km`` places are official ones too. ``background`` is a
     GeoJSON file or a GeoPackage whose lines and named points lie behind the map. The same folder gives the same page.
 
-    Raises :class:`BadInputError` if the folder is neither, if ``path`` does not end in ``.html`` or lies in it, for a
-    recording without truth, of another result, or beside a comparison, for limits that cannot be read or stand beside
-    a comparison, and for official places where the result knows none; :class:`MissingLibraryError` without plotly.
+    Raises :class:`BadInputError` if the folder is none of these, if ``path`` does not end in ``.html`` or lies in it,
+    for a recording without truth or of another result, for limits that cannot be read, for official places where the
+    result knows none, and for any of these beside a comparison or trends; :class:`MissingLibraryError` without plotly.
     """
     library("plotly", "charts")  # before anything is read or computed
     folder, path = Path(folder), Path(path)
@@ -116,15 +129,17 @@ def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:
 
 
 def _of_comparison(folder: Path, command: str, wanted: _Wanted) -> Page:
-    if wanted.km:
-        raise BadInputError(f"{folder}: is a comparison; expected official places beside a result only")
-    if wanted.background is not None:
-        raise BadInputError(f"{folder}: is a comparison; expected a background beside a result only")
-    if wanted.recording is not None:
-        raise BadInputError(f"{folder}: holds its own truth; expected a recording beside a result only")
-    if wanted.limits is not None:
-        raise BadInputError(f"{folder}: is a comparison; expected limits beside a result only")
+    wanted.refuse(f"{folder}: is a comparison, which holds its own truth")
     return comparison_page(Comparison.read(folder), command)
 
 
-_SOURCES = (_Source(RESULT_FOLDER, _of_result), _Source(COMPARISON_FOLDER, _of_comparison))
+def _of_trends(folder: Path, command: str, wanted: _Wanted) -> Page:
+    wanted.refuse(f"{folder}: holds trends, and the dates of their limits")
+    return trend_page(Trends.read(folder), real_path(folder).name, command)
+
+
+_SOURCES = (
+    _Source(RESULT_FOLDER, _of_result),
+    _Source(COMPARISON_FOLDER, _of_comparison),
+    _Source(TRENDS_FOLDER, _of_trends),
+)

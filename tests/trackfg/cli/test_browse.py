@@ -130,6 +130,21 @@ def test_an_empty_store_has_a_page(tmp_path: Path) -> None:
     assert "No run is as asked for" in page(Store(tmp_path / "store"), "/")
 
 
+def test_a_page_is_reloaded_where_a_run_was_computed_again(make_result: Callable[..., Result], tmp_path: Path) -> None:
+    made = Store(tmp_path / "store")
+    facts = {"content_sha256": "0" * 64, "direction": 1, "anchored": True, "mount_roll_sd_rad": 0.0}
+    make_result(run=facts).write(Path(made.result("run0")))
+    row = done_row(Run("run0", "/recordings/run0", "7"), Path(made.result("run0")))
+    made.write([row])
+    asked = re.search(r"/progress\?seen=[\w-]+", page(made, "/"))
+    assert asked is not None
+    wanted = [json.loads(page(made, asked[0]))["reload"]]
+    made.read(["run"])
+    made.write([{**row, "slips": 3}])
+    wanted.append(json.loads(page(made, asked[0]))["reload"])
+    assert wanted == [False, True]
+
+
 def test_progress_of_batches(store: Store) -> None:
     pages = StorePages(store.place)
     assert json.loads(pages.answer("/progress").content)["text"] == "No batch is running."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
 import time
@@ -59,6 +60,7 @@ class StorePages:
         self.store = Store(place, create=False)
         self._sections = StoredSections(self.store)
         self._read: list[Row] = []
+        self._digest = ""
         self._fresh_until = 0.0
 
     def answer(self, address: str) -> Answer:
@@ -85,8 +87,13 @@ class StorePages:
         began = time.monotonic()
         if began >= self._fresh_until:
             self._read = self.store.read(SCHEMA.names)
+            self._digest = hashlib.sha256(repr(self._read).encode()).hexdigest()
             self._fresh_until = time.monotonic() + _REST * (time.monotonic() - began)
         return self._read
+
+    def _seen(self, unread: int) -> str:
+        """Return a text that differs whenever the page of the store would: after any change of a row, too."""
+        return f"{self._digest}-{unread}"
 
     def _store(self, query: Query) -> Page:
         rows = self._rows()
@@ -99,7 +106,7 @@ class StorePages:
             quantities=QUANTITIES,
             unread=unread,
             progress=_progress_text(batch_states(self.store.place), unread),
-            seen=_seen(rows, unread),
+            seen=self._seen(unread),
         )
         return store_page(content, query)
 
@@ -108,7 +115,7 @@ class StorePages:
         rows = self._rows()
         unread = self._sections.read(rows)
         text = _progress_text(batch_states(self.store.place), unread)
-        return {"text": text, "reload": unread == 0 and query.get("seen") != _seen(rows, unread)}
+        return {"text": text, "reload": unread == 0 and query.get("seen") != self._seen(unread)}
 
     def _line(self, query: Query) -> Page:
         line, rows = self._line_rows(query)
@@ -195,11 +202,6 @@ def _table(rows: list[Row]) -> pd.DataFrame:
 def _overlaps(row: Row, ends: tuple[float, float]) -> bool:
     low, high = row["from_chainage_m"], row["to_chainage_m"]
     return low is not None and high is not None and low < ends[1] and high > ends[0]
-
-
-def _seen(rows: list[Row], unread: int) -> str:
-    """Return a text that differs whenever the page of the store would."""
-    return f"{len(rows)}-{sum(row['status'] == 'done' for row in rows)}-{unread}"
 
 
 def _progress_text(batches: list[BatchState], unread: int) -> str:

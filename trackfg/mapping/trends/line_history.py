@@ -16,7 +16,8 @@ import pandas as pd
 
 from trackfg.mapping.trends.drift import FEWEST_RUNS
 from trackfg.mapping.trends.series import QUANTITIES, Series, section_series, sensor_of
-from trackfg.mapping.trends.trends import MONTH_DAYS, drift_of
+from trackfg.mapping.trends.trends import drift_of
+from trackfg.mapping.trends.wear import months
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import step_of
 from trackfg.results.summary import Summary
@@ -61,8 +62,8 @@ def rates(history: Series, name: str) -> tuple[Array, Array]:
     if len(set(history.dates)) < FEWEST_RUNS:
         none = np.full(history.chainage_m.size, np.nan)
         return none, none
-    found = drift_of(history, name)
-    return MONTH_DAYS * found.rate, MONTH_DAYS * found.rate_sd
+    found = drift_of(history, name, months(history.dates))
+    return found.rate, found.rate_sd
 
 
 def section_table(history: Series) -> pd.DataFrame:

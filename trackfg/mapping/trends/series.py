@@ -21,6 +21,7 @@ from trackfg.mapping.changes.find import find_changes
 from trackfg.mapping.changes.overlay import SUMMARY_M
 from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.trends.drift import FEWEST_RUNS
+from trackfg.mapping.trends.wear import DAY_S
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
@@ -28,8 +29,6 @@ from trackfg.results.summary import Summary
 
 QUANTITIES = ("cross_level_mm", "twist_mm", "versine_level_mm", "versine_alignment_mm")
 """What is followed over time."""
-
-DAY_S = 86400.0
 
 _LEAST_COVERED = 0.8
 """Share of a section that a run covers at least, for its standard deviation there to be compared with others'."""

@@ -10,8 +10,8 @@ the track is done over a length: around a step that was found, one of the same r
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,12 @@ from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.trends.drift import Drift, drift, reached
 from trackfg.mapping.trends.offsets import offset_columns
 from trackfg.mapping.trends.series import Series, section_series, series
+from trackfg.mapping.trends.wear import DAY_S, Wear, months
 from trackfg.maps.feature_map import FeatureMap, MapConventions
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_stretches
 from trackfg.results.result import Result
+from trackfg.results.trends import Trends
 
 FALSE_PER_100_KM = 0.5
 """Trends that noise makes in 100 km, and steps: half of the one that is allowed."""
@@ -37,34 +39,8 @@ LEAST_RATE = 0.1
 LEAST_STEP_MM = 1.0
 """Step that is listed, mm: likewise."""
 
-MONTH_DAYS = 365.25 / 12.0
-
-TREND_COLUMNS = (
-    "from_m",
-    "to_m",
-    "at_m",
-    "quantity",
-    "rate_mm_per_month",
-    "rate_mm_per_month_sd",
-    "value_mm",
-    "value_mm_sd",
-    "runs",
-    "last_step",
-)
-STEP_COLUMNS = ("from_m", "to_m", "at_m", "quantity", "date", "step_mm", "step_mm_sd", "runs_after")
-REACH_COLUMNS = (
-    "from_m",
-    "to_m",
-    "at_m",
-    "quantity",
-    "limit",
-    "limit_mm",
-    "value_mm",
-    "rate_mm_per_month",
-    "reached_on",
-    "earliest",
-    "latest",
-)
+_PLACE = ("from_m", "to_m", "at_m", "quantity")
+"""Columns that say where and of what a row is."""
 
 _TOGETHER_M = 10.0
 """Cells this near, m, are one trend: the base of versines, which show a defect of a point so far to either side."""
@@ -76,42 +52,24 @@ _FURTHEST = timedelta(days=50 * 365.25)
 """Dates further ahead are none: no track lies so long without work."""
 
 
-@dataclass(frozen=True)
-class Trends:
-    """Trends, steps, and when limits are reached: columns :data:`TREND_COLUMNS`, :data:`STEP_COLUMNS`,
-    :data:`REACH_COLUMNS`.
-
-    ``cells`` and ``sections`` have a row per cell and per 200 m: every quantity's rate and its value at the last date,
-    with sigmas, of sections those of the standard deviation. ``values`` and ``section_values``: what every run says.
-    ``left_out``: runs that are not recognised on the map, and limits that nothing is held against, with the reason.
-    """
-
-    trends: pd.DataFrame
-    steps: pd.DataFrame
-    reached: pd.DataFrame
-    cells: pd.DataFrame
-    sections: pd.DataFrame
-    values: pd.DataFrame
-    section_values: pd.DataFrame
-    left_out: dict[str, str]
-
-
 def find_trends(
     results: Sequence[Result | JoinableRun],
     feature_map: FeatureMap,
     limits: Iterable[Limit] = (),
     *,
     floor_mm_per_month: float = LEAST_RATE,
+    load: Wear | None = None,
 ) -> Trends:
     """Find the trends that runs over a map show together, of at least a rate, mm per month.
 
-    A run that is not recognised on the map is left out. Raises :class:`~trackfg.errors.BadInputError` for fewer runs
-    than a trend needs, and one without a date.
+    Rates are per month, or per unit of a ``load``, which has to be known on the date of each run. A run that is not
+    recognised on the map is left out. Raises :class:`~trackfg.errors.BadInputError` for fewer runs than a trend needs,
+    and one without a date.
     """
     by_cell, left_out = series(results, feature_map)
     twist_base_m = results[0].summary.geometry.twist_base_m
     followed, not_followed = _followed(limits, feature_map.conventions, twist_base_m)
-    found = trends_of(by_cell, followed, feature_map.conventions.chord_m, floor_mm_per_month)
+    found = trends_of(by_cell, followed, feature_map.conventions.chord_m, floor_mm_per_month, load)
     return replace(found, left_out={**{f"run {run}": reason for run, reason in left_out.items()}, **not_followed})
 
 
@@ -120,40 +78,50 @@ def trends_of(
     followed: Sequence[tuple[Limit, str]] = (),
     correlated_m: float = 10.0,
     floor_mm_per_month: float = LEAST_RATE,
+    load: Wear | None = None,
 ) -> Trends:
     """Find the trends of a series. ``followed``: limits, each with the quantity that is held against it.
 
-    Errors of a run are taken to be independent ``correlated_m`` apart, for the sigmas of sections.
+    Errors of a run are taken to be independent ``correlated_m`` apart, for the sigmas of sections. ``load``: what rates
+    are per; months if None.
     """
+    wear = months(by_cell.dates) if load is None else load
+    floor_mm = floor_mm_per_month * wear.months_each
     by_section = section_series(by_cell, correlated_m)
-    drifts = {name: drift_of(by_cell, name) for name in by_cell.value}
-    of_sections = {name: drift_of(by_section, name) for name in by_section.value}
-    spans = {name: _spans(by_cell, _significant(by_cell, name, d, floor_mm_per_month)) for name, d in drifts.items()}
+    drifts = {name: drift_of(by_cell, name, wear) for name in by_cell.value}
+    of_sections = {name: drift_of(by_section, name, wear) for name in by_section.value}
+    spans = {name: _spans(by_cell, _significant(by_cell, name, d, floor_mm)) for name, d in drifts.items()}
+    rate = f"rate_mm_per_{wear.per}"
     return Trends(
         trends=pd.DataFrame(
-            [_trend(by_cell, name, drifts[name], span) for name in drifts for span in spans[name]],
-            columns=list(TREND_COLUMNS),
+            [_trend(by_cell, name, drifts[name], span, rate) for name in drifts for span in spans[name]],
+            columns=[*_PLACE, rate, f"{rate}_sd", "value_mm", "value_mm_sd", "runs", "last_step"],
         ),
         steps=pd.DataFrame(
-            [row for name in drifts for row in _steps(by_cell, name, drifts[name])], columns=list(STEP_COLUMNS)
+            [row for name in drifts for row in _steps(by_cell, name, drifts[name])],
+            columns=[*_PLACE, "date", "step_mm", "step_mm_sd", "runs_after"],
         ),
         reached=pd.DataFrame(
-            [_reached(by_cell, name, drifts[name], span, limit) for limit, name in followed for span in spans[name]],
-            columns=list(REACH_COLUMNS),
+            [
+                _reached(by_cell, name, drifts[name], span, limit, wear)
+                for limit, name in followed
+                for span in spans[name]
+            ],
+            columns=[*_PLACE, "limit", "limit_mm", "value_mm", rate, "reached_on", "earliest", "latest"],
         ),
-        cells=_table(by_cell, drifts),
-        sections=_table(by_section, of_sections),
+        cells=_table(by_cell, drifts, wear.per),
+        sections=_table(by_section, of_sections, wear.per),
         values=by_cell.table(),
         section_values=by_section.table(),
-        left_out={},
+        per=wear.per,
     )
 
 
-def drift_of(places: Series, name: str) -> Drift:
+def drift_of(places: Series, name: str, wear: Wear) -> Drift:
     """Fit the drift of a quantity of a series, a second time with steps likely where one was found nearby."""
-    t, y, sd = places.t_days, places.value[name], places.sd[name]
+    t, y, sd = wear.at(places.dates), places.value[name], places.sd[name]
     strict = _threshold(places, name, np.diff(y, axis=0), tests=t.size)
-    offsets = offset_columns(t, places.sensors, np.isfinite(y))
+    offsets = offset_columns(places.t_days, places.sensors, np.isfinite(y))
     found = drift(t, y, sd, threshold=strict, offsets=offsets)
     near = 1 + 2 * round(_WORKED_M / places.step_m)
     stepped = pd.DataFrame((found.steps != 0.0).T.astype(float))
@@ -177,10 +145,10 @@ def _threshold(places: Series, name: str, rows: Array, tests: int = 1) -> float:
     return threshold(_crossings(places, rows) / alarms_per_m, freedom_of(name))
 
 
-def _significant(places: Series, name: str, d: Drift, floor_mm_per_month: float) -> np.ndarray:
+def _significant(places: Series, name: str, d: Drift, floor_mm: float) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         sigmas = d.rate / d.rate_sd
-    large = np.abs(d.rate) * MONTH_DAYS >= floor_mm_per_month
+    large = np.abs(d.rate) >= floor_mm
     return np.asarray(large & (np.abs(sigmas) > _threshold(places, name, sigmas[None])))
 
 
@@ -192,16 +160,16 @@ def _spans(places: Series, true: np.ndarray) -> list[slice]:
 
 def _place(places: Series, span: slice, at: int, name: str) -> dict[str, Any]:
     chainage = places.chainage_m
-    return {"from_m": chainage[span.start], "to_m": chainage[span.stop - 1], "at_m": chainage[at], "quantity": name}
+    return dict(zip(_PLACE, (chainage[span.start], chainage[span.stop - 1], chainage[at], name), strict=True))
 
 
-def _trend(places: Series, name: str, d: Drift, span: slice) -> dict[str, Any]:
+def _trend(places: Series, name: str, d: Drift, span: slice, rate: str) -> dict[str, Any]:
     at = span.start + int(np.nanargmax(np.abs(d.rate[span]) / d.rate_sd[span]))
     stepped = np.flatnonzero(d.steps[:, at])
     return {
         **_place(places, span, at, name),
-        "rate_mm_per_month": MONTH_DAYS * d.rate[at],
-        "rate_mm_per_month_sd": MONTH_DAYS * d.rate_sd[at],
+        rate: d.rate[at],
+        f"{rate}_sd": d.rate_sd[at],
         "value_mm": d.value[at],
         "value_mm_sd": d.value_sd[at],
         "runs": int(d.runs[at]),
@@ -229,7 +197,7 @@ def _steps(places: Series, name: str, d: Drift) -> list[dict[str, Any]]:
     return rows
 
 
-def _reached(places: Series, name: str, d: Drift, span: slice, limit: Limit) -> dict[str, Any]:
+def _reached(places: Series, name: str, d: Drift, span: slice, limit: Limit, wear: Wear) -> dict[str, Any]:
     """Return when the first cell of a trend reaches a limit."""
     part = replace(
         d, **{field: getattr(d, field)[span] for field in ("rate", "rate_sd", "value", "value_sd", "covariance")}
@@ -237,24 +205,24 @@ def _reached(places: Series, name: str, d: Drift, span: slice, limit: Limit) -> 
     times = reached(part, limit.value_mm)
     first = int(np.nanargmin(times[0]))
     at = span.start + first
-    on, earliest, latest = (_day(places.dates[0], float(time[first])) for time in times)
+    on, earliest, latest = (_day(float(wear.days_at(time[first])), places.dates[-1]) for time in times)
     return {
         **_place(places, span, at, name),
         "limit": str(limit),
         "limit_mm": limit.value_mm,
         "value_mm": d.value[at],
-        "rate_mm_per_month": MONTH_DAYS * d.rate[at],
+        f"rate_mm_per_{wear.per}": d.rate[at],
         "reached_on": on,
         "earliest": earliest,
         "latest": latest,
     }
 
 
-def _day(first: datetime, days: float) -> str:
-    """Return a date as ISO 8601; an empty text where it is never, or further ahead than anyone plans."""
-    if not np.isfinite(days) or days > _FURTHEST.days:
+def _day(days: float, last: datetime) -> str:
+    """Return a date as ISO 8601; an empty text where it is never, or further ahead of the last than anyone plans."""
+    if not np.isfinite(days) or days * DAY_S - last.timestamp() > _FURTHEST.total_seconds():
         return ""
-    return (first + timedelta(days=days)).date().isoformat()
+    return datetime.fromtimestamp(days * DAY_S, UTC).date().isoformat()
 
 
 def _followed(
@@ -278,10 +246,10 @@ def _followed(
     return followed, left_out
 
 
-def _table(places: Series, drifts: dict[str, Drift]) -> pd.DataFrame:
+def _table(places: Series, drifts: dict[str, Drift], per: str) -> pd.DataFrame:
     columns: dict[str, Any] = {"chainage_m": places.chainage_m}
     for name, d in drifts.items():
-        rate = f"{name.removesuffix('_mm')}_mm_per_month"
-        columns |= {name: d.value, f"{name}_sd": d.value_sd, rate: MONTH_DAYS * d.rate}
-        columns |= {f"{rate}_sd": MONTH_DAYS * d.rate_sd, f"{name}_runs": d.runs}
+        rate = f"{name}_per_{per}"
+        columns |= {name: d.value, f"{name}_sd": d.value_sd, rate: d.rate, f"{rate}_sd": d.rate_sd}
+        columns[f"{name}_runs"] = d.runs
     return pd.DataFrame(columns)

@@ -16,8 +16,8 @@ from trackfg.report.charts import ChartLine, ChartPanel, Strips, whole_range
 from trackfg.report.columns import packed, packed_sigma, packed_value
 from trackfg.report.consistency import named
 from trackfg.report.numbers import with_sd
-from trackfg.report.overlay_page import runs_chart
 from trackfg.report.page import Block, Drawing, Page, PageSection, PageTable, TableRow, Text
+from trackfg.report.runs.overlay_page import runs_chart
 from trackfg.report.store.addresses import STORE, line_address, run_address
 
 if TYPE_CHECKING:

@@ -9,7 +9,9 @@ import pandas as pd
 import pytest
 
 from trackfg.mapping.trends.series import QUANTITIES, Series, section_series
-from trackfg.mapping.trends.trends import MONTH_DAYS, Trends, trends_of
+from trackfg.mapping.trends.trends import trends_of
+from trackfg.mapping.trends.wear import MONTH_DAYS
+from trackfg.results.trends import Trends
 
 LENGTH_M, STEP_M, SD_MM = 20_000.0, 1.0, 0.4
 AT_M = 250.0 + 490.0 * np.arange(40)

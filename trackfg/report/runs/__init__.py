@@ -1,0 +1,1 @@
+"""Pages about several runs of a line: laid over each other, and what they say of it over time."""

@@ -1,0 +1,125 @@
+"""Trends of a track as tables, in memory and in a folder: rates, steps, and when limits are reached.
+
+=====================================  ===========================================================================
+file                                   a row per
+=====================================  ===========================================================================
+trends.csv, steps.csv, reached.csv     trend; step; trend and limit
+cells.parquet, sections.parquet        cell of 0.25 m; section of 200 m
+values.parquet, section_values.parquet run and cell; run and section
+trends.json                            the first three again, what rates are per, and what was left out
+=====================================  ===========================================================================
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from trackfg.errors import BadInputError
+from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.owned_folder import FolderKind
+from trackfg.files.parquet import write_parquet
+
+FORMAT = "trackfg-trends/1"
+_HEAD = "trends.json"
+_FOR_PEOPLE = ("trends", "steps", "reached")
+_LARGE = ("cells", "sections", "values", "section_values")
+
+TRENDS_FOLDER = FolderKind(
+    "folder of trends",
+    _HEAD,
+    "trackfg-trends/",
+    (_HEAD, *(f"{name}.csv" for name in _FOR_PEOPLE), *(f"{name}.parquet" for name in _LARGE)),
+)
+
+TEXTS = ("quantity", "last_step", "date", "limit", "reached_on", "earliest", "latest")
+"""Columns that are texts; all others are numbers."""
+
+
+@dataclass(frozen=True)
+class Trends:
+    """The tables of the module's docstring; docs/trends.md has their columns.
+
+    ``per``: what rates are per, ``month`` or ``mt``, a million tonnes. ``cells`` and ``sections`` have every quantity's
+    rate and its value at the last date, with sigmas, of sections those of the standard deviation; ``values`` and
+    ``section_values`` what every run says. ``left_out``: runs that are not recognised on the map, and limits that
+    nothing is held against, with the reason.
+    """
+
+    trends: pd.DataFrame
+    steps: pd.DataFrame
+    reached: pd.DataFrame
+    cells: pd.DataFrame
+    sections: pd.DataFrame
+    values: pd.DataFrame
+    section_values: pd.DataFrame
+    per: str = "month"
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of rates, in words."""
+        return f"mm per {'million tonnes' if self.per == 'mt' else self.per}"
+
+    def as_json(self) -> str:
+        """Return trends, steps, dates of limits, and what was left out, as JSON."""
+        tables = {
+            name: json.loads(getattr(self, name).to_json(orient="records", double_precision=15)) for name in _FOR_PEOPLE
+        }
+        content = {"format": FORMAT, "per": self.per, **tables, "left_out": self.left_out}
+        return json.dumps(content, indent=2, allow_nan=False)
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """Write it, replacing earlier trends in one step. Raises :class:`BadInputError` where something else is."""
+        folder = Path(folder)
+        TRENDS_FOLDER.refuse_foreign(folder)
+        with replaced_folder(folder) as new:
+            for name in _FOR_PEOPLE:
+                getattr(self, name).to_csv(new / f"{name}.csv", index=False)
+            for name in _LARGE:
+                write_parquet(getattr(self, name), new / f"{name}.parquet")
+            (new / _HEAD).write_text(self.as_json() + "\n", encoding="utf-8")
+        return folder
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> Trends:
+        """Read trends, of ``values`` the rows at places of trends alone: all of a long line take gigabytes.
+
+        Raises :class:`BadInputError` if the folder holds none.
+        """
+        content = TRENDS_FOLDER.read(Path(folder))
+        try:
+            head = json.loads(content[_HEAD])
+            small = {name: _table_of(content[f"{name}.csv"]) for name in _FOR_PEOPLE}
+            places = small["trends"]["at_m"].to_numpy(dtype=np.float64)
+            large = {
+                name: pd.read_parquet(io.BytesIO(content[f"{name}.parquet"])) for name in _LARGE if name != "values"
+            }
+            values = _rows_at(content["values.parquet"], places)
+            return cls(**small, **large, values=values, per=head.get("per", "month"), left_out=head["left_out"])
+        except (ValueError, TypeError, KeyError, OSError) as error:
+            raise BadInputError(f"{folder}: not a readable trackfg folder of trends: {error}") from error
+
+
+def _table_of(content: bytes) -> pd.DataFrame:
+    table = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False)
+    numbers = {str(name): pd.to_numeric(table[name]) for name in table if name not in TEXTS}
+    return table.assign(**numbers)
+
+
+def _rows_at(content: bytes, places: np.ndarray) -> pd.DataFrame:
+    """Return the rows of a table at chainages, read in parts, on this thread alone (:mod:`trackfg.files.parquet`)."""
+    table = pq.ParquetFile(io.BytesIO(content))
+    wanted = pa.array(places)
+    parts = [part.filter(pc.is_in(part["chainage_m"], wanted)) for part in table.iter_batches(use_threads=False)]
+    rows: pd.DataFrame = pa.Table.from_batches(parts, table.schema_arrow).to_pandas()
+    return rows
