@@ -24,7 +24,7 @@ _STYLES = {"wrong": "bold red", "undecided": "yellow", "surveyed": "cyan"}
 def balises(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="OUT...", help="Results of runs that passed balises with ids.", show_default=False),
+        typer.Argument(metavar="OUT", help="Results of runs that passed balises with ids.", show_default=False),
     ],
     planned: Annotated[
         Path | None,

@@ -29,7 +29,7 @@ class BatchChoices:
     places: Annotated[
         list[str],
         typer.Argument(
-            metavar="CATALOGUE...", help="A table of runs, recordings, or a pattern in quotes.", show_default=False
+            metavar="CATALOGUE", help="A table of runs, recordings, or a pattern in quotes.", show_default=False
         ),
     ]
     out: Annotated[

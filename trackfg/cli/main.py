@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from trackfg.plots.strip_chart import LimitLine
     from trackfg.results.result import Result
 
-app = Commands(no_args_is_help=True, pretty_exceptions_enable=False)
+app = Commands()
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
@@ -320,7 +320,7 @@ class CompareOptions:
 
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")]
     recordings: Annotated[
-        list[Path] | None, typer.Argument(metavar="[REC...]", help="Folders of recordings.", show_default=False)
+        list[Path] | None, typer.Argument(metavar="REC", help="Folders of recordings.", show_default=False)
     ] = None
     scenarios: Annotated[
         list[str] | None,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from trackfg.numerics.kilometrage import Kilometrage
     from trackfg.results.result import Result
 
-maps = Commands(no_args_is_help=True, help="Feature maps: what repeated runs say together about a line.")
+maps = Commands(help="Feature maps: what repeated runs say together about a line.")
 
 _PLACE = "Path of a .gpkg, or postgresql://... URL."
 MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE, show_default=False)]
@@ -32,7 +32,7 @@ _NEWEST = "The newest if absent."
 def build(
     runs: Annotated[
         list[str],
-        typer.Argument(metavar="RUN...", help="Folders of results, or of recordings; a store.", show_default=False),
+        typer.Argument(metavar="RUN", help="Folders of results, or of recordings; a store.", show_default=False),
     ],
     place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE, show_default=False)],
     name: Annotated[
@@ -116,7 +116,7 @@ class TrendChoices:
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[OUT]...",
+            metavar="OUT",
             help="Folders of results, each of a date. Those that the map was made of if absent.",
             show_default=False,
         ),

@@ -54,14 +54,20 @@ def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Call
 
 
 class Commands(typer.Typer):
-    """Commands that each take ``--quiet`` and ``--json``."""
+    """Commands that each take ``--quiet`` and ``--json``.
+
+    Help is plain text: as rich markup it would lose words in brackets and break lines where the source does.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, **settings)
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
-        """Return the decorator that makes a function a command."""
-        add = super().command(name, **settings)
+        """Return the decorator that makes a function a command, listed with the whole of its first sentence."""
 
         def register(run: Command) -> Command:
-            add(_with_output_options(run))
+            first_sentence = inspect.cleandoc(run.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
+            super(Commands, self).command(name, short_help=first_sentence, **settings)(_with_output_options(run))
             return run
 
         return register

@@ -28,7 +28,7 @@ _MOST_ROWS = 60
 def overlay(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="A B...", help="Results, or channel tables of recording cars.", show_default=False),
+        typer.Argument(metavar="RUN", help="Results, or channel tables of recording cars.", show_default=False),
     ],
     out: Annotated[
         Path | None,
