@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from trackfg.config import SolverConfig
     from trackfg.factors.family import Family
-    from trackfg.graph.build import Problem
+    from trackfg.factors.imu import InertialFactors
     from trackfg.solver.square_root import SquareRoot
 
 _SHORTEST = 2.0**-10
@@ -37,6 +37,22 @@ _LONGEST = 8.0
 
 _ROUGH = 3.0
 """In sigmas per square root of the number of variables: until a step is shorter, gentler losses stand in."""
+
+
+class Graph(Protocol):
+    """A graph is factors, and the values of its variables from which a solver begins."""
+
+    @property
+    def inertial(self) -> InertialFactors:
+        """The inertial factors."""
+
+    @property
+    def families(self) -> tuple[Family, ...]:
+        """All other factors."""
+
+    @property
+    def initial(self) -> States:
+        """The values to begin with."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +80,14 @@ class _Stop(NamedTuple):
 
 
 def solve(
-    problem: Problem, config: SolverConfig, progress: Callable[[float], None] | None = None, *, near: bool = False
+    problem: Graph, config: SolverConfig, progress: Callable[[float], None] | None = None, *, near: bool = False
 ) -> Solution:
     """Minimise the cost of a graph, beginning at its initial values.
 
     Parameters
     ----------
-    problem : Problem
-        What :func:`trackfg.graph.build_problem` returns, with any families added.
+    problem : Graph
+        What :func:`trackfg.graph.build_problem` returns, with any families added; or a window of a stream.
     config : SolverConfig
         When to stop: the ``solver`` section of a ``SmoothConfig``.
     progress : callable, optional
@@ -89,7 +105,7 @@ def solve(
     UnsolvableError
         Where the measurements do not determine the states.
     """
-    keyframes = len(problem.t)
+    keyframes = len(problem.initial)
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
     states = problem.initial
     families = problem.families if near else tuple(family.convex_start() for family in problem.families)
@@ -128,12 +144,12 @@ def solve(
     return Solution(states, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
 
 
-def _cost(problem: Problem, families: tuple[Family, ...], states: States) -> float:
+def _cost(problem: Graph, families: tuple[Family, ...], states: States) -> float:
     return problem.inertial.cost(states) + sum(family.cost(states) for family in families)
 
 
 def _step(
-    problem: Problem, families: tuple[Family, ...], states: States, step: Step, cost: float
+    problem: Graph, families: tuple[Family, ...], states: States, step: Step, cost: float
 ) -> tuple[States, float] | None:
     """Return the best of the halved or doubled steps; None if none lowers the cost.
 

@@ -20,8 +20,8 @@ from trackfg.results.events import Event
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.streaming.window.fix_voting import FixVotes
 from trackfg.streaming.window.running_window import FAILURES, FilterUpdate, Relinearisation, RunningWindow
-from trackfg.streaming.window.sample_buffer import SampleBuffer
-from trackfg.streaming.window.starting_window import AFTER_S, KnownDistance, StartingWindow
+from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
+from trackfg.streaming.window.starting_window import KnownDistance, StartingWindow
 
 _SHORTEST_S = 0.02
 """The last interval of a stream is as long as this, s, or there is none."""

@@ -25,9 +25,7 @@ from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, States, offset_in_keyframe
-from trackfg.graph.build import Problem
 from trackfg.graph.inertial import walk_of
-from trackfg.graph.keyframes import TOO_CLOSE
 from trackfg.graph.motion import resting
 from trackfg.numerics.arrays import Array
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
@@ -41,8 +39,8 @@ from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_
 from trackfg.streaming.window.gnss_record import GnssRecord
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
 from trackfg.streaming.window.rests import LOOK_S, Rests
-from trackfg.streaming.window.sample_buffer import SampleBuffer
-from trackfg.streaming.window.starting_window import AFTER_S, FirstProblem, late_tach
+from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
+from trackfg.streaming.window.starting_window import FirstProblem, late_tach
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
 from trackfg.streaming.window.wheel_creep import WALK_PER_SQRT_M, Creep, scale_walks, with_creep, with_walk
@@ -64,8 +62,6 @@ _SETTLED = 15.0
 _SETTLED_RECENT = 1000.0
 """The same for recent keyframes. A wheel against the inertial sensor alone makes some hundred; the pass does the rest.
 """
-_MOST_STEPS = 4
-"""Gauss-Newton steps of one window before it counts as unsettled."""
 _HEADING_SD_RAD = 0.03
 """Maximum sigma of yaw with which the heading is known, rad."""
 _MOST_WITHOUT_HEADING = 240
@@ -179,23 +175,10 @@ class RunningWindow:
 
         ``spacing``: how many times further apart keyframes are than the settings say.
         """
-        last, config = float(self.newest.t[0]), self.context.config.keyframes
-        speed = float(np.linalg.norm(self.newest.states.nav.v[0]))
-        due = last + spacing / max(1.0 / config.interval_s, speed / config.distance_m)
-        for table in self.buffer.positions.values():
-            times = table[:, 0]
-            soon = min(last + (1.0 + TOO_CLOSE) * (due - last), due + AFTER_S)
-            fixes = times[(times > last + 1e-3) & (times < soon)]
-            if fixes.size:
-                due = float(fixes[0])
-        due = min([due, *self.buffer.hole_edges(last, due)[:1]])
-        edges = self.buffer.inertial.edges
-        at = int(np.searchsorted(edges, due))
-        if at >= len(edges):
-            return None
-        if due - edges[at - 1] < edges[at] - due and edges[at - 1] > last:
-            at -= 1
-        return float(edges[at])
+        config, speed = self.context.config.keyframes, float(np.linalg.norm(self.newest.states.nav.v[0]))
+        return self.buffer.keyframe_after(
+            float(self.newest.t[0]), spacing / max(1.0 / config.interval_s, speed / config.distance_m)
+        )
 
     def prepare(self, t: float) -> None:
         """Predict the interval to the keyframe at ``t``, if the inertial sensor's rows reach as far.
@@ -287,7 +270,7 @@ class RunningWindow:
         recent = recent.with_families(walk_of(recent.t, recent.response, self.context.description.imu.noise))
         last = len(recent) - 1
         try:
-            step = _settle(recent, {last}, _SETTLED_RECENT if self.heading_known else _SETTLED)
+            step = recent.settled_step({last}, _SETTLED_RECENT if self.heading_known else _SETTLED)
         except FAILURES as error:
             self.undelivered_pass = self._relinearise_window(str(error))
             return FilterUpdate.of(self.undelivered_pass.whole_window, self.undelivered_pass.root)
@@ -380,7 +363,7 @@ class RunningWindow:
             return self._batch_solution(window).gauss_newton_step(marginalise), event
         event = None if failure is None else Event("by-window", t_s=now, detail=failure)
         try:
-            step = _settle(window, marginalise, _SETTLED)
+            step = window.settled_step(marginalise, _SETTLED)
         except FAILURES as error:
             event = Event("by-batch", t_s=now, detail=str(error))
             return self._batch_solution(window).gauss_newton_step(marginalise), event
@@ -419,19 +402,7 @@ class RunningWindow:
             raise UnsolvableError(
                 f"{len(window)} keyframes have not told the heading: their rows contradict each other"
             )
-        data, context = self.buffer.inertial, self.context
-        problem = Problem(
-            run=context.run_of(window.t, data),
-            measured=window.measured,
-            families=window.families,
-            initial=window.states,
-            rests=self.rests.spans,
-            gaps=data.gaps(),
-            wheel=None if self.tach is None else self.tach.wheel,
-            clock_origin=context.clock_origin,
-            response=window.response,
-        )
-        solution = solve(problem, context.config.solver)
+        solution = solve(window, self.context.config.solver)
         if not self.heading_known:
             self.damped_work += solution.iterations * len(window)
         return replace(window, states=solution.states)
@@ -441,19 +412,6 @@ class RunningWindow:
         covariance = posterior_covariance(root.last(1))
         variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.context.lever_arm)
         return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
-
-
-def _settle(window: Window, marginalise: Collection[int], longest: float) -> WindowStep:
-    """Take Gauss-Newton steps until one is shorter than ``longest`` posterior sigmas.
-
-    Raises ``UnsolvableError`` or ``ValueError`` where that does not happen.
-    """
-    for _ in range(_MOST_STEPS):
-        step = window.gauss_newton_step(marginalise)
-        if step.root.length < longest:
-            return step
-        window = step.window
-    raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_MOST_STEPS} of them")
 
 
 def _with_own_bias(states: States, response: Array) -> States:

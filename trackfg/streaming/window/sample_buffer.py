@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.graph.further_sensors import BEFORE_S
+from trackfg.graph.keyframes import TOO_CLOSE
 from trackfg.graph.motion import RATE_WINDOW_S
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
@@ -22,6 +23,8 @@ from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
 from trackfg.streaming.rows import NO_SAMPLES, Rows, canonical_columns, no_rows
 from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
 
+AFTER_S = 0.3
+"""A keyframe needs rows this much younger than itself, s: its rates are means over 0.5 s of the wheel."""
 _FIRST_SAMPLES = 10
 """Number of samples over which the sampling interval is the median."""
 _POSITIONS = ("fixes", "gnss")
@@ -124,6 +127,27 @@ class SampleBuffer:
         data = self.inertial
         low, high = np.searchsorted(data.edges, begin - 1e-9), np.searchsorted(data.edges, end + 1e-9, side="right") - 1
         return data.take(slice(int(low), int(high)))
+
+    def keyframe_after(self, last: float, spacing_s: float) -> float | None:
+        """Return the time of the next keyframe, s, on an edge of the inertial record; None while that ends before it.
+
+        It is ``spacing_s`` after the ``last`` one (s), or at a position or the edge of a hole that comes about then.
+        """
+        due = last + spacing_s
+        for table in self.positions.values():
+            times = table[:, 0]
+            soon = min(last + (1.0 + TOO_CLOSE) * (due - last), due + AFTER_S)
+            measured = times[(times > last + 1e-3) & (times < soon)]
+            if measured.size:
+                due = float(measured[0])
+        due = min([due, *self.hole_edges(last, due)[:1]])
+        edges = self.inertial.edges
+        at = int(np.searchsorted(edges, due))
+        if at >= len(edges):
+            return None
+        if due - edges[at - 1] < edges[at] - due and edges[at - 1] > last:
+            at -= 1
+        return float(edges[at])
 
     def hole_edges(self, begin: float, until: float) -> Array:
         """Return the edges in (begin, until] at which a hole or a break of the inertial record begins or ends, s."""

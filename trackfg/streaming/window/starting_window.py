@@ -17,14 +17,12 @@ from trackfg.graph.build import Problem, build_problem, with_free_start, with_st
 from trackfg.graph.inputs import world_of
 from trackfg.results.events import Event
 from trackfg.sensors.tach import read_wheel
-from trackfg.streaming.window.sample_buffer import SampleBuffer
+from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
 
 START_S = 10.0
 """The length of the first window, s."""
-AFTER_S = 0.3
-"""A keyframe needs rows this much younger than itself, s: its rates are means over 0.5 s of the wheel."""
 _LATE_S = 1.0
 """A tach, or GNSS, whose first row comes so much later than the inertial sensor's begins late, s."""
 

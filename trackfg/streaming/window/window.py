@@ -32,6 +32,9 @@ from trackfg.numerics.arrays import Array
 from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
 
+_MOST_STEPS = 4
+"""Gauss-Newton steps of a window before it counts as unsettled."""
+
 
 @dataclass(frozen=True)
 class Window:
@@ -54,6 +57,11 @@ class Window:
     def inertial(self) -> InertialFactors:
         """The inertial factors."""
         return InertialFactors(self.measured)
+
+    @property
+    def initial(self) -> States:
+        """The states from which a batch solution begins."""
+        return self.states
 
     @property
     def cost(self) -> float:
@@ -115,6 +123,19 @@ class Window:
         """
         root, marginals = eliminate_with_marginals(self.linear_factors(), len(self), marginalise)
         return WindowStep(self.updated_by(root), root, marginals, self.states)
+
+    def settled_step(self, marginalise: Collection[int], longest: float) -> WindowStep:
+        """Take Gauss-Newton steps until one is shorter than ``longest`` posterior sigmas.
+
+        Raises as :meth:`gauss_newton_step` does, and ``ValueError`` where none of the first four is.
+        """
+        window = self
+        for _ in range(_MOST_STEPS):
+            step = window.gauss_newton_step(marginalise)
+            if step.root.length < longest:
+                return step
+            window = step.window
+        raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_MOST_STEPS} of them")
 
     def updated_by(self, root: SquareRoot) -> Window:
         """Return the window after the step of a linear system at its states.
