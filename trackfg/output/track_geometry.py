@@ -104,6 +104,8 @@ class _Columns:
             short = np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
             missed = _SHORT_WAVES * short / self.meaning.curvature_base_m
             sigmas["curvature_1pm"] = np.hypot(sigmas["curvature_1pm"], missed)
+            # A pass too short for any alignment does not say what its curvature misses.
+            values["curvature_1pm"] = np.where(np.isnan(missed), np.nan, values["curvature_1pm"])
             offset = 1e3 * self.meaning.cross_level_base_m * self.run.mount_roll_sd
             sigmas["cross_level_mm"] = np.hypot(sigmas["cross_level_mm"], offset)
         columns = place | values

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from trackfg.config import SmoothConfig
-from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
-from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 
 OPTIONS = {"seed": 1, "duration_s": 80.0, "noise": False}
 
@@ -98,3 +98,13 @@ def test_sides_face_increasing_chainage(run: Simulation, error: pd.DataFrame, sm
     np.testing.assert_allclose(turned["gradient_permille"], -up["gradient_permille"], atol=1e-3)
     # Turning the way round changes the sign of the heading and of the way it is passed: curvature keeps its size.
     np.testing.assert_allclose(turned["curvature_1pm"], -up["curvature_1pm"], atol=1e-6)
+
+
+def test_a_run_too_short_for_alignment_has_no_curvature_from_lasers() -> None:
+    """What the curvature misses of short waves is judged by the alignment, which needs some 100 m."""
+    recording = simulate(scenario("measuring-car"), seed=1, run=46, duration_s=60.0).recording
+    result = smooth(recording)
+    result.refuse_unsound()
+    assert np.ptp(result.geometry["chainage_m"]) < 100.0
+    assert result.geometry["versine_alignment_mm"].notna().any()
+    assert result.geometry[["alignment_mm", "curvature_1pm"]].isna().all(axis=None)
