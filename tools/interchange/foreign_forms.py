@@ -83,6 +83,10 @@ def write_phyphox(drive: Drive, folder: Path) -> Path:
         ):
             columns = {f"{quantity} {axis} ({unit})": values[:, i] for i, axis in enumerate("xyz")}
             archive.writestr(f"{name}.csv", pd.DataFrame({"Time (s)": drive.t, **columns}).to_csv(index=False))
+        place = {"Latitude (°)": drive.latitude, "Longitude (°)": drive.longitude, "Height (m)": drive.height}
+        accuracy = {"Horizontal Accuracy (m)": GNSS_SD_M[0] / SIGMA_OF_RADIUS, "Vertical Accuracy (m)": GNSS_SD_M[2]}
+        location = pd.DataFrame({"Time (s)": drive.gnss_t, **place, **accuracy})
+        archive.writestr("Location.csv", location.to_csv(index=False))
         archive.writestr("meta/time.csv", '"event","experiment time"\n"START",0.0\n')
     return path
 
@@ -156,6 +160,9 @@ def write_rcm_dx(drive: Drive, folder: Path, *, prefix: str = "") -> Path:
                 channel = source.create_group(f"{prefix}{name}_{axis}")
                 channel[f"{prefix}data"] = values[:, i]
                 channel[f"{prefix}data"].attrs["Unit"] = unit
+        speed = source.create_group(f"{prefix}WHEEL_SPEED")
+        speed[f"{prefix}data"] = drive.speed
+        speed[f"{prefix}data"].attrs["Unit"] = "m/s"
     return path
 
 
@@ -200,13 +207,13 @@ def write_tdms(drive: Drive, folder: Path) -> Path:
 
     path = folder / "run.tdms"
     wave = {"wf_increment": 0.01, "wf_start_offset": 0.0}
-    names = [*(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
-    units = ["rad/s"] * 3 + ["m/s^2"] * 3
+    names = [*(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz"), "wheel_speed"]
+    units = ["rad/s"] * 3 + ["m/s^2"] * 3 + ["m/s"]
     with TdmsWriter(path) as writer:
         writer.write_segment(
             [
                 ChannelObject("imu", name, np.ascontiguousarray(values), properties={**wave, "unit_string": unit})
-                for name, values, unit in zip(names, [*drive.gyro.T, *drive.accel.T], units, strict=True)
+                for name, values, unit in zip(names, [*drive.gyro.T, *drive.accel.T, drive.speed], units, strict=True)
             ]
         )
     return path

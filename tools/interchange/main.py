@@ -1,7 +1,8 @@
 """What comes back through other systems' formats: a table of formats, directions and checks.
 
 Usage: ``python tools/interchange.py [--duration S] [--seeds N]``. A simulated run is written in each foreign form,
-imported, and smoothed: the chainage is compared with that of the original. Then its result is exported in each format,
+imported, and smoothed: the chainage is compared with that of the original; copies of it are broken, which the import
+must refuse. Then its result is exported in each format,
 and sizes and times are printed; that exports hold the result's values is tested by reading them back with other
 libraries (``tests/trackfg/interchange/exporting``). At last balises are surveyed, one of them planned wrong.
 """
@@ -33,8 +34,9 @@ from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import smooth
 
-_DAMAGES = 20
-"""Copies of each source that are cut off or overwritten."""
+_BROKEN = 20
+"""Copies of each source that are cut off or overwritten so that what is read of them changes."""
+_DAMAGE_BYTES = 2000
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -59,7 +61,11 @@ def _run(duration_s: float) -> tuple[Recording, Drive]:
     start = datetime(2026, 5, 1, 3, 12, tzinfo=UTC)
     gnss = recording.gnss
     assert gnss is not None
-    recording = replace(recording, gnss_origin=np.array([46.9, 7.4, 500.0]))
+    # A logger has one clock, and in a table with one row a sample a position is as late as that.
+    samples = recording.imu["t_s"].to_numpy()
+    at = np.minimum(np.searchsorted(samples, gnss["t_s"]), len(samples) - 1)
+    gnss = gnss.assign(t_s=samples[at]).drop_duplicates("t_s", ignore_index=True)
+    recording = replace(recording, gnss=gnss, gnss_origin=np.array([46.9, 7.4, 500.0]))
     drive = Drive.of(recording)
     part = Tach(file="tach.parquet", column="distance_m", kind="distance", unit="m", integrated=True)
     description = recording.description.model_copy(update={"start": start, "tach": part})
@@ -69,8 +75,10 @@ def _run(duration_s: float) -> tuple[Recording, Drive]:
 
 
 def _imports(recording: Recording, drive: Drive, folder: Path) -> None:
-    print("| imported | bytes | largest difference of a rate, rad/s | of a force, m/s^2 | of chainage, m | refused |")
-    print("|---|---|---|---|---|---|")
+    print(
+        "| imported | bytes | largest difference of a rate, rad/s | of a force, m/s^2 | of chainage, m | refused | sound |"
+    )
+    print("|---|---|---|---|---|---|---|")
     for name, write in WRITERS.items():
         place = folder / name.replace(" ", "-")
         place.mkdir()
@@ -80,9 +88,10 @@ def _imports(recording: Recording, drive: Drive, folder: Path) -> None:
         rate = np.abs(back.gyro - recording.gyro).max()
         force = np.abs(back.accel - recording.accel).max()
         chainage = _chainage_difference(back, recording)
-        refused = _refused(max(files, key=lambda file: file.stat().st_size), source, place, name)
         size = sum(file.stat().st_size for file in files)
-        print(f"| {name} | {size} | {rate:.1e} | {force:.1e} | {chainage:.1e} | {refused} of {_DAMAGES} |", flush=True)
+        refused, sound = _refused(max(files, key=lambda file: file.stat().st_size), source, back, name)
+        row = f"| {name} | {size} | {rate:.1e} | {force:.1e} | {chainage:.1e} | {refused} of {_BROKEN} | {sound} |"
+        print(row, flush=True)
 
 
 def _default(question: Question) -> str:
@@ -115,18 +124,36 @@ def _chainage_difference(back: Recording, original: Recording) -> float:
     return float(np.abs(first.trajectory["chainage_m"] - there).max())
 
 
-def _refused(target: Path, source: Path, place: Path, name: str) -> int:
-    """Return how many damaged copies are refused; the others hold what the damage left readable."""
-    whole, rng, count = target.read_bytes(), np.random.default_rng(5), 0
-    for i in range(_DAMAGES):
-        at = int(len(whole) * (i + 0.5) / (_DAMAGES + 1))
-        target.write_bytes(whole[:at] if i % 2 == 0 else whole[:at] + rng.bytes(2000) + whole[at + 2000 :])
+def _refused(target: Path, source: Path, back: Recording, name: str) -> tuple[int, int]:
+    """Return how many broken copies are refused, and how many more were damaged where what is read stays the same.
+
+    Those are drawn anew: a copy is broken if other values, or other rows than the first ones, are read of it.
+    """
+    whole, rng = target.read_bytes(), np.random.default_rng(5)
+    refused = broken = sound = 0
+    while broken < _BROKEN:
+        at = int(len(whole) * rng.uniform())
+        cut = (broken + sound) % 2 == 0
+        target.write_bytes(whole[:at] + (b"" if cut else rng.bytes(_DAMAGE_BYTES) + whole[at + _DAMAGE_BYTES :]))
         try:
-            _imported(source, place / f"damaged-{i}", name)
+            with tempfile.TemporaryDirectory() as folder:
+                is_sound = _begins(back, _imported(source, Path(folder) / "damaged", name))
         except BadInputError:
-            count += 1
+            refused, is_sound = refused + 1, False
+        sound, broken = sound + is_sound, broken + (not is_sound)
     target.write_bytes(whole)
-    return count
+    return refused, sound
+
+
+def _begins(whole: Recording, part: Recording) -> bool:
+    """Return whether ``part`` has the first rows of each table of ``whole``; the last one may be cut within a number."""
+    for name in ("imu", "tach", "gnss"):
+        first, second = getattr(whole, name), getattr(part, name)
+        if (first is None) != (second is None):
+            return False
+        if first is not None and not first.iloc[: len(second) - 1].equals(second.iloc[:-1]):
+            return False
+    return True
 
 
 def _exports(recording: Recording, folder: Path) -> None:

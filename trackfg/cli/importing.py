@@ -26,6 +26,9 @@ Format = Annotated[
     typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.", show_default=False),
 ]
 
+_MOST_NAMED = 12
+"""Columns of a table that are not used and named: decoded CAN traces have hundreds."""
+
 
 def import_recording(
     source: Source,
@@ -106,7 +109,7 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
     """Propose a mapping and write the recording that it makes."""
     from trackfg.interchange.importing.conversion import write_imported
     from trackfg.interchange.importing.mapping import mapping_of
-    from trackfg.interchange.importing.proposal import propose
+    from trackfg.interchange.importing.proposal import propose, unused_columns
     from trackfg.interchange.importing.registry import source_format
 
     form = source_format(source, from_format)
@@ -114,6 +117,9 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
     proposal = propose(tables, ask, form.mapping(tables))
     proposal.sections["source"] = form.key
     mapping = mapping_of(proposal.sections, "proposed mapping")
+    for name, columns in unused_columns(proposal.sections, tables).items():
+        more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
+        note(f"trackfg: note: not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
     return proposal, write_imported(tables, mapping, out, run_id=source.stem)
 
 

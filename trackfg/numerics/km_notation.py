@@ -1,4 +1,4 @@
-"""Places along a line as people write them: ``12+345.6``, ``km 12,345``, ``12.345 km``, ``12345 m``."""
+"""Places along a line as people write them: ``12+345.6``, ``km 12,345``, ``12345 m``, ``12 mi 34 ch``."""
 
 from __future__ import annotations
 
@@ -15,11 +15,19 @@ KmNotation = Literal["km+m", "km"]
 _PLUS = re.compile(r"^(?:km\s*)?(?P<sign>-)?(?P<km>\d+(?:\.\d+)?)\s*\+\s*(?P<m>-?\d+(?:\.\d+)?)\s*m?$", re.IGNORECASE)
 _KM = re.compile(r"^(?:km\s*(?P<a>-?\d+(?:\.\d+)?)|(?P<b>-?\d+(?:\.\d+)?)\s*km)$", re.IGNORECASE)
 _M = re.compile(r"^(?P<m>-?\d+(?:\.\d+)?)\s*(?P<unit>m?)$", re.IGNORECASE)
-METRES_PER = {"m": 1.0, "km": 1000.0}
+_MILES = re.compile(
+    r"^(?:mp\s*)?(?P<mi>\d+(?:\.\d+)?)\s*(?:m|mi|miles?)\.?\s*"
+    r"(?:(?P<ch>\d+(?:\.\d+)?)\s*(?:c|ch|chains?)\.?|(?P<yd>\d+(?:\.\d+)?)\s*(?:y|yds?|yards?)\.?)$"
+    r"|^mp\s*(?P<a>\d+(?:\.\d+)?)$|^(?P<b>\d+(?:\.\d+)?)\s*(?:mi|miles?)$",
+    re.IGNORECASE,
+)
+METRES_PER = {"m": 1.0, "km": 1000.0, "mi": 1609.344}
 """Units of a place that is a bare number."""
+_CHAINS_PER_MILE, _YARDS_PER_MILE = 80.0, 1760.0
+Bare = Literal["m", "km", "mi"]
 
 
-def metres_of(text: str, bare: Literal["m", "km"] = "m") -> float | None:
+def metres_of(text: str, bare: Bare = "m") -> float | None:
     """Return the metres that a written place means; None where it means none. A bare number is in the unit ``bare``."""
     cell = _plain(text)
     if match := _PLUS.match(cell):
@@ -29,10 +37,14 @@ def metres_of(text: str, bare: Literal["m", "km"] = "m") -> float | None:
         return 1000.0 * float(match["a"] or match["b"])
     if match := _M.match(cell):
         return float(match["m"]) * METRES_PER["m" if match["unit"] else bare]
+    if match := _MILES.match(cell):
+        whole = float(match["mi"] or match["a"] or match["b"])
+        part = float(match["ch"] or 0.0) / _CHAINS_PER_MILE + float(match["yd"] or 0.0) / _YARDS_PER_MILE
+        return METRES_PER["mi"] * (whole + part)
     return None
 
 
-def is_metres(text: str, bare: Literal["m", "km"] = "m") -> bool:
+def is_metres(text: str, bare: Bare = "m") -> bool:
     """Return whether a written place is a length in metres and no number of kilometres."""
     match = _M.match(_plain(text))
     return match is not None and "m" in (match["unit"].lower(), bare)

@@ -1,4 +1,7 @@
-"""A date that a table has in parts, a column each for year, month, day, hour, minute and second, becomes one column."""
+"""A date that a table has in parts becomes one column.
+
+The parts are year, month, day, hour, minute and second, a column each, or the week of GPS and the time in it.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times import gps_ns
 
 COMPOSED = "date_and_time_ns"
 """The column that is added: ns since 1970."""
@@ -18,18 +22,52 @@ _FRACTIONS = {"nano": 1, "nanosecond": 1, "microsecond": 1_000, "millisecond": 1
 """Columns of what is beyond the whole seconds, ns."""
 
 
+_WEEK = re.compile(r"(^|[\s_.]|gps)week(.?(no|num|number))?$", re.IGNORECASE)
+_TIME_OF_WEEK = re.compile(
+    r"(^|[\s_.]|gps)i?tow(_?m?s)?$|time.?of.?week|(week|gps).?(s|sec|seconds?|ms|time)$", re.IGNORECASE
+)
+_WEEK_S = 604_800.0
+_FIRST_WEEK, _LAST_WEEK = 960, 4000
+"""Weeks of GPS that are not taken for those of a year: 1998 to 2056."""
+
+
 def with_whole_dates(table: SourceTable) -> SourceTable:
     """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is."""
+    ns = _of_the_week(table)
+    if ns is None:
+        ns = _of_the_calendar(table)
+    if ns is None:
+        return table
+    return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
+
+
+def _of_the_week(table: SourceTable) -> np.ndarray | None:
+    """Return the times (n,), ns since 1970, of a week of GPS and the time in it, s or ms; None without them."""
+    names = [_matching(table, pattern) for pattern in (_WEEK, _TIME_OF_WEEK)]
+    if None in names or names[0] == names[1]:
+        return None
+    columns = [table.frame[name] for name in names]
+    if not all(pd.api.types.is_numeric_dtype(column) and column.notna().all() for column in columns):
+        return None
+    week, time = (column.to_numpy(dtype=np.float64) for column in columns)
+    if not ((week >= _FIRST_WEEK) & (week <= _LAST_WEEK) & (week == np.floor(week)) & (time >= 0.0)).all():
+        return None
+    seconds = time * (1e-3 if time.max() > _WEEK_S else 1.0)
+    return gps_ns(week * _WEEK_S) + np.round(seconds * 1e9).astype(np.int64)
+
+
+def _of_the_calendar(table: SourceTable) -> np.ndarray | None:
+    """Return the times (n,), ns since 1970, of columns from the year to the second; None without them."""
     parts = [_column(table, part) for part in _PARTS]
     if any(part is None for part in parts):
-        return table
+        return None
     numbers = {part: table.frame[name] for part, name in zip(_PARTS, parts, strict=True)}
     if not all(pd.api.types.is_numeric_dtype(column) and column.notna().all() for column in numbers.values()):
-        return table
+        return None
     whole = {part: np.floor(column).astype(np.int64) for part, column in numbers.items()}
     dates = pd.to_datetime(pd.DataFrame(whole), errors="coerce")
     if dates.isna().any():
-        return table
+        return None
     ns = dates.astype("datetime64[ns]").astype(np.int64).to_numpy()
     ns = ns + np.round((numbers["second"] - whole["second"]).to_numpy(dtype=np.float64) * 1e9).astype(np.int64)
     for fraction, factor in _FRACTIONS.items():
@@ -37,9 +75,12 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
         if name is not None and pd.api.types.is_integer_dtype(table.frame[name]):
             ns = ns + table.frame[name].to_numpy(dtype=np.int64) * factor
             break
-    return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
+    return np.asarray(ns)
 
 
 def _column(table: SourceTable, part: str) -> str | None:
-    pattern = re.compile(rf"(^|[\s_.]){part}s?$", re.IGNORECASE)
+    return _matching(table, re.compile(rf"(^|[\s_.]){part}s?$", re.IGNORECASE))
+
+
+def _matching(table: SourceTable, pattern: re.Pattern[str]) -> str | None:
     return next((name for name in table.columns if pattern.search(name.strip())), None)

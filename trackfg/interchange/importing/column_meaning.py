@@ -13,39 +13,40 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.calendar_columns import COMPOSED
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import guessed_unit
+from trackfg.numerics.km_notation import is_metres, metres_of
 from trackfg.numerics.units import STANDARD_GRAVITY
 
 _AXIS = re.compile(
     r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|(?<=^[AGW])([XYZ])$"
 )
 _NAMED_AXIS = {
-    "x": re.compile(r"roll|wank|longitudinal|l(ä|ae)ngs"),
-    "y": re.compile(r"pitch|nick|lateral|quer"),
-    "z": re.compile(r"yaw|gier|vertical|vertikal|hoch"),
+    "x": re.compile(r"roll|wank|longitudinal|\blong(?=acc|\W)|l(ä|ae)ngs"),
+    "y": re.compile(r"pitch|nick|lateral|\blat(?=acc|\W)|quer"),
+    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc|\W)|hoch"),
 }
 """Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes."""
 _PATTERNS = {
     "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|lin.?acc|gravity.?free",
     "gyro": (
-        r"gyr|omega|ang(ular)?[\s_]*(vel|rate)|drehrate|rotation.?rate|(roll|pitch|yaw).?rate|(wank|nick|gier).?(rate|geschw)|"
+        r"gyr|omega|ang(ular)?[\s_]*(vel|rate)|vitesse.(ang|de.rot)|drehrate|rotation.?rate|(roll|pitch|yaw).?rate|(wank|nick|gier).?(rate|geschw)|"
         r"\bw_?[xyz]\b|^w_?[xyz]|^g_?[xyz]\b|dtheta|delta.?(theta|ang)"
     ),
     "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
     "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h",
     "count": (
         r"pulse|impuls|(?<!packet)(?<!packet.)(?<!sample)(?<!sample.)(?<!frame)(?<!frame.)count|"
-        r"ticks|encoder|tacho|zähl"
+        r"ticks|\benc(oder)?\b|encoder|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
-    "station": r"chain|kilom|station|^km\b|post|stationierung|position_km|^km$",
+    "station": r"chain|kilom|station|^km\b|^[pm][kp]$|post|position_km",
     "latitude": r"^lat|latitude|breite",
     "longitude": r"^lon|^lng|longitude|länge|laenge",
     "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh",
     "sd_horizontal": r"h(or\w*)?_?acc|horizontal.?accuracy|^accuracy|sd_?[neh]\b",
     "sd_vertical": r"v(er\w*)?_?acc\b|vertical.?accuracy|altitude.?accuracy|sd_?[uv]\b",
-    "time": r"^t$|time|zeit|uhr|datum|date|utc|stamp|elapsed|epoch|seconds?$|^ts$",
+    "time": r"^t$|time|zeit|uhr|datum|date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$",
 }
-"""In the order in which they are tried. German and English; anything else has to be stated."""
+"""In the order in which they are tried. English, German, some French; anything else has to be stated."""
 
 _GYRO_UNITS = {
     r"mrad": "mrad/s",
@@ -81,6 +82,22 @@ def meaning(name: str) -> str | None:
     return next((kind for kind in kinds if re.search(_PATTERNS[kind], folded)), None)
 
 
+def kind_in(table: SourceTable, name: str) -> str | None:
+    """Return the kind of quantity of a table's column: by an inertial unit, its name, or cells that are places."""
+    kind = meaning(name)
+    if axis_of(name) and kind != "free_accel" and (by_unit := _kind_by_unit(table.units.get(name, ""))):
+        return by_unit
+    return "station" if kind is None and _holds_places(table.frame[name]) else kind
+
+
+def _holds_places(column: pd.Series) -> bool:
+    """Return whether all cells are places written as such, ``12+345`` or ``12.345 km``, not bare numbers."""
+    if not pd.api.types.is_string_dtype(column):
+        return False
+    cells = column.dropna()
+    return len(cells) > 0 and all(metres_of(cell) is not None and not is_metres(cell) for cell in cells)
+
+
 def axis_of(name: str) -> str | None:
     """Return the axis that a column's name ends in or has apart, ``"x"``, ``"y"`` or ``"z"``, or names; else None."""
     axis, _ = _axis_and_rest(name)
@@ -105,7 +122,7 @@ def triples(table: SourceTable, kind: Literal["gyro", "accel", "free_accel"]) ->
     found: dict[str, dict[str, str]] = {}
     for name in table.columns:
         axis, rest = _axis_and_rest(name)
-        if axis and kind == (meaning(name) or _kind_by_unit(table.units.get(name, ""))):
+        if axis and kind == kind_in(table, name):
             found.setdefault(rest, {})[axis] = name
     out = []
     for axes in found.values():
@@ -148,7 +165,7 @@ def _unit(table: SourceTable, columns: tuple[str, str, str], kind: str) -> tuple
 
 def first_of(table: SourceTable, kind: str) -> str | None:
     """Return the first column whose name means ``kind``; None where there is none."""
-    return next((name for name in table.columns if meaning(name) == kind), None)
+    return next((name for name in table.columns if kind_in(table, name) == kind), None)
 
 
 def time_columns(table: SourceTable) -> tuple[str, ...] | None:

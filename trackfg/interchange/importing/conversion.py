@@ -7,8 +7,9 @@ converted. A table whose rows say nothing about a sensor, as in logs of one wide
 
 from __future__ import annotations
 
+from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -21,7 +22,9 @@ import tomli_w
 from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
-from trackfg.interchange.importing.mapping import MappedSensor, Mapping
+from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
+from trackfg.interchange.importing.foreign_units import recorded_unit
+from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.times import (
@@ -40,13 +43,11 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.recording.findings import errors
 
-_IMU_UNITS = {
-    "mrad/s": ("rad/s", 1e-3),
-    "deg/h": ("deg/s", 1.0 / 3600.0),
-    "mg": ("g", 1e-3),
-    "gal": ("m/s^2", 1e-2),
+_UNIT_KEYS = {
+    "imu": {"gyro": "gyro_unit", "accel": "accel_unit"},
+    **{kind: {"column": "unit"} for kind in ("tach", "speed", "laser")},
 }
-"""Units of inertial sensors that a recording does not know: the one that it gets, and the factor."""
+"""Of each kind of sensor, the keys that name columns, and those of their units."""
 
 _INCREMENTS = {"rad": "rad/s", "deg": "deg/s", "m/s": "m/s^2"}
 """Units of increments per sample (delta theta, delta v), and those of the rates that they become."""
@@ -69,17 +70,19 @@ _FASTEST_S = 0.04
 _HELD_S = 1.5
 """A position that is the same for longer is one of a vehicle at rest, s: the slowest receivers have 1 Hz."""
 
+_PLACES_FILE = "balise_places.parquet"
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
 
 
 class _Part(NamedTuple):
-    """The table of one sensor: its times, its columns, and its section in the description."""
+    """The table of one sensor: its times, its columns, its section in the description, and a table beside it."""
 
     sensor: MappedSensor
     times: Times
-    columns: dict[str, Array]
+    columns: Dictionary[str, Array | pd.Series]
     keys: dict[str, Any]
+    places: pd.DataFrame | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,8 @@ def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path
     names file, column and row.
     """
     parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
+    clocks = [part.times for part in parts]
+    parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
     start_ns = _start(parts, mapping)
     description, files = _described(parts, mapping, start_ns, run_id)
     refuse_used(folder, "recordings are never overwritten")
@@ -135,6 +140,8 @@ def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> So
 
 
 def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilometrage | None) -> _Part:
+    if sensor.kind == BALISES:
+        return _balises(sensor, tables, kilometrage)
     sources = [table_named(tables, pattern, sensor.section) for pattern in sensor.files]
     if len(sources) == 2:
         return _merged_imu(sensor, *sources)
@@ -151,6 +158,22 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = _in_known_units(sensor, times, columns, keys)
     return _Part(sensor, times, columns, keys)
+
+
+def _balises(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilometrage | None) -> _Part:
+    """Return the passages of balises, with their planned places in the same table or in one of its own."""
+    table, keys = table_named(tables, sensor.files[0], sensor.section), dict(sensor.keys)
+    times = _times(table, sensor)
+    beside = None if "places" not in keys else table_named(tables, str(keys["places"]), sensor.section)
+    places = planned_places(beside or table, keys, sensor.reading.chainage_unit, kilometrage)
+    ids = table.column(keys.get("id", COLUMNS.id))
+    keep = (ids.notna() & (ids.astype("string").str.strip() != "")).to_numpy()
+    passages = pd.DataFrame({COLUMNS.id: ids}) if beside is not None or places is None else places
+    columns = {str(name): column for name, column in passages[keep].items()}
+    keys |= {"id": COLUMNS.id, "chainage": COLUMNS.chainage, "sd": COLUMNS.sd}
+    if beside is None:
+        return _Part(sensor, _rows(times, keep), columns, keys)
+    return _Part(sensor, _rows(times, keep), columns, {**keys, "places": _PLACES_FILE}, places)
 
 
 def _is_news(t: Array, measured: Array) -> np.ndarray:
@@ -206,15 +229,16 @@ def _column(sensor: MappedSensor, table: SourceTable, part: Any) -> Array:
 def _times(table: SourceTable, sensor: MappedSensor) -> Times:
     """Return the times of a table's rows, stamps that repeat spread again where samples are regular."""
     times = read_times(table, sensor.time_columns, sensor.notation)
-    if sensor.kind in ("fixes", "gnss"):
+    if sensor.kind in ("fixes", "gnss", BALISES):
         return times
     since = times.since(times.first_ns)
     spread = spread_stamps(since)
-    return times if spread is since else Times.after(times.first_ns, spread)
+    return times if spread is since else Times.after(times.first_ns, spread, times.zone)
 
 
 def _rows(times: Times, keep: np.ndarray) -> Times:
-    return Times(None if times.ns is None else times.ns[keep], None if times.seconds is None else times.seconds[keep])
+    ns, seconds = (None if values is None else values[keep] for values in (times.ns, times.seconds))
+    return replace(times, ns=ns, seconds=seconds)
 
 
 def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> _Part:
@@ -228,11 +252,13 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
         columns = {str(name): table.numbers(str(name)) for name in value}
         columns, keys = _in_known_units(sensor, times, columns, {f"{key}_unit": sensor.keys.get(f"{key}_unit")})
         streams.append((times, columns, keys))
-    first_ns = [times.first_ns for times, *_ in streams if times.first_ns is not None]
+    clocks = [times for times, *_ in streams]
+    clocks = [times.beside(clocks) for times in clocks]
+    first_ns = [times.first_ns for times in clocks if times.first_ns is not None]
     if len(first_ns) == 1:
         raise BadInputError(f"{gyro.name} and {accel.name}: one has dates and the other has not; expected one clock")
     zero = min(first_ns, default=None)
-    t = [times.since(zero) for times, *_ in streams]
+    t = [times.since(zero) for times in clocks]
     begin, end = max(t[0][0], t[1][0]), min(t[0][-1], t[1][-1])
     if begin >= end:
         raise BadInputError(f"{gyro.name} and {accel.name}: they do not overlap in time; expected one recording")
@@ -247,7 +273,7 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
     for prefix, (_, values, own) in zip(("gyro", "accel"), streams, strict=True):
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in own.items() if value is not None}
-    return _Part(sensor, Times.after(zero, common), columns, keys)
+    return _Part(sensor, Times.after(zero, common, clocks[faster].zone), columns, keys)
 
 
 def _in_known_units(
@@ -258,20 +284,25 @@ def _in_known_units(
     """
     if sensor.kind == "tach" and keys.get("kind") == "pulses":
         return {name: unwrapped(values) for name, values in columns.items()}, keys
-    if sensor.kind != "imu":
-        return columns, keys
     columns, keys = dict(columns), dict(keys)
-    for key in ("gyro", "accel"):
-        unit = keys.get(f"{key}_unit")
-        names = [str(name) for name in sensor.keys[key] if str(name) in columns]
-        if unit in _IMU_UNITS:
-            keys[f"{key}_unit"], factor = _IMU_UNITS[unit]
-            columns |= {name: columns[name] * factor for name in names}
-        elif unit in _INCREMENTS:
-            keys[f"{key}_unit"] = _INCREMENTS[unit]
-            step = np.diff(times.since(times.first_ns))
+    if sensor.kind == "gnss":
+        _, factor = recorded_unit(sensor.reading.height_unit)
+        columns[keys["position"][2]] = columns[keys["position"][2]] * factor
+    for key, unit_key in _UNIT_KEYS.get(sensor.kind, {}).items():
+        unit = keys.get(unit_key)
+        if unit is None:
+            continue
+        if sensor.kind == "imu" and unit in _INCREMENTS:
+            keys[unit_key] = _INCREMENTS[unit]
             # A lost sample must not look like a slow one: increments are over the usual interval.
-            columns |= {name: columns[name] / float(np.median(step)) for name in names}
+            factor = 1.0 / float(np.median(np.diff(times.since(times.first_ns))))
+        else:
+            keys[unit_key], factor = recorded_unit(unit)
+        if factor == 1.0:
+            continue
+        value = sensor.keys[key]
+        names = (str(name) for name in (value if isinstance(value, list | tuple) else [value]))
+        columns |= {name: columns[name] * factor for name in names if name in columns}
     return columns, keys
 
 
@@ -305,7 +336,10 @@ def _described(
     for part in parts:
         file = f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
         time = "t" if "t" not in part.columns else "t_s"
-        files[file] = pd.DataFrame({time: part.times.since(start_ns), **part.columns})
+        columns = {name: np.asarray(values) for name, values in part.columns.items()}
+        files[file] = pd.DataFrame({time: part.times.since(start_ns), **columns})
+        if part.places is not None:
+            files[_PLACES_FILE] = part.places
         section = {"file": file, "time": time, **part.keys}
         if "[" in part.sensor.section:
             description.setdefault(part.sensor.kind, []).append(section)

@@ -22,12 +22,14 @@ from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
 from trackfg.io.formats.registry import FORMATS
 from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.numerics.km_notation import Bare
 from trackfg.recording.description import FurtherTach
 from trackfg.recording.line_kilometrage import LineKilometrage
 
 FORMAT = "trackfg-mapping/1"
 
-SENSORS = tuple(sensor.key for sensor in FORMATS if sensor.model is not FurtherTach)
+BALISES = "balises"
+SENSORS = (*(sensor.key for sensor in FORMATS if sensor.model is not FurtherTach), BALISES)
 """The sections that are sensors, as a mapping has them: several tachs are a list."""
 
 _TOP = ("format", "id", "start", "source", "text", "track", "kilometrage", "geometry")
@@ -49,7 +51,8 @@ class _Reading(BaseModel):
     time_zone: str = "UTC"
     tick_s: Annotated[float, Field(gt=0)] | None = None
     wraps_at: Annotated[float, Field(gt=0)] | None = None
-    chainage_unit: Literal["m", "km"] = "m"
+    chainage_unit: Bare = "m"
+    height_unit: Literal["m", "ft"] = "m"
 
 
 _CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")

@@ -24,14 +24,16 @@ from trackfg.interchange.importing.column_meaning import (
     Triple,
     first_of,
     has_gravity,
-    meaning,
+    kind_in,
     time_columns,
     time_unit,
     triples,
 )
 from trackfg.interchange.importing.conversion import write_imported
+from trackfg.interchange.importing.foreign_units import written_unit
 from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.numerics.km_notation import METRES_PER
 
 FIX_SD_M = 1.0
 """Proposed for balises and posts without a sigma: a post is read off to about a metre."""
@@ -143,7 +145,7 @@ def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     imu = proposal.sections["imu"]["file"]
     for kind in ("count", "distance", "speed"):
         for table in tables:
-            names = [name for name in table.columns if meaning(name) == kind]
+            names = [name for name in table.columns if kind_in(table, name) == kind]
             name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
             if name is None or (kind == "speed" and not _is_wheels(table, name, imu, ask)):
                 continue
@@ -157,10 +159,9 @@ def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
                     "wheel_diameter_m": _number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", "0.92"),
                 }
             elif kind == "distance":
-                section |= {"kind": "distance", "unit": "mm" if _unit_is(table, name, "mm") else "m"}
+                section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length")}
             else:
-                kmh = _unit_is(table, name, "km/h", "kmh", "km_h")
-                section |= {"kind": "speed", "unit": "km/h" if kmh else "m/s"}
+                section |= {"kind": "speed", "unit": _unit_of(proposal, table, name, "speed")}
                 if np.nanmin(table.numbers(name)) < 0.0:
                     section["signed"] = True
                     proposal.reasons["tach.signed"] = "some speeds are negative"
@@ -180,9 +181,12 @@ def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) ->
     return ask(Question("tach.column", f"Is {name} measured at a wheel, not by GNSS?", "no", ("yes", "no"))) == "yes"
 
 
-def _unit_is(table: SourceTable, name: str, *units: str) -> bool:
-    stated = table.units.get(name, "").casefold() or name.casefold()
-    return any(unit in stated for unit in units)
+def _unit_of(proposal: Proposal, table: SourceTable, name: str, quantity: Literal["speed", "length"]) -> str:
+    """Return the unit that a tach's column states, else m or m/s, with that as the reason."""
+    stated = written_unit(table.units.get(name) or name, quantity)
+    if stated is None:
+        proposal.reasons["tach.unit"] = f"assumed, since {name} states none"
+    return stated or {"speed": "m/s", "length": "m"}[quantity]
 
 
 def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
@@ -203,7 +207,10 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
             sd = list(stated)
             proposal.reasons.pop("gnss.sd", None)
         position = [latitude, longitude, height or 0.0]
-        proposal.sections["gnss"] = {"file": table.name, **_time(table), "position": position, "sd": sd}
+        section = {"file": table.name, **_time(table), "position": position, "sd": sd}
+        if height is not None and written_unit(table.units.get(height) or height, "length") == "ft":
+            section["height_unit"] = "ft"
+        proposal.sections["gnss"] = section
         return
 
 
@@ -213,7 +220,8 @@ def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         name = first_of(table, "station")
         if name is None or table.name in (imu if isinstance(imu, list) else [imu]):
             continue
-        unit = "km" if _unit_is(table, name, "km") and not _written_places(table, name) else "m"
+        stated = None if _written_places(table, name) else written_unit(table.units.get(name) or name, "length")
+        unit = stated if stated in METRES_PER else "m"
         sd = next((column for column in table.columns if column.casefold().startswith("sd")), FIX_SD_M)
         time = _time(table, _clock_of_imu(proposal, tables))
         section = {"file": table.name, **time, "chainage": name, "sd": sd, "chainage_unit": unit}
@@ -274,6 +282,18 @@ def _axes(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     text = "Where do x, y, z point: forward F or back B, left L or right R, up U or down D"
     imu["axes"] = ask(Question("imu.axes", text, default)).upper()
     proposal.reasons["imu.axes"] = "gravity shows which axis is vertical; the others were answered"
+
+
+def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> dict[str, list[str]]:
+    """Return the columns that no section of a mapping uses, by the name of their table."""
+    used: dict[str, set[str]] = {}
+    for section in sections.values():
+        if isinstance(section, dict) and "file" in section:
+            values = [part for value in section.values() for part in (value if isinstance(value, list) else [value])]
+            for file in section["file"] if isinstance(section["file"], list) else [section["file"]]:
+                used.setdefault(file, set()).update(str(value) for value in values)
+    unused = {table.name: [name for name in table.columns if name not in used.get(table.name, ())] for table in tables}
+    return {name: columns for name, columns in unused.items() if columns}
 
 
 def mapping_text(proposal: Proposal) -> str:

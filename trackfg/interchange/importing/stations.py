@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -11,16 +11,14 @@ import pandas as pd
 from trackfg.errors import BadInputError, printable
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.km_notation import METRES_PER, is_metres, metres_of
+from trackfg.numerics.km_notation import METRES_PER, Bare, is_metres, metres_of
 
 if TYPE_CHECKING:
     from trackfg.numerics.kilometrage import Kilometrage
 
 
-def read_stations(
-    table: SourceTable, name: str, unit: Literal["m", "km"], kilometrage: Kilometrage | None = None
-) -> Array:
-    """Return the chainage (n,), m, of a column of numbers in ``unit``, or of written places.
+def read_stations(table: SourceTable, name: str, unit: Bare, kilometrage: Kilometrage | None = None) -> Array:
+    """Return the chainage (n,), m, of a column of numbers in ``unit``, or of written places; NaN where it is empty.
 
     Kilometres are official places, metres are chainages; both are the same without a ``kilometrage``. Raises
     :class:`BadInputError` with the first row that means no place, or none of the line.
@@ -30,20 +28,21 @@ def read_stations(
         numbers = table.numbers(name)
         if kilometrage is None or unit == "m":
             return numbers * METRES_PER[unit]
-        column = pd.Series([f"{number:.6f}" if np.isfinite(number) else "" for number in numbers])
+        column = pd.Series([f"{number:.6f}" if np.isfinite(number) else None for number in numbers])
     chainage_of = _metres(unit) if kilometrage is None else _chainage(unit, kilometrage)
-    chainage = np.empty(len(column))
+    chainage = np.full(len(column), np.nan)
     for i, cell in enumerate(column):
-        text = "" if pd.isna(cell) else str(cell)
+        if pd.isna(cell) or not str(cell).strip():
+            continue
         try:
-            chainage[i] = chainage_of(text)
+            chainage[i] = chainage_of(str(cell))
         except ValueError as error:
             where = f"{table.name}: column {name!r}, row {table.first_row + i}"
             raise BadInputError(f"{where}: {printable(str(error))}") from error
     return chainage
 
 
-def _metres(unit: Literal["m", "km"]) -> Callable[[str], float]:
+def _metres(unit: Bare) -> Callable[[str], float]:
     def chainage_of(text: str) -> float:
         metres = metres_of(text, unit)
         if metres is None:
@@ -53,6 +52,6 @@ def _metres(unit: Literal["m", "km"]) -> Callable[[str], float]:
     return chainage_of
 
 
-def _chainage(unit: Literal["m", "km"], kilometrage: Kilometrage) -> Callable[[str], float]:
+def _chainage(unit: Bare, kilometrage: Kilometrage) -> Callable[[str], float]:
     in_metres = _metres(unit)
     return lambda text: in_metres(text) if is_metres(text, unit) else kilometrage.read(text)

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from trackfg.errors import BadInputError
+from trackfg.numerics.km_notation import metres_of
 
 _SAMPLE_BYTES = 200_000
 """What is looked at: some thousand rows."""
@@ -22,17 +23,23 @@ _DELIMITERS = (";", "\t", ",", "|")
 _BLANKS = "blanks"
 """The delimiter of columns that are aligned by any number of blanks."""
 
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?$")
+_NUMBER = re.compile(
+    r"[+-]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,'\u2019\u00a0\u202f ])\d{3}(\3\d{3})*([.,]\d*)?)([eEdD][+-]?\d+)?$"
+)
+"""Its digits may be in groups of three."""
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 _TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}.*)?$")
-_STATION = re.compile(r"(km\s*)?\d+\s?\+\s?\d+([.,]\d+)?$", re.IGNORECASE)
+_WORD = re.compile(r"[^\W\d_]{3}")
 _IN_BRACKETS = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*)\s*[\])]$")
 _UNIT = re.compile(
-    r"^[\[(]?\s*(-|1|s|ms|us|µs|ns|m|mm|km|g|mg|°|deg|rad|%|v|hz|(deg|rad|mrad|°|m|mm|km|grad)(/|\s?·?)(s|h|s\^?2|s²|sec)"
-    r"(\^-?[12]|-?[12])?|m\*s-2|counts?|pulses?|imp\.?|utc|iso ?8601|hh:mm:ss.*)\s*[\])]?$",
+    r"^[\[(]?\s*(-|1|s|ms|us|µs|ns|m|mm|km|mi|miles?|ft|in|g|mg|°|deg|rad|%|v|hz|°?c|"
+    r"(deg|rad|mrad|°|m|mm|km|mi|ft|grad)(/|\s?·?)(s|h|s\^?2|s²|sec)(\^-?[12]|-?[12])?|m\*s-2|mph|kph|kmh|dps|"
+    r"kn(ots?)?|counts?|pulses?|ticks?|imp\.?|utc|gps|date|iso ?8601|hh:mm:ss.*|dd.mm.yyyy.*|yyyy.mm.dd.*)\s*[\])]?$",
     re.IGNORECASE,
 )
+_MARKS = "#%/ "
+"""What a line that is a remark to its reader begins with: the header is often one."""
 
 
 class DialectOptions(BaseModel):
@@ -110,6 +117,14 @@ def cells(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
+def is_remark(line: str, delimiter: str) -> bool:
+    """Return whether a line among the data is a remark: one marked as such, or one cell that begins with a word."""
+    if not line.isprintable():
+        return False
+    filled = [cell for cell in cells(line, delimiter) if cell]
+    return len(filled) > 0 and (filled[0].startswith("#") or (len(filled) == 1 and bool(_WORD.match(filled[0]))))
+
+
 def _encoding(sample: bytes, path: Path) -> str:
     for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if sample.startswith(mark):
@@ -162,8 +177,9 @@ def _plain_share(rows: list[list[str]], width: int) -> float:
 def _is_value(cell: str) -> bool:
     cell = cell.strip('"')
     known = ("", "nan", "null", "none", "na", "n/a", "-")
-    patterns = (_NUMBER, _TEMPORAL, _STATION)
-    return cell.casefold() in known or any(pattern.match(cell) for pattern in patterns)
+    if cell.casefold() in known or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL)):
+        return True
+    return metres_of(cell) is not None
 
 
 def _usual_width(rows: list[list[str]]) -> int:
@@ -174,9 +190,9 @@ def _usual_width(rows: list[list[str]]) -> int:
 def _first_data_row(rows: list[list[str]], width: int) -> int | None:
     """Return the first row of values: most of its cells are, or those in the columns in which all later ones are."""
     later = [row for row in rows[len(rows) // 2 :] if len(row) == width]
-    always = [i for i in range(width) if len(later) > 1 and all(_NUMBER.match(row[i]) for row in later)]
+    always = [i for i in range(width) if len(later) > 1 and all(row[i] and _is_value(row[i]) for row in later)]
     for i, row in enumerate(rows):
-        if always and len(row) == width and all(_NUMBER.match(row[k]) for k in always):
+        if always and len(row) == width and all(row[k] and _is_value(row[k]) for k in always):
             return i
         filled = [cell for cell in row if cell]
         values = [cell for cell in filled if _is_value(cell)]
@@ -193,8 +209,11 @@ def _first_data_row(rows: list[list[str]], width: int) -> int | None:
 def _header(
     rows: list[list[str]], first: int, width: int, header_row: int | None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the names of the columns and their units: from brackets in the names, and from a row of units."""
-    above = [row for row in rows[:first] if len(row) == width and any(row)]
+    """Return the names of the columns and their units: from brackets in the names, and from a row of units.
+
+    Of two rows of names the upper one has one for several columns (``Gyro;;;Accel;;`` above ``X;Y;Z;X;Y;Z``).
+    """
+    above = [row for row in (_unmarked(row, width) for row in rows[:first]) if len(row) == width and any(row)]
     units_row = None
     if header_row is not None:
         names = rows[header_row - 1] if 0 < header_row <= len(rows) else []
@@ -203,6 +222,8 @@ def _header(
         if above and _are_units(above[-1]):
             units_row, above = above[-1], above[:-1]
         names = above[-1] if above else []
+        if len(above) > 1 and len(set(names)) < width:
+            names = _below(above[-2], names)
     names = [*names, *[""] * (width - len(names))][:width]
     stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
     named, taken = [], dict[str, int]()
@@ -214,6 +235,21 @@ def _header(
         taken[name] = taken.get(name, 0) + 1
         named.append(name if taken[name] == 1 else f"{name}.{taken[name]}")
     return tuple(named), {named[i]: unit for i, unit in stated.items() if i < width}
+
+
+def _unmarked(row: list[str], width: int) -> list[str]:
+    """Return a row above the data without the mark of a remark, which may be a cell of its own before the others."""
+    first = row[0].lstrip(_MARKS) if row else ""
+    return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 else row
+
+
+def _below(upper: list[str], names: list[str]) -> list[str]:
+    """Return names after that of the group which the row above has for them: its last one that is not empty."""
+    out, group = [], ""
+    for cell, name in zip(upper, names, strict=True):
+        group = cell or group
+        out.append(f"{group} {name}".strip())
+    return out
 
 
 def _are_units(row: list[str]) -> bool:

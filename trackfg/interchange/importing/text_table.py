@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.csv
 
 from trackfg.errors import BadInputError, first_line, printable
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import Dialect, DialectOptions, cells, dialect_of
+from trackfg.interchange.importing.text_dialect import Dialect, DialectOptions, cells, dialect_of, is_remark
 
 _EMPTY_CELLS = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-"]
 
@@ -28,27 +29,59 @@ def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
 
 
 def _by_delimiter(path: Path, dialect: Dialect) -> pd.DataFrame:
-    read = pa.csv.ReadOptions(
-        column_names=list(dialect.names), skip_rows=dialect.first_row - 1, encoding=_codec(dialect.encoding)
-    )
+    try:
+        return _parsed(path, dialect, _codec(dialect.encoding))
+    except (pa.ArrowException, UnicodeError) as error:
+        rows = _without_remarks(path, dialect)
+        if rows is None:
+            raise BadInputError(_fault(path, dialect, error)) from error
+    try:
+        return _parsed(pa.BufferReader(rows), dialect, "utf-8")
+    except pa.ArrowException as error:
+        raise BadInputError(_fault(path, dialect, error)) from error
+
+
+def _parsed(source: Path | pa.BufferReader, dialect: Dialect, encoding: str) -> pd.DataFrame:
+    read = pa.csv.ReadOptions(column_names=list(dialect.names), skip_rows=dialect.first_row - 1, encoding=encoding)
     parse = pa.csv.ParseOptions(delimiter=dialect.delimiter, ignore_empty_lines=True)
     convert = pa.csv.ConvertOptions(
         null_values=_EMPTY_CELLS, strings_can_be_null=True, decimal_point=dialect.decimal, timestamp_parsers=["none"]
     )
+    return _as_frame(pa.csv.read_csv(source, read, parse, convert), dialect.decimal)
+
+
+def _without_remarks(path: Path, dialect: Dialect) -> bytes | None:
+    """Return the file without the remarks among and below its rows; None where it has none."""
     try:
-        return _as_frame(pa.csv.read_csv(path, read, parse, convert))
-    except (pa.ArrowException, UnicodeError) as error:
-        raise BadInputError(_fault(path, dialect, error)) from error
+        with path.open(encoding=dialect.encoding) as stream:
+            lines = list(stream)
+        above, rows = lines[: dialect.first_row - 1], lines[dialect.first_row - 1 :]
+        kept = [line for line in rows if not is_remark(line.rstrip("\n"), dialect.delimiter)]
+    except (UnicodeDecodeError, csv.Error):
+        return None
+    return None if len(kept) == len(rows) else "".join((*above, *kept)).encode()
 
 
-def _as_frame(table: pa.Table) -> pd.DataFrame:
+def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:
     """Return numbers as numbers, and dates, times and all else as text, as they are written."""
     columns = []
     for column in table.columns:
         numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-        columns.append(column if numeric else column.cast(pa.string()))
+        columns.append(column if numeric else _ungrouped(column.cast(pa.string()), decimal))
     frame: pd.DataFrame = pa.table(columns, names=table.column_names).to_pandas()
     return frame
+
+
+def _ungrouped(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
+    """Return a column as numbers where all its cells are, some with digits in groups of three: ``1.234,5``."""
+    signs = "['\u2019\u00a0\u202f " + ("." if decimal == "," else ",") + "]"
+    number = rf"^[+-]?(\d{{1,3}}({signs}\d{{3}})+|\d+)([{decimal}]\d*)?$"
+    for part in (column.slice(0, 100), column):
+        grouped = pa.compute.match_substring_regex(part, number)
+        if part.null_count == len(part) or not pa.compute.all(grouped).as_py():
+            return column
+    plain = pa.compute.replace_substring_regex(column, signs, "")
+    return pa.compute.replace_substring(plain, decimal, ".").cast(pa.float64())
 
 
 def _by_blanks(path: Path, dialect: Dialect) -> pd.DataFrame:
@@ -82,7 +115,7 @@ def _fault(path: Path, dialect: Dialect, error: Exception) -> str:
             for number, line in enumerate(stream, start=1):
                 if number >= dialect.first_row and line.strip():
                     found = len(cells(line.rstrip("\r\n"), dialect.delimiter))
-                    if found != width:
+                    if found != width and not is_remark(line.rstrip("\r\n"), dialect.delimiter):
                         return f"{path.name}: row {number} has {found} cells; expected {width}, as in the others"
     except UnicodeDecodeError as fault:
         return f"{path.name}: byte {fault.start} is not {dialect.encoding}; expected another encoding"

@@ -7,7 +7,8 @@ to rounding. Stamps that repeat, because they are written more coarsely than sam
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, tzinfo
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -38,13 +39,18 @@ _DATE_FORMATS = (
     "%Y/%m/%d %H:%M:%S",
     "%d/%m/%Y %H:%M:%S.%f",
     "%d/%m/%Y %H:%M:%S",
+    "%m/%d/%Y %I:%M:%S.%f %p",
+    "%m/%d/%Y %I:%M:%S %p",
     "%Y%m%d %H%M%S.%f",
     "%Y%m%d_%H%M%S.%f",
+    "%m/%d/%Y %H:%M:%S.%f",
+    "%m/%d/%Y %H:%M:%S",
 )
-"""Tried in this order. A date with slashes is day first or year first; month first has to be stated."""
+"""Tried in this order. A date with slashes is day first where it can be; with AM or PM it is month first."""
 
 _CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
-_DAY_NS = 86_400 * 1_000_000_000
+_DAY_S = 86_400
+_DAY_NS = _DAY_S * 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -67,10 +73,14 @@ class TimeNotation:
 
 @dataclass(frozen=True)
 class Times:
-    """Times are either on the calendar, ``ns`` (n,) since 1970 UTC, or ``seconds`` (n,) from a zero of their own."""
+    """Times are either on the calendar, ``ns`` (n,) since 1970 UTC, or ``seconds`` (n,) from a zero of their own.
+
+    That zero is midnight where they are times of day, written in ``zone``.
+    """
 
     ns: np.ndarray | None
     seconds: Array | None
+    zone: tzinfo | None = None
 
     def since(self, start_ns: int | None) -> Array:
         """Return seconds since ``start_ns``, or since their own zero where they are not on the calendar."""
@@ -80,11 +90,27 @@ class Times:
         return np.asarray((self.ns - (start_ns or 0)) / 1e9)
 
     @classmethod
-    def after(cls, start_ns: int | None, seconds: Array) -> Times:
+    def after(cls, start_ns: int | None, seconds: Array, zone: tzinfo | None) -> Times:
         """Return times that :meth:`since` turns into ``seconds`` (n,); None: they are not on the calendar."""
         if start_ns is None:
-            return cls(None, seconds)
+            return cls(None, seconds, zone)
         return cls(start_ns + np.round(seconds * 1e9).astype(np.int64), None)
+
+    def beside(self, others: Sequence[Times]) -> Times:
+        """Return times of day on the day of ``others``: the first of those with dates, else the first times of day.
+
+        They begin less than half a day before or after these. Other times stay what they are.
+        """
+        if self.zone is None:
+            return self
+        assert self.seconds is not None
+        dated = next((other.first_ns for other in others if other.first_ns is not None), None)
+        if dated is not None:
+            day = as_datetime(dated).astimezone(self.zone).replace(hour=0, minute=0, second=0, microsecond=0)
+            ns = as_ns(day) + np.round(self.seconds * 1e9).astype(np.int64)
+            return Times(ns - _DAY_NS * round((int(ns[0]) - dated) / _DAY_NS), None)
+        first = next(other.since(None)[0] for other in others if other.zone is not None)
+        return replace(self, seconds=self.seconds - _DAY_S * round((self.seconds[0] - first) / _DAY_S))
 
     @property
     def first_ns(self) -> int | None:
@@ -133,8 +159,7 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
             raise BadInputError(f"{label}: a counter of ticks needs tick_s, the time of one tick in s")
         return Times(None, unwrapped(values, notation.wraps_at) * notation.tick_s)
     if unit == "gps":
-        ns = np.round(values * 1e9).astype(np.int64) - _GPS_LEAP_S * 1_000_000_000 + _GPS_EPOCH.astype(np.int64)
-        return Times(ns, None)
+        return Times(gps_ns(values), None)
     if unit not in UNIT_S:
         raise BadInputError(f"{label}: unknown time_unit {unit!r}; expected one of {', '.join(UNIT_S)}, ticks, gps")
     on_calendar = _EPOCH_S[0] <= float(np.median(values)) * UNIT_S[unit] <= _EPOCH_S[1]
@@ -145,6 +170,13 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
     whole = np.floor(values)
     return Times(
         whole.astype(np.int64) * _NS_PER[unit] + np.round((values - whole) * _NS_PER[unit]).astype(np.int64), None
+    )
+
+
+def gps_ns(seconds: Array) -> np.ndarray:
+    """Return times (n,) since the GPS epoch, s, as ns since 1970 UTC."""
+    return np.asarray(
+        np.round(seconds * 1e9).astype(np.int64) - _GPS_LEAP_S * 1_000_000_000 + _GPS_EPOCH.astype(np.int64)
     )
 
 
@@ -184,7 +216,7 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
     if clock:
         ns = parsed.dt.tz_localize(None).astype("datetime64[ns]").astype(np.int64).to_numpy() % _DAY_NS
         days = np.concatenate([[0], np.cumsum(np.diff(ns) < -_DAY_NS // 2)])
-        return Times(None, (ns + days * _DAY_NS) / 1e9)
+        return Times(None, (ns + days * _DAY_NS) / 1e9, _zone(notation.zone, label))
     if parsed.dt.tz is None:
         parsed = parsed.dt.tz_localize(_zone(notation.zone, label), ambiguous="infer", nonexistent="shift_forward")
     return Times(

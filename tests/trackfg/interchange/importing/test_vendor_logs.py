@@ -1,0 +1,243 @@
+"""Logs as vendors write them, each odd in ways of its own, come in as what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from interchange.foreign_forms import START_NS, Drive
+
+from trackfg.interchange.importing.conversion import Imported, write_imported
+from trackfg.interchange.importing.mapping import mapping_of
+from trackfg.interchange.importing.proposal import propose, unused_columns
+from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.text_dialect import is_remark
+from trackfg.interchange.importing.text_table import read_text
+from trackfg.numerics.units import STANDARD_GRAVITY
+from trackfg.recording.model import Recording
+
+Import = Callable[..., Imported]
+
+
+def _lines(path: Path, *lines: str, encoding: str = "utf-8") -> Path:
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join(lines) + "\n", encoding=encoding)
+    return path
+
+
+def _recording(imported: Imported) -> Recording:
+    assert imported.loaded.recording is not None
+    return imported.loaded.recording
+
+
+def _rows(drive: Drive, written: Callable[[int], Iterable[str]], delimiter: str) -> list[str]:
+    return [delimiter.join(written(i)) for i in range(drive.t.size)]
+
+
+def _distance(drive: Drive) -> np.ndarray:
+    return np.cumsum(drive.speed) / 100.0
+
+
+def _german(value: float, decimals: int) -> str:
+    return f"{value:,.{decimals}f}".translate(str.maketrans(",.", ".,"))
+
+
+def test_digits_in_groups_decimal_commas_and_dates_in_two_columns(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    stamps = pd.to_datetime(drive.ns)
+    distance = 900.0 + 100.0 * _distance(drive)
+    names = "Datum;Uhrzeit;Gyro X [°/s];Gyro Y [°/s];Gyro Z [°/s];Beschl X [mg];Beschl Y [mg];Beschl Z [mg];Weg [m];"
+
+    def written(i: int) -> list[str]:
+        values = [*np.degrees(drive.gyro[i]), *(drive.accel[i] / STANDARD_GRAVITY * 1e3)]
+        clock = stamps[i].strftime("%H:%M:%S,%f")
+        return [stamps[i].strftime("%d.%m.%Y"), clock, *(_german(v, 9) for v in values), _german(distance[i], 4), ""]
+
+    path = _lines(tmp_path / "Messung.csv", "Messfahrt;17", "", names, *_rows(drive, written, ";"), encoding="utf-16")
+
+    back = _recording(imported(path))
+
+    np.testing.assert_allclose(back.accel, drive.accel, atol=1e-9)
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+    assert back.tach is not None
+    np.testing.assert_allclose(np.diff(back.tach["distance_m"]), np.diff(distance), atol=1e-4)
+    assert back.description.start == datetime.fromtimestamp(START_NS // 10**9, UTC)
+
+
+def test_names_in_two_rows_above_a_row_of_units(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    def written(i: int) -> list[str]:
+        us = f"{START_NS // 1000 + round(drive.t[i] * 1e6)}"
+        return [us, *(f"{v:.12f}" for v in (*drive.gyro[i], *drive.accel[i])), f"{int(4096 * i / 100) % 65536}"]
+
+    head = [
+        "UTC;Gyroscope;;;Accelerometer;;;Encoder",
+        ";X;Y;Z;X;Y;Z;",
+        "[us];[rad/s];[rad/s];[rad/s];[m/s^2];[m/s^2];[m/s^2];[pulses]",
+    ]
+    path = _lines(tmp_path / "imu.txt", *head, *_rows(drive, written, ";"))
+
+    back = _recording(imported(path))
+
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+    np.testing.assert_allclose(back.accel, drive.accel, atol=1e-9)
+    assert back.tach is not None
+    assert (np.diff(back.tach["distance_m"]) > 0.0).all()
+
+
+def test_gps_week_and_the_time_in_it_are_a_date(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    since = (START_NS - pd.Timestamp("1980-01-06").value) // 10**9 + 18
+    names = "%Week,TOW(s),GyroX(deg/s),GyroY(deg/s),GyroZ(deg/s),AccelX(g),AccelY(g),AccelZ(g),WheelSpeed(mph)"
+
+    def written(i: int) -> list[str]:
+        values = [*np.degrees(drive.gyro[i]), *(drive.accel[i] / STANDARD_GRAVITY), drive.speed[i] / 0.44704]
+        return [f"{since // 604800}", f"{since % 604800 + drive.t[i]:.3f}", *(f"{v:.12f}" for v in values)]
+
+    back = _recording(imported(_lines(tmp_path / "INS.csv", names, *_rows(drive, written, ","))))
+
+    assert back.description.start == datetime.fromtimestamp(START_NS // 10**9, UTC)
+    np.testing.assert_allclose(back.imu["t_s"], drive.t, atol=1e-6)
+    assert back.tach is not None
+    moved = np.gradient(back.tach["distance_m"], back.tach["t_s"])
+    np.testing.assert_allclose(moved[1:-1], drive.speed[1:-1], atol=0.01)
+
+
+@pytest.mark.parametrize("dated", [False, True])
+def test_times_of_day_past_midnight_are_of_one_night(
+    dated: bool, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    zero = pd.Timestamp("2026-04-30T23:59:50")
+    stamps = zero + pd.to_timedelta(drive.t, unit="s")
+    names = "\t".join(
+        ["Heure", *(f"{what} {axis}" for what in ("Vitesse angulaire", "Accélération") for axis in "xyz")]
+    )
+    units = "\t°/s\t°/s\t°/s\tm/s²\tm/s²\tm/s²"
+    form = "%Y-%m-%d %H:%M:%S.%f" if dated else "%H:%M:%S.%f"
+
+    def written(i: int) -> list[str]:
+        values = (*np.degrees(drive.gyro[i]), *drive.accel[i])
+        return [stamps[i].strftime(form), *(f"{v:.9f}".replace(".", ",") for v in values)]
+
+    folder = tmp_path / "log"
+    _lines(folder / "capteur.dat", names, units, *_rows(drive, written, "\t"), encoding="cp1252")
+    _lines(folder / "PK.txt", "Heure\tPK", "23:59:58.000\t12+050", "00:00:05.500\t12+055,5")
+
+    back = _recording(imported(folder))
+
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+    assert back.fixes is not None
+    np.testing.assert_allclose(back.fixes["t_s"] - back.imu["t_s"].iloc[0], [8.0, 15.5], atol=1e-6)
+    np.testing.assert_allclose(back.fixes["chainage_m"], [12050.0, 12055.5])
+
+
+def test_a_header_may_be_a_remark(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    values = np.column_stack([drive.t, drive.gyro, drive.accel, _distance(drive)])
+    path = tmp_path / "run7.txt"
+    np.savetxt(path, values, header="made by numpy\nt wx wy wz fx fy fz dist_m", fmt="%.12e")
+
+    back = _recording(imported(path))
+
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+    assert back.tach is not None
+
+
+def test_miles_feet_am_and_pm_and_a_last_line_that_is_none(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    stamps = pd.to_datetime(drive.ns)
+    names = [
+        "Date/Time",
+        "Roll Rate (dps)",
+        "Pitch Rate (dps)",
+        "Yaw Rate (dps)",
+        "Long. Accel (g)",
+        "Lat. Accel (g)",
+        "Vert. Accel (g)",
+    ]
+    names += ["Wheel Speed (mph)", "Latitude", "Longitude", "Altitude (ft)"]
+    form = "%m/%d/%Y %I:%M:%S.%f %p"
+
+    def written(i: int) -> list[str]:
+        values = [*np.degrees(drive.gyro[i]), *(drive.accel[i] / STANDARD_GRAVITY), drive.speed[i] / 0.44704]
+        at = min(i // 100, drive.gnss_t.size - 1)
+        place = [drive.latitude[at], drive.longitude[at], drive.height[at] / 0.3048]
+        return [f'"{cell}"' for cell in (stamps[i].strftime(form), *(f"{v:.12f}" for v in (*values, *place)))]
+
+    folder = tmp_path / "log"
+    head = ['"Logger","RailView 2"', "", ",".join(f'"{name}"' for name in names)]
+    _lines(folder / "run.csv", *head, *_rows(drive, written, ","), '"End of log"')
+    posts = [
+        f"{stamps[i].strftime(form)},{place},signal {i}" for i, place in ((500, "12m 34.5ch"), (1500, "12 mi 900 yds"))
+    ]
+    _lines(folder / "mileposts.csv", "Time,Milepost,Feature", *posts)
+
+    back = _recording(imported(folder))
+
+    np.testing.assert_allclose(back.accel, drive.accel, atol=1e-9)
+    assert back.gnss_origin is not None
+    assert back.gnss_origin[2] == pytest.approx(500.0)
+    assert back.fixes is not None
+    np.testing.assert_allclose(back.fixes["chainage_m"], [12 * 1609.344 + 34.5 * 20.1168, 12 * 1609.344 + 900 * 0.9144])
+    np.testing.assert_allclose(back.fixes["t_s"], [5.0, 15.0], atol=1e-6)
+
+
+def test_what_is_not_used_is_named(drive: Drive, tmp_path: Path) -> None:
+    values = np.column_stack([drive.t, drive.gyro, drive.accel, 20.0 + 0.0 * drive.t])
+    names = ["time_s", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z", "Bearing temperature"]
+    pd.DataFrame(values, columns=names).to_csv(tmp_path / "log.csv", index=False)
+    tables = source_format(tmp_path / "log.csv").tables(tmp_path / "log.csv", lambda _: None)
+
+    unused = unused_columns(propose(tables, lambda question: question.default).sections, tables)
+
+    assert unused == {"log.csv": ["Bearing temperature"]}
+
+
+@pytest.mark.parametrize(
+    ("line", "remark"),
+    [
+        ("End of log", True),
+        ('"Ende der Aufzeichnung";;;', True),
+        ("# clock set; 3 s", True),
+        ("0.15;1.2", False),
+        ("2026-05-01T03:1", False),
+        ("ab", False),
+        ("Gyro;x", False),
+        ("caf\x07e", False),
+    ],
+)
+def test_a_remark_among_the_rows_is_told_from_a_row_cut_off(line: str, remark: bool) -> None:
+    assert is_remark(line, ";") is remark
+
+
+def test_only_groups_of_three_digits_are_one_number(tmp_path: Path) -> None:
+    path = _lines(tmp_path / "log.csv", "t;a;b;c", "0,5;1'234,5;1.234;01.05.2026", "0,6;-999,25;12.345.678;02.05.2026")
+
+    table = read_text(path)
+
+    assert table.numbers("a").tolist() == [1234.5, -999.25]
+    assert table.numbers("b").tolist() == [1234.0, 12345678.0]
+    assert table.frame["c"].tolist() == ["01.05.2026", "02.05.2026"]
+
+
+@pytest.mark.parametrize("own_table", [True, False])
+def test_balises_of_a_mapping_are_those_of_the_recording(own_table: bool, drive: Drive, tmp_path: Path) -> None:
+    imu = pd.DataFrame(np.column_stack([drive.t, drive.gyro, drive.accel]), columns=["t", *"abcdef"])
+    passages = pd.DataFrame({"when": [5.0, 9.0, 15.0], "tag": ["17", "18", "17"], "km": ["1+050", "", "1+050"]})
+    register = pd.DataFrame({"tag": [17, 18], "km": ["1+050", ""], "s": [0.2, np.nan]})
+    tables = [SourceTable("imu", imu), SourceTable("read", passages), SourceTable("register", register)]
+    balises = {"file": "read", "time": "when", "id": "tag", "chainage": "km", "reading_sd_m": 0.3}
+    balises |= {"places": "register", "sd": "s"} if own_table else {"sd": 0.2}
+    section = {"file": "imu", "gyro": list("abc"), "accel": list("def")}
+    mapping = mapping_of({"format": "trackfg-mapping/1", "imu": section, "balises": balises}, "mapping")
+
+    back = _recording(write_imported(tables, mapping, tmp_path / "rec", run_id="run"))
+
+    assert back.balises is not None
+    assert back.balises["id"].tolist() == ["17", "18", "17"]
+    np.testing.assert_array_equal(back.balises["chainage_m"], [1050.0, np.nan, 1050.0])
+    assert back.balises["chainage_sd_m"].iloc[0] == 0.2
+    assert back.description.balises is not None
+    assert back.description.balises.reading_sd_m == 0.3
