@@ -206,7 +206,7 @@ def write_tdms(drive: Drive, folder: Path) -> Path:
     from nptdms import ChannelObject, TdmsWriter
 
     path = folder / "run.tdms"
-    wave = {"wf_increment": 0.01, "wf_start_offset": 0.0}
+    wave = {"wf_increment": float(np.median(np.diff(drive.t))), "wf_start_offset": float(drive.t[0])}
     names = [*(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz"), "wheel_speed"]
     units = ["rad/s"] * 3 + ["m/s^2"] * 3 + ["m/s"]
     with TdmsWriter(path) as writer:

@@ -75,9 +75,7 @@ def _run(duration_s: float) -> tuple[Recording, Drive]:
 
 
 def _imports(recording: Recording, drive: Drive, folder: Path) -> None:
-    print(
-        "| imported | bytes | largest difference of a rate, rad/s | of a force, m/s^2 | of chainage, m | refused | sound |"
-    )
+    print("| imported | bytes | rates differ by, rad/s | forces, m/s^2 | chainage, m | refused of broken | sound |")
     print("|---|---|---|---|---|---|---|")
     for name, write in WRITERS.items():
         place = folder / name.replace(" ", "-")
@@ -146,7 +144,7 @@ def _refused(target: Path, source: Path, back: Recording, name: str) -> tuple[in
 
 
 def _begins(whole: Recording, part: Recording) -> bool:
-    """Return whether ``part`` has the first rows of each table of ``whole``; the last one may be cut within a number."""
+    """Return whether ``part`` has the first rows of each table of ``whole``, the last one perhaps cut in a number."""
     for name in ("imu", "tach", "gnss"):
         first, second = getattr(whole, name), getattr(part, name)
         if (first is None) != (second is None):
