@@ -20,6 +20,7 @@ from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
+from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind
 from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem, too_short
@@ -46,8 +47,8 @@ from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
-from trackfg.smoothing.gnss_time import with_gnss_in_time
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
+from trackfg.smoothing.late_clocks import Offsets, solved_in_time, with_gnss_in_time, with_offsets
 from trackfg.smoothing.noise_levels import levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
@@ -204,7 +205,8 @@ def smooth_states(
     stages, views = _Stages(progress), rail_views(recording)
     known_line = known_line or recording.known_line
     network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
-    solved, of_line = _solved(recording, config, views, stages), None
+    solved = solved_in_time(recording, partial(_solved, config=config, views=views, stages=stages))
+    of_line = None
     if known_line is not None and network is not None:
         from trackfg.smoothing.known_line import on_line
 
@@ -219,9 +221,12 @@ def smooth_states(
         return replace(smoothed, verdicts=judged(smoothed, smoothed.geometry))
 
 
-def _solved(recording: Recording, config: SmoothConfig, views: list[RailView], stages: _Stages) -> SolvedRun:
+def _solved(
+    recording: Recording, offsets: Offsets, config: SmoothConfig, views: list[RailView], stages: _Stages
+) -> SolvedRun:
     with stages.stage("graph"):
-        problem = with_balise_ties(with_consensus(build_problem(recording, config)), recording, config.position)
+        problem = with_offsets(build_problem(recording, config), offsets)
+        problem = with_balise_ties(with_consensus(problem), recording, config.position)
         if views:
             problem = with_rail_factors(problem, problem.initial, views, config.laser)
     with stages.stage("solve") as report:
@@ -383,7 +388,9 @@ def _summary(
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
     path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
-    clock_sd = float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
+    clock_prior, clock_sd = problem.family(FactorType.PRIOR_CLOCK), float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
+    assert clock_prior is not None  # every graph has it
+    clock_s = correction.clock_s + float(clock_prior.residual(solution.states)[0, 0])
     has_tach, factor = problem.wheel is not None, correction.factor
 
     scalar = partial(_scalar, solution)
@@ -412,7 +419,7 @@ def _summary(
         keyframes=len(problem.t),
         noise_ratios=smoothed.noise_ratios,
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
-        clock_offset_s=scalar(correction.clock_s + float(solution.states.clock[0, 0]), clock_sd) if has_tach else None,
+        clock_offset_s=scalar(clock_s, clock_sd) if has_tach else None,
         mounting=_mounting(solution, covariance),
         gyro_bias_radps=bias("gyro_bias_{axis}_radps"),
         accel_bias_mps2=bias("accel_bias_{axis}_mps2"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackfg.datasets.effects.wheel import LateTach
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.smoothing.smoother import smooth
 
@@ -27,6 +28,33 @@ def test_positions_that_are_late_are_moved(run: Simulation) -> None:
     for name in ("east_m", "north_m", "speed_mps", "pitch_rad"):
         off = (late.trajectory[name] - prompt.trajectory[name]) / prompt.trajectory[f"{name}_sd"]
         assert np.sqrt(np.mean(off**2)) < 1.0
+
+
+def test_a_further_tach_that_is_late_is_moved() -> None:
+    run = simulate("slippery-line-two-axles", seed=2, duration_s=120.0)
+    table = run.recording.others["tach/2"]  # 0.03 s early by its scenario
+    late = smooth(replace(run.recording, others={"tach/2": table.assign(t_s=table["t_s"] + 0.5)}))
+    (finding,) = (finding for finding in late.summary.findings if finding.code == "tach-2-clock")
+    assert finding.hint is not None
+    assert float(finding.hint.split()[1]) == pytest.approx(-0.47, abs=0.03)
+    prompt = smooth(run.recording)
+    assert not any(finding.code.endswith("-clock") for finding in prompt.summary.findings)
+    off = (late.trajectory["chainage_m"] - prompt.trajectory["chainage_m"]) / prompt.trajectory["chainage_m_sd"]
+    assert np.sqrt(np.mean(off**2)) < 1.0
+
+
+@pytest.mark.slow
+def test_a_late_tach_is_moved_until_the_graph_agrees() -> None:
+    """Among all the other errors the accelerometer alone does not show it, and one solution finds a part of it."""
+    plan = scenario("rough-ride")
+    effects = tuple(LateTach(1.0) if isinstance(effect, LateTach) else effect for effect in plan.effects)
+    run = simulate(replace(plan, effects=effects), seed=4, duration_s=300.0)
+    summary = smooth(run.recording).summary
+    offset = summary.clock_offset_s
+    assert offset is not None
+    assert offset.sd is not None
+    assert abs(offset.value + 1.0) < 3.0 * offset.sd < 0.15
+    assert {"tach-clock", "gnss-clock"} <= {finding.code for finding in summary.findings}
 
 
 def test_a_jump_of_the_imus_clock_is_taken_out(run: Simulation) -> None:
