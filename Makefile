@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test pages docs test-fast check lint installed types layers release clean
+.PHONY: help demo test pages docs test-fast check bench lint installed types layers release clean
 
 PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3.11; do \
 	if $$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info)' 2>/dev/null; \
@@ -17,6 +17,7 @@ help:
 	@echo "make docs       make a site of docs in build/docs: tutorials carried out, links checked"
 	@echo "make test-fast  run the tests that take no more than a few seconds each"
 	@echo "make check      lint, format, types and layers"
+	@echo "make bench      measure whether smoothing has become slower or larger than at the last commit (BASE=commit)"
 	@echo "make release    build the distributions into dist/, twice, and try them in an empty environment"
 	@echo "make clean      remove the environment and everything that was built"
 
@@ -38,6 +39,10 @@ test-fast: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow and not pages"
 
 check: lint types layers
+
+BASE ?= HEAD
+bench: $(READY)
+	$(BIN)/python tools/paired_speed.py --against $(BASE)
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -341,7 +341,11 @@ _SOLVER = (
         ("tests/trackfg/solver/test_covariance.py",),
         (
             _one("the spread of a keyframe given the next is left out", "@ A.T + spread[k]", "@ A.T"),
-            _one("samples do not follow the next keyframe", "@ window + noise[k]", "@ (0 * window) + noise[k]"),
+            _one(
+                "samples do not follow the next keyframe",
+                "@ window + root.inverse[k] @ samples",
+                "@ (0 * window) + root.inverse[k] @ samples",
+            ),
             _one(
                 "functions have the second keyframe's part with the other sign",
                 "D[:, :KEYFRAME_DIM] += functions",

@@ -30,9 +30,9 @@ def measure_smooth(folder: Path, duration_s: float, repeats: int) -> ProcessUse:
     The run is simulated by a process of its own: a process's peak memory is at least its parent's when it is started.
     """
     recording, out = folder / f"recording-{duration_s:g}", folder / f"result-{duration_s:g}"
-    simulate = _trackfg("simulate", "mainline", "-o", str(recording), "--duration", str(duration_s))
+    simulate = trackfg_command("simulate", "mainline", "-o", str(recording), "--duration", str(duration_s))
     subprocess.run(simulate, check=True, stdout=subprocess.DEVNULL)
-    wall_s, cpu_s, peak_gb = least_cpu(_trackfg("smooth", str(recording), "-o", str(out)), repeats)
+    wall_s, cpu_s, peak_gb = least_cpu(trackfg_command("smooth", str(recording), "-o", str(out)), repeats)
     stages = subprocess.run(
         [sys.executable, "-m", "speed.stages", str(recording.resolve()), str(out.resolve())],
         check=True,
@@ -53,17 +53,19 @@ def measure_smooth(folder: Path, duration_s: float, repeats: int) -> ProcessUse:
 
 def help_cpu_s(repeats: int) -> float:
     """CPU time of ``trackfg --help``."""
-    return least_cpu(_trackfg("--help"), repeats)[1]
+    return least_cpu(trackfg_command("--help"), repeats)[1]
 
 
 def least_cpu(command: list[str], repeats: int) -> tuple[float, float, float]:
     """Wall time, CPU time (s) and peak memory (GB) of the process of ``repeats`` that took the least CPU time."""
-    return min((_process(command) for _ in range(repeats)), key=lambda use: use[1])
+    return min((measured(command) for _ in range(repeats)), key=lambda use: use[1])
 
 
-def _process(command: list[str]) -> tuple[float, float, float]:
+def measured(command: list[str], packages: Path | None = None) -> tuple[float, float, float]:
+    """Wall time, CPU time (s) and peak memory (GB) of one process, which imports from ``packages`` first."""
+    environment = os.environ if packages is None else {**os.environ, "PYTHONPATH": str(packages)}
     start = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment, cwd=packages)
     _, status, usage = os.wait4(process.pid, 0)
     wall_s = time.perf_counter() - start
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -72,5 +74,6 @@ def _process(command: list[str]) -> tuple[float, float, float]:
     return wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e9
 
 
-def _trackfg(*arguments: str) -> list[str]:
+def trackfg_command(*arguments: str) -> list[str]:
+    """The command line of ``trackfg`` in this interpreter."""
     return [sys.executable, "-m", "trackfg", *arguments]

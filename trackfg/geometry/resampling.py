@@ -77,9 +77,9 @@ def resample(
         fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
         low, high = np.searchsorted(node, fine[[0, -1]])
         near = slice(max(low - _BEYOND, 0), high + _BEYOND)
-        at_nodes = nodes.values(value, near)
+        cells = CubicSpline(node[near], nodes.values(value, near), axis=-1)(fine)
         for row in np.ndindex(value.shape[:-1]):
-            part[row] = _decimate(CubicSpline(node[near], at_nodes[row])(fine), taps)
+            part[row] = _decimate(cells[row], taps)
     reach_m = reach * cell
     known = (grid - reach_m >= node[0] - 0.5 * cell) & (grid + reach_m <= node[-1] + 0.5 * cell)
     for hole in np.flatnonzero(np.diff(node) > max_hole_m):

@@ -48,7 +48,8 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
     if n < 1:
         return None
     edges = begin + step * np.arange(n + 1)
-    means = [np.diff(np.interp(edges, t, _integral(t, imu[name].to_numpy()))) / step for name in IMU_COLUMNS[1:]]
+    half = 0.5 * np.diff(t)
+    means = [np.diff(np.interp(edges, t, _integral(half, imu[name].to_numpy()))) / step for name in IMU_COLUMNS[1:]]
     values = np.column_stack(means)
     valid = ~_touched(edges, t, max(0.5, 3.0 * interval))
     speed = np.full(n, np.nan)
@@ -58,9 +59,14 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
     return Motion(edges[:-1] + 0.5 * step, step, values[:, :3], values[:, 3:], speed, valid)
 
 
-def _integral(t: Array, values: Array) -> Array:
-    steps = np.diff(t) * 0.5 * (values[1:] + values[:-1])
-    return np.concatenate([[0.0], np.cumsum(steps)])
+def _integral(half_steps: Array, values: Array) -> Array:
+    """Return the integral of values (n,) from the first on, by the trapezoid rule; from halves of the steps (n - 1,)."""
+    total = np.zeros(len(values))
+    steps = total[1:]
+    np.add(values[1:], values[:-1], out=steps)
+    steps *= half_steps
+    np.cumsum(steps, out=steps)
+    return total
 
 
 def _touched(edges: Array, t: Array, gap_s: float) -> np.ndarray:
