@@ -60,7 +60,7 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
 
 
 def _integral(half_steps: Array, values: Array) -> Array:
-    """Return the integral of values (n,) from the first on, by the trapezoid rule; from halves of the steps (n - 1,)."""
+    """Return the integral of values (n,) from the first on by the trapezoid rule, from halves of the steps (n - 1,)."""
     total = np.zeros(len(values))
     steps = total[1:]
     np.add(values[1:], values[:-1], out=steps)
