@@ -30,7 +30,7 @@ from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Parked, Service, Shunting, SpeedRestrictions, Wandering
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, expected_one_of
 from trackfg.numerics import units
 
 KMH = units.KMH
@@ -48,7 +48,7 @@ def scenario(name: str) -> Scenario:
     """The scenario of that name. Raises :class:`~trackfg.errors.BadInputError` that lists the names there are."""
     known = scenarios()
     if name not in known:
-        raise BadInputError(f"scenario {name!r}: expected one of {', '.join(known)}")
+        raise BadInputError(f"scenario {name!r}: {expected_one_of(known, name)}")
     return known[name]
 
 

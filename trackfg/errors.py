@@ -72,3 +72,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     by_folded = {candidate.strip().casefold(): candidate for candidate in known}
     near = difflib.get_close_matches(name.strip().casefold(), by_folded, n=1, cutoff=0.6)
     return f"did you mean {by_folded[near[0]]!r}?" if near else None
+
+
+def expected_one_of(known: Iterable[str], name: str) -> str:
+    """Return ``expected one of a, b. Hint: did you mean 'a'?``, the end of a message about a name that is not known."""
+    names = list(known)
+    near = did_you_mean(name, names)
+    return f"expected one of {', '.join(names)}" + (f". Hint: {near}" if near else "")

@@ -24,7 +24,7 @@ from trackfg.datasets.effects.wheel import (
     WrongWheel,
 )
 from trackfg.datasets.scenario import Effect
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, expected_one_of
 
 
 @dataclass(frozen=True)
@@ -186,6 +186,6 @@ def effect(name: str, magnitude: float | None = None) -> Effect:
     Raises :class:`~trackfg.errors.BadInputError` that lists the names there are.
     """
     if name not in EFFECTS:
-        raise BadInputError(f"effect {name!r}: expected one of {', '.join(EFFECTS)}")
+        raise BadInputError(f"effect {name!r}: {expected_one_of(EFFECTS, name)}")
     kind = EFFECTS[name]
     return kind.make(kind.magnitudes[-1] if magnitude is None else magnitude)

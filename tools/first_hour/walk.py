@@ -13,6 +13,7 @@ import json
 import os
 import pty
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -30,8 +31,8 @@ from first_hour.usage import wrong_words
 
 _ROWS, _COLUMNS = 24, 80
 """The terminal's size, letters."""
-_TIMEOUT_S = 1800.0
-"""A command that takes longer has failed."""
+_TIMEOUT_S = 3600.0
+"""A command that takes longer, s, has failed: the first set-up takes half an hour where a machine is loaded."""
 _SHOWN = 2000
 """Letters at the end of what a failed command printed, which say why."""
 
@@ -147,7 +148,7 @@ def command(place: str, line: str, folder: Path) -> Step:
             break
         printed, last = printed + chunk, now
     else:
-        process.kill()
+        os.killpg(process.pid, signal.SIGKILL)  # of its own session: whatever it has started ends, too
     os.close(ours)
     status = process.wait()
     text = printed.decode(errors="replace")

@@ -43,7 +43,7 @@ class ExportChoices:
 def export(options: ExportChoices) -> None:
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
     from trackfg.cli.terminal import show, tell
-    from trackfg.errors import BadInputError
+    from trackfg.errors import BadInputError, expected_one_of
     from trackfg.interchange.exporting.channels import read_template
     from trackfg.interchange.exporting.export import export_result
     from trackfg.interchange.exporting.registry import result_format, result_formats
@@ -55,7 +55,7 @@ def export(options: ExportChoices) -> None:
         return
     tables = ("geometry", "trajectory", "events", "balises")
     if options.table not in tables:
-        raise BadInputError(f"no table {options.table!r}; expected one of {', '.join(tables)}")
+        raise BadInputError(f"no table {options.table!r}; {expected_one_of(tables, options.table)}")
     form = result_format(options.to)
     channels = read_template(options.template) if options.template is not None else ()
     wanted = ExportOptions(options.table, channels, options.step, options.km, options.bands)

@@ -22,7 +22,7 @@ from trackfg.baselines import (
 )
 from trackfg.baselines.result import BASELINE_FOLDER, BaselineResult
 from trackfg.comparison.table import Task
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, expected_one_of
 from trackfg.peers import python_ins, vqf_offline
 from trackfg.peers.installed import is_installed
 from trackfg.recording.model import Recording
@@ -101,7 +101,7 @@ def estimator(name: str, *, as_printed: bool = False) -> Run:
     """
     known = estimators()
     if name not in known:
-        raise BadInputError(f"no estimator {name!r}; expected one of {', '.join(known)}")
+        raise BadInputError(f"no estimator {name!r}; {expected_one_of(known, name)}")
     if not as_printed:
         return known[name].run
     printed = known[name].printed

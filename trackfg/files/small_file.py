@@ -14,7 +14,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from trackfg.errors import BadInputError, did_you_mean, first_line
+from trackfg.errors import BadInputError, expected_one_of, first_line
 
 Content = TypeVar("Content", bound=BaseModel)
 
@@ -91,8 +91,7 @@ def _fault(detail: ErrorDetails, model: type[BaseModel]) -> str:
     message = detail["msg"].removeprefix("Value error, ")
     if detail["type"] == "extra_forbidden":
         known = keys_at(model, place[:-1])
-        near = did_you_mean(place[-1], known)
-        message = f"unknown key; expected one of {', '.join(known)}" + (f". Hint: {near}" if near else "")
+        message = f"unknown key; {expected_one_of(known, place[-1])}"
     return f"{'.'.join(place)}: {message}" if place else message
 
 

@@ -106,6 +106,8 @@ def _matches(pattern: str) -> list[str]:
 
 
 def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
+    if not path.exists():
+        raise BadInputError(f"{path}: no such file; expected a table of runs, a recording, or a pattern")
     try:
         content = read_small(path, _MOST_BYTES)
         if path.suffix.lower() == ".csv":

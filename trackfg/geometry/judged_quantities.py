@@ -3,9 +3,10 @@
 Used are the standard columns (``level_mm``, ``versine_level_mm``, ``cross_level_mm``, ``twist_mm``, ``gauge_mm``; each
 also for the rails, ``level_left_mm``), the design's ``cant_mm``, and *profiles*: ``profile_level_m`` and
 ``profile_alignment_m``, height and lateral position, of the centre line or of a rail (``profile_level_left_m``). Only a
-profile has every wavelength: without one there is the band and the chord of the columns (:class:`ColumnLengths`) and no
-other. The sigma of a column ``q`` is ``q_sd``; what is computed from several rows has none, because the sigmas of the
-rows do not say how their errors are correlated.
+profile has every wavelength: without one there are the band and the chord of the columns (:class:`ColumnLengths`), and
+those that :mod:`trackfg.geometry.versine_bands` and :mod:`trackfg.geometry.versine_chords` have added. The sigma of a
+column ``q`` is ``q_sd``; what is computed from several rows has none, because the sigmas of the rows do not say how
+their errors are correlated.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from trackfg.geometry.bands import BANDS, D1, Band, band_pass
 from trackfg.geometry.limits import Limit
 from trackfg.geometry.twist import Anchor
 from trackfg.geometry.twist import twist as twist_of
+from trackfg.geometry.versine_chords import further_chord_column
 from trackfg.geometry.versines import uniformity_deviation, versine
 from trackfg.numerics.arrays import Array
 
@@ -150,11 +152,15 @@ def _offsets(
                 found.append(_chord_offsets(name, chainage, profile, step, limit))
     if found:
         return found
-    of_band = [] if limit.band is None else [f"{limit.parameter}{side}_{limit.band.lower()}_mm" for side in _SIDES]
+    further: list[str] = []
+    if limit.band is not None:
+        further = [f"{limit.parameter}{side}_{limit.band.lower()}_mm" for side in _SIDES]
+    elif limit.chord_m is not None:
+        further = [further_chord_column(limit.parameter, side, limit.chord_m) for side in _SIDES]
     if limit.band is not None and BANDS[limit.band] == lengths.band:
         columns = [f"{limit.parameter}{side}_mm" for side in _SIDES]
-    elif any(name in table for name in of_band):
-        columns = of_band
+    elif any(name in table for name in further):
+        columns = further
     elif limit.chord_m == lengths.chord_m:
         columns = [f"versine_{limit.parameter}{side}_mm" for side in _SIDES]
     else:
@@ -163,25 +169,33 @@ def _offsets(
         if name in table:
             value = table[name].to_numpy(dtype=np.float64)
             sd = table[f"{name}_sd"].to_numpy(dtype=np.float64) if f"{name}_sd" in table else None
-            if limit.uniformity:
-                value, sd = uniformity_deviation(value, step, lengths.chord_m), None
-            found.append(JudgedQuantity(name, chainage, value, sd))
+            places = chainage
+            if limit.uniformity and limit.chord_m is not None:
+                places, value, finer = _with_quarters(chainage, value, step, limit.chord_m)
+                value, sd = uniformity_deviation(value, finer, limit.chord_m), None
+            found.append(JudgedQuantity(name, places, value, sd))
     return found or f"needs the column {columns[0]} or profile_{limit.parameter}_m"
 
 
 def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limit: Limit) -> JudgedQuantity:
-    """Return versines, or their deviations from uniformity, of a chord of any length: where a quarter of it is no
-    multiple of the step (31 ft is 9.4488 m), on a slightly finer grid of which it is one."""
+    """Return versines, or their deviations from uniformity, of a chord of any length."""
     assert limit.chord_m is not None
-    quarter = limit.chord_m / 4.0
-    per_quarter = int(np.ceil(quarter / step - 1e-6))
-    if abs(per_quarter * step - quarter) > 1e-6 * step:
-        chainage, profile = _to_step(chainage, profile, quarter / per_quarter)
-        step = quarter / per_quarter
+    chainage, profile, step = _with_quarters(chainage, profile, step, limit.chord_m)
     value = 1000.0 * versine(profile, step, limit.chord_m / 2.0, limit.chord_m / 2.0)
     if limit.uniformity:
         value = uniformity_deviation(value, step, limit.chord_m)
     return JudgedQuantity(name, chainage, value)
+
+
+def _with_quarters(chainage: Array, profile: Array, step: float, chord_m: float) -> tuple[Array, Array, float]:
+    """Return chainage, profile and step; where a quarter of the chord is no multiple of the step (31 ft is 9.4488 m),
+    those of a slightly finer grid of which it is one."""
+    quarter = chord_m / 4.0
+    per_quarter = int(np.ceil(quarter / step - 1e-6))
+    if abs(per_quarter * step - quarter) <= 1e-6 * step:
+        return chainage, profile, step
+    finer = quarter / per_quarter
+    return *_to_step(chainage, profile, finer), finer
 
 
 def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array]:

@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from trackfg.errors import BadInputError, did_you_mean
+from trackfg.errors import BadInputError, expected_one_of
 from trackfg.files.small_file import read_toml, toml_of
 
 EN_13848_5 = "en-13848-5"
@@ -247,8 +247,7 @@ def _sentence(detail: ErrorDetails, file: str) -> str:
     where = ", ".join(place)
     if detail["type"] == "extra_forbidden":
         known = list(Limit.model_fields) if len(loc) > 1 else ["limits"]
-        hint = did_you_mean(str(loc[-1]), known)
-        return f"{where}: unknown key; expected one of {', '.join(known)}" + (f". Hint: {hint}" if hint else "")
+        return f"{where}: unknown key; {expected_one_of(known, str(loc[-1]))}"
     if detail["type"] == "missing":
         return f"{where}: required key is missing"
     if detail["type"] == "value_error":

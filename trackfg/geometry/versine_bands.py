@@ -19,17 +19,14 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS, Band, band_response
-from trackfg.geometry.convolution import convolve_inside
+from trackfg.geometry.convolution import convolve_runs, kernel_of_response
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
-from trackfg.numerics.spans import true_runs
 
 _LEAST_RESPONSE = 1e-5
 """Response of a band below which its waves are left out: a hundredth of a micrometre in a millimetre."""
 _PERIOD = 64
 """The kernel is computed as if periodic, this many times the longest wavelength long."""
-_TAIL = 1e-3
-"""Share of the kernel's absolute sum beyond where it is cut."""
 
 
 def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Band) -> Array:
@@ -42,14 +39,7 @@ def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Ban
         raise BadInputError(
             f"band from {band.shortest_m:g} m: a versine over {chord_m:g} m tells waves from {2.0 * chord_m:g} m on"
         )
-    y = np.asarray(versine, dtype=np.float64)
-    kernel = _kernel(step_m, chord_m, band)
-    half = len(kernel) // 2
-    out = np.full(len(y), np.nan)
-    for first, stop in true_runs(np.isfinite(y)):
-        if stop - first > 2 * half:
-            out[first + half : stop - half] = convolve_inside(y[first:stop], kernel)
-    return out
+    return convolve_runs(np.asarray(versine, dtype=np.float64), _kernel(step_m, chord_m, band))
 
 
 def with_long_bands(geometry: pd.DataFrame, step_m: float, chord_m: float) -> pd.DataFrame:
@@ -72,7 +62,7 @@ def with_long_bands(geometry: pd.DataFrame, step_m: float, chord_m: float) -> pd
 
 @lru_cache(maxsize=16)
 def _kernel(step_m: float, chord_m: float, band: Band) -> Array:
-    """Return the kernel at the steps to either side of a place, symmetrical."""
+    """Return the kernel ``K`` at the steps to either side of a place."""
     count = 2 ** int(np.ceil(np.log2(_PERIOD * band.longest_m / step_m)))
     frequency = np.fft.rfftfreq(count, step_m)
     gain = np.zeros(len(frequency))
@@ -81,9 +71,4 @@ def _kernel(step_m: float, chord_m: float, band: Band) -> Array:
     used = gain > _LEAST_RESPONSE
     spectrum = np.zeros(len(frequency))
     spectrum[used] = gain[used] / response[used]
-    right = np.fft.irfft(spectrum)[: count // 2]
-    tail = np.cumsum(np.abs(right[::-1]))[::-1]
-    reach = int(np.argmax(tail < _TAIL * tail[0]))
-    kernel: Array = np.concatenate([right[reach:0:-1], right[: reach + 1]])
-    kernel.flags.writeable = False
-    return kernel
+    return kernel_of_response(spectrum)

@@ -113,14 +113,25 @@ def _is_of_recordings(declared: object) -> bool:
     return isinstance(declared, str) and declared.startswith("trackfg-recording/")
 
 
+_IMPORTED = "trackfg init makes a recording from a file of another system"
+
+
+def _no_recording(file: Path, what: str, hint: str) -> ReadDescription:
+    expected = "a folder with recording.toml"
+    return _only(Finding("error", "no-recording", what, file=str(file), expected=expected, hint=hint or None))
+
+
 def read_description(path: Path | str) -> ReadDescription:
     """Read and validate the ``recording.toml`` that is ``path``, or lies in the folder ``path``. Never raises."""
     folder, toml = locate(path)
     try:
         data = toml_of(read_small(toml, MOST_TOML_BYTES))
     except FileNotFoundError:
-        what = "no such folder" if not folder.exists() else f"{folder} has no {toml.name}"
-        return _only(Finding("error", "no-recording", what, file=str(toml), expected="a folder with recording.toml"))
+        missing = not folder.exists()
+        what = "no such folder" if missing else f"{folder} has no {toml.name}"
+        return _no_recording(toml, what, "" if missing else _IMPORTED)
+    except NotADirectoryError:
+        return _no_recording(folder, "is a file", _IMPORTED)
     except OSError as error:
         return _only(Finding("error", "no-recording", f"cannot be read ({error.strerror})", file=str(toml)))
     except ValueError as error:  # undecodable bytes and TOML syntax alike

@@ -19,6 +19,7 @@ from trackfg.geometry.exceedances import Judgement, exceedances
 from trackfg.geometry.judged_quantities import ColumnLengths
 from trackfg.geometry.limits import Limit, at_line_speed
 from trackfg.geometry.versine_bands import with_long_bands
+from trackfg.geometry.versine_chords import with_further_chords
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
@@ -37,16 +38,21 @@ def judge(
     conventions = result.summary.geometry
     kilometrage = line_kilometrage(result).kilometrage() if km else None
     applying = at_line_speed(limits, line_speed_kmh)
-    if result.summary.solver is not None and any(limit.band in ("D2", "D3") for limit in applying):
-        geometry = with_long_bands(geometry, conventions.step_m, conventions.chord_m)
+    lengths = ColumnLengths(
+        Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m, conventions.twist_anchor
+    )
+    geometry = _without_holes(geometry, conventions.step_m)
+    if result.summary.solver is not None:  # of a table of another system the responses are not known
+        if any(limit.band in ("D2", "D3") for limit in applying):
+            geometry = with_long_bands(geometry, conventions.step_m, conventions.chord_m)
+        chords = sorted({limit.chord_m for limit in applying if limit.chord_m} - {conventions.chord_m})
+        geometry = with_further_chords(geometry, conventions.step_m, lengths.band, conventions.chord_m, chords)
     judgement = exceedances(
-        _without_holes(geometry, conventions.step_m),
+        geometry,
         applying,
         speed_kmh=np.nan if line_speed_kmh is None else line_speed_kmh,
         gauge_m=conventions.gauge_m,
-        lengths=ColumnLengths(
-            Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m, conventions.twist_anchor
-        ),
+        lengths=lengths,
     )
     return replace(judgement, found=with_km(judgement.found, kilometrage))
 

@@ -30,6 +30,17 @@ def test_a_result_is_judged_by_its_own_conventions(result: Result) -> None:
     assert recomputed["value_mm_sd"].isna().all()
 
 
+def test_a_smoothed_run_is_judged_on_chords_of_the_law(result: Result) -> None:
+    """The level is 3 mm times a sine of 20 m, of which a chord of 62 ft shows ``1 - cos(pi 62 ft / 20 m)`` = 1.985."""
+    chord = Limit(standard="rule", level="alert", parameter="level", chord_m=18.8976, kind="peak", value_mm=5.0)
+    found = judge(result, [chord]).found
+    assert found["value_mm"].abs().to_numpy() == pytest.approx(3.0 * 1.985, rel=0.05)  # D1 has a little less of 20 m
+    assert len(found) > 100
+    assert len(judge(result, LimitChoice("cfr-213-class-9").table()).not_judged) == 3  # of gauge, without rails
+    of_another_system = replace(result, summary=result.summary.model_copy(update={"solver": None}))
+    assert len(judge(of_another_system, [chord]).not_judged) == 1
+
+
 def test_a_hole_in_the_chainage_ends_an_exceedance(result: Result) -> None:
     geometry = result.geometry.assign(twist_mm=3.0)
     kept = geometry[(geometry["chainage_m"] < 500.0) | (geometry["chainage_m"] > 600.0)].reset_index(drop=True)

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, expected_one_of
 from trackfg.files.small_file import read_toml, validated
 from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.text_dialect import DialectOptions
@@ -118,7 +118,7 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
         raise BadInputError(f"{name}: key format is {data.get('format')!r}; expected {FORMAT!r}")
     for key in data:
         if key not in (*_TOP, *SENSORS):
-            raise BadInputError(f"{name}: unknown key {key!r}; expected one of {', '.join((*_TOP, *SENSORS))}")
+            raise BadInputError(f"{name}: unknown key {key!r}; {expected_one_of((*_TOP, *SENSORS), key)}")
     if "imu" not in data and "geometry" not in data:
         raise BadInputError(
             f"{name}: no section [imu] and no [geometry]; expected the columns of gyro and accelerometer, or the "
