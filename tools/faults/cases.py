@@ -32,6 +32,11 @@ RESOURCES = ("kill", "memory", "disk", "streams", "descriptors", "two writers", 
 KINDS = (*FAULTS, *(kind for kind in RESOURCES if kind != "rights" or os.geteuid() == 0))
 BY_NAME = {entry.name: entry for entry in ENTRIES}
 _DOCUMENTED = (0, 1, 2, 3)
+_STARTED = 0.25
+"""Share of the cases about streams and open files in which an interpreter is started: others are forks of this one."""
+_PYTHONS_OWN = 4
+"""Open files without which Python itself does not start: 3.11 needs 2 besides the standard streams."""
+_IN_NEW = ", in a new interpreter"
 _UNREADABLE = (
     ArithmeticError,
     LookupError,
@@ -95,7 +100,10 @@ class Base:
 
 
 def possible(entry: Entry, fault: str) -> bool:
-    """Return whether an entry can have a fault: a database is no file."""
+    """Return whether an entry can have a fault: a database is no file, and where pages are served nothing is written,
+    but the address."""
+    if entry.requests:
+        return fault not in ("kill", "disk", "two writers", "streams")
     return not entry.database or fault in (*database.FAULTS, "kill", "memory", "streams", "descriptors", "two writers")
 
 
@@ -160,7 +168,8 @@ def _outcome(
     old_result = case.fault in ("kill", "disk", "memory") and "smooth" in command
     if old_result:
         shutil.copytree(base.folder / "other", folder / "out")
-    running = [Running(command, folder, conditions, entry.stdin) for _ in range(1 + (case.fault == "two writers"))]
+    count = 1 + (case.fault == "two writers")
+    running = [Running(command, folder, conditions, entry.stdin, entry.requests) for _ in range(count)]
     ends = [process.end() for process in running]
     end, failure = ends[0], None
     for each in ends:
@@ -183,7 +192,7 @@ def expected(entry: Entry, named: str, base: Base) -> Usual:
     if (entry.name, named) not in base.usual:
         with ExitStack() as stack:
             folder, command = _prepared(stack, entry, named, base)
-            end = run(command, folder, Conditions(), entry.stdin)
+            end = run(command, folder, Conditions(), entry.stdin, entry.requests)
             if end.status not in (0, 3):
                 raise SystemExit(f"trackfg {named} without a fault ends with {end.status}: {end.err[-500:]}")
             base.usual[entry.name, named] = Usual(_digests(folder, command), end.seconds)
@@ -220,14 +229,15 @@ def _resources(
     if fault == "disk":
         size = int(2 ** rng.uniform(12, 20))  # messages are files too
         return Conditions(file_bytes=size), f"files of at most {size} bytes"
+    is_started = bool(rng.random() < _STARTED)
     if fault == "descriptors":
-        count = int(rng.integers(1, 25))
-        return Conditions(open_files=count), f"{count} open files"
+        count = int(rng.integers(_PYTHONS_OWN if is_started else 1, 25))
+        return Conditions(open_files=count, is_started=is_started), f"{count} open files{_IN_NEW * is_started}"
     if fault == "streams":
         streams = {
             int(n): [None, "/dev/full"][int(rng.integers(2))] for n in rng.choice([1, 2], int(rng.integers(1, 3)))
         }
-        return Conditions(streams=streams), f"standard streams {streams}"
+        return Conditions(streams=streams, is_started=is_started), f"standard streams {streams}{_IN_NEW * is_started}"
     kind = str(rng.choice(["unreadable", "read-only"]))
     os.chmod(folder.parent, 0o777)
     if kind == "unreadable":
@@ -302,6 +312,8 @@ def _wrong(command: str, end: End, conditions: Conditions) -> str | None:
         return "traceback: " + (end.err.strip().splitlines() or ["?"])[-1][:200]
     if end.status not in _DOCUMENTED:
         return f"status {end.status}"
+    if end.unanswered is not None:
+        return f"no answer to {end.unanswered}"
     streams = conditions.streams or {}
     if end.status in (1, 2) and not streams and not _gives_reason(command, end):
         return f"status {end.status} with {len(end.err.splitlines())} lines on standard error"

@@ -20,6 +20,7 @@ class Entry:
 
     ``commands`` read them, each with all inputs. ``stdin`` is a file that a command reads as its standard input.
     ``needs`` is a library that the entry cannot be without, and ``database`` whether it is a map in PostgreSQL.
+    ``requests`` are asked of the pages that its commands serve, which are then interrupted.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Entry:
     stdin: str | None = None
     needs: str | None = None
     database: bool = False
+    requests: tuple[str, ...] = ()
 
 
 def _imported(name: str, source: str, needs: str | None = None) -> Entry:
@@ -162,6 +164,24 @@ _ENTRIES = (
             "batch runs.csv -o store --jobs 1",
         ),
         others=("runs.csv", "line.gpkg", "rec", "gnss", "settings.toml"),
+    ),
+    Entry(
+        "store in a browser",
+        ("store",),
+        ("browse store --port 0",),
+        requests=(
+            "/",
+            "/?state=failed&page=9&since=2026-13&text=%1b[31m",
+            "/line?line=7",
+            "/section?line=7&from=0",
+            "/section?line=7&from=nan&runs=all",
+            "/section?line=7&from=1e308",
+            "/run?run=a",
+            "/run?run=..%2f..%2frec",
+            "/progress?seen=%00",
+            "/store/../../etc/passwd",
+            "//[",
+        ),
     ),
     Entry("noise log", ("rest.csv",), ("noise rest.csv -o allan.csv", "noise rest.csv --json")),
     Entry("import", ("log.csv",), ("import log.csv -o out", "init log.csv -o out --yes")),

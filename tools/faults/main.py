@@ -76,7 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for module in _OF_EXTRAS:
         with suppress(ImportError):
             importlib.import_module(module)
-    codecs.lookup("unicode-escape")  # another user may not be able to load it
+    for encoding in ("unicode-escape", "cp437"):  # another user may not be able to load them
+        codecs.lookup(encoding)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="faults-base-")))
         os.chmod(folder, 0o755)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import http.client
 import os
+import re
 import resource
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,13 +26,16 @@ NOBODY = 65534
 """The user that cases about rights run as."""
 _LOOK_EVERY_S = 1.0
 """Time between two looks at the processor time of a command, s."""
+_ASK_EVERY_S = 0.05
+"""Time between two looks at whether pages are served yet, s."""
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
 class Conditions:
     """What a command runs under, besides the limits: the time after which it is killed, memory and file size in
-    bytes, standard streams that are closed or full, how many files it may open, and whether its user owns nothing.
+    bytes, standard streams that are closed or full, how many files it may open, whether its user owns nothing, and
+    whether an interpreter is started for it, as everyone's is.
     """
 
     killed_after_s: float | None = None
@@ -37,11 +44,15 @@ class Conditions:
     streams: Mapping[int, str | None] | None = None
     open_files: int | None = None
     is_nobody: bool = False
+    is_started: bool = False
 
 
 @dataclass(frozen=True)
 class End:
-    """``status``: of the exit, negative for a signal. ``hung``: it had to be ended. ``cpu_s``: processor time."""
+    """``status``: of the exit, negative for a signal. ``hung``: it had to be ended. ``cpu_s``: processor time.
+
+    ``unanswered`` is the first request without an answer, None where there is none.
+    """
 
     status: int
     hung: bool
@@ -49,13 +60,23 @@ class End:
     out: str
     err: str
     cpu_s: float = 0.0
+    unanswered: str | None = None
 
 
 class Running:
-    """``trackfg command`` runs in a folder; ``stdin`` names a file in it."""
+    """``trackfg command`` runs in a folder; ``stdin`` names a file in it. Pages that it serves get ``requests``."""
 
-    def __init__(self, command: str, folder: Path, conditions: Conditions, stdin: str | None = None) -> None:
+    def __init__(
+        self,
+        command: str,
+        folder: Path,
+        conditions: Conditions,
+        stdin: str | None = None,
+        requests: Sequence[str] = (),
+    ) -> None:
         self.conditions = conditions
+        self._requests, self._has_ended = requests, threading.Event()
+        self._unanswered: str | None = None
         self._texts = [Path(tempfile.mkstemp(prefix=name, dir=folder.parent)[1]) for name in ("out-", "err-")]
         for path in self._texts:
             path.chmod(0o666)
@@ -65,7 +86,10 @@ class Running:
             _become(command, folder, conditions, stdin, *self._texts)
 
     def end(self) -> End:
-        """Wait for the end, and bring it about where the time is over."""
+        """Wait for the end, and bring it about where the time is over, or all requests are answered."""
+        browser = threading.Thread(target=self._ask)
+        if self._requests:
+            browser.start()
         killed_after_s = self.conditions.killed_after_s
         looked, worked, used, hung, done = self._start, self._start, 0.0, False, 0
         while not done:
@@ -80,16 +104,38 @@ class Running:
                 done, status, usage = os.wait4(self._child, 0)
             elif not done:
                 time.sleep(0.002 if killed_after_s else 0.01)
+        self._has_ended.set()
+        if self._requests:
+            browser.join()
         texts = [path.read_bytes()[:100_000].decode(errors="replace") for path in self._texts]
         for path in self._texts:
             path.unlink()
         seconds, cpu_s = time.monotonic() - self._start, usage.ru_utime + usage.ru_stime
-        return End(os.waitstatus_to_exitcode(status), hung, seconds, *texts, cpu_s)
+        return End(os.waitstatus_to_exitcode(status), hung, seconds, *texts, cpu_s, self._unanswered)
+
+    def _ask(self) -> None:
+        """Ask for all addresses, as soon as the command says where it serves, and interrupt it then."""
+        while not (served := re.search(rb"http://([\d.]+):(\d+)/", self._texts[1].read_bytes())):
+            if self._has_ended.wait(_ASK_EVERY_S):
+                return
+        for path in self._requests:
+            connection = http.client.HTTPConnection(served[1].decode(), int(served[2]))
+            try:
+                connection.request("GET", path)
+                connection.getresponse().read()
+            except (OSError, http.client.HTTPException) as error:
+                self._unanswered = self._unanswered or f"{path} ({type(error).__name__})"
+            finally:
+                connection.close()
+        with suppress(ProcessLookupError):
+            os.kill(self._child, signal.SIGINT)
 
 
-def run(command: str, folder: Path, conditions: Conditions, stdin: str | None = None) -> End:
+def run(
+    command: str, folder: Path, conditions: Conditions, stdin: str | None = None, requests: Sequence[str] = ()
+) -> End:
     """Run ``trackfg command`` in a folder and wait for its end."""
-    return Running(command, folder, conditions, stdin).end()
+    return Running(command, folder, conditions, stdin, requests).end()
 
 
 def _processor_time_s(process: int) -> float:
@@ -108,6 +154,7 @@ def _become(command: str, folder: Path, conditions: Conditions, stdin: str | Non
     """Turn this process, a child, into the command; never returns."""
     code = 99
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background processes ignore it
     try:
         os.chdir(folder)
         tempfile.tempdir = os.environ["TMPDIR"] = os.environ["HOME"] = str(folder.parent)
@@ -132,6 +179,8 @@ def _become(command: str, folder: Path, conditions: Conditions, stdin: str | Non
             os.setgroups([])
             os.setgid(NOBODY)
             os.setuid(NOBODY)
+        if conditions.is_started:
+            os.execv(sys.executable, [sys.executable, "-m", "trackfg", *command.split()])
         sys.argv = ["trackfg", *command.split()]
         from trackfg.cli.main import main
 

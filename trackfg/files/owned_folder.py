@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,8 +64,9 @@ class FolderKind:
                 "move what is yours or choose another folder"
             )
 
-    def read(self, folder: Path) -> dict[str, bytes]:
-        """Read every file of one version of the folder, also while another process replaces it.
+    def read(self, folder: Path, names: Sequence[str] = ()) -> dict[str, bytes]:
+        """Read every file, or those with these names, of one version of the folder, also while another process replaces
+        it.
 
         An open folder stays the same one whatever happens to its name, so all files come from it; if it is deleted
         meanwhile, its successor is read instead. Raises :class:`BadInputError` if it, or a file of it, is not there.
@@ -80,9 +81,9 @@ class FolderKind:
                 ) from error
             try:
                 listed = os.listdir(folder if descriptor is None else descriptor)
-                names = (*self.files, *(name for name in listed if name in self.optional))
+                wanted = names or (*self.files, *(name for name in listed if name in self.optional))
                 within = folder if descriptor is None else Path()
-                return {name: read_small(within / name, _MOST_BYTES, folder=descriptor) for name in names}
+                return {name: read_small(within / name, _MOST_BYTES, folder=descriptor) for name in wanted}
             except FileNotFoundError as error:
                 if descriptor is None or _still_there(folder, descriptor):
                     raise BadInputError(

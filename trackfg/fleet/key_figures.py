@@ -64,6 +64,8 @@ SCHEMA = pa.schema(
 )
 """Columns of the files. ``status`` is ``done`` or ``failed``; only those have a ``reason`` and the last lines of a
 ``log``."""
+NEVER_EMPTY = ("run", "status", "recording")
+"""Columns that every row has a text in."""
 
 
 def done_row(run: Run, folder: Path) -> dict[str, Any]:

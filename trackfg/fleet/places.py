@@ -19,6 +19,7 @@ from typing import Any
 from trackfg.errors import TrackfgError, first_line
 from trackfg.files.atomic_file import write_whole
 from trackfg.files.atomic_folder import replaced_folder
+from trackfg.files.small_file import read_small
 from trackfg.io.content import content_files, named_files
 from trackfg.io.description_reader import FILE_NAME, describes_recording
 
@@ -28,6 +29,9 @@ _ARCHIVE = ".zip"
 _ARCHIVE_FAULTS = (OSError, zipfile.BadZipFile, RuntimeError, ValueError)
 """What an archive that cannot be read raises. RuntimeError: encrypted, or an unknown compression; ValueError: a name in
 no encoding."""
+
+_MOST_BYTES = 2**30
+"""Size of a file that is read whole: a month of a store's catalogue has 1 kB a run, 20 with the log of a failed one."""
 
 _VERSIONS = ("ETag", "etag", "LastModified", "last_modified", "mtime", "updated", "md5Hash", "Content-MD5", "CRC")
 """What different file systems tell of a file that is another whenever its content is."""
@@ -92,9 +96,9 @@ def exists(place: str) -> bool:
 
 
 def read(place: str) -> bytes:
-    """Return the content of a file. Raises ``OSError`` or :class:`PlaceError`."""
+    """Return the content of a file, which is no pipe. Raises ``OSError`` or :class:`PlaceError`."""
     if not is_url(place):
-        return Path(place).read_bytes()
+        return read_small(place, _MOST_BYTES)
     with _opened(place) as (files, path):
         return bytes(files.cat_file(path))
 

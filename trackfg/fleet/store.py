@@ -29,10 +29,10 @@ from urllib.parse import quote, unquote
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.files.owned_folder import sole_writer
 from trackfg.files.parquet import read_parquet, write_parquet
-from trackfg.fleet.key_figures import PARTITIONS, RESULTS, SCHEMA
+from trackfg.fleet.key_figures import NEVER_EMPTY, PARTITIONS, RESULTS, SCHEMA
 from trackfg.fleet.places import exists, is_url, joined, matching, read, remove, write
 from trackfg.results.result import RESULT_FOLDER
 
@@ -148,12 +148,25 @@ def _is_store(head: str) -> bool:
 
 
 def _table(path: str) -> pa.Table:
-    """Return a file of the catalogue, with the columns of this version; those that it lacks are empty."""
-    table = read_parquet(pa.BufferReader(read(path)))
+    """Return a file of the catalogue. Raises :class:`BadInputError` where it is none."""
+    try:
+        return _of_schema(read_parquet(pa.BufferReader(read(path))))
+    except (OSError, ValueError, TypeError, KeyError, pa.ArrowException) as error:
+        raise BadInputError(f"{path}: not a readable catalogue of runs: {first_line(error)}") from error
+
+
+def _of_schema(table: pa.Table) -> pa.Table:
+    """Return a table of runs with the columns of this version; those that it lacks are empty.
+
+    Raises ``ValueError`` and Arrow's own for other types, and where a row does not say which run it is of.
+    """
     columns = [
         table[field.name].cast(field.type) if field.name in table.column_names else pa.nulls(len(table), field.type)
         for field in SCHEMA
     ]
+    empty = [name for name, column in zip(SCHEMA.names, columns, strict=True) if column.null_count]
+    if missing := sorted(set(NEVER_EMPTY).intersection(empty)):
+        raise ValueError(f"column {missing[0]!r} is empty in some rows; expected a text in each")
     return pa.Table.from_arrays(columns, schema=SCHEMA)
 
 

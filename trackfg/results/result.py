@@ -64,6 +64,10 @@ _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
 
 
 _BALISES, _PASSAGES = OPTIONAL_FILES = ("balises.csv", "passages.parquet")
+GEOMETRY_FILES = (_GEOMETRY, _SUMMARY)
+"""Files that :func:`read_geometry` reads."""
+_FAULTS = (ValueError, TypeError, KeyError, ArithmeticError, OSError)
+"""What reading a damaged file raises."""
 RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES, OPTIONAL_FILES)
 
 
@@ -102,16 +106,10 @@ class Result(KeyFigures):
     """What a survey by several runs needs of the passages."""
 
     def __post_init__(self) -> None:
-        bands = tuple(name for name in self.geometry if name in BAND_COLUMNS)
-        geometry_columns = GEOMETRY_COLUMNS + (RAIL_COLUMNS if self.has_rails else ()) + bands
-        for table, columns in (
-            (self.trajectory, TRAJECTORY_COLUMNS),
-            (self.geometry, geometry_columns),
-            (self.events, EVENT_COLUMNS),
-            (self.balises, BALISE_COLUMNS),
-        ):
-            if tuple(table.columns) != columns:
-                raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
+        _refuse_other_columns(self.trajectory, TRAJECTORY_COLUMNS)
+        _refuse_other_columns(self.geometry, _geometry_columns(self.geometry))
+        _refuse_other_columns(self.events, EVENT_COLUMNS)
+        _refuse_other_columns(self.balises, BALISE_COLUMNS)
 
     def key_figures(self) -> dict[str, str]:
         """Return the length, whether it is to be trusted, and how much there is of each table."""
@@ -141,15 +139,14 @@ class Result(KeyFigures):
     @property
     def has_rails(self) -> bool:
         """Return whether the geometry has each rail by itself and the gauge."""
-        return RAIL_COLUMNS[0] in self.geometry
+        return _has_rails(self.geometry)
 
     def refuse_unsound(self) -> None:
         """Raise ``ValueError`` for a table with unsound numbers (:mod:`trackfg.results.soundness`), and for a joint
         covariance that is none.
         """
         refuse_unsound(_TRAJECTORY, self.trajectory, ascending="t_s", complete=True)
-        smoothed = self.summary.solver is not None
-        refuse_unsound(_GEOMETRY, self.geometry, ascending="chainage_m", complete=False, sigmas=smoothed)
+        _refuse_unsound_geometry(self.geometry, self.summary)
         refuse_unsound(_EVENTS, self.events.drop(columns=list(_EVENT_TEXT)), ascending=None, complete=False)
         self.covariance.refuse_unsound()
         self.passages.refuse_unsound()
@@ -207,9 +204,42 @@ class Result(KeyFigures):
                 **_of_balises(content),
             )
             result.refuse_unsound()
-        except (ValueError, TypeError, KeyError, ArithmeticError, OSError) as error:
+        except _FAULTS as error:
             raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error
         return result
+
+
+def read_geometry(folder: Path) -> tuple[pd.DataFrame, Summary]:
+    """Return geometry and summary of a result, without what else is in it. Raises :class:`BadInputError`."""
+    content = RESULT_FOLDER.read(folder, GEOMETRY_FILES)
+    try:
+        geometry = pd.read_parquet(io.BytesIO(content[_GEOMETRY]))
+        summary = Summary.model_validate_json(content[_SUMMARY])
+        _refuse_other_columns(geometry, _geometry_columns(geometry))
+        _refuse_unsound_geometry(geometry, summary)
+    except _FAULTS as error:
+        raise BadInputError(f"{folder}: not a readable trackfg result: {error}") from error
+    return geometry, summary
+
+
+def _has_rails(geometry: pd.DataFrame) -> bool:
+    return RAIL_COLUMNS[0] in geometry
+
+
+def _geometry_columns(geometry: pd.DataFrame) -> tuple[str, ...]:
+    """Return the columns that a geometry is to have, with rails and bands if it has some of these."""
+    bands = tuple(name for name in geometry if name in BAND_COLUMNS)
+    return GEOMETRY_COLUMNS + (RAIL_COLUMNS if _has_rails(geometry) else ()) + bands
+
+
+def _refuse_other_columns(table: pd.DataFrame, columns: tuple[str, ...]) -> None:
+    if tuple(table.columns) != columns:
+        raise ValueError(f"columns {list(table.columns)}: expected {list(columns)}")
+
+
+def _refuse_unsound_geometry(geometry: pd.DataFrame, summary: Summary) -> None:
+    smoothed = summary.solver is not None
+    refuse_unsound(_GEOMETRY, geometry, ascending="chainage_m", complete=False, sigmas=smoothed)
 
 
 def _of_balises(content: Mapping[str, bytes]) -> dict[str, Any]:

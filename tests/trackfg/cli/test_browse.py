@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -13,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from trackfg.cli.browse.pages import StorePages, handler_of
@@ -109,6 +112,7 @@ def test_what_is_not_there_is_said(store: Store, tmp_path: Path) -> None:
     pages = StorePages(store.place)
     for path in ("/nothing", "/line?line=9", "/run?run=none", "/section?line=7&from=here", "/../store.json"):
         assert pages.answer(path).status == 404
+    assert pages.answer("//[").status == 500
     assert "No run covers this section" in page(store, "/section?line=7&from=90000")
     with pytest.raises(BadInputError, match="expected a store"):
         StorePages(str(tmp_path))
@@ -124,6 +128,38 @@ def test_a_result_that_cannot_be_read_is_said(make_result: Callable[..., Result]
     assert answer.status == 500
     assert b"results/short: not a readable trackfg result" in answer.content
     assert StorePages(store.place).answer("/").status == 200
+
+
+@pytest.mark.parametrize("name", ["geometry.parquet", "summary.json"])
+def test_a_result_is_checked_before_it_is_shown(name: str, make_result: Callable[..., Result], tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    make_result(recording_id="short").write(Path(store.result("short")))
+    store.write([done_row(Run("short", "/recordings/short", "7"), Path(store.result("short")))])
+    file = Path(store.result("short")) / name
+    if name == "summary.json":
+        file.unlink()
+        os.mkfifo(file)
+    else:
+        table = pd.read_parquet(file)
+        table.assign(twist_mm=table["twist_mm"].astype(str) + "x").to_parquet(file)
+    pages = StorePages(store.place)
+    assert pages.answer("/section?line=7&from=0").status == 500
+    assert pages.answer("/").status == pages.answer("/progress").status == 200
+
+
+@pytest.mark.parametrize("damage", ["bytes", "no run"])
+def test_a_catalogue_that_cannot_be_read_is_said(damage: str, store: Store, tmp_path: Path) -> None:
+    place = tmp_path / "store"
+    shutil.copytree(store.place, place)
+    file = next(place.rglob("runs.parquet"))
+    if damage == "bytes":
+        file.write_bytes(b"PAR1 and nothing else")
+    else:
+        pd.read_parquet(file).assign(run=None).to_parquet(file)
+    for path in ("/", "/progress", "/line?line=7"):
+        answer = StorePages(str(place)).answer(path)
+        assert answer.status == 500
+        assert b"runs.parquet: not a readable catalogue of runs" in answer.content
 
 
 def test_an_empty_store_has_a_page(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from trackfg.errors import BadInputError
 from trackfg.fleet.catalogue import read_catalogue
 from trackfg.interchange.exporting.channels import read_template
+from trackfg.interchange.importing.registry import source_format
 from trackfg.io.balises import read_places
 from trackfg.io.features import read_features
 
@@ -66,6 +67,7 @@ def test_a_geopackage_that_is_none(column: str, shape: object, message: str, tmp
         ("line.geojson", read_features),
         ("line.gpkg", read_features),
         ("channels.toml", read_template),
+        *((f"log.{suffix}", source_format) for suffix in ("csv", "zip", "mf4", "tdms", "h5", "ubx", "vbo", "xlsx")),
     ],
 )
 def test_pipes_and_loops_are_not_waited_for(name: str, read: Callable[[Path], Any], tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import shlex
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 from urllib.parse import parse_qsl, urlsplit
@@ -65,22 +65,21 @@ class StorePages:
 
     def answer(self, address: str) -> Answer:
         """Return the answer to an address, such as ``/line?line=7``; where it cannot be made, a page that says why."""
-        parts = urlsplit(address)
-        make = {STORE: self._store, LINE: self._line, SECTION: self._section, RUN: self._run}.get(parts.path)
-        query = dict(parse_qsl(parts.query))
-        if parts.path == PROGRESS:
-            return Answer(json.dumps(self._progress(query)).encode(), "application/json")
-        if make is None:
-            return _sentence_page("There is no such page.", 404)
-        return self._made(make, query)
-
-    def _made(self, make: Callable[[Query], Page], query: Query) -> Answer:
         try:
-            return Answer(make(query).html().encode())
+            parts = urlsplit(address)
+            return self._made(parts.path, dict(parse_qsl(parts.query)))
         except _NoSuchPageError as error:
             return _sentence_page(str(error), 404)
-        except (TrackfgError, OSError, ValueError) as error:
+        except (TrackfgError, OSError, ValueError, MemoryError) as error:
             return _sentence_page(first_line(error), 500)
+
+    def _made(self, path: str, query: Query) -> Answer:
+        if path == PROGRESS:
+            return Answer(json.dumps(self._progress(query)).encode(), "application/json")
+        make = {STORE: self._store, LINE: self._line, SECTION: self._section, RUN: self._run}.get(path)
+        if make is None:
+            raise _NoSuchPageError("There is no such page.")
+        return Answer(make(query).html().encode())
 
     def _rows(self) -> list[Row]:
         """Return the rows of the catalogue, which is read again after :data:`_REST` times what reading it takes."""

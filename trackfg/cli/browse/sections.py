@@ -10,14 +10,13 @@ from typing import Any
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.files.parquet import read_parquet
 from trackfg.fleet.freshness import Inputs
-from trackfg.fleet.places import PlaceError, joined, local_files
+from trackfg.fleet.places import PlaceError, local_files
 from trackfg.fleet.store import Store
 from trackfg.mapping.trends.line_history import joined as joined_series
 from trackfg.mapping.trends.line_history import section_table, sections_of_run
 from trackfg.mapping.trends.series import Series
-from trackfg.results.result import RESULT_FOLDER
+from trackfg.results.result import GEOMETRY_FILES, read_geometry
 from trackfg.results.summary import Summary
 
 AT_ONCE = 50
@@ -25,7 +24,6 @@ AT_ONCE = 50
 
 NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 """Stands for the beginning of a run whose recording has none."""
-_GEOMETRY = "geometry.parquet"
 _IDENTITY = ("run", *Inputs._fields)
 """Columns of the catalogue that differ whenever a result does."""
 
@@ -76,7 +74,7 @@ class StoredSections:
         """Return the sections of a run; None where its result cannot be read, or is shorter than a section."""
         try:
             geometry, summary = geometry_of(self._store, row["run"])
-        except (BadInputError, OSError, ValueError, PlaceError):
+        except (BadInputError, PlaceError):
             return None
         if len(geometry) < 2:
             return None
@@ -91,10 +89,9 @@ def has_dates(series: Series) -> bool:
 
 
 def geometry_of(store: Store, run: str) -> tuple[pd.DataFrame, Summary]:
-    """Return geometry and summary of a run's result. Raises what reading raises."""
-    with local_files(store.result(run), (_GEOMETRY, RESULT_FOLDER.head)) as folder:
-        summary = Summary.model_validate_json((folder / RESULT_FOLDER.head).read_bytes())
-        return read_parquet(joined(str(folder), _GEOMETRY)).to_pandas(), summary
+    """Return geometry and summary of a run's result. Raises :class:`BadInputError` or :class:`PlaceError`."""
+    with local_files(store.result(run), GEOMETRY_FILES) as folder:
+        return read_geometry(folder)
 
 
 def _key(row: Row) -> Key:

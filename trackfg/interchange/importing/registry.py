@@ -44,12 +44,14 @@ def source_formats() -> dict[str, SourceFormat]:
 def source_format(path: Path, name: str | None = None) -> SourceFormat:
     """Return the format of that name, or the one that recognises the source.
 
-    Raises :class:`BadInputError` where there is none of that name, no such file, or nothing recognises it.
+    Raises :class:`BadInputError` where there is none of that name, no such file or a pipe, or nothing recognises it.
     """
     known = source_formats()
     named = None if name is None else by_name(known, name)
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
+    if not path.is_file() and not path.is_dir():
+        raise BadInputError(f"{path}: is a pipe or a device; expected a file or a folder")
     if named is not None:
         return named
     for form in known.values():

@@ -39,7 +39,9 @@ class SourceFormat(ABC):
 
 
 def starts_with(path: Path, *beginnings: bytes) -> bool:
-    """Return whether a file begins with one of these bytes. Never raises."""
+    """Return whether a file begins with one of these bytes. Never raises, and does not wait for a pipe."""
+    if not path.is_file():
+        return False
     try:
         with path.open("rb") as stream:
             return stream.read(max(map(len, beginnings))).startswith(beginnings)

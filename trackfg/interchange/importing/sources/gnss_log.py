@@ -31,7 +31,7 @@ class GnssLog(SourceFormat):
 
     def recognises(self, path: Path) -> bool:
         """Return whether the file begins with a UBX or NMEA message."""
-        return path.is_file() and starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA")
+        return starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA")
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the positions, with a date from the log."""

@@ -56,7 +56,7 @@ class TableHdf5(SourceFormat):
 
 
 def _is_hdf5(path: Path) -> bool:
-    return path.is_file() and starts_with(path, _SIGNATURE)
+    return starts_with(path, _SIGNATURE)
 
 
 def _has_root(path: Path, name: str) -> bool:

@@ -26,7 +26,7 @@ class Mdf(SourceFormat):
 
     def recognises(self, path: Path) -> bool:
         """Return whether the file begins as MDF files do."""
-        return path.is_file() and starts_with(path, b"MDF     ", b"UnFinMF ")
+        return starts_with(path, b"MDF     ", b"UnFinMF ")
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read every group with numbers: a table by its name, or ``group_N``, with the times in ``time_s``."""

@@ -25,7 +25,7 @@ class Tdms(SourceFormat):
 
     def recognises(self, path: Path) -> bool:
         """Return whether the file begins as TDMS files do."""
-        return path.is_file() and starts_with(path, b"TDSm")
+        return starts_with(path, b"TDSm")
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read every group with numbers; ``time_s`` is the waveform's time where the group has one."""
