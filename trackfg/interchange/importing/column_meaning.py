@@ -29,15 +29,16 @@ _PATTERNS = {
     "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|lin.?acc|gravity.?free",
     "gyro": (
         r"gyr|omega|ang(ular)?[\s_]*(vel|rate)|vitesse.(ang|de.rot)|drehrate|rotation.?rate|(roll|pitch|yaw).?rate|(wank|nick|gier).?(rate|geschw)|"
-        r"\bw_?[xyz]\b|^w_?[xyz]|^g_?[xyz]\b|dtheta|delta.?(theta|ang)"
+        r"\bw[\s_]?[xyz]\b|^w_?[xyz]|^g_?[xyz]\b|dtheta|delta.?(theta|ang)"
     ),
-    "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab]_?[xyz]\b|^f[xyz]_|dvel|delta.?v",
+    "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab][\s_]?[xyz]\b|^f[xyz]_|dvel|delta.?v",
     "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h",
     "count": (
         r"pulse|impuls|(?<!packet)(?<!packet.)(?<!sample)(?<!sample.)(?<!frame)(?<!frame.)count|"
-        r"ticks|\benc(oder)?\b|encoder|tacho|zähl"
+        r"ticks|in[ck]rement|\benc(oder)?\b|encoder|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
+    "balise": r"(balise|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
     "station": r"chain|kilom|station|^km\b|^[pm][kp]$|post|position_km",
     "latitude": r"^lat|latitude|breite",
     "longitude": r"^lon|^lng|longitude|länge|laenge",
@@ -62,6 +63,9 @@ _IMU_UNITS = {
 _WITH_GRAVITY = {"m/s^2": (0.8 * STANDARD_GRAVITY, 1.2 * STANDARD_GRAVITY), "g": (0.8, 1.2), "mg": (800.0, 1200.0)}
 """Median specific force of a vehicle on a track, with scale and bias of the worst sensors."""
 _TIME_UNITS = {"ns": "ns", "us": "us", "µs": "us", "ms": "ms", "s": "s", "sec": "s", "seconds": "s"}
+_INCREMENT = re.compile(r"^d_?(theta|vel|v(?![a-z]))|delta|incr", re.IGNORECASE)
+"""What the name of an increment per sample begins with or contains."""
+_INCREMENT_UNITS = {"gyro": {"rad": "rad", "deg": "deg"}, "accel": {"m/s": "m/s", "mps": "m/s"}, "free_accel": {}}
 _ACCEL_UNITS = {r"^mg$": "mg", r"^g$|_g$": "g", r"gal": "gal", r"m.?/?.?s": "m/s^2"}
 
 
@@ -147,6 +151,8 @@ def _kind_by_unit(unit: str) -> str | None:
 
 def _unit(table: SourceTable, columns: tuple[str, str, str], kind: str) -> tuple[str, bool]:
     stated = table.units.get(columns[0]) or columns[0].rpartition("_")[2]
+    if _INCREMENT.search(columns[0]) and (unit := _INCREMENT_UNITS[kind].get(stated.casefold().replace("°", "deg"))):
+        return unit, True
     for pattern, unit in (_GYRO_UNITS if kind == "gyro" else _ACCEL_UNITS).items():
         if re.search(pattern, stated.casefold().replace("²", "^2").strip()):
             return unit, True

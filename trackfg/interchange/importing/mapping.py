@@ -46,7 +46,7 @@ class _Reading(BaseModel):
 
     file: str | tuple[str, str]
     time: str | tuple[str, str] = "t"
-    time_unit: Literal["s", "ms", "us", "ns", "ticks", "gps"] | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "ticks", "gps", "days"] | None = None
     time_format: str | None = None
     time_zone: str = "UTC"
     tick_s: Annotated[float, Field(gt=0)] | None = None

@@ -80,6 +80,8 @@ def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | Non
         _tach(proposal, tables, ask)
     if "gnss" not in proposal.sections:
         _gnss(proposal, tables)
+    if "balises" not in proposal.sections:
+        _balises(proposal, tables)
     if "fixes" not in proposal.sections:
         _fixes(proposal, tables)
     _vehicle(proposal, ask)
@@ -214,21 +216,42 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         return
 
 
-def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
-    imu = proposal.sections["imu"]["file"]
-    for table in tables:
-        name = first_of(table, "station")
-        if name is None or table.name in (imu if isinstance(imu, list) else [imu]):
-            continue
-        stated = None if _written_places(table, name) else written_unit(table.units.get(name) or name, "length")
-        unit = stated if stated in METRES_PER else "m"
-        sd = next((column for column in table.columns if column.casefold().startswith("sd")), FIX_SD_M)
-        time = _time(table, _clock_of_imu(proposal, tables))
-        section = {"file": table.name, **time, "chainage": name, "sd": sd, "chainage_unit": unit}
-        proposal.sections["fixes"] = section
-        if sd is FIX_SD_M:
-            proposal.reasons["fixes.sd"] = "m, assumed, since the source has none"
+def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
+    """Propose the table of ids with times, and where it has no places a table of places with the same ids."""
+    named = [(table, name) for table in tables if (name := first_of(table, "balise")) is not None]
+    passages = next(((table, name) for table, name in named if first_of(table, "time") is not None), None)
+    if passages is None:
         return
+    table, name = passages
+    section = {"file": table.name, **_time(table, _clock_of_imu(proposal, tables)), "id": name}
+    for places in (table, *(other for other, same in named if other is not table and same == name)):
+        if first_of(places, "station") is not None:
+            section |= {} if places is table else {"places": places.name}
+            section |= _places(proposal, places, "balises")
+            break
+    proposal.sections["balises"] = section
+
+
+def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
+    imu, balises = proposal.sections["imu"]["file"], proposal.sections.get("balises", {})
+    taken = {*([imu] if isinstance(imu, str) else imu), balises.get("file"), balises.get("places")}
+    for table in tables:
+        if table.name in taken or first_of(table, "station") is None:
+            continue
+        time = _time(table, _clock_of_imu(proposal, tables))
+        proposal.sections["fixes"] = {"file": table.name, **time, **_places(proposal, table, "fixes")}
+        return
+
+
+def _places(proposal: Proposal, table: SourceTable, section: str) -> dict[str, Any]:
+    """Return the columns of places along the line and of their sigma, which is assumed where the table has none."""
+    name = first_of(table, "station")
+    assert name is not None
+    stated = None if _written_places(table, name) else written_unit(table.units.get(name) or name, "length")
+    sd = next((column for column in table.columns if column.casefold().startswith("sd")), FIX_SD_M)
+    if sd is FIX_SD_M:
+        proposal.reasons[f"{section}.sd"] = "m, assumed, since the source has none"
+    return {"chainage": name, "sd": sd, "chainage_unit": stated if stated in METRES_PER else "m"}
 
 
 def _clock_of_imu(proposal: Proposal, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:
@@ -290,7 +313,8 @@ def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> d
     for section in sections.values():
         if isinstance(section, dict) and "file" in section:
             values = [part for value in section.values() for part in (value if isinstance(value, list) else [value])]
-            for file in section["file"] if isinstance(section["file"], list) else [section["file"]]:
+            files = section["file"] if isinstance(section["file"], list) else [section["file"]]
+            for file in (*files, *([section["places"]] if "places" in section else [])):
                 used.setdefault(file, set()).update(str(value) for value in values)
     unused = {table.name: [name for name in table.columns if name not in used.get(table.name, ())] for table in tables}
     return {name: columns for name, columns in unused.items() if columns}

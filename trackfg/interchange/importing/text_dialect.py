@@ -99,13 +99,13 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
     delimiter = options.delimiter or _delimiter(lines)
     rows = [cells(line, delimiter) for line in lines]
     width = _usual_width(rows)
-    first = options.first_row - 1 if options.first_row is not None else _first_data_row(rows, width)
+    first = options.first_row - 1 if options.first_row is not None else first_data_row(rows, width)
     if first is None or first >= len(rows):
         raise BadInputError(
             f"{path.name}: no rows of numbers found (delimiter {delimiter!r}); expected a table. Hint: state "
             "delimiter, header_row and first_row under [[text]] in the mapping"
         )
-    names, units = _header(rows, first, width, options.header_row)
+    names, units = header_of(rows, first, width, options.header_row)
     decimal = options.decimal or _decimal(rows[first:], delimiter)
     return Dialect(encoding, delimiter, decimal, first + 1, names, units)
 
@@ -187,7 +187,7 @@ def _usual_width(rows: list[list[str]]) -> int:
     return max(set(counts), key=counts.count) if counts else 0
 
 
-def _first_data_row(rows: list[list[str]], width: int) -> int | None:
+def first_data_row(rows: list[list[str]], width: int) -> int | None:
     """Return the first row of values: most of its cells are, or those in the columns in which all later ones are."""
     later = [row for row in rows[len(rows) // 2 :] if len(row) == width]
     always = [i for i in range(width) if len(later) > 1 and all(row[i] and _is_value(row[i]) for row in later)]
@@ -206,7 +206,7 @@ def _first_data_row(rows: list[list[str]], width: int) -> int | None:
     return None
 
 
-def _header(
+def header_of(
     rows: list[list[str]], first: int, width: int, header_row: int | None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the names of the columns and their units: from brackets in the names, and from a row of units.
@@ -222,7 +222,7 @@ def _header(
         if above and _are_units(above[-1]):
             units_row, above = above[-1], above[:-1]
         names = above[-1] if above else []
-        if len(above) > 1 and len(set(names)) < width:
+        if len(above) > 1 and _repeat(names):
             names = _below(above[-2], names)
     names = [*names, *[""] * (width - len(names))][:width]
     stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
@@ -241,6 +241,11 @@ def _unmarked(row: list[str], width: int) -> list[str]:
     """Return a row above the data without the mark of a remark, which may be a cell of its own before the others."""
     first = row[0].lstrip(_MARKS) if row else ""
     return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 else row
+
+
+def _repeat(names: list[str]) -> bool:
+    filled = [name for name in names if name]
+    return len(set(filled)) < len(filled)
 
 
 def _below(upper: list[str], names: list[str]) -> list[str]:

@@ -24,6 +24,10 @@ UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 _NS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
+_SPREADSHEET_EPOCH_DAYS = 25_569
+"""Days from 1899-12-30, which spreadsheets count from, to 1970-01-01."""
+_SPREADSHEET_DAYS = (2e4, 8e4)
+"""Numbers that are taken for such days where they grow by less than 10 s: 1954 to 2119."""
 _EPOCH_S = (0.9e9, 4.0e9)
 """Numbers of seconds that are taken for a Unix time: 1998 to 2096."""
 
@@ -57,9 +61,9 @@ _DAY_NS = _DAY_S * 1_000_000_000
 class TimeNotation:
     """How a source writes its times.
 
-    ``unit`` is one of ``s, ms, us, ns`` for numbers, which are Unix times where they are as large as those;
-    ``"gps"`` for seconds since the GPS epoch; ``"ticks"`` for a counter of ``tick_s`` that starts again at
-    ``wraps_at``.
+    ``unit`` is one of ``s, ms, us, ns`` for numbers, which are Unix times where they are as large as those; ``"gps"``
+    for seconds since the GPS epoch; ``"days"`` for those of spreadsheets, since 1899-12-30; ``"ticks"`` for a counter
+    of ``tick_s`` that starts again at ``wraps_at``.
     ``format`` is a ``strptime`` format for text, or None to find it out. ``zone`` is where times without one were
     written.
     """
@@ -146,6 +150,8 @@ def guessed_unit(values: Array) -> str:
     if step.size == 0:
         return "s"
     typical = float(np.median(step))
+    if _SPREADSHEET_DAYS[0] <= largest <= _SPREADSHEET_DAYS[1] and typical * _DAY_S < 10.0:
+        return "days"
     # A logger writes at 0.5 Hz to 20 kHz: its step in s is below 2, in ms above, and so on.
     return "s" if typical < 2.0 else "ms" if typical < 2e3 else "us" if typical < 2e6 else "ns"
 
@@ -160,8 +166,13 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
         return Times(None, unwrapped(values, notation.wraps_at) * notation.tick_s)
     if unit == "gps":
         return Times(gps_ns(values), None)
+    if unit == "days":
+        days = np.floor(values)
+        ns = (days.astype(np.int64) - _SPREADSHEET_EPOCH_DAYS) * _DAY_NS
+        return Times(ns + np.round((values - days) * _DAY_NS).astype(np.int64), None)
     if unit not in UNIT_S:
-        raise BadInputError(f"{label}: unknown time_unit {unit!r}; expected one of {', '.join(UNIT_S)}, ticks, gps")
+        known = ", ".join((*UNIT_S, "ticks", "gps", "days"))
+        raise BadInputError(f"{label}: unknown time_unit {unit!r}; expected one of {known}")
     on_calendar = _EPOCH_S[0] <= float(np.median(values)) * UNIT_S[unit] <= _EPOCH_S[1]
     if not on_calendar:
         return Times(None, values * UNIT_S[unit])

@@ -241,3 +241,77 @@ def test_balises_of_a_mapping_are_those_of_the_recording(own_table: bool, drive:
     assert back.balises["chainage_sd_m"].iloc[0] == 0.2
     assert back.description.balises is not None
     assert back.description.balises.reading_sd_m == 0.3
+
+
+def test_a_log_that_continues_from_file_to_file_is_one(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    columns = ["time_s", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
+    whole = pd.DataFrame(np.column_stack([drive.t, drive.gyro, drive.accel]), columns=columns)
+    (tmp_path / "log").mkdir()
+    for number, rows in enumerate((slice(0, 900), slice(900, 950), slice(950, None)), start=9):
+        whole[rows].to_csv(tmp_path / f"log/part{number}.csv", index=False)
+
+    back = _recording(imported(tmp_path / "log"))
+
+    np.testing.assert_array_equal(back.imu["t_s"], drive.t)
+    np.testing.assert_array_equal(back.gyro, drive.gyro)
+
+
+@pytest.mark.parametrize("moved_s", [-5.0, 60.0])
+def test_logs_that_overlap_or_are_far_apart_stay_two(moved_s: float, drive: Drive, tmp_path: Path) -> None:
+    columns = ["time_s", *(f"gyro_{a}" for a in "xyz")]
+    for number, begin in ((1, 0.0), (2, 20.0 + moved_s)):
+        values = np.column_stack([begin + drive.t, drive.gyro])
+        pd.DataFrame(values, columns=columns).to_csv(tmp_path / f"imu{number}.csv", index=False)
+
+    tables = source_format(tmp_path).tables(tmp_path, lambda _: None)
+
+    assert [table.name for table in tables] == ["imu1.csv", "imu2.csv"]
+
+
+def test_increments_and_times_in_days_of_a_spreadsheet(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    days = 46143.25 + drive.t / 86400.0
+    units = {"dTheta": "deg", "dVel": "m/s"}
+    names = ";".join(["Zeitstempel", *(f"{name}_{a}[{unit}]" for name, unit in units.items() for a in "xyz")])
+
+    def written(i: int) -> list[str]:
+        steps = (*(np.degrees(drive.gyro[i]) / 100.0), *(drive.accel[i] / 100.0))
+        return [f"{days[i]:.12f}", *(f"{v:.15f}" for v in steps)]
+
+    back = _recording(imported(_lines(tmp_path / "imu.asc", names, *_rows(drive, written, ";"))))
+
+    assert back.description.start == datetime(2026, 5, 1, 6, tzinfo=UTC)
+    np.testing.assert_allclose(back.imu["t_s"], drive.t, atol=2e-6)
+    np.testing.assert_allclose(back.accel, drive.accel, rtol=1e-4)
+    np.testing.assert_allclose(back.gyro, drive.gyro, rtol=1e-4)
+
+
+def test_a_workbook_with_units_balises_and_their_register(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.title = "IMU"
+    sheet.append(["Measurement 17"])
+    sheet.append(["Time", *(f"w{a}" for a in "xyz"), *(f"a{a}" for a in "xyz"), "Odometer"])
+    sheet.append(["s", *["deg/s"] * 3, *["g"] * 3, "ft"])
+    distance = _distance(drive)
+    for i in range(drive.t.size):
+        rates, forces = np.degrees(drive.gyro[i]), drive.accel[i] / STANDARD_GRAVITY
+        sheet.append([drive.t[i], *map(float, rates), *map(float, forces), distance[i] / 0.3048])
+    passages, register = book.create_sheet("Read"), book.create_sheet("Register")
+    for row in (["Time", "Balise ID"], [8.0, 4711], [15.0, 4712]):
+        passages.append(row)
+    for row in (["Balise ID", "km", "sd_m"], [4711, "12+345", 0.2], [4712, "12+350.5", 0.3]):
+        register.append(row)
+    book.save(tmp_path / "run.xlsx")
+
+    back = _recording(imported(tmp_path / "run.xlsx"))
+
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+    np.testing.assert_allclose(back.accel, drive.accel, atol=1e-9)
+    assert back.tach is not None
+    np.testing.assert_allclose(np.ptp(back.tach["distance_m"]), np.ptp(distance))
+    assert back.fixes is None
+    assert back.balises is not None
+    assert back.balises["id"].tolist() == ["4711", "4712"]
+    assert back.balises["chainage_m"].tolist() == [12345.0, 12350.5]
+    assert back.balises["chainage_sd_m"].tolist() == [0.2, 0.3]

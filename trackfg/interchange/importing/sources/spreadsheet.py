@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.text_dialect import first_data_row, header_of
 
 SPREADSHEETS = (".xlsx",)
+_HEAD_ROWS = 200
+"""Rows of a sheet among which its first row of values is looked for."""
 
 
 def read_spreadsheet(path: Path) -> list[SourceTable]:
@@ -29,30 +33,24 @@ def read_spreadsheet(path: Path) -> list[SourceTable]:
     except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile, SyntaxError) as error:
         # openpyxl lets through what its parsers raise: KeyError for a missing part, SyntaxError for damaged XML.
         raise BadInputError(f"{path.name}: cannot be read ({error}); expected a spreadsheet (.xlsx)") from error
-    tables = {title: _table(rows) for title, rows in sheets.items()}
-    found = {title: table for title, table in tables.items() if table is not None}
+    found = [table for title, rows in sheets.items() if (table := _table(rows, f"{path.name}/{title}")) is not None]
     if not found:
         raise BadInputError(f"{path.name}: no sheet has a header and rows below it; expected one")
-    alone = len(found) == 1
-    return [
-        SourceTable(path.name if alone else f"{path.name}/{title}", frame, first_row=first)
-        for title, (frame, first) in found.items()
-    ]
+    return [replace(found[0], name=path.name)] if len(found) == 1 else found
 
 
-def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, int] | None:
-    """Return the rows below the first one whose cells are all text, and the number of the first of them."""
-    for i, row in enumerate(rows):
-        filled = [cell for cell in row if cell is not None]
-        if len(filled) >= 2 and all(isinstance(cell, str) for cell in filled):
-            body = [cells for cells in rows[i + 1 :] if any(cell is not None for cell in cells)]
-            if not body:
-                return None
-            width = max(j for j, cell in enumerate(row) if cell is not None) + 1
-            names = [str(cell).strip() if cell is not None else f"c{j + 1}" for j, cell in enumerate(row[:width])]
-            columns = {name: _column([cells[j] for cells in body]) for j, name in enumerate(names)}
-            return pd.DataFrame(columns), i + 2
-    return None
+def _table(rows: list[list[Any]], name: str) -> SourceTable | None:
+    """Return the rows of values below the names of their columns, as in text; None where there are none."""
+    head = [["" if cell is None else _as_text(cell).strip() for cell in row] for row in rows[:_HEAD_ROWS]]
+    width = max((j for row in head for j, cell in enumerate(row, start=1) if cell), default=0)
+    head = [row[:width] for row in head]
+    first = first_data_row(head, width)
+    if first is None or width < 2:
+        return None
+    names, units = header_of(head, first, width, None)
+    body = [row[:width] for row in rows[first:] if any(cell is not None for cell in row)]
+    frame = pd.DataFrame({name: _column([row[j] for row in body]) for j, name in enumerate(names)})
+    return SourceTable(name, frame, units, first + 1)
 
 
 def _column(cells: list[Any]) -> pd.Series:

@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.calendar_columns import with_whole_dates
 from trackfg.interchange.importing.column_meaning import time_columns
+from trackfg.interchange.importing.continued_files import with_joined_files
 from trackfg.interchange.importing.long_table import wide_tables
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
@@ -63,7 +64,7 @@ def _all(files: Sequence[Path], dialect_for: DialectFor, *, single: bool = False
             table = with_whole_dates(read_text(file, dialect_for(file.name)))
             time = time_columns(table)
             tables += wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
-    return tables
+    return with_joined_files(tables)
 
 
 def names_in(path: Path) -> list[str]:

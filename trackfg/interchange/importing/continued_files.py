@@ -1,0 +1,57 @@
+"""A log that continues from file to file is one table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.column_meaning import time_columns, time_unit
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times import TimeNotation, Times, read_times
+
+_PAUSE_S = 2.0
+"""A logger may lose samples while it opens the next file, s; runs of their own are further apart."""
+
+
+def with_joined_files(tables: Sequence[SourceTable]) -> list[SourceTable]:
+    """Return the tables, of which those that continue each other are one.
+
+    They have the same columns and names that differ in digits only; the name of the whole has ``*`` for these.
+    """
+    parts: dict[tuple[str, ...], list[SourceTable]] = {}
+    for table in tables:
+        parts.setdefault((re.sub(r"\d+", "*", table.name), *table.columns), []).append(table)
+    out = []
+    for (name, *_), same in parts.items():
+        ordered = _in_order(same) if len(same) > 1 else None
+        if ordered is None:
+            out += same
+        else:
+            frame = pd.concat([table.frame for table in ordered], ignore_index=True)
+            out.append(SourceTable(name, frame, ordered[0].units, ordered[0].first_row))
+    return out
+
+
+def _in_order(tables: list[SourceTable]) -> list[SourceTable] | None:
+    """Return the tables in the order of their times; None where one does not begin where another one ends."""
+    try:
+        times = [_times(table) for table in tables]
+    except BadInputError:
+        return None
+    order = sorted(range(len(tables)), key=lambda i: times[i].since(None)[0])
+    for before, after in pairwise(order):
+        pause = float(times[after].since(None)[0] - times[before].since(None)[-1])
+        if (times[before].ns is None) != (times[after].ns is None) or not 0.0 <= pause <= _PAUSE_S:
+            return None
+    return [tables[i] for i in order]
+
+
+def _times(table: SourceTable) -> Times:
+    columns = time_columns(table)
+    if columns is None:
+        raise BadInputError(f"{table.name}: no column of times found; expected one")
+    return read_times(table, columns, TimeNotation(time_unit(table, columns)))
