@@ -122,3 +122,41 @@ def test_a_line_folded_to_near_zero_counts_where_the_vehicle_rests() -> None:
     assert np.median(after.gyro, axis=0) == pytest.approx(GYRO, rel=1e-9)
     none = floor.with_rests(data, np.zeros((0, 2))).between(SECONDS, GYRO, ACCEL)
     np.testing.assert_array_equal(none.accel, before.accel)
+
+
+def at_rest(gyro: np.ndarray, accel: np.ndarray, rests: list[list[float]]) -> WhiteNoise:
+    """Return the noise of samples of which those in ``rests``, s, are at rest."""
+    data = Intervals(np.arange(6001) / RATE_HZ, gyro, accel, np.zeros(6000, dtype=bool))
+    return NoiseFloor.of(data).with_rests(data, np.array(rests)).between(SECONDS, GYRO, ACCEL)
+
+
+def test_a_sensor_better_than_declared_is_taken_for_what_long_rests_show() -> None:
+    """Forty seconds are worth 30 independent means, what is declared 10: f^2 = (10 + 30 / 16) / 40."""
+    quiet = white(0.25 * GYRO), white(0.25 * ACCEL, 1)
+    noise = at_rest(*quiet, [[0.0, 20.0], [40.0, 60.0]])
+    expected = np.sqrt((10.0 + 29.6 / 16.0) / 39.6)
+    assert noise.gyro == pytest.approx(expected * GYRO, rel=0.1)
+    assert noise.accel == pytest.approx(expected * ACCEL, rel=0.1)
+    assert (at_rest(*quiet, [[0.0, 3.0]]).gyro > 0.85 * GYRO).all()
+
+
+def test_a_sensor_as_declared_is_not_taken_for_a_better_one() -> None:
+    for seed in range(20):
+        noise = at_rest(white(GYRO, seed), white(ACCEL, 100 + seed), [[0.0, 20.0], [40.0, 60.0]])
+        assert min(noise.gyro.min() / GYRO, noise.accel.min() / ACCEL) > 1.0 - 1e-9
+
+
+def test_a_value_that_stays_at_rest_shows_no_noise_below_its_rounding() -> None:
+    """A step of six sigmas hides all noise at rest, not so the rounding, which lasts as long as the value."""
+    accel = 0.12 * np.round(white(ACCEL, 1) / 0.12)
+    accel[2500:3500] = 0.12 * np.round(white(0.2, 2)[2500:3500] / 0.12)
+    noise = at_rest(white(GYRO), accel, [[0.0, 20.0], [40.0, 60.0]])
+    assert (noise.accel >= (1.0 - 1e-9) * ACCEL).all()
+
+
+def test_what_shakes_a_quiet_sensor_in_motion_counts() -> None:
+    accel = white(0.1 * ACCEL, 1)
+    accel[2500:3500] += white(0.5 * ACCEL, 2)[2500:3500]
+    noise = at_rest(white(GYRO), accel, [[0.0, 20.0], [40.0, 60.0]])
+    assert noise.accel[30] == pytest.approx(0.51 * ACCEL, rel=0.15)
+    assert (noise.accel[10] < 0.6 * ACCEL).all()
