@@ -8,7 +8,11 @@ from one to the next it walks. So the means of rests are smoothed by
 The accelerometer's bias across tilts the vertical, and a turn of the vehicle by psi about a vertical that is off by e
 looks to the gyro like a tilt by psi e across e: by that error the integrated rates of roll and pitch, less the tilt of
 the specific force, change with the heading. It is believed as far as the declared sigma allows; beyond three sigmas,
-its own size is its sigma.
+its own size is its sigma. So do the gyro's own errors where a slow vehicle turns once in a long time: with ``J_i`` the
+derivative of the fitted e by the rate at time i, white noise n, a bias that walks by q, a response g to forces f and
+the Earth's rate W, whose direction is not known yet, make of e the sigma
+
+    s^2 = (n^2 / dt) sum J_i^2 + q^2 dt sum (sum_k>=i J_k)^2 + g^2 |sum J_i f_i|^2 + (W^2 / 2) |sum J_i exp(i psi_i)|^2.
 
 **Without any rest** the bias across is what makes the integrated gyro run away from gravity: the slope, over the run,
 of the same difference. Kinematic accelerations spoil single tilts by 0.01 rad; over a minute that leaves 2e-4 rad/s.
@@ -31,6 +35,7 @@ import pandas as pd
 from scipy.linalg import solve_banded
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.numerics.robust import SD_PER_MAD, cauchy_fit
 from trackfg.numerics.spans import median_interval, within
 from trackfg.numerics.units import STANDARD_GRAVITY
@@ -121,7 +126,7 @@ def starting_bias(
     else:
         start, vertical_sd = _without_rests(motion, earth_rate, noise, gnss)
         gyro = np.tile(start, (len(motion.t), 1))
-    across = _Across.of(motion, gyro, noise.accel_bias_sd)
+    across = _Across.of(motion, gyro, noise)
     force = motion.accel - motion.kinematic(gyro)
     resting = within(motion.t, rests) if len(rests) else np.ones(len(motion.t), dtype=bool)
     excess = float(np.linalg.norm(np.median(force[resting], axis=0))) - STANDARD_GRAVITY
@@ -142,8 +147,8 @@ class _Across:
     turned: Array
 
     @classmethod
-    def of(cls, motion: GridMotion, bias: Array, declared_sd: float) -> _Across:
-        """Return them for a gyro's bias (3,) or (n, 3), rad/s, with the declared sigma of the accelerometer's."""
+    def of(cls, motion: GridMotion, bias: Array, noise: ImuNoise) -> _Across:
+        """Return them for a gyro's bias (3,) or (n, 3), rad/s; ``noise`` as declared."""
         step, since = np.gradient(motion.t), motion.t - motion.t[0]
         error = np.zeros(2)
         for _ in range(_ROUNDS):
@@ -152,7 +157,8 @@ class _Across:
             turned = np.cumsum(euler_rates(motion.gyro - bias, tilt) * step[:, None], axis=0)
             terms = np.stack([np.ones_like(since), since, turned[:, 2]], axis=1)
             off = turned[:, :2] - tilt + error * turned[:, 2:]
-            fits = [_drift_and_error(terms, y, declared_sd / STANDARD_GRAVITY) for y in off.T]
+            by_gyro_sd = tilt_error_sd_by_gyro(terms, motion.accel, noise)
+            fits = [_drift_and_error(terms, y, noise.accel_bias_sd / STANDARD_GRAVITY, by_gyro_sd) for y in off.T]
             drift, error, level = np.array(fits).T
         return cls(drift, -STANDARD_GRAVITY * np.append(error, 0.0), STANDARD_GRAVITY * float(level.max()), turned)
 
@@ -179,14 +185,32 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array, walk: floa
     return interpolate_columns(t, middle, np.asarray(solve_banded((1, 1), band, mean * duration[:, None])))
 
 
-def _drift_and_error(terms: Array, off: Array, declared_sd: float) -> tuple[float, float, float]:
+def tilt_error_sd_by_gyro(terms: Array, accel: Array, noise: ImuNoise) -> float:
+    """Return the sigma, rad, of the tilt's error that the gyro's declared errors make (module docstring).
+
+    ``terms`` (n, 3): one, time and heading; ``accel`` (n, 3): forces, m/s^2.
+    """
+    step, heading = median_interval(terms[:, 1]), terms[:, 2]
+    by_rate = step * np.cumsum(np.linalg.pinv(terms)[2, ::-1])[::-1]
+    by_walk = np.cumsum(by_rate[::-1])
+    parts = [
+        noise.gyro_white * by_rate / np.sqrt(step),
+        noise.gyro_bias_walk * by_walk * np.sqrt(step),
+        noise.g_sensitivity_sd * (by_rate @ accel),
+        EARTH_RATE * np.sqrt(0.5) * np.array([by_rate @ np.cos(heading), by_rate @ np.sin(heading)]),
+    ]
+    return float(np.linalg.norm(np.concatenate(parts)))
+
+
+def _drift_and_error(terms: Array, off: Array, declared_sd: float, by_gyro_sd: float) -> tuple[float, float, float]:
     """Return a drift, rad/s, and an error of the tilt, rad, by which ``terms`` (n, 3) make ``off`` (n,), rad, and how
-    large the error is at least: 0 where it is within three sigmas ``declared_sd``, rad.
+    large the error is at least: 0 where it is within three sigmas, of ``declared_sd``, rad, and what the gyro makes.
     """
     per_value = max(1.0, _KINEMATIC_S / median_interval(terms[:, 1]))
     fit = partial(cauchy_fit, terms, off, least_sd=_LEAST_TILT_SD, per_value=per_value)
     (_, _, error), sd = fit(prior_sd=np.array([np.inf, np.inf, _TILT_SD]))
-    level = abs(error) if abs(error) > _OUTLIER_SIGMAS * np.hypot(declared_sd, sd[2]) else 0.0
+    usual = _OUTLIER_SIGMAS * float(np.linalg.norm([declared_sd, by_gyro_sd, sd[2]]))
+    level = abs(error) if abs(error) > usual else 0.0
     (_, drift, error), _ = fit(prior_sd=np.array([np.inf, np.inf, max(level, declared_sd)]))
     return drift, error, level
 
@@ -197,7 +221,7 @@ def _without_rests(
     """Return the gyro's bias (3,), rad/s, and the sigma of its vertical part where that is assumed."""
     bias, vertical_sd = np.median(motion.gyro, axis=0) * [1.0, 1.0, 0.0], None
     for _ in range(_ROUNDS):
-        across = _Across.of(motion, bias, noise.accel_bias_sd)
+        across = _Across.of(motion, bias, noise)
         bias[:2] += across.gyro
         level = max(noise.gyro_bias_sd, float(np.abs(bias[:2]).max()))
         rate = np.gradient(across.turned[:, 2], motion.t)

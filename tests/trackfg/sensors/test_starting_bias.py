@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from trackfg.recording.description import ImuNoise
-from trackfg.sensors.starting_bias import GridMotion, rest_bias, starting_bias
+from trackfg.sensors.starting_bias import GridMotion, rest_bias, starting_bias, tilt_error_sd_by_gyro
 
 G = 9.80665
 STEP_S = 0.1
@@ -60,6 +60,29 @@ def test_curves_tell_the_accelerometers_bias_from_a_tilt() -> None:
     np.testing.assert_allclose(start.accel[:2], bias[:2], atol=0.05)
     assert start.accel_level == pytest.approx(0.6, abs=0.05)
     np.testing.assert_allclose(start.gyro[0, :2], BIAS[:2], atol=1e-3)
+
+
+def test_what_the_gyro_integrates_is_no_bias_of_the_accelerometer() -> None:
+    """A slow ride turns once in ten minutes: the rates' errors, drawn and integrated, scatter the error of the tilt."""
+    t, step, rng = np.arange(600.0), 1.0, np.random.default_rng(2)
+    heading = 0.8 * np.clip((t - 200.0) / 150.0, 0.0, 1.0)
+    terms = np.stack([np.ones(600), t, heading], axis=1)
+    force = np.stack([0.0 * t, np.where((t > 200.0) & (t < 350.0), 1.2, 0.0), np.full(600, G)], axis=1)
+    declared = dict.fromkeys(("gyro_white", "gyro_bias_walk", "g_sensitivity_sd"), 1e-12)
+    earth = tilt_error_sd_by_gyro(terms, force, ImuNoise(**declared))
+    white, walk, response = 1e-3, 1e-5, 1e-4
+    towards = rng.uniform(0.0, 2.0 * np.pi, (1000, 1))
+    drawn = {
+        "gyro_white": (white, white / np.sqrt(step) * rng.standard_normal((1000, 600))),
+        "gyro_bias_walk": (walk, np.cumsum(walk * np.sqrt(step) * rng.standard_normal((1000, 600)), axis=1)),
+        "g_sensitivity_sd": (response, response * rng.standard_normal((1000, 3)) @ force.T),
+    }
+    for name, (sd, rates) in drawn.items():
+        errors = np.linalg.lstsq(terms, np.cumsum(rates, axis=1).T * step, rcond=None)[0][2]
+        stated = tilt_error_sd_by_gyro(terms, force, ImuNoise(**{**declared, name: sd}))
+        assert np.sqrt(stated**2 - earth**2) == pytest.approx(errors.std(), rel=0.1), name
+    turning = np.cumsum(7.292e-5 * np.cos(towards + heading), axis=1).T * step
+    assert earth == pytest.approx(np.linalg.lstsq(terms, turning, rcond=None)[0][2].std(), rel=0.1)
 
 
 @pytest.mark.parametrize("rate", [0.2, -0.2])
