@@ -1,13 +1,19 @@
-"""Tests that run with numpy and with the compiled kernels."""
+"""What all tests share: numpy and the compiled kernels in turn, and commands that Ctrl-C ends."""
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from trackfg.numerics.kernels import compiled_kernels
+
+# A shell has what it starts in the background ignore Ctrl-C, and so does all that is started from there: tests that
+# interrupt a command would wait for ever.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(params=["numpy", "compiled"])
