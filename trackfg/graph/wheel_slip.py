@@ -13,7 +13,8 @@ wheel rolls.
    speed before it; each may pass over too much after one. Credible is what either of them believes.
 2. From there, least squares and the probability of rolling by :mod:`trackfg.factors.switching` in turns.
 
-A wheel scale that is off by some per cent is in b as well, which changes when the acceleration does.
+A wheel scale that is off by some per cent is in b as well, which changes when the acceleration does. Where a wheel
+would slip for most of the time that it turns, the force is not what this model takes it for, and nothing is found.
 """
 
 from __future__ import annotations
@@ -61,6 +62,10 @@ _LONE_SIGMAS = 3.5
 """Where a lone error is as likely a slip."""
 _LEAST_WEIGHT = 1e-6
 """Weights are at least this, so that the banded system stays positive definite."""
+
+_BREAKDOWN = 0.5
+"""Share of a turning wheel's distances that may be wrong: with more no estimator can say which are right (Rousseeuw &
+Leroy, Robust Regression and Outlier Detection, 1.2), and a force that is felt wrongly looks like a slip without end."""
 
 _ROUNDS = 8
 """Rounds of least squares and probabilities at most; :data:`_SETTLED` ends them earlier."""
@@ -146,6 +151,9 @@ def rolling(
         if np.abs(weight - before).max() < _SETTLED:
             break
     rolls = weight > 0.5
+    turning = (evidence.sigma < _SILENT_SD_M) & (evidence.rolled != 0.0)
+    if np.count_nonzero(rolls & turning) < _BREAKDOWN * np.count_nonzero(turning):
+        rolls, speed = np.ones_like(rolls), wheel.rate(t)
     return Rolling(t, speed, rolls, wheel.with_speed(t, speed, rolls & ~wheel.coarse))
 
 
