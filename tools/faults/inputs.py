@@ -139,6 +139,7 @@ def make_inputs(folder: Path) -> None:
         "export other --to channels -o channels.csv",
         "batch runs.csv -o store",
         "compare gnss -o compared",
+        "map trends line.gpkg result other third -o grown",
     ):
         run_sound(command, folder)
     for run in range(3):

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -56,6 +57,8 @@ _HEAD, _SCORES, _GEOMETRY, _POSITIONS = FILES = (
     "geometry.parquet",
     "positions.parquet",
 )
+_TEXT = ("case", "estimator", "quantity")
+"""Columns of texts, in any of the tables."""
 COMPARISON_FOLDER = FolderKind("comparison", _HEAD, "trackfg-comparison/", FILES)
 
 Task = Literal[
@@ -221,10 +224,34 @@ class Comparison(KeyFigures):
         content = COMPARISON_FOLDER.read(Path(folder))
         try:
             about = About.model_validate_json(content[_HEAD])
-            tables = (pd.read_parquet(io.BytesIO(content[name])) for name in (_SCORES, _GEOMETRY, _POSITIONS))
-            return cls(about, *tables)
+            tables = {name: pd.read_parquet(io.BytesIO(content[name])) for name in (_SCORES, _GEOMETRY, _POSITIONS)}
+            _refuse_other_than_numbers(_SCORES, tables[_SCORES], SCORE_COLUMNS)
+            _refuse_other_than_curves(_GEOMETRY, tables[_GEOMETRY], "chainage_m")
+            _refuse_other_than_curves(_POSITIONS, tables[_POSITIONS], "t_s")
         except (ValidationError, ValueError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg comparison: {error}") from error
+        return cls(about, *tables.values())
+
+
+def _refuse_other_than_curves(what: str, table: pd.DataFrame, place: str) -> None:
+    """Raise ``ValueError`` unless a table has a place in each row, and a column of sigmas for each quantity."""
+    if table.empty:
+        return
+    sigmas = [f"{name}_sd" for name in QUANTITIES if name in table or f"{name}_error" in table]
+    _refuse_other_than_numbers(what, table, ("case", "estimator", place, *sigmas))
+    if table[place].isna().any():
+        raise ValueError(f"{what}: column {place!r} is empty in some rows; expected a number in each")
+
+
+def _refuse_other_than_numbers(what: str, table: pd.DataFrame, columns: Sequence[str]) -> None:
+    """Raise ``ValueError`` unless a table has these columns, and finite numbers or none in all that are not text."""
+    if missing := [name for name in columns if name not in table]:
+        raise ValueError(f"{what}: has no column {missing[0]!r}")
+    for name in table.columns.difference(list(_TEXT)):
+        if table[name].dtype.kind not in "fiu":
+            raise ValueError(f"{what}: column {name!r} is {table[name].dtype}: expected numbers")
+        if np.isinf(table[name]).any():
+            raise ValueError(f"{what}: column {name!r} holds an infinite number")
 
 
 def rows_of(scores: pd.DataFrame) -> tuple[Row, ...]:

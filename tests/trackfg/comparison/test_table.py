@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -80,4 +81,23 @@ def test_other_folders_are_left_alone(comparison: Comparison, tmp_path: Path) ->
     folder = comparison.write(tmp_path / "out")
     (folder / "comparison.json").write_text('{"format": "trackfg-comparison/1"}')
     with pytest.raises(BadInputError, match="not a readable trackfg comparison"):
+        Comparison.read(folder)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda table: table.drop(columns="chainage_m"), r"geometry\.parquet: has no column 'chainage_m'"),
+        (lambda table: table.assign(chainage_m=[0.0, np.nan]), "'chainage_m' is empty in some rows"),
+        (lambda table: table.assign(chainage_m=["0", "x"]), "'chainage_m' is str|object: expected numbers"),
+        (lambda table: table.assign(twist_mm=1.0), "has no column 'twist_mm_sd'"),
+        (lambda table: table.assign(twist_mm=1.0, twist_mm_sd=np.inf), "'twist_mm_sd' holds an infinite number"),
+    ],
+)
+def test_curves_that_cannot_be_drawn_are_refused(
+    damage: Callable[[pd.DataFrame], pd.DataFrame], message: str, comparison: Comparison, tmp_path: Path
+) -> None:
+    folder = comparison.write(tmp_path / "out")
+    damage(comparison.geometry).to_parquet(folder / "geometry.parquet")
+    with pytest.raises(BadInputError, match=message):
         Comparison.read(folder)

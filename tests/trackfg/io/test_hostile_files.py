@@ -81,6 +81,14 @@ def test_pipes_and_loops_are_not_waited_for(name: str, read: Callable[[Path], An
         read(path)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+def test_a_pipe_in_a_bag_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
+    os.mkfifo(tmp_path / "bag.db3")
+    with pytest.raises(BadInputError, match="expected the files of a ROS bag"):
+        source_format(tmp_path).tables(tmp_path, lambda _: None)
+
+
 def test_a_template_that_is_no_list(tmp_path: Path) -> None:
     path = tmp_path / "channels.toml"
     path.write_text("channel = 1.5\n")

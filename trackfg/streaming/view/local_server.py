@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socketserver import TCPServer
 from typing import ClassVar
 
 from trackfg.errors import OutputError
@@ -68,6 +69,11 @@ class _LocalServer(ThreadingHTTPServer):
 
     daemon_threads = True
     request_queue_size = _MOST_THREADS
+
+    def server_bind(self) -> None:
+        """Listen, without asking a name server for this machine's name as ``HTTPServer`` does."""
+        TCPServer.server_bind(self)
+        self.server_name, self.server_port = ADDRESS, int(self.server_address[1])
 
     def verify_request(self, request: object, client_address: object) -> bool:
         """Refuse a connection beyond the most that are served at a time: each has a thread."""

@@ -63,6 +63,8 @@ class RosBag(SourceFormat):
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the topics, stamped by their headers."""
+        if path.is_dir() and not all(file.is_file() or file.is_dir() for file in path.iterdir()):
+            raise BadInputError(f"{path.name}: holds a pipe or a device; expected the files of a ROS bag")
         anyreader, typesys = library("rosbags.highlevel", "ros"), library("rosbags.typesys", "ros")
         rows: dict[str, list[tuple[float, ...]]] = {}
         stamps: dict[str, list[int]] = {}
