@@ -18,24 +18,24 @@ from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
 LINE = "1"
-_SMOOTHED = 6
+_SMOOTHED = 2
 """Runs that are simulated and smoothed; the others repeat them."""
-_SECONDS = 330.0
-"""Length of a run: 5 km."""
+_SECONDS_PER_KM = 66.0
+"""What the measuring car takes for a kilometre, stops included."""
 _CORRELATED_CELLS = 8.0
 """Noise of a profile is alike over some cells, 2 m."""
 _LOCAL = 0.1
 """Share of cross-level's sigma that is not one offset of the run."""
 
 
-def write_store(place: Path, runs: int) -> list[Path]:
-    """Write a store; what is there already stays. Returns the folders of its results."""
+def write_store(place: Path, runs: int, km: float) -> list[Path]:
+    """Write a store of runs of so many kilometres; what is there already stays. Returns the folders of its results."""
     store, rows, folders = Store(place), [], []
     for number in range(runs):
         name = f"run{number:04d}"
         folder = Path(store.result(name))
         if not folder.exists():
-            _repeated(_smoothed(number % _SMOOTHED), name, number).write(folder)
+            _repeated(_smoothed(number % _SMOOTHED, km), name, number).write(folder)
         rows.append(done_row(Run(name, f"/recordings/{name}", LINE), folder))
         folders.append(folder)
     store.write(rows)
@@ -43,8 +43,8 @@ def write_store(place: Path, runs: int) -> list[Path]:
 
 
 @cache
-def _smoothed(number: int) -> Result:
-    simulation = simulate(scenario("measuring-car"), seed=1, run=number, duration_s=_SECONDS)
+def _smoothed(number: int, km: float) -> Result:
+    simulation = simulate(scenario("measuring-car"), seed=1, run=number, duration_s=_SECONDS_PER_KM * km)
     return smooth(simulation.recording)
 
 
