@@ -23,7 +23,8 @@ or a local frame of no known place where ``origin`` is None. A vertex with NaN p
     chainage in the map = offset_m + scale * chainage of the run,
     cross-level in the map = cross-level of the run - direction * cross_level_bias_mm.
 
-**Information**: all that is kept of a run's data, so that a run is added without the data of the others.
+**Information**: all that is kept of a run's data, so that a run is added without the data of the others. ``pooled`` is
+that of all runs together, without the variables of single runs, so that a run is added to it alone.
 """
 
 from __future__ import annotations
@@ -159,6 +160,7 @@ class FeatureMap(KeyFigures):
     configuration: Mapping[str, JsonValue]
     software: Mapping[str, str]
     origin: tuple[float, float, float] | None = None
+    pooled: RunInformation | None = None
     version: int | None = field(default=None, kw_only=True)
     parent: int | None = field(default=None, kw_only=True)
     written_at: str | None = field(default=None, kw_only=True)

@@ -87,6 +87,7 @@ def map_schema(schema: str | None) -> Schema:
             sa.Column("configuration", _TEXT, nullable=False),
             sa.Column("software", _TEXT, nullable=False),
             sa.Column("covariance_sha256", _TEXT, nullable=False),
+            sa.Column(POOLED, _TEXT),
         ),
         landmarks=rows("map_landmarks", LANDMARK_COLUMNS),
         line=rows("map_line", LINE_COLUMNS),
@@ -94,6 +95,9 @@ def map_schema(schema: str | None) -> Schema:
         runs=rows("map_runs", RUN_COLUMNS, sa.Column("information_sha256", _TEXT)),
     )
 
+
+POOLED = "pooled_sha256"
+"""Column that maps begun by earlier versions of trackfg do not have."""
 
 CONVENTION_COLUMNS = ("gauge_m", "cross_level_base_m", "curvature_base_m", "gradient_base_m", "chord_m", "step_m")
 ORIGIN_COLUMNS = ("origin_latitude_deg", "origin_longitude_deg", "origin_height_m")

@@ -23,8 +23,8 @@ from trackfg.maps import geopackage, postgres
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.maps.layers import LAYERS, Layer, layers
 from trackfg.maps.location import Location, locate
-from trackfg.maps.rows import get_matrices, insert_frame, put_matrices, read_frame
-from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS
+from trackfg.maps.rows import Matrix, get_matrices, insert_frame, put_matrices, read_frame
+from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS, POOLED
 from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 
@@ -60,7 +60,9 @@ def read_map(location: str | os.PathLike[str], version: int | None = None) -> Fe
         newest = _newest(connection, place)
         wanted = newest if version is None else version
         versions = place.schema.versions
-        row = connection.execute(sa.select(versions).where(versions.c.version == wanted)).first()
+        pooled = versions.c[POOLED] if _stores_pooled(connection, place) else sa.null().label(POOLED)
+        columns = (pooled if column.name == POOLED else column for column in versions.columns)
+        row = connection.execute(sa.select(*columns).where(versions.c.version == wanted)).first()
         if row is None:
             stored = "no version" if newest is None else f"versions 1 to {newest}"
             raise BadInputError(f"{place.shown}: holds {stored}" + ("" if version is None else f", not {version}"))
@@ -239,6 +241,8 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
         "software": software,
         "covariance_sha256": put_matrices(connection, schema, [(names, written.covariance)])[0],
     }
+    if written.pooled is not None and _stores_pooled(connection, place):
+        head[POOLED] = put_matrices(connection, schema, [_matrix(written.pooled)])[0]
     connection.execute(schema.versions.insert(), head)
     for table, frame in (
         (schema.landmarks, written.landmarks),
@@ -251,10 +255,7 @@ def _write(connection: sa.Connection, place: Location, written: FeatureMap, conf
 
 
 def _runs_with_addresses(connection: sa.Connection, place: Location, written: FeatureMap) -> pd.DataFrame:
-    matrices = [
-        ((*rows.variables, _RIGHT_HAND_SIDE), np.column_stack([rows.R, rows.d]))
-        for rows in written.information.values()
-    ]
+    matrices = [_matrix(rows) for rows in written.information.values()]
     addresses = dict(zip(written.information, put_matrices(connection, place.schema, matrices), strict=True))
     by_run = [addresses.get(run) for run in written.runs["run_id"]]
     return written.runs.assign(information_sha256=pd.Series(by_run, dtype="object"))
@@ -276,6 +277,8 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
     }
     matrices = get_matrices(connection, schema, list(addresses.values()))
     information = {run: _information(*matrices[address]) for run, address in addresses.items()}
+    address = head[POOLED]
+    pooled = None if address is None else _information(*get_matrices(connection, schema, [address])[address])
     origin = tuple(head[name] for name in ORIGIN_COLUMNS)
     return FeatureMap(
         name=row.name,
@@ -289,10 +292,21 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
         configuration=_object("configuration", row.configuration),
         software=_object("software", row.software),
         origin=None if None in origin else (float(origin[0]), float(origin[1]), float(origin[2])),
+        pooled=pooled,
         version=version,
         parent=row.parent,
         written_at=row.written_at,
     )
+
+
+def _stores_pooled(connection: sa.Connection, place: Location) -> bool:
+    versions = place.schema.versions
+    columns = sa.inspect(connection).get_columns(versions.name, schema=versions.schema)
+    return any(column["name"] == POOLED for column in columns)
+
+
+def _matrix(rows: RunInformation) -> Matrix:
+    return (*rows.variables, _RIGHT_HAND_SIDE), np.column_stack([rows.R, rows.d])
 
 
 def _information(names: tuple[str, ...], values: Array) -> RunInformation:

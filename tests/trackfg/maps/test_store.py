@@ -48,6 +48,20 @@ def test_comes_back_as_written(make_map: MakeMap, assert_same_map: Same, locatio
     assert (found.version, found.parent, found.written_at) == (1, None, written.written_at)
 
 
+def test_a_map_of_an_earlier_version_has_no_column_of_what_all_runs_say(make_map: MakeMap, tmp_path: Path) -> None:
+    made, path = make_map(cells=41, curves=1, runs=1), tmp_path / "line.gpkg"
+    made = dataclasses.replace(made, pooled=made.information["run0"])
+    write_map(made, path, parent=None)
+    found = read_map(path).pooled
+    assert found is not None
+    assert found.variables == made.information["run0"].variables
+    np.testing.assert_array_equal(found.R, made.information["run0"].R)
+    sqlite(path, "ALTER TABLE map_versions DROP COLUMN pooled_sha256")
+    assert read_map(path).pooled is None
+    write_map(made, path, parent=1)
+    assert read_map(path, 2).pooled is None
+
+
 def test_a_map_without_content_comes_back(make_map: MakeMap, assert_same_map: Same, location: str) -> None:
     made = make_map(cells=41, curves=1, runs=1)
     empty = dataclasses.replace(

@@ -67,6 +67,7 @@ def finished(survey: Survey) -> FeatureMap:
         configuration=dict(survey.configuration),
         software=versions(),
         origin=survey.origin,
+        pooled=survey.pooled,
         parent=survey.version,
     )
 

@@ -144,7 +144,11 @@ def reopened(feature_map: FeatureMap) -> Survey:
 
 
 def _reopened(feature_map: FeatureMap) -> Survey:
-    survey = Survey(feature_map.name).with_information(_runs(feature_map), feature_map.information)
+    survey, runs = Survey(feature_map.name), _runs(feature_map)
+    if feature_map.pooled is None:
+        survey = survey.with_information(runs, feature_map.information)
+    else:
+        survey = replace(survey, information=feature_map.information, runs=runs, pooled=feature_map.pooled)
     at = survey.chainages
     grid = feature_map.grid.drop(columns=["cant_mm", "cant_mm_sd"])
     anchors, place, level, covariance = at.levels()

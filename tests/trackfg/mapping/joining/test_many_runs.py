@@ -96,6 +96,13 @@ def test_what_a_map_keeps_to_add_a_run_does_not_grow(many: list[Result], of_many
     assert {rows.R.shape for rows in kept} == {(len(kept[0].variables),) * 2}
 
 
+def test_what_all_runs_say_is_kept_and_is_what_their_rows_say_one_by_one(of_many: FeatureMap) -> None:
+    kept, again = (reopened(made).pooled for made in (of_many, replace(of_many, pooled=None)))
+    order = [again.variables.index(name) for name in kept.variables]
+    np.testing.assert_allclose(kept.R.T @ kept.R, (again.R.T @ again.R)[np.ix_(order, order)], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(kept.R.T @ kept.d, (again.R.T @ again.d)[order], rtol=1e-6, atol=1e-6)
+
+
 def test_runs_that_cannot_be_joined_are_left_out(many: list[Result], ride: Ride) -> None:
     elsewhere = ride(0, seed=4).result
     left_out: dict[str, str] = {}
