@@ -92,10 +92,13 @@ def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None
 
 def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Array:
     """Means of the samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t``. Shape (m, 3)."""
-    integral = np.vstack([np.zeros(3), np.cumsum(samples * np.diff(edges)[:, None], axis=0)])
-    ends = np.clip(np.concatenate([t - 0.5 * width_s, t + 0.5 * width_s]), edges[0], edges[-1])
-    ends, integral = ends.reshape(2, -1), interpolate_columns(ends, edges, integral).reshape(2, -1, 3)
-    return np.asarray((integral[1] - integral[0]) / (ends[1] - ends[0])[:, None])
+    ends = np.clip([t - 0.5 * width_s, t + 0.5 * width_s], edges[0], edges[-1])
+    durations, integral, out = np.diff(edges), np.zeros(len(edges)), np.empty((len(t), 3))
+    for axis in range(3):
+        np.cumsum(samples[:, axis] * durations, out=integral[1:])
+        at_begin, at_end = np.interp(ends, edges, integral)
+        out[:, axis] = (at_end - at_begin) / (ends[1] - ends[0])
+    return out
 
 
 def interpolate_columns(at: Array, t: Array, values: Array) -> Array:

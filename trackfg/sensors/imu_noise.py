@@ -240,17 +240,18 @@ def _summed(edges: Array, t: Array, values: Array) -> Array:
 
 def _rounding_at(data: Intervals, rests: Array) -> Array:
     """Return the density squared (6,) of the rounding to steps in ``rests`` (r, 2), s: it lasts as long as a value."""
-    samples = np.concatenate([data.gyro, data.accel], axis=1)
-    changed = np.abs(np.diff(samples, axis=0)) > _SAME
-    changes = np.count_nonzero(changed[within(data.edges[1:-1], rests)], axis=0)
-    return np.asarray(_finest_step(samples) ** 2 / 12.0 * np.diff(rests).sum() / (changes + 1.0))
+    channels, resting = np.concatenate([data.gyro.T, data.accel.T]), within(data.edges[1:-1], rests)
+    changes = [np.count_nonzero(np.abs(np.diff(samples)[resting]) > _SAME) for samples in channels]
+    return np.asarray(_finest_step(channels) ** 2 / 12.0 * np.diff(rests).sum() / (np.array(changes) + 1.0))
 
 
-def _finest_step(samples: Array) -> Array:
-    """Return the smallest difference of two samples (n, 6) in a row, 0 where all are equal. Shape (6,)."""
-    steps = np.abs(np.diff(samples, axis=0))
-    finest = np.min(steps, axis=0, where=steps > _SAME, initial=np.inf)
-    return np.asarray(np.where(np.isfinite(finest), finest, 0.0))
+def _finest_step(channels: Array) -> Array:
+    """Return the smallest difference of two samples in a row of each channel (c, n), 0 where all are equal."""
+    finest = np.empty(len(channels))
+    for i, samples in enumerate(channels):
+        steps = np.abs(np.diff(samples))
+        finest[i] = np.min(steps, where=steps > _SAME, initial=np.inf)
+    return np.where(np.isfinite(finest), finest, 0.0)
 
 
 def vibration_power(data: Intervals) -> Array:
@@ -259,19 +260,22 @@ def vibration_power(data: Intervals) -> Array:
     That is the mean square, over some seconds, of what is faster than the motion of a vehicle on its springs.
     """
     fast, lasting = (max(3, round(span / float(np.median(data.durations)))) for span in (_MOTION_S, _STEADY_S))
-    shaking = data.accel - uniform_filter1d(data.accel, fast, axis=0)
-    return np.asarray(uniform_filter1d(shaking**2, lasting, axis=0))
+    power = np.empty_like(data.accel)
+    for axis, force in enumerate(data.accel.T):
+        shaking = force - uniform_filter1d(force, fast)
+        power[:, axis] = uniform_filter1d(np.square(shaking, out=shaking), lasting)
+    return power
 
 
 @dataclass(frozen=True)
 class _Blocks:
     """A record is cut into blocks of ``length`` samples that overlap by half; the last one ends with the record.
 
-    ``samples`` (n, 6) gyro first; ``dt`` is the usual sampling interval, s.
+    ``channels`` (6, n), gyro first; ``dt`` is the usual sampling interval, s.
     """
 
     data: Intervals
-    samples: Array
+    channels: Array
     dt: float
     length: int
     starts: np.ndarray
@@ -280,13 +284,13 @@ class _Blocks:
     def of(cls, data: Intervals, length: int) -> _Blocks:
         last = len(data) - length
         starts = np.append(np.arange(0, last, length // 2), last)
-        samples = np.concatenate([data.gyro, data.accel], axis=1)
-        return cls(data, samples, float(np.median(data.durations)), length, starts)
+        channels = np.concatenate([data.gyro.T, data.accel.T])
+        return cls(data, channels, float(np.median(data.durations)), length, starts)
 
-    @cached_property
-    def views(self) -> Array:
-        """The samples of each block, shape (blocks, 6, length)."""
-        return np.asarray(sliding_window_view(self.samples, self.length, axis=0)[self.starts])
+    def samples(self, blocks: np.ndarray | slice) -> Array:
+        """Return the samples of some blocks, shape (blocks, 6, length)."""
+        views = sliding_window_view(self.channels, self.length, axis=1)[:, self.starts[blocks]]
+        return np.ascontiguousarray(views.swapaxes(0, 1))
 
     @property
     def knots(self) -> Array:
@@ -301,7 +305,7 @@ class _Blocks:
         ends = self.length // 2 >> np.arange(_BANDS, -1, -1)
         logs = np.empty((len(self.starts), 6, _BANDS))
         for begin in range(0, len(self.starts), _CHUNK):
-            part = self.views[begin : begin + _CHUNK]
+            part = self.samples(slice(begin, begin + _CHUNK))
             centred = (part - part.mean(axis=2, keepdims=True)) * window
             spectrum = np.fft.rfft(centred, axis=2)[:, :, ends[0] : ends[-1]]
             power = np.log(np.maximum(spectrum.real**2 + spectrum.imag**2, np.finfo(float).tiny))
@@ -314,20 +318,23 @@ class _Blocks:
 
     def rounding(self) -> Array:
         """Return the density squared of the rounding to steps: it lasts as long as a value. Shape (blocks, 6)."""
-        changed = np.abs(np.diff(self.samples, axis=0)) > _SAME
-        changes = np.concatenate([np.zeros((1, 6)), np.cumsum(changed, axis=0)])
-        count = changes[self.starts + self.length - 1] - changes[self.starts]
+        count = np.empty((len(self.starts), 6))
+        for channel, samples in enumerate(self.channels):
+            changes = np.append(0, np.cumsum(np.abs(np.diff(samples)) > _SAME))
+            count[:, channel] = changes[self.starts + self.length - 1] - changes[self.starts]
         return np.asarray(self._step**2 / 12.0 * self.length * self.dt / (count + 1.0))
 
     def hidden(self) -> tuple[Array, Array]:
         """Return when short holes and the ends of the range hide something (h,), s, and how much (h, 6)."""
         durations = self.data.durations
         longer = np.where((durations > _LONGER * self.dt) & ~self.data.bridged, durations - self.dt, 0.0)
-        lost = np.maximum(longer[:, None], self.dt * self._cut_off())
-        rows = np.flatnonzero(lost.any(axis=1))
-        near = self.views[self._block_of(rows)]
+        cut_off = self._cut_off()
+        rows = np.flatnonzero((longer > 0.0) | cut_off.any(axis=0))
+        lost = np.maximum(longer[rows, None], self.dt * cut_off[:, rows].T)
+        blocks, own = np.unique(self._block_of(rows), return_inverse=True)
+        near = self.samples(blocks)
         furthest = np.abs(near - np.median(near, axis=2, keepdims=True)).max(axis=2)
-        return self.data.edges[rows], lost[rows] * furthest
+        return self.data.edges[rows], lost * furthest[own]
 
     def _block_of(self, rows: np.ndarray) -> np.ndarray:
         """Return the block in whose middle each sample is."""
@@ -335,10 +342,15 @@ class _Blocks:
 
     def shocks(self) -> tuple[Array, Array]:
         """Return the times of samples in shocks (k,), s, and the changes of velocity that they show (k, 6), m/s."""
-        force, block = self.samples[:, 3:], self._block_of(np.arange(len(self.data)))
-        centre = np.median(self.views[:, 3:], axis=2)
-        spread = SD_PER_MAD * np.median(np.abs(self.views[:, 3:] - centre[:, :, None]), axis=2)
-        beyond = np.abs(force - centre[block]) > np.maximum(_SHOCK_SIGMAS * spread, _FINE_STEPS * self._step[3:])[block]
+        force, block = self.channels[3:].T, self._block_of(np.arange(len(self.data)))
+        centre, spread = np.empty((2, len(self.starts), 3))
+        for begin in range(0, len(self.starts), _CHUNK):
+            some = slice(begin, begin + _CHUNK)
+            part = self.samples(some)[:, 3:]
+            centre[some] = np.median(part, axis=2)
+            spread[some] = SD_PER_MAD * np.median(np.abs(part - centre[some, :, None]), axis=2)
+        limit = np.maximum(_SHOCK_SIGMAS * spread, _FINE_STEPS * self._step[3:])
+        beyond = np.column_stack([np.abs(force[:, i] - centre[block, i]) > limit[block, i] for i in range(3)])
         spans = true_stretches(beyond.any(axis=1), round(_SHOCK_PAUSE_S / self.dt))
         spans = spans[np.diff(spans, axis=1)[:, 0] * self.dt <= _SHOCK_S]
         if not len(spans):
@@ -358,18 +370,19 @@ class _Blocks:
         return 0.5 * (edges[rows] + edges[rows + 1]), np.pad(change, [(0, 0), (3, 0)])
 
     def _cut_off(self) -> np.ndarray:
-        """Return which samples are at an end of their range: more of them than near it. Shape (n, 6)."""
-        cut_off = np.zeros(self.samples.shape, dtype=bool)
-        middle = np.median(self.samples, axis=0)
-        for sign, extreme in ((1.0, self.samples.max(axis=0)), (-1.0, self.samples.min(axis=0))):
-            most = sign * (extreme - middle)
-            near = sign * (self.samples - middle) > (1.0 - _NEAR_EXTREME) * most
-            at_end = near & (np.abs(self.samples - extreme) < _SAME)
-            count = np.count_nonzero(at_end, axis=0)
-            likely = (2 * count > np.count_nonzero(near, axis=0)) & (count >= _EXTREMES)
-            cut_off |= at_end & likely & (most > _FINE_STEPS * self._step)
+        """Return which samples are at an end of their range: more of them than near it. Shape (6, n)."""
+        cut_off = np.zeros(self.channels.shape, dtype=bool)
+        for samples, step, out in zip(self.channels, self._step, cut_off, strict=True):
+            middle = np.median(samples)
+            for sign, extreme in ((1.0, samples.max()), (-1.0, samples.min())):
+                most = sign * (extreme - middle)
+                near = sign * (samples - middle) > (1.0 - _NEAR_EXTREME) * most
+                at_end = near & (np.abs(samples - extreme) < _SAME)
+                count = np.count_nonzero(at_end)
+                if 2 * count > np.count_nonzero(near) and count >= _EXTREMES and most > _FINE_STEPS * step:
+                    out |= at_end
         return cut_off
 
     @cached_property
     def _step(self) -> Array:
-        return _finest_step(self.samples)
+        return _finest_step(self.channels)
