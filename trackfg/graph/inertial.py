@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from trackfg.factors.bias import RECTIFICATION, bias_walk, response_terms
@@ -18,6 +20,9 @@ from trackfg.sensors.imu_intervals import compress, increment_starts
 
 _INCREMENT_S = 0.02
 """What GTSAM preintegrates at a time; finer samples are compressed exactly first."""
+
+_AT_A_TIME = 400
+"""Intervals whose samples are compressed together: what is needed on the way stays small."""
 
 _UNKNOWN_ACCELERATION = 0.3
 """m/s^2, with a correlation time of 10 s: the accelerations that the tilt of a run without speed has to allow for."""
@@ -40,20 +45,25 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
     starts, first = increment_starts(inputs.data, inputs.edges, _INCREMENT_S)
-    increments = compress(inputs.data, starts, gyro_bias)
     bridged = inputs.data.bridged[inputs.edges[:-1]]
-    return tuple(
-        Preintegration(
-            bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),
-            float(weight[k]),
-            turning[k],
-            states.bias[k],
-            increments.duration[a:b],
-            increments.rotation[a:b],
-            increments.velocity[a:b],
-        )
-        for k, (a, b) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True))
-    )
+    measured: list[Preintegration] = []
+    for begin in range(0, len(first) - 1, _AT_A_TIME):
+        of_some = first[begin : begin + _AT_A_TIME + 1]
+        increments = compress(inputs.data, starts[of_some[0] : of_some[-1] + 1], gyro_bias)
+        ends = (of_some - of_some[0]).tolist()
+        measured += [
+            Preintegration(
+                bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),
+                float(weight[k]),
+                turning[k],
+                states.bias[k],
+                increments.duration[a:b],
+                increments.rotation[a:b],
+                increments.velocity[a:b],
+            )
+            for k, (a, b) in enumerate(pairwise(ends), begin)
+        ]
+    return tuple(measured)
 
 
 def own_bias_walk(inputs: GraphInputs) -> Family:

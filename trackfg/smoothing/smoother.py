@@ -232,8 +232,10 @@ def _solved(
     with stages.stage("solve") as report:
         solution = solve(problem, config.solver, report)
     if views:  # which readings saw one place is known better now
+        states = solution.states
+        del solution  # its square root is as large as the next one
         with stages.stage("solve") as report:
-            problem = with_rail_factors(replace(problem, initial=solution.states), solution.states, views, config.laser)
+            problem = with_rail_factors(replace(problem, initial=states), states, views, config.laser)
             solution = solve(problem, config.solver, report)
     run = SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
 

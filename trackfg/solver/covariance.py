@@ -21,6 +21,9 @@ from trackfg.solver.square_root import SquareRoot
 _PLACES_AT_A_TIME = 8
 """Places whose functions are carried together: two each are as many rows as a fifth of those of y, beside them."""
 
+_AT_A_TIME = 256
+"""Keyframes whose regressions are computed together: what is needed on the way stays small."""
+
 
 @dataclass(frozen=True)
 class Covariance:
@@ -226,10 +229,15 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
 
 
 def _gain(marginal: Array, cross: Array) -> Array:
-    sd = np.sqrt(np.diagonal(marginal[1:], axis1=1, axis2=2))
-    correlation = marginal[1:] / (sd[:, :, None] * sd[:, None, :])
-    scaled = np.linalg.solve(correlation, np.swapaxes(cross[:-1] / sd[:, None, :], 1, 2))
-    return np.asarray(np.swapaxes(scaled, 1, 2) / sd[:, None, :])
+    """Return the regressions of keyframes on the next ones, written over their ``cross`` covariances (n, K, d)."""
+    for begin in range(0, len(cross) - 1, _AT_A_TIME):
+        some = cross[begin : min(begin + _AT_A_TIME, len(cross) - 1)]
+        ahead = marginal[begin + 1 : begin + 1 + len(some)]
+        sd = np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
+        correlation = ahead / (sd[:, :, None] * sd[:, None, :])
+        scaled = np.linalg.solve(correlation, np.swapaxes(some / sd[:, None, :], 1, 2))
+        some[:] = np.swapaxes(scaled, 1, 2) / sd[:, None, :]
+    return cross[:-1]
 
 
 def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple[Array, Array]:
