@@ -351,7 +351,7 @@ class _Blocks:
             spread[some] = SD_PER_MAD * np.median(np.abs(part - centre[some, :, None]), axis=2)
         limit = np.maximum(_SHOCK_SIGMAS * spread, _FINE_STEPS * self._step[3:])
         beyond = np.column_stack([np.abs(force[:, i] - centre[block, i]) > limit[block, i] for i in range(3)])
-        spans = true_stretches(beyond.any(axis=1), round(_SHOCK_PAUSE_S / self.dt))
+        spans = true_stretches(np.any(beyond, axis=1), round(_SHOCK_PAUSE_S / self.dt))
         spans = spans[np.diff(spans, axis=1)[:, 0] * self.dt <= _SHOCK_S]
         if not len(spans):
             return np.zeros(0), np.zeros((0, 6))
