@@ -21,18 +21,15 @@ import pandas as pd
 
 from trackfg.config import KeyframeConfig, SmoothConfig
 from trackfg.errors import UnsolvableError
-from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO, response_sigmas
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.imu import InertialFactors, Preintegration
-from trackfg.factors.prior import nav_prior, prior
 from trackfg.factors.states import Kind, Odo, States
 from trackfg.graph.errors import factor_errors
 from trackfg.graph.further_sensors import (
     further_distances,
     further_sensors,
     measures_speed,
-    sensor_priors,
     with_distance_by_speed,
 )
 from trackfg.graph.gtsam_export import GtsamProblem, exported
@@ -42,11 +39,11 @@ from trackfg.graph.keyframes import nearest, place_keyframes
 from trackfg.graph.motion import motion
 from trackfg.graph.odometry import odometer
 from trackfg.graph.positions import positions
+from trackfg.graph.priors import SET_SD_M, imu_grade, priors
 from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
-from trackfg.recording.description import ImuNoise
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
@@ -58,27 +55,6 @@ from trackfg.sensors.tach_steps import at_steps
 
 if TYPE_CHECKING:
     import gtsam
-
-_ANYWHERE_SD_M = 1e5
-"""Sigma of a start that may be anywhere along the track, m: wider than any line between two fixes."""
-
-_BEYOND_SIGMAS = 3.0
-"""A bias is as declared up to so many of the declared sigmas: 3 in 1000 would be further off."""
-
-CALIBRATION_FACTOR = 10.0
-"""Calibrations are at most so many times worse than declared: errors that the graph does not model (vibration, a moving
-point of reference, a late clock) look like scale factors and misalignments too, and data sheets are not wrong by more:
-typical to worst of one kind of sensor is a factor of 10."""
-
-_SET_SD_M = 1e-4
-"""Of a place that is 0 by convention."""
-
-_SET_OFFSET_SD_MPS = 1e-6
-"""Of a speed signal's offset where nothing makes one, m/s: 1 mm in a quarter of an hour."""
-
-_SET_SD_RAD = 1e-4
-"""Of a heading that is 0 by convention: more than half the product of roll's and pitch's initial errors, by which the
-third component of the prior's turn differs from the heading."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +176,7 @@ def build_problem(
     states = replace(inputs.initial_states(), sensor=sensors)
     moving = [tilt(inputs)] if speedless else motion(inputs)
     families = [
-        *_priors(inputs, states),
+        *priors(inputs, states),
         own_bias_walk(inputs),
         *odometer(inputs),
         *moving,
@@ -307,98 +283,14 @@ def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
     return np.concatenate(times)
 
 
-def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:
-    """Return the families with a start that may be anywhere along the track."""
-
-    def anywhere(family: Family) -> Family:
-        sigma = family.sigma.copy()
-        sigma[:, 0] = _ANYWHERE_SD_M
-        return replace(family, sigma=sigma)
-
-    return changed(families, FactorType.PRIOR_ODO, anywhere)
-
-
 def with_start_at(problem: Problem, distance: float, sd: float) -> Problem:
     """Return the problem with a start ``distance`` m along the track, known to ``sd`` m."""
     shift = distance - float(problem.initial.odo.distance[0])
 
     def moved(family: Family) -> Family:
         sigma = family.sigma.copy()
-        sigma[:, 0] = max(sd, _SET_SD_M)
+        sigma[:, 0] = max(sd, SET_SD_M)
         return replace(family, data={"mean": Odo(family.data["mean"]).moved_along(shift).array}, sigma=sigma)
 
     initial = replace(problem.initial, odo=problem.initial.odo.moved_along(shift))
     return replace(problem, initial=initial, families=changed(problem.families, FactorType.PRIOR_ODO, moved))
-
-
-def _priors(inputs: GraphInputs, states: States) -> list[Family]:
-    noise, config = inputs.recording.description.imu.noise, inputs.config
-    first = np.array([0])
-    georeferenced = inputs.recording.gnss is not None
-    # Without GNSS the start defines the frame: its position and heading are known by convention.
-    yaw_sd, position_sd = (3.0, 1e4) if georeferenced else (_SET_SD_RAD, _SET_SD_M)
-    nav_sd = np.array([[0.2, 0.2, yaw_sd, *[position_sd] * 3, 10.0, 10.0, 10.0]])
-    bias, bias_sd = _bias_prior(inputs.path, noise)
-    tach = inputs.recording.description.tach
-    scale_sd = 1e-2 if tach is None else tach.scale_sd
-    start_sd = _ANYWHERE_SD_M if inputs.recording.fixes is not None and len(inputs.recording.fixes) else _SET_SD_M
-    odo_sd = np.array([[start_sd, scale_sd, 1.0, 1e-3]])
-    tach_clock = config.tach
-    clock_sd = np.array(
-        [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
-    )
-    declared = response_sigmas(
-        noise.accel_scale_sd,
-        noise.gyro_scale_sd,
-        noise.misalignment_sd_rad,
-        noise.g_sensitivity_sd,
-        noise.rectification_sd,
-        inputs.world.unknown_rate_sd,
-    )
-    imu_sd = (imu_grade(inputs.path, noise) * declared)[None]
-    offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
-    wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
-    mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
-    start = replace(states.nav[:1], p=states.nav.p[:1] - states.nav.R[0] @ inputs.lever_arm)
-    return [
-        nav_prior(first, start, nav_sd, inputs.lever_arm),
-        prior(Kind.BIAS, first, bias[None], bias_sd[None]),
-        prior(Kind.ODO, first, states.odo.array[:1] * [1.0, 1.0, 1.0, 0.0], odo_sd),
-        prior(Kind.MOUNT, first, np.zeros((1, Kind.MOUNT.dim)), mount_sd),
-        prior(Kind.CLOCK, first, np.zeros((1, 3)), clock_sd),
-        prior(Kind.IMU, first, np.zeros((1, Kind.IMU.dim)), imu_sd),
-        prior(Kind.WHEEL, first, np.zeros((1, Kind.WHEEL.dim)), wheel_sd),
-        *sensor_priors(inputs.recording.description, config),
-    ]
-
-
-def _bias_prior(path: InitialPath, noise: ImuNoise) -> tuple[Array, Array]:
-    """Return mean and sigma of the biases at the start, (6,) each.
-
-    The declared sigmas are a data sheet's, or a guess: where biases show that they do not allow, those are their level.
-    What is known of the vertical gyro bias from how straight tracks are is in no factor, and is the prior.
-    """
-    mean, sd = np.zeros(6), _declared_bias_sd(noise)
-    if path.start is not None:
-        level = np.array([path.start.accel_level] * 3 + [path.start.gyro_level] * 3)
-        sd = np.where(level > _BEYOND_SIGMAS * sd, level, sd)
-        if path.start.vertical_sd is not None:
-            mean[5], sd[5] = path.start.gyro[0, 2], path.start.vertical_sd
-    return mean, sd
-
-
-def _declared_bias_sd(noise: ImuNoise) -> Array:
-    return np.array([noise.accel_bias_sd] * 3 + [noise.gyro_bias_sd] * 3)
-
-
-def imu_grade(path: InitialPath, noise: ImuNoise) -> Array:
-    """Return how many times worse than declared each calibration of an inertial sensor is, at most ten times. (dim,)
-
-    Within a class of sensors what is large is large together: an accelerometer whose bias is 50 mg has a scale that is
-    off by 1 %. A gyro's own bias shows the class of the gyro.
-    """
-    ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
-    grade = np.ones(Kind.IMU.dim)
-    grade[OF_ACCELEROMETER] = ratio[:3].max()
-    grade[OF_GYRO] = ratio[3:5].max()  # the vertical one's sigma may be that of a guess by what tracks are like
-    return np.clip(grade, 1.0, CALIBRATION_FACTOR)

@@ -25,7 +25,8 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.landmark import landmark
 from trackfg.factors.loss import Cauchy, Loss
 from trackfg.factors.states import States
-from trackfg.graph.build import Problem, with_free_start
+from trackfg.graph.build import Problem
+from trackfg.graph.priors import with_free_start
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_near
 from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile

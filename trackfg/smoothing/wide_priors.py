@@ -24,8 +24,9 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import Kind, Odo
-from trackfg.graph.build import CALIBRATION_FACTOR, Problem
+from trackfg.graph.build import Problem
 from trackfg.graph.inertial import response_of_motion
+from trackfg.graph.priors import CALIBRATION_FACTOR
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.numerics.rotations import rpy_from_matrix

@@ -13,8 +13,9 @@ import numpy as np
 from trackfg.checks.limits import CheckLimits
 from trackfg.config import SmoothConfig
 from trackfg.factors.factor_type import FactorType
-from trackfg.graph.build import Problem, build_problem, with_free_start, with_start_at
+from trackfg.graph.build import Problem, build_problem, with_start_at
 from trackfg.graph.inputs import world_of
+from trackfg.graph.priors import with_free_start
 from trackfg.results.events import Event
 from trackfg.sensors.tach import read_wheel
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer

@@ -12,7 +12,8 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.factors.landmark import landmark
 from trackfg.factors.loss import Cauchy, Loss
 from trackfg.factors.states import Kind
-from trackfg.graph.build import build_problem, with_free_start
+from trackfg.graph.build import build_problem
+from trackfg.graph.priors import with_free_start
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.streaming.locating.delayed_positions import PassedPlaces, delayed_position_factor
