@@ -6,6 +6,7 @@ the rails. Its recording is smoothed; the published systems run on it too, and a
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -64,14 +65,16 @@ def run_demo(folder: str | os.PathLike[str], *, progress: Callable[[str, float],
         result = smooth(read_recording(new / RECORDING), progress=lambda stage, _: show(stage, 0.0))
         result.write(new / RESULT)
         plot_geometry(result, new / PICTURE)
-        write_report(new / RESULT, new / RESULT_PAGE, recording=new / RECORDING)
+        with contextlib.chdir(new):  # a page says how it was made: by a command to be given in the demo's folder
+            write_report(Path(RESULT), Path(RESULT_PAGE), recording=Path(RECORDING))
         comparison = compare(
             cases_of([new / RECORDING]),
             peers=False,
             progress=lambda stage, done: show(stage, _UNTIL_SMOOTHED + (1.0 - _UNTIL_SMOOTHED) * done),
         )
         comparison.write(new / COMPARISON)
-        write_report(new / COMPARISON, new / COMPARISON_PAGE)
+        with contextlib.chdir(new):
+            write_report(Path(COMPARISON), Path(COMPARISON_PAGE))
     return Demo(folder, result, comparison)
 
 

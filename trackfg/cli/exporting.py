@@ -42,7 +42,7 @@ class ExportChoices:
 @with_options(ExportChoices)
 def export(options: ExportChoices) -> None:
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
-    from trackfg.cli.terminal import show, tell
+    from trackfg.cli.terminal import show, tell, working
     from trackfg.errors import BadInputError, expected_one_of
     from trackfg.interchange.exporting.channels import read_template
     from trackfg.interchange.exporting.export import export_result
@@ -60,7 +60,8 @@ def export(options: ExportChoices) -> None:
     channels = read_template(options.template) if options.template is not None else ()
     wanted = ExportOptions(options.table, channels, options.step, options.km, options.bands)
     target = options.out or options.result.with_name(form.file_name(options.result.name, wanted))
-    export_result(Result.read(options.result), form, target, wanted)
+    with working("export"):
+        export_result(Result.read(options.result), form, target, wanted)
     tell(str(target))
 
 

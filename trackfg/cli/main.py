@@ -32,7 +32,7 @@ from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.smoothing.settings import config
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
-from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell, titled
+from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell, titled, working
 from trackfg.errors import BadInputError, TrackfgError, first_line, printable
 from trackfg.files.atomic_folder import real_path
 
@@ -301,7 +301,8 @@ def baseline(
 
     run = estimator(name, as_printed=as_printed)
     refuse_foreign(out)
-    run(read_recording(recording)).write(out)
+    with working(name):
+        run(read_recording(recording)).write(out)
     tell(f"result: {out}")
 
 
@@ -410,10 +411,14 @@ def plot(
     content = Result.read(result)
     choice = _limit_choice(limits, level, line_speed)
     if content.geometry.empty and choice is None and from_m is None and to_m is None:
-        tell(f"chart of the trajectory, since there is no track geometry: {plot_trajectory(content, path)}")
+        with working("chart"):
+            plot_trajectory(content, path)
+        tell(f"chart of the trajectory, since there is no track geometry: {path}")
         return
     lines = _limit_lines(content, choice)
-    tell(f"chart: {plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)}")
+    with working("chart"):
+        plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)
+    tell(f"chart: {path}")
 
 
 @app.command(epilog="Example: trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv")
@@ -439,7 +444,8 @@ def limits(
 
     if out is not None:
         _refuse_inside(result, out)
-    judgement = judge(Result.read(result), LimitChoice(source, level).table(), line_speed, km=km)
+    with working("limits"):
+        judgement = judge(Result.read(result), LimitChoice(source, level).table(), line_speed, km=km)
     if out is not None:
         write_exceedances(judgement, out)
     if json:
@@ -479,17 +485,18 @@ class ReportOptions:
 @with_options(ReportOptions)
 def report(asked: ReportOptions) -> None:
     """Write one self-contained page about a result, a comparison or trends, opened in a browser without a network."""
-    from trackfg.report import write_report
+    with working("page"):
+        from trackfg.report import write_report
 
-    whole = real_path(asked.folder)
-    page = write_report(
-        asked.folder,
-        asked.out or whole.parent / f"{whole.name}.html",
-        recording=asked.recording,
-        limits=_limit_choice(asked.limits, asked.level, asked.line_speed),
-        km=asked.km,
-        background=asked.background,
-    )
+        whole = real_path(asked.folder)
+        page = write_report(
+            asked.folder,
+            asked.out or whole.parent / f"{whole.name}.html",
+            recording=asked.recording,
+            limits=_limit_choice(asked.limits, asked.level, asked.line_speed),
+            km=asked.km,
+            background=asked.background,
+        )
     tell(f"report: {page}")
 
 

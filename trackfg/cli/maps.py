@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Commands, Json, Km, Level, Limits, with_options
-from trackfg.cli.terminal import progress_bar, show_or_tell, tell
+from trackfg.cli.terminal import progress_bar, show_or_tell, tell, working
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
 
@@ -98,7 +98,8 @@ def changes(
 
     feature_map = read_map(place, version)
     kilometrage = _kilometrage(feature_map) if km else None
-    track_changes = find_changes(Result.read(run), feature_map, floor_mm=floor)
+    with working("changes"):
+        track_changes = find_changes(Result.read(run), feature_map, floor_mm=floor)
     track_changes = replace(track_changes, table=with_km(track_changes.table, kilometrage, of="from_m"))
     if out is not None:
         track_changes.write(out)
@@ -171,7 +172,8 @@ def trends(options: TrendChoices) -> None:
         runs = [Result.read(run) for run in options.runs]
     else:
         runs, missing = runs_of_map(feature_map)
-    found = find_trends(runs, feature_map, chosen, floor_mm_per_month=options.floor, load=load)
+    with working("trends"):
+        found = find_trends(runs, feature_map, chosen, floor_mm_per_month=options.floor, load=load)
     found = replace(found, left_out={**missing, **found.left_out})
     if options.out is not None:
         found.write(options.out)

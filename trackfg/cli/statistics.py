@@ -29,16 +29,17 @@ def statistics(
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
     from trackfg.cli.tables import records
-    from trackfg.cli.terminal import show_or_tell, titled
+    from trackfg.cli.terminal import show_or_tell, titled, working
     from trackfg.files.atomic_file import write_whole
     from trackfg.geometry.limits import LimitChoice
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
     from trackfg.report.track_limits import judge
     from trackfg.report.track_statistics import track_statistics
 
-    content = read_geometry(result)
-    judgement = None if limits is None else judge(content, LimitChoice(limits, None).table(), line_speed)
-    table = track_statistics(content, section_m=section, judgement=judgement)
+    with working("sections"):
+        content = read_geometry(result)
+        judgement = None if limits is None else judge(content, LimitChoice(limits, None).table(), line_speed)
+        table = track_statistics(content, section_m=section, judgement=judgement)
     if out is not None:
         write_whole(out, table.to_csv(index=False).encode("utf-8"))
     if json:

@@ -184,9 +184,16 @@ def progress_bar(*, of_all: bool = True) -> Iterator[Callable[[str, float | None
 
         def update(stage: str, fraction_done: float | None) -> None:
             begins = stage != bar.tasks[0].description  # shown at once, however short it is
-            if fraction_done is None:
-                bar.update(task, description=stage, total=None, refresh=begins)
-            else:
-                bar.update(task, description=stage, completed=fraction_done, refresh=begins)
+            bar.tasks[0].total = None if fraction_done is None else 1.0  # update() takes None as "leave it"
+            bar.update(task, description=stage, completed=fraction_done or 0.0, refresh=begins)
 
         yield update
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """Show on a terminal that the block is at work on ``what``, and for how long; it prints nothing meanwhile."""
+    with progress_bar(of_all=False) as progress:
+        if progress is not None:
+            progress(what, None)
+        yield

@@ -66,7 +66,7 @@ function layoutOf(chart, parts, total, legendRoom, { narrow, left, right }) {
     margin: { l: left, r: right, t: TOP + legendRoom + (narrow ? 20 : 0), b: BOTTOM },
     font: FONT, hovermode: false, dragmode: "zoom", showlegend: chart.legend,
     plot_bgcolor: "rgba(255,255,255,0)", paper_bgcolor: "rgba(255,255,255,0)",
-    legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", font: { size: 12 },
+    legend: { orientation: "h", x: 0, xanchor: "left", y: 1 + (narrow ? 20 / total : 0), yanchor: "bottom", font: { size: 12 },
       ...(narrow ? { yref: "container", y: 1, yanchor: "top" } : {}) },
     xaxis: { range: [...chart.x.range], anchor: axisOf(chart.panels.length - 1),
       title: { text: chart.official === null ? chart.x.label : "km" },
@@ -115,13 +115,24 @@ function limitLabels({ limits, range, share }) {
   return placed;
 }
 
+/** Rows of a legend of these names, 29 px high: each name takes its letters of 12 px and 46 px for its line. */
+function legendRows(names, width) {
+  let rows = 1, used = 0;
+  for (const name of names) {
+    const wide = 46 + 7 * name.length;
+    if (used && used + wide > width) { rows += 1; used = 0; }
+    used += wide;
+  }
+  return rows;
+}
+
 async function drawStrips(element, chart) {
   const made = (name, kind) => { const one = document.createElement(name); one.className = kind; return one; };
   const tools = made("div", "tools"), keys = made("div", "keys"), head = made("div", "head"), plot = made("div", "plot");
   element.append(tools, keys, head, plot);
   const shape = frame(element.clientWidth), { total, parts } = domains(chart.panels, shape.gap);
   const names = new Set(chart.panels.flatMap((panel) => panel.lines.map((line) => line.name)));
-  const legendRoom = chart.legend ? 26 + 20 * Math.floor(names.size / (shape.narrow ? 2 : 6)) : 0;
+  const legendRoom = chart.legend ? 29 * legendRows(names, element.clientWidth - shape.left - shape.right) : 0;
   const entries = await entriesOf(chart);
   await window.plotlyLoaded;
   const traces = tracesOf(chart, entries), width = () => Math.max(element.clientWidth - shape.left - shape.right, 120);
