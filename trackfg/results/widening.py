@@ -82,6 +82,8 @@ def widened_places(places: PlaceCovariance, verdicts: Sequence[Verdict]) -> Plac
     factors = np.array([widening(verdicts, "chainage"), widening(verdicts, "cross_level")])
     if not np.isfinite(factors).all():
         return PlaceCovariance.none()
+    if (factors == 1.0).all():
+        return places
     scale = np.repeat(factors, len(places.chainage_m))
     return replace(places, matrix=scale[:, None] * places.matrix * scale)
 

@@ -55,3 +55,15 @@ def test_other_shapes_are_refused() -> None:
         PlaceCovariance(np.array([0.0, 1.0]), np.eye(2))
     with pytest.raises(ValueError, match="expected the columns"):
         PlaceCovariance.from_frame(PlaceCovariance(np.array([0.0]), np.eye(2)).to_frame().iloc[:, 1:])
+
+
+def test_a_long_run_is_tested_stretch_by_stretch() -> None:
+    """Chainage walks at random; one pair of places far along errs together by more than each by itself."""
+    places = 250.0 * np.arange(1201)
+    walk = 1.0 + 1e-3 * np.minimum(places[:, None], places)
+    long = PlaceCovariance(places, np.kron(np.eye(2), walk + 1e-3 * np.eye(len(places))))
+    long.refuse_unsound()
+    wrong = long.matrix.copy()
+    wrong[1180, 1000] = wrong[1000, 1180] = 1.01 * np.sqrt(wrong[1180, 1180] * wrong[1000, 1000])
+    with pytest.raises(ValueError, match="positive definite"):
+        PlaceCovariance(places, wrong).refuse_unsound()
