@@ -81,6 +81,7 @@ _ENTRIES = (
         others=("other", "line.gpkg"),
     ),
     Entry("comparison", ("compared",), ("report compared -o page.html",)),
+    Entry("trends", ("grown",), ("report grown -o page.html",)),
     Entry(
         "map",
         _MAP,

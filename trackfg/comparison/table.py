@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -32,6 +31,7 @@ from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
 from trackfg.numerics.key_figures import KeyFigures
+from trackfg.results.soundness import refuse_other_than_numbers
 from trackfg.results.summary import versions
 
 TRUTH = "truth"
@@ -225,7 +225,7 @@ class Comparison(KeyFigures):
         try:
             about = About.model_validate_json(content[_HEAD])
             tables = {name: pd.read_parquet(io.BytesIO(content[name])) for name in (_SCORES, _GEOMETRY, _POSITIONS)}
-            _refuse_other_than_numbers(_SCORES, tables[_SCORES], SCORE_COLUMNS)
+            refuse_other_than_numbers(_SCORES, tables[_SCORES], SCORE_COLUMNS, _TEXT)
             _refuse_other_than_curves(_GEOMETRY, tables[_GEOMETRY], "chainage_m")
             _refuse_other_than_curves(_POSITIONS, tables[_POSITIONS], "t_s")
         except (ValidationError, ValueError, OSError) as error:
@@ -238,20 +238,9 @@ def _refuse_other_than_curves(what: str, table: pd.DataFrame, place: str) -> Non
     if table.empty:
         return
     sigmas = [f"{name}_sd" for name in QUANTITIES if name in table or f"{name}_error" in table]
-    _refuse_other_than_numbers(what, table, ("case", "estimator", place, *sigmas))
+    refuse_other_than_numbers(what, table, ("case", "estimator", place, *sigmas), _TEXT)
     if table[place].isna().any():
         raise ValueError(f"{what}: column {place!r} is empty in some rows; expected a number in each")
-
-
-def _refuse_other_than_numbers(what: str, table: pd.DataFrame, columns: Sequence[str]) -> None:
-    """Raise ``ValueError`` unless a table has these columns, and finite numbers or none in all that are not text."""
-    if missing := [name for name in columns if name not in table]:
-        raise ValueError(f"{what}: has no column {missing[0]!r}")
-    for name in table.columns.difference(list(_TEXT)):
-        if table[name].dtype.kind not in "fiu":
-            raise ValueError(f"{what}: column {name!r} is {table[name].dtype}: expected numbers")
-        if np.isinf(table[name]).any():
-            raise ValueError(f"{what}: column {name!r} holds an infinite number")
 
 
 def rows_of(scores: pd.DataFrame) -> tuple[Row, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -33,6 +35,19 @@ def refuse_unsound(
                 _refuse(what, name, values, missing & ~value_missing, "a sigma beside every value")
         if name == ascending:
             _refuse(what, name, values, np.diff(values, prepend=-np.inf) <= 0.0, "more than in the row before")
+
+
+def refuse_other_than_numbers(what: str, table: pd.DataFrame, columns: Sequence[str], texts: Sequence[str]) -> None:
+    """Raise ``ValueError``, naming table and column, unless a table has these columns and no others than ``texts`` hold
+    anything but finite numbers, or none.
+    """
+    if missing := [name for name in columns if name not in table]:
+        raise ValueError(f"{what}: has no column {missing[0]!r}")
+    for name in table.columns.difference(list(texts)):
+        if len(table) and table[name].dtype.kind not in "fiu":
+            raise ValueError(f"{what}: column {name!r} is {table[name].dtype}: expected numbers")
+        if len(table) and np.isinf(table[name]).any():
+            raise ValueError(f"{what}: column {name!r} holds an infinite number")
 
 
 def _refuse(what: str, name: str, values: np.ndarray, wrong: np.ndarray, expected: str) -> None:

@@ -28,10 +28,12 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
+from trackfg.results.soundness import refuse_other_than_numbers
 
 FORMAT = "trackfg-trends/1"
 _HEAD = "trends.json"
 _FOR_PEOPLE = ("trends", "steps", "reached")
+_PER = ("month", "mt")
 _LARGE = ("cells", "sections", "values", "section_values")
 
 TRENDS_FOLDER = FolderKind(
@@ -43,6 +45,18 @@ TRENDS_FOLDER = FolderKind(
 
 TEXTS = ("quantity", "last_step", "date", "limit", "reached_on", "earliest", "latest")
 """Columns that are texts; all others are numbers."""
+PLACE = ("from_m", "to_m", "at_m", "quantity")
+"""Columns that say where a trend, a step or a limit reached is, and of what."""
+
+
+def columns_of(per: str) -> dict[str, tuple[str, ...]]:
+    """Return the columns of the tables of trends, steps and limits reached, with rates per month or million tonnes."""
+    rate = f"rate_mm_per_{per}"
+    return {
+        "trends": (*PLACE, rate, f"{rate}_sd", "value_mm", "value_mm_sd", "runs", "last_step"),
+        "steps": (*PLACE, "date", "step_mm", "step_mm_sd", "runs_after"),
+        "reached": (*PLACE, "limit", "limit_mm", "value_mm", rate, "reached_on", "earliest", "latest"),
+    }
 
 
 @dataclass(frozen=True)
@@ -105,9 +119,40 @@ class Trends:
                 name: pd.read_parquet(io.BytesIO(content[f"{name}.parquet"])) for name in _LARGE if name != "values"
             }
             values = _rows_at(content["values.parquet"], places)
-            return cls(**small, **large, values=values, per=head.get("per", "month"), left_out=head["left_out"])
-        except (ValueError, TypeError, KeyError, OSError) as error:
+            trends = cls(**small, **large, values=values, per=head.get("per", "month"), left_out=head["left_out"])
+            trends.refuse_unsound()
+        except (ValueError, TypeError, KeyError, RecursionError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg folder of trends: {error}") from error
+        return trends
+
+    def refuse_unsound(self) -> None:
+        """Raise ``ValueError`` for a table without its columns, places or dates, and for numbers that are none."""
+        if self.per not in _PER:
+            raise ValueError(f"{_HEAD}: per is {self.per!r:.40}: expected one of {', '.join(_PER)}")
+        if not (isinstance(self.left_out, dict) and all(isinstance(why, str) for why in self.left_out.values())):
+            raise ValueError(f"{_HEAD}: left_out: expected a reason for each name")
+        for name, columns in columns_of(self.per).items():
+            refuse_other_than_numbers(f"{name}.csv", getattr(self, name), columns, TEXTS)
+        for name in ("cells", "sections"):
+            table = getattr(self, name)
+            ends = ("", "_sd", f"_per_{self.per}", f"_per_{self.per}_sd")
+            quantities = [str(column).removesuffix("_runs") for column in table if str(column).endswith("_runs")]
+            columns = ("chainage_m", *(f"{quantity}{end}" for quantity in quantities for end in ends))
+            refuse_other_than_numbers(f"{name}.parquet", table, columns, ())
+            if table["chainage_m"].isna().any():
+                raise ValueError(
+                    f"{name}.parquet: column 'chainage_m' is empty in some rows; expected a number in each"
+                )
+        if self.cells.empty:
+            raise ValueError("cells.parquet: has no row; expected one for each cell")
+        for name in ("values", "section_values"):
+            table = getattr(self, name)
+            quantities = [f"{quantity}{end}" for quantity in set(self.trends["quantity"]) for end in ("", "_sd")]
+            refuse_other_than_numbers(
+                f"{name}.parquet", table, ("run", "date", "chainage_m", *quantities), ("run", "date")
+            )
+            if table["date"].dtype.kind != "M" or table["date"].isna().any():
+                raise ValueError(f"{name}.parquet: column 'date': expected a date in each row")
 
 
 def _table_of(content: bytes) -> pd.DataFrame:

@@ -28,7 +28,7 @@ from trackfg.maps.feature_map import FeatureMap, MapConventions
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_stretches
 from trackfg.results.result import Result
-from trackfg.results.trends import Trends
+from trackfg.results.trends import PLACE, Trends, columns_of
 
 FALSE_PER_100_KM = 0.5
 """Trends that noise makes in 100 km, and steps: half of the one that is allowed."""
@@ -38,9 +38,6 @@ LEAST_RATE = 0.1
 
 LEAST_STEP_MM = 1.0
 """Step that is listed, mm: likewise."""
-
-_PLACE = ("from_m", "to_m", "at_m", "quantity")
-"""Columns that say where and of what a row is."""
 
 _TOGETHER_M = 10.0
 """Cells this near, m, are one trend: the base of versines, which show a defect of a point so far to either side."""
@@ -91,15 +88,15 @@ def trends_of(
     drifts = {name: drift_of(by_cell, name, wear) for name in by_cell.value}
     of_sections = {name: drift_of(by_section, name, wear) for name in by_section.value}
     spans = {name: _spans(by_cell, _significant(by_cell, name, d, floor_mm)) for name, d in drifts.items()}
-    rate = f"rate_mm_per_{wear.per}"
+    rate, columns = f"rate_mm_per_{wear.per}", columns_of(wear.per)
     return Trends(
         trends=pd.DataFrame(
             [_trend(by_cell, name, drifts[name], span, rate) for name in drifts for span in spans[name]],
-            columns=[*_PLACE, rate, f"{rate}_sd", "value_mm", "value_mm_sd", "runs", "last_step"],
+            columns=columns["trends"],
         ),
         steps=pd.DataFrame(
             [row for name in drifts for row in _steps(by_cell, name, drifts[name])],
-            columns=[*_PLACE, "date", "step_mm", "step_mm_sd", "runs_after"],
+            columns=columns["steps"],
         ),
         reached=pd.DataFrame(
             [
@@ -107,7 +104,7 @@ def trends_of(
                 for limit, name in followed
                 for span in spans[name]
             ],
-            columns=[*_PLACE, "limit", "limit_mm", "value_mm", rate, "reached_on", "earliest", "latest"],
+            columns=columns["reached"],
         ),
         cells=_table(by_cell, drifts, wear.per),
         sections=_table(by_section, of_sections, wear.per),
@@ -160,7 +157,7 @@ def _spans(places: Series, true: np.ndarray) -> list[slice]:
 
 def _place(places: Series, span: slice, at: int, name: str) -> dict[str, Any]:
     chainage = places.chainage_m
-    return dict(zip(_PLACE, (chainage[span.start], chainage[span.stop - 1], chainage[at], name), strict=True))
+    return dict(zip(PLACE, (chainage[span.start], chainage[span.stop - 1], chainage[at], name), strict=True))
 
 
 def _trend(places: Series, name: str, d: Drift, span: slice, rate: str) -> dict[str, Any]:

@@ -65,6 +65,26 @@ def test_a_folder_of_trends_reads_back_but_for_values_elsewhere(by_load: Trends,
         Trends.read(tmp_path / "trends")
 
 
+@pytest.mark.parametrize(
+    ("name", "damage", "message"),
+    [
+        ("cells", lambda table: table[:0], r"cells\.parquet: has no row"),
+        ("cells", lambda table: table.drop(columns="twist_mm_per_mt_sd"), "has no column 'twist_mm_per_mt_sd'"),
+        ("sections", lambda table: table.drop(columns="twist_mm"), "has no column 'twist_mm'"),
+        ("sections", lambda table: table.assign(chainage_m=np.nan), "'chainage_m' is empty in some rows"),
+        ("values", lambda table: table.assign(date="2026"), "expected a date in each row"),
+        ("section_values", lambda table: table.assign(twist_mm=np.inf), "'twist_mm' holds an infinite number"),
+    ],
+)
+def test_a_damaged_folder_of_trends_is_refused(
+    name: str, damage: Callable[[pd.DataFrame], pd.DataFrame], message: str, by_load: Trends, tmp_path: Path
+) -> None:
+    file = by_load.write(tmp_path / "trends") / f"{name}.parquet"
+    damage(pd.read_parquet(file)).to_parquet(file)
+    with pytest.raises(BadInputError, match=message):
+        Trends.read(tmp_path / "trends")
+
+
 def test_the_page_says_when_a_limit_is_reached_and_how_fast_the_track_gets_there(
     by_load: Trends, tmp_path: Path
 ) -> None:
