@@ -57,7 +57,8 @@ _RUN_WEIGHT = 10.0
 """Residuals that the median level of the run is worth against those around a position."""
 
 _BOUND_SIGMAS = 3.0
-"""A residual counts as no more than so many of its sigmas: outliers are the loss's part."""
+"""A residual counts as no more than so many of its sigmas: outliers are the loss's part. A few of 10 sigmas would hide
+from the autocorrelation that all other errors last."""
 
 _MOST_FOLLOWED = 0.9
 """Share of an error's variance that a solution follows, at most: where it is more, residuals say nothing of it."""
@@ -192,6 +193,7 @@ def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -
     interval = median_interval(t)
     if not part.any():
         return 1.0
+    residual = np.clip(residual, -_BOUND_SIGMAS, _BOUND_SIGMAS)
     followed_there = float(np.mean(np.minimum(followed[part], _MOST_FOLLOWED)))
     variance = float(np.mean(residual[part] ** 2)) + followed_there
     rho: list[float] = []

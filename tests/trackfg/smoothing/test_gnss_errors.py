@@ -49,6 +49,19 @@ def test_errors_that_last_count_once() -> None:
     assert np.median(found) == pytest.approx(40.0, rel=0.35)
 
 
+def test_errors_that_last_are_seen_among_outliers() -> None:
+    """Sigmas are those of 2 x 20 s that count once, sqrt(40), although one position in 25 is off by ten sigmas more."""
+    found = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        error = lasting(1000, 20.0, 1.0, rng)
+        error -= error.mean(axis=0)
+        error[rng.choice(1000, 40, replace=False)] += 10.0 * rng.standard_normal((40, 3))
+        seen = errors_seen(np.arange(1000.0), error, np.full((1000, 3), 40.0 / 1000.0))
+        found.append(float(np.median(seen.factor)))
+    assert np.median(found) == pytest.approx(np.sqrt(40.0), rel=0.2)
+
+
 def test_residuals_that_grow_as_positions_lose_weight_are_not_the_receivers() -> None:
     """Errors of the receiver stay of the level that was seen; what positions had held in place goes on."""
     rng = np.random.default_rng(4)
