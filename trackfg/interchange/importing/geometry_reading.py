@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from trackfg.numerics.km_notation import Bare
 from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
 
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -36,7 +37,7 @@ class GeometryReading(BaseModel):
 
     file: str = "*"
     place: str | tuple[str, str]
-    chainage_unit: Literal["m", "km"] = "m"
+    chainage_unit: Bare = "m"
     channels: dict[str, ChannelReading]
     facing: Literal["increasing chainage", "travel"] = "increasing chainage"
     chainage_sd_m: Length = 10.0

@@ -100,8 +100,9 @@ def _imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
         lacking = "gyro" if gyro is None else "accelerometer"
         names = "; ".join(f"{table.name}: {', '.join(table.columns[:20])}" for table in tables)
         raise BadInputError(
-            f"no three columns of the {lacking} found among {names}; expected names such as gyro_x. Hint: name "
-            "them in a mapping (docs/importing.md)"
+            f"no three columns of the {lacking} found among {names}; expected names such as gyro_x, or for "
+            "a track geometry a column of places and channels such as level. Hint: name them in a mapping "
+            "(docs/importing.md)"
         )
     same = gyro.table.name == accel.table.name
     section: dict[str, Any] = {"file": gyro.table.name if same else [gyro.table.name, accel.table.name]}

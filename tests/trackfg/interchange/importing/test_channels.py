@@ -298,3 +298,65 @@ def test_rcm_dx_with_the_positions_of_the_run(tmp_path: Path, waves: dict[str, n
     rows = X[8:]
     np.testing.assert_allclose(geometry.loc[rows, "level_left_mm"], waves["level_left"][8:], atol=0.05)
     np.testing.assert_allclose(geometry.loc[rows, "cross_level_mm"], waves["cross_level"][8:], atol=0.05)
+
+
+def _table(folder: Path, columns: dict[str, np.ndarray], name: str = "car.csv") -> Path:
+    pd.DataFrame(columns).to_csv(folder / name, index=False)
+    return folder / name
+
+
+def test_miles_inches_and_a_gap_are_what_they_are(tmp_path):
+    falling = 45_000.0 - 0.25 * np.arange(800)
+    level = 5.0 * np.sin(falling / 3.0)
+    columns = {"Milepost": falling / 1609.344, "Left Profile (in)": level / 25.4, "Gage (in)": 56.5 + 0.0 * level}
+    path = _table(tmp_path, {name: np.delete(values, slice(300, 340)) for name, values in columns.items()})
+
+    geometry = read_geometry(path).geometry
+
+    assert len(geometry) == 800
+    inside = geometry["chainage_m"].between(falling[339], falling[300])
+    assert geometry["level_left_mm"][inside].isna().all()
+    at = geometry["chainage_m"][~inside]
+    np.testing.assert_allclose(geometry["level_left_mm"][~inside], 5.0 * np.sin(at / 3.0), atol=1e-3)
+    np.testing.assert_allclose(geometry["gauge_mm"][~inside], 1435.1)
+
+
+def test_rows_that_are_written_twice_count_once_and_other_repetitions_are_refused(tmp_path):
+    x = 0.25 * np.array([*range(50), 49, *range(50, 100)])
+    twice = {"Chainage (m)": x, "Left level (mm)": np.sin(x), "Crosslevel (mm)": np.cos(x)}
+
+    geometry = read_geometry(_table(tmp_path, twice)).geometry
+
+    np.testing.assert_allclose(geometry["level_left_mm"], np.sin(0.25 * np.arange(100)))
+    twice["Left level (mm)"][50] += 1.0
+    with pytest.raises(BadInputError, match=r"row 52: 12\.25 m after 12\.25 m"):
+        read_geometry(_table(tmp_path, twice))
+
+
+def test_french_names_and_kilometres_without_a_unit(tmp_path):
+    x = 0.25 * np.arange(200)
+    names = {"Nivellement G": "level_left_mm", "Dressage D": "alignment_right_mm", "Dévers": "cross_level_mm"}
+    columns = {name: np.sin(x / (3.0 + i)) for i, name in enumerate(names)}
+
+    geometry = read_geometry(_table(tmp_path, {"PK": 12.0 + x / 1000.0, **columns})).geometry
+
+    np.testing.assert_allclose(geometry["chainage_m"], 12_000.0 + x)
+    for name, column in names.items():
+        np.testing.assert_allclose(geometry[column], columns[name])
+
+
+def test_rows_too_close_for_metres_are_named(tmp_path):
+    x = 12.0 + 0.00025 * np.arange(200)
+
+    with pytest.raises(BadInputError, match="chainage_unit"):
+        read_geometry(_table(tmp_path, {"Position": x, "Left level": np.sin(x)}))
+
+
+def test_a_gauge_of_some_millimetres_is_a_deviation(tmp_path):
+    x = 0.25 * np.arange(200)
+    path = _table(tmp_path, {"Chainage (m)": x, "Spurweite (mm)": 2.0 * np.sin(x), "Crosslevel (mm)": np.cos(x)})
+
+    result = read_geometry(path)
+
+    assert result.summary.geometry.gauge_m == 1.435
+    np.testing.assert_allclose(result.geometry["gauge_mm"], 1435.0 + 2.0 * np.sin(x))

@@ -1,8 +1,8 @@
 """What the channels of a recording car mean, from their names and units.
 
-Understood are the columns of trackfg itself, and names in English, German, Finnish and Chinese: the quantity, the rail,
-the band (``D1``) and the unit in brackets. A channel that is a statistic of another one (``standard deviation``) or a
-difference from the design is none of the track's geometry.
+Understood are the columns of trackfg itself, and names in English, German, French, Finnish and Chinese: the quantity,
+the rail, the band (``D1``) and the unit in brackets. A channel that is a statistic of another one
+(``standard deviation``) or a difference from the design is none of the track's geometry.
 """
 
 from __future__ import annotations
@@ -11,35 +11,37 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from trackfg.interchange.importing.foreign_units import recorded_unit
 from trackfg.interchange.importing.geometry_reading import KNOWN_COLUMNS
 from trackfg.numerics.units import KMH
 
 _STATISTIC = r"keskihajonta|standard.?dev|\bstd\b|\brms\b|\bsd\b|muutos|change|limit|class|grade|event|flag|标准差"
 _SIGMA = r"\bsigma\b|uncertainty"
 _DEVIATION = r"deviation|poikkeama|poikkema|abweichung|偏差"
-_LEFT = r"\bleft|\blinks|\blinke|vasen|左|_l\b|\bl\b"
-_RIGHT = r"\bright|\brecht|oikea|右|_r\b|\br\b"
+_LEFT = r"\bleft|\blinks|\blinke|(?<=\w )gauche|vasen|左|_l\b|\bl\b|\bg$"
+_RIGHT = r"\bright|\brecht|droite?\b|oikea|右|_r\b|\br\b|\bd$"
 _BAND = re.compile(r"\bd([0-3])\b", re.IGNORECASE)
 
 _QUANTITIES = {
-    "cross_level": r"cross.?level|\bcant\b|super.?elevation|kallistu|(ü|ue)berh(ö|oe)hung|水平|超高",
-    "twist": r"twist|\bwarp\b|kierou|kierous|verwindung|三角坑|扭曲",
-    "gauge": r"gauge|raidelevey|spurweite|轨距",
-    "curvature": r"curvature|kaarevuu|kr(ü|ue)mmung|曲率",
+    "cross_level": r"cross.?level|\bcant\b|super.?elevation|kallistu|(ü|ue)berh(ö|oe)hung|d[eé]vers|水平|超高",
+    "twist": r"twist|\bwarp\b|^gauche\b|kierou|kierous|verwindung|三角坑|扭曲",
+    "gauge": r"gau?ge|[eé]cartement|raidelevey|spurweite|轨距",
+    "curvature": r"curvature|courbure|kaarevuu|kr(ü|ue)mmung|曲率",
     "gradient": r"gradient|neigung|坡度",
-    "speed": r"speed|nopeu|geschw|速度",
+    "speed": r"speed|vitesse|nopeu|geschw|速度",
     "versine": r"versine|nuolikorkeu|pfeilh(ö|oe)he|正矢|mid.?chord",
-    "alignment": r"align|\blateral|richtung|轨向",
-    "level": r"level|longitudinal|\bprofile|\bsurface\b|\bvertical|korkeu|l(ä|ae)ngsh(ö|oe)he|高低|高程",
+    "alignment": r"align|dressage|\blateral|richtung|轨向",
+    "level": r"level|nivellement|longitudinal|\bprofile|\bsurface\b|\bvertical|korkeu|l(ä|ae)ngsh(ö|oe)he|高低|高程",
 }
 """In the order in which they are tried: ``cross-level`` before ``level``."""
 
 _LENGTHS = {"": 1.0, "mm": 1.0, "毫米": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Millimetres in a unit of length; what states none is in millimetres."""
+_, _MPH = recorded_unit("mph")
 _UNITS = {
     "curvature": {"": 1.0, "1/m": 1.0, "1pm": 1.0, "m^-1": 1.0, "1/km": 1e-3, "rad/km": 1e-3, "10000/m": 1e-4},
     "gradient": {"": 1.0, "permille": 1.0, "‰": 1.0, "mm/m": 1.0, "%": 10.0, "m/m": 1000.0, "1": 1000.0},
-    "speed": {"": KMH, "km/h": KMH, "kmh": KMH, "kph": KMH, "m/s": 1.0, "mps": 1.0},
+    "speed": {"": KMH, "km/h": KMH, "kmh": KMH, "kph": KMH, "m/s": 1.0, "mps": 1.0, "mph": _MPH},
 }
 """Of what is no length: the columns' unit in a unit. ``10000/m`` is 10000 over the radius."""
 

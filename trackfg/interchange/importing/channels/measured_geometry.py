@@ -31,6 +31,8 @@ from trackfg.results.summary import GeometryConventions, RunFacts, Summary
 
 _NOMINAL_GAUGES_M = (1.0, 1.067, 1.435, 1.520, 1.524, 1.600, 1.668, 1.676)
 """Gauges of the world's main lines, m: the one next to a gauge channel is the nominal one."""
+_LARGEST_DEVIATION_MM = 100.0
+"""Of a gauge from the nominal one, mm: tracks are closed at a third of it (EN 13848-5, gauge of 1470 mm)."""
 _STANDARD_GAUGE_M = 1.435
 """Gauge that is assumed without a gauge channel, m (UIC 510)."""
 _RAIL_HEAD_M = 0.065
@@ -56,13 +58,14 @@ def measured_result(table: SourceTable, reading: GeometryReading, run_id: str) -
     raw = np.stack([reading.channels[name].factor * table.numbers(reading.channels[name].name) for name in names])
     if not np.isfinite(raw).any():
         raise BadInputError(f"{table.name}: the channels {', '.join(names)} are empty; expected values")
-    chainage, values, step = places.on_grid(raw, reading.step_m)
+    chainage, values, step = places.on_grid(raw[:, places.rows], reading.step_m)
     columns = dict(zip(names, values, strict=True))
     if reading.facing == "travel" and places.direction == -1:
         columns = _turned(columns)
     findings = [_assumed(names)]
-    gauge_m = reading.gauge_m or _gauge(columns, reading)
-    if reading.channels.get("gauge_mm") and reading.channels["gauge_mm"].deviation:
+    deviates = _is_deviation(columns, reading)
+    gauge_m = reading.gauge_m or _gauge(columns, deviates)
+    if deviates:
         columns["gauge_mm"] = columns["gauge_mm"] + 1000.0 * gauge_m
     conventions = _conventions(columns, reading, step, gauge_m, findings)
     _complete(columns, conventions, findings)
@@ -105,10 +108,18 @@ def _turned(columns: dict[str, Array]) -> dict[str, Array]:
     return out
 
 
-def _gauge(columns: dict[str, Array], reading: GeometryReading) -> float:
+def _is_deviation(columns: dict[str, Array], reading: GeometryReading) -> bool:
+    """Return whether the gauge channel counts from the nominal gauge, by its name or since no gauge is so small."""
+    values = columns.get("gauge_mm")
+    if values is None or not np.isfinite(values).any():
+        return False
+    return reading.channels["gauge_mm"].deviation or bool(abs(np.nanmedian(values)) < _LARGEST_DEVIATION_MM)
+
+
+def _gauge(columns: dict[str, Array], deviates: bool) -> float:
     """Return the nominal gauge, m: the one next to the gauge channel, else the standard gauge."""
     values = columns.get("gauge_mm")
-    if values is None or reading.channels["gauge_mm"].deviation or not np.isfinite(values).any():
+    if values is None or deviates or not np.isfinite(values).any():
         return _STANDARD_GAUGE_M
     middle = 1e-3 * float(np.nanmedian(values))
     return min(_NOMINAL_GAUGES_M, key=lambda gauge: abs(gauge - middle))

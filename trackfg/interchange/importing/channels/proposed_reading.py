@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Literal
+from typing import cast, get_args
 
 from trackfg.interchange.importing.channels.channel_names import channel_of
 from trackfg.interchange.importing.geometry_reading import ChannelReading, GeometryReading
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.numerics.km_notation import Bare
 
 _KM = re.compile(r"^(km|kilomet(er|re)s?|公里|里程)$", re.IGNORECASE)
 _M = re.compile(r"^(m|met(er|re)s?|米)$", re.IGNORECASE)
 _PLACE = re.compile(
-    r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|\bkm\b|里程|公里|(line|track).?offset",
+    r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|mile.?post|^[mp][kp]$|\bkm\b|里程|公里|"
+    r"(line|track).?offset",
     re.IGNORECASE,
 )
+_MILES = re.compile(r"mile.?post|\bmiles?\b|^mp$", re.IGNORECASE)
 
 
 def proposed_reading(tables: Sequence[SourceTable]) -> GeometryReading | None:
@@ -23,7 +26,7 @@ def proposed_reading(tables: Sequence[SourceTable]) -> GeometryReading | None:
     for table in tables:
         place = _place(table)
         if place is not None and (channels := _channels(table, place)):
-            unit: Literal["m", "km"] = "km" if isinstance(place, str) and _in_km(table, place) else "m"
+            unit = _bare_unit(table, place) if isinstance(place, str) else "m"
             return GeometryReading(file=table.name, place=place, chainage_unit=unit, channels=channels)
     return None
 
@@ -39,12 +42,17 @@ def _place(table: SourceTable) -> str | tuple[str, str] | None:
     return next((name for name in names if _PLACE.search(name)), None)
 
 
-def _in_km(table: SourceTable, place: str) -> bool:
-    """Return whether bare numbers of a place are kilometres, by its unit or its name."""
+def _bare_unit(table: SourceTable, place: str) -> Bare:
+    """Return the unit of a place's bare numbers, by the column's unit or its name."""
     stated = table.units.get(place, "").casefold()
-    if stated in ("m", "km"):
-        return stated == "km"
-    return place != "chainage_m" and re.search(r"\bkm\b|kilomet", place.replace("_", " "), re.IGNORECASE) is not None
+    if stated in get_args(Bare):
+        return cast(Bare, stated)
+    words = place.replace("_", " ")
+    if place == "chainage_m":
+        return "m"
+    return (
+        "km" if re.search(r"\bkm\b|^pk$|kilomet", words, re.IGNORECASE) else "mi" if re.search(_MILES, words) else "m"
+    )
 
 
 def _channels(table: SourceTable, place: str | tuple[str, str]) -> dict[str, ChannelReading]:
