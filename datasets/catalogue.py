@@ -40,7 +40,19 @@ _SUMMARIES: dict[str, str] = tomllib.loads(Path(__file__).with_name("summaries.t
 
 
 def scenarios() -> dict[str, Scenario]:
-    """Return all scenarios by name."""
+    """Return all scenarios by name.
+
+    Returns
+    -------
+    dict of str to Scenario
+        In the order in which ``trackfg scenarios`` lists them.
+
+    Examples
+    --------
+    >>> from trackfg.datasets import scenarios
+    >>> list(scenarios())[:2]
+    ['mainline', 'mainline-gnss']
+    """
     return {scenario.name: scenario for scenario in _all()}
 
 

@@ -15,22 +15,90 @@ from trackfg.recording.model import Recording
 
 
 def drop_imu(recording: Recording, start_s: float, end_s: float) -> Recording:
-    """Return the recording without the IMU samples of ``start_s <= t_s < end_s``."""
+    """Return a recording without a stretch of its IMU.
+
+    Parameters
+    ----------
+    recording
+        The recording as it is.
+    start_s
+        Begin of the gap, s.
+    end_s
+        End of the gap, s: the first sample that stays.
+
+    Returns
+    -------
+    Recording
+        The same without the IMU samples of ``start_s <= t_s < end_s``.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.datasets import drop_imu
+    >>> drop_imu(trackfg.read_recording("run1"), 10.0, 12.0)
+    <Recording mainline-seed1-run0: 60.0 s, imu 11600 rows at 200 Hz, tach 3001 rows>
+    """
     return replace(recording, imu=_without(recording.imu, start_s, end_s))
 
 
 def drop_tach(recording: Recording, start_s: float, end_s: float) -> Recording:
-    """Return the recording without the tachometer samples of ``start_s <= t_s < end_s``; later counts include them."""
+    """Return a recording without a stretch of its tachometer; later counts include it.
+
+    Parameters
+    ----------
+    recording
+        The recording as it is.
+    start_s
+        Begin of the gap, s.
+    end_s
+        End of the gap, s: the first sample that stays.
+
+    Returns
+    -------
+    Recording
+        The same without the tachometer samples of ``start_s <= t_s < end_s``.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.datasets import drop_tach
+    >>> drop_tach(trackfg.read_recording("run1"), 10.0, 12.0)
+    <Recording mainline-seed1-run0: 60.0 s, imu 12000 rows at 200 Hz, tach 2901 rows>
+    """
     if recording.tach is None:
         return recording
     return replace(recording, tach=_without(recording.tach, start_s, end_s))
 
 
 def slip_wheel(run: Simulation, events: Sequence[WheelSlip]) -> Simulation:
-    """Return the run with its wheel slipping and sliding besides, as ``events`` say: they are in its count and in
-    ``slips``.
+    """Return a run with its wheel slipping and sliding besides: in its count and in ``slips``.
 
-    What the wheel did before stays. Raises ``ValueError`` for events that overlap, and for a tach that does not count.
+    What the wheel did before stays.
+
+    Parameters
+    ----------
+    run
+        What :func:`simulate` returns.
+    events
+        When, how long, s, and how much: creep above 0 is a slip, below 0 a slide.
+
+    Returns
+    -------
+    Simulation
+        The run with these events.
+
+    Raises
+    ------
+    ValueError
+        For events that overlap, and for a tach that does not count.
+
+    Examples
+    --------
+    >>> from trackfg.datasets import simulate, slip_wheel
+    >>> from trackfg.datasets.vehicle.adhesion import WheelSlip
+    >>> run = slip_wheel(simulate("mainline", duration_s=60.0), [WheelSlip(start_s=45.0, duration_s=3.0, creep=0.1)])
+    >>> run.slips["kind"].tolist()
+    ['slip']
     """
     recording, tach = run.recording, run.recording.description.tach
     if recording.tach is None or tach is None or tach.kind != "pulses":

@@ -94,15 +94,45 @@ def simulate(
 ) -> Simulation:
     """Simulate a scenario, by name or one of your own.
 
-    ``seed`` settles the track and, with ``run``, the driving and the sensors on it: runs of one seed are over one
-    track, and the runs of one vehicle share its wheel and its IMU as it is mounted. One seed and run repeat to the bit,
-    and track and driving are the same whether or not there is ``noise``.
-    Without noise sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of pulses,
-    and no effect on the recording.
-    ``progress(stage, fraction)`` is called as the stages "track", "vehicle", "sensors", "truth" and "writing" begin.
-    A run starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
-    Raises :class:`~trackfg.errors.BadInputError` for an unknown name, a negative run, a duration below
-    :data:`SHORTEST_S` or above :data:`LONGEST_S`, and a line too short for the driver.
+    One seed and run repeat to the bit, and track and driving are the same whether or not there is ``noise``. A run
+    starts at the origin of ENU, and with yaw 0 where neither GNSS nor a latitude give the heading a meaning.
+
+    Parameters
+    ----------
+    scenario_name
+        One of :func:`scenarios`, or a scenario.
+    seed
+        Settles the track and, with ``run``, the driving and the sensors on it: runs of one seed are over one track, and
+        the runs of one vehicle share its wheel and its IMU as it is mounted.
+    run
+        Which of the runs on the track.
+    duration_s
+        Length of the run, s, instead of the scenario's own.
+    noise
+        Without it sensors and recorders are perfect: no white noise, no bias, wheel scale 1, distance instead of
+        pulses, and no effect on the recording.
+    truth_rate_hz
+        Rate of the rows of the truth, Hz.
+    progress
+        Called as ``progress(stage, fraction)`` as the stages "track", "vehicle", "sensors", "truth" and "writing"
+        begin.
+
+    Returns
+    -------
+    Simulation
+        The recording and its truth.
+
+    Raises
+    ------
+    BadInputError
+        For an unknown name, a negative run, a duration below :data:`SHORTEST_S` or above :data:`LONGEST_S`, and a line
+        too short for the driver.
+
+    Examples
+    --------
+    >>> from trackfg.datasets import simulate
+    >>> simulate("mainline", seed=1, duration_s=30.0).recording
+    <Recording mainline-seed1-run0: 30.0 s, imu 6000 rows at 200 Hz, tach 1501 rows>
     """
     plan = (scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name).planned()
     duration = plan.duration_s if duration_s is None else duration_s

@@ -8,16 +8,46 @@ import inspect
 import re
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import trackfg
 from trackfg.datasets.scenarios import simulate
+from trackfg.mapping import build_map
+from trackfg.maps import write_map
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("datasets", "factors", "trackfg")
 NAMES = [name for name in trackfg.__all__ if name != "__version__"]
+NEEDS = {"trackfg.maps": "sqlalchemy", "trackfg.mapping": "sqlalchemy", "trackfg.report": "plotly"}
+"""What the examples of a module need beyond the core: the map among them is a GeoPackage."""
+
+
+def listed() -> dict[str, list[str]]:
+    """The names on the page of the reference, by module."""
+    page = (ROOT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
+    parts = re.split(r"^\.\. currentmodule:: (\S+)$", page, flags=re.MULTILINE)
+    return {
+        module: re.findall(r"^   (\w+)$", text, flags=re.MULTILINE)
+        for module, text in zip(parts[1::2], parts[2::2], strict=True)
+    }
+
+
+FUNCTIONS = [
+    f"{module}.{name}"
+    for module, names in listed().items()
+    for name in names
+    if inspect.isfunction(getattr(import_module(module), name))
+]
+PUBLIC = list(dict.fromkeys([*(f"trackfg.{name}" for name in NAMES), *FUNCTIONS]))
+
+
+def public(place: str) -> Any:
+    module, _, name = place.rpartition(".")
+    return getattr(import_module(module), name)
 
 
 def undocumented(tree: ast.AST, place: str) -> Iterator[str]:
@@ -46,19 +76,17 @@ def test_what_has_no_docstring_is_named() -> None:
     assert list(undocumented(ast.parse(code), "m.py")) == ["m.py: A: b", "m.py: d"]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_parameters_results_and_errors_have_sections(name: str) -> None:
-    public = getattr(trackfg, name)
-    text = inspect.getdoc(public) or ""
+@pytest.mark.parametrize("place", PUBLIC)
+def test_parameters_results_and_errors_have_sections(place: str) -> None:
+    text = inspect.getdoc(public(place)) or ""
     sections = re.findall(r"^(\w+)\n-+$", text, flags=re.MULTILINE)
     assert "Examples" in sections
-    if inspect.isfunction(public):
-        listed = re.search(r"^Parameters\n-+\n(.*?)^\w+\n-+$", text, flags=re.MULTILINE | re.DOTALL)
-        assert listed
-        described = [
-            word for line in re.findall(r"^(\w[\w, ]*)$", listed[1], re.MULTILINE) for word in line.split(", ")
-        ]
-        assert described == list(inspect.signature(public).parameters)
+    parameters = list(inspect.signature(public(place)).parameters) if inspect.isfunction(public(place)) else []
+    if parameters:
+        described = re.search(r"^Parameters\n-+\n(.*?)^\w+\n-+$", text, flags=re.MULTILINE | re.DOTALL)
+        assert described
+        names = re.findall(r"^(\w[\w, ]*?)(?: : .*)?$", described[1], re.MULTILINE)
+        assert [word for line in names for word in line.split(", ")] == parameters
 
 
 @pytest.fixture(scope="module")
@@ -67,15 +95,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("examples")
     simulate("mainline", seed=1, duration_s=60.0).write(path / "run1")
     trackfg.smooth(trackfg.read_recording(path / "run1")).write(path / "out1")
+    if find_spec("sqlalchemy"):
+        write_map(build_map([trackfg.Result.read(path / "out1")], name="line"), path / "line.gpkg", parent=None)
     return path
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_example_of_a_public_name_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("place", PUBLIC)
+def test_the_example_of_a_public_name_runs(place: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, _, name = place.rpartition(".")
     if name.startswith("plot_"):
         pytest.importorskip("matplotlib")
+    pytest.importorskip(NEEDS.get(module, "numpy"))
     monkeypatch.chdir(folder)
-    examples = doctest.DocTestFinder(recurse=False).find(getattr(trackfg, name), name, globs={})
+    examples = doctest.DocTestFinder(recurse=False).find(public(place), name, globs={})
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     printed: list[str] = []
     for example in examples:
@@ -85,13 +117,7 @@ def test_the_example_of_a_public_name_runs(name: str, folder: Path, monkeypatch:
 
 
 def test_the_reference_lists_every_public_name() -> None:
-    page = (ROOT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
-    parts = re.split(r"^\.\. currentmodule:: (\S+)$", page, flags=re.MULTILINE)
-    listed = {
-        module: re.findall(r"^   (\w+)$", text, flags=re.MULTILINE)
-        for module, text in zip(parts[1::2], parts[2::2], strict=True)
-    }
-    assert sorted(listed["trackfg"]) == sorted(NAMES)
-    for module, names in listed.items():
+    assert sorted(listed()["trackfg"]) == sorted(NAMES)
+    for module, names in listed().items():
         if hasattr(import_module(module), "__all__") and module != "trackfg":
             assert sorted(names) == sorted(import_module(module).__all__), module

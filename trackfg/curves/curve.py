@@ -123,7 +123,26 @@ CURVE_COLUMNS = (
 
 
 def curve_table(curves: Sequence[Curve]) -> pd.DataFrame:
-    """Return a table of curves, one row each, columns :data:`CURVE_COLUMNS`."""
+    """Return a table of curves, one row each.
+
+    Parameters
+    ----------
+    curves
+        Curves of one line, as :func:`find_curves` returns them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns :data:`CURVE_COLUMNS`: places and lengths in m, radii in m, cant in mm, each with its 1-sigma.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.curves import curve_table, find_curves
+    >>> table = curve_table(find_curves(trackfg.Result.read("out1").geometry))
+    >>> len(table), list(table.columns)[:3]  # this run of a minute is on straight track
+    (0, ['id', 'kind', 'sense'])
+    """
     named = {field.name for field in fields(Curve)} | set(_MEASURED)
     rows = [
         {name: getattr(curve, name) if name in named else curve.sd(name.removesuffix("_sd")) for name in CURVE_COLUMNS}

@@ -27,10 +27,34 @@ _SHARED_ABOVE = 1e-4
 def find_curves(profile: pd.DataFrame, *, base_m: float = 10.0) -> list[Curve]:
     """Find the curves of a profile, in order of chainage.
 
-    ``profile`` has ``chainage_m`` ascending in uniform steps, ``curvature_1pm`` over ``base_m`` and its ``_sd``, and
-    perhaps ``cross_level_mm``: a result's geometry table. Rows may be missing or NaN. Sigmas refer to the profile's own
-    chainage: that of the chainage itself is not in them. Raises :class:`~trackfg.errors.BadInputError` for a profile
-    without these columns or this grid.
+    Parameters
+    ----------
+    profile
+        A result's geometry table: ``chainage_m`` ascending in uniform steps, ``curvature_1pm`` and its ``_sd``, and
+        perhaps ``cross_level_mm``. Rows may be missing or NaN.
+    base_m
+        Length over which the curvature is averaged, m.
+
+    Returns
+    -------
+    list of Curve
+        Sigmas refer to the profile's own chainage: that of the chainage itself is not in them.
+
+    Raises
+    ------
+    BadInputError
+        For a profile without these columns or this grid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from trackfg.curves import find_curves
+    >>> chainage = np.arange(0.0, 600.0, 0.25)
+    >>> curvature = np.interp(chainage, [150, 200, 400, 450], [0, 1 / 500, 1 / 500, 0])  # to the left, R 500 m
+    >>> profile = pd.DataFrame({"chainage_m": chainage, "curvature_1pm": curvature, "curvature_1pm_sd": 1e-5})
+    >>> [(curve.sense, round(curve.radius_m)) for curve in find_curves(profile)]
+    [('left', 500)]
     """
     with one_thread():
         return _curves_of(cells_of(profile, base_m))

@@ -153,6 +153,14 @@ def build_problem(
     ------
     UnsolvableError
         For a run too short to hold a graph.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.graph import build_problem
+    >>> problem = build_problem(trackfg.read_recording("run1"), trackfg.SmoothConfig())
+    >>> len(problem.errors(problem.initial)) > 100  # factors
+    True
     """
     data = data or intervals(recording)
     if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:

@@ -49,10 +49,30 @@ class MapConflictError(TrackfgError):
 
 
 def read_map(location: str | os.PathLike[str], version: int | None = None) -> FeatureMap:
-    """Read a version, the newest if None, from the path of a ``.gpkg`` or a ``postgresql://`` URL.
+    """Read a version of a map.
 
-    Raises :class:`BadInputError` where there is no map, no such version, it was written by a newer trackfg, or is
-    damaged.
+    Parameters
+    ----------
+    location
+        Path of a ``.gpkg``, or a ``postgresql://`` URL.
+    version
+        Its number; the newest if None.
+
+    Returns
+    -------
+    FeatureMap
+        Landmarks and grid of the line, m, with their covariances.
+
+    Raises
+    ------
+    BadInputError
+        Where there is no map or no such version, where it was written by a newer trackfg, or is damaged.
+
+    Examples
+    --------
+    >>> from trackfg.maps import read_map
+    >>> read_map("line.gpkg")
+    <FeatureMap line: version 1, 0.296 km, 1 runs, 0 landmarks>
     """
     place = locate(location)
     with place.connect("read") as connection:
@@ -88,10 +108,29 @@ def newest_version(location: str | os.PathLike[str]) -> int | None:
 
 
 def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
-    """Return a table of all versions.
+    """Read which versions a map has.
 
-    Columns ``version, parent, written_at, name, runs`` (their number), ``trackfg`` (the package's version). Raises
-    :class:`BadInputError` as :func:`read_map` does.
+    Parameters
+    ----------
+    location
+        Path of a ``.gpkg``, or a ``postgresql://`` URL.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row each: ``version, parent, written_at, name, runs`` (their number) and ``trackfg`` (the package's
+        version).
+
+    Raises
+    ------
+    BadInputError
+        As :func:`read_map` does.
+
+    Examples
+    --------
+    >>> from trackfg.maps import read_versions
+    >>> read_versions("line.gpkg")["version"].tolist()
+    [1]
     """
     place = locate(location)
     schema = place.schema
@@ -112,10 +151,39 @@ def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
 
 
 def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, parent: int | None) -> FeatureMap:
-    """Add a version made from version ``parent``; None: the first one, where there is no map yet. Returns it.
+    """Add a version to a map, or make the map with its first one.
 
-    Raises :class:`MapConflictError` unless ``parent`` is the newest version there, :class:`BadInputError` where
-    something else than a map is, and ``ValueError`` for settings that JSON cannot hold.
+    Parameters
+    ----------
+    feature_map
+        The map as it is to be.
+    location
+        Path of a ``.gpkg``, or a ``postgresql://`` URL.
+    parent
+        The version that it was made from; None for the first one, where there is no map yet.
+
+    Returns
+    -------
+    FeatureMap
+        What was written, with its version.
+
+    Raises
+    ------
+    MapConflictError
+        Unless ``parent`` is the newest version there.
+    BadInputError
+        Where something else than a map is.
+    ValueError
+        For settings that JSON cannot hold.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.mapping import build_map
+    >>> from trackfg.maps import write_map
+    >>> line = build_map([trackfg.Result.read("out1")], name="line")
+    >>> write_map(line, "copy.gpkg", parent=None)
+    <FeatureMap line: version 1, 0.296 km, 1 runs, 0 landmarks>
     """
     place = locate(location)
     configuration, software = _json(feature_map.configuration), _json(dict(feature_map.software))

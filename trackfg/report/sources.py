@@ -68,15 +68,44 @@ def write_report(
     km: bool = False,
     background: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Write the page about the result, comparison or trends in ``folder`` into the file ``path``, in one step.
+    """Write the page about a result, a comparison or trends into a file, in one step.
 
-    ``recording`` is the one that a result was made from; with it the page shows the truth and the errors. ``limits``
-    are those that a result's geometry is held against; with ``km`` places are official ones too. ``background`` is a
-    GeoJSON file or a GeoPackage whose lines and named points lie behind the map. The same folder gives the same page.
+    The same folder gives the same page.
 
-    Raises :class:`BadInputError` if the folder is none of these, if ``path`` does not end in ``.html`` or lies in it,
-    for a recording without truth or of another result, for limits that cannot be read, for official places where the
-    result knows none, and for any of these beside a comparison or trends; :class:`MissingLibraryError` without plotly.
+    Parameters
+    ----------
+    folder
+        What ``smooth``, ``compare`` or ``map trends`` wrote.
+    path
+        The page, ``.html``, outside the folder.
+    recording
+        The one that a result was made from: the page shows its truth and the errors.
+    limits
+        Those that a result's geometry is held against.
+    km
+        Whether places are official ones too.
+    background
+        A GeoJSON file or a GeoPackage whose lines and named points lie behind the map.
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    BadInputError
+        If the folder is none of these, if ``path`` does not end in ``.html`` or lies in it, for a recording without
+        truth or of another result, for limits that cannot be read, for official places where the result knows none, and
+        for any of these beside a comparison or trends.
+    MissingLibraryError
+        Without plotly.
+
+    Examples
+    --------
+    >>> from trackfg.report import write_report
+    >>> write_report("out1", "out1.html").name
+    'out1.html'
     """
     library("plotly", "charts")  # before anything is read or computed
     folder, path = Path(folder), Path(path)

@@ -101,7 +101,27 @@ def _windows(root: SquareRoot, marginal: Array) -> Iterator[_Window]:
 
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
-    """Run the recursion. Cost is linear in the number of keyframes."""
+    """Return the posterior covariances of a solution. Cost is linear in the number of keyframes.
+
+    Parameters
+    ----------
+    root
+        The ``root`` of a :class:`Solution`: the square root of the information at the minimum.
+
+    Returns
+    -------
+    Covariance
+        Covariances of the states of keyframes and of neighbours, in the units of the states (SI).
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.graph import build_problem
+    >>> from trackfg.solver import posterior_covariance, solve
+    >>> settings = trackfg.SmoothConfig()
+    >>> solution = solve(build_problem(trackfg.read_recording("run1"), settings), settings.solver)
+    >>> covariance = posterior_covariance(solution.root)
+    """
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
     marginal, cross = np.empty((n, size, size)), np.empty((n, dim, size)) if root.ahead.any() else None
     for window in _windows(root, marginal):

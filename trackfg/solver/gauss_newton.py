@@ -104,6 +104,15 @@ def solve(
     ------
     UnsolvableError
         Where the measurements do not determine the states.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.graph import build_problem
+    >>> from trackfg.solver import solve
+    >>> settings = trackfg.SmoothConfig()
+    >>> solve(build_problem(trackfg.read_recording("run1"), settings), settings.solver).converged
+    True
     """
     keyframes = len(problem.initial)
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size

@@ -77,7 +77,30 @@ class Difference:
 def difference(a: FeatureMap, b: FeatureMap) -> Difference:
     """Compare two maps: landmarks are the same where their ids are, grid cells where their track is.
 
-    Raises ``ValueError`` where the grids have different steps.
+    Parameters
+    ----------
+    a
+        A map, or a version of one.
+    b
+        Another.
+
+    Returns
+    -------
+    Difference
+        What moved, m and mm with sigmas, what was added and removed, and the grid by sections of 200 m.
+
+    Raises
+    ------
+    ValueError
+        Where the grids have different steps.
+
+    Examples
+    --------
+    >>> from trackfg.mapping import difference
+    >>> from trackfg.maps import read_map
+    >>> line = read_map("line.gpkg")
+    >>> difference(line, line).relation
+    'same'
     """
     if a.conventions.step_m != b.conventions.step_m:
         raise ValueError(f"grids of {a.conventions.step_m:g} m and {b.conventions.step_m:g} m: expected the same step")

@@ -14,10 +14,35 @@ from trackfg.results.result import Result
 
 
 def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1.0) -> Changes:
-    """Find changes of at least ``floor_mm`` that are no noise (:mod:`trackfg.mapping.changes.changes`).
+    """Find where the track of a run is other than that of a map, by more than noise
+    (:mod:`trackfg.mapping.changes.changes`).
 
-    Raises :class:`~trackfg.errors.BadInputError` for a run without track geometry, with other conventions, or not
-    recognised on the map.
+    Parameters
+    ----------
+    result
+        A smoothed run.
+    feature_map
+        A map that the run is on.
+    floor_mm
+        Least change of cross-level, twist and versines, mm.
+
+    Returns
+    -------
+    Changes
+        One row each with place, m, size and sigma; and what was compared where.
+
+    Raises
+    ------
+    BadInputError
+        For a run without track geometry, with other conventions, or not recognised on the map.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.mapping import find_changes
+    >>> from trackfg.maps import read_map
+    >>> len(find_changes(trackfg.Result.read("out1"), read_map("line.gpkg")).table)  # the map was made of this run
+    0
     """
     run, grid = result.summary.recording_id, feature_map.grid
     if result.geometry.empty:

@@ -74,8 +74,33 @@ def build_map(
 ) -> FeatureMap:
     """Build one map from any number of smoothed runs.
 
-    ``progress(run, fraction)`` is called before each. Raises :class:`~trackfg.errors.BadInputError` for a run without
-    track geometry, one that is there twice, has other conventions, or is not recognised.
+    Parameters
+    ----------
+    runs
+        Results of runs over one line, in either direction.
+    name
+        That of the line.
+    progress
+        Called as ``progress(run, fraction)`` before each run.
+    joining
+        How runs are joined: processes or a cluster; one after the other if None.
+
+    Returns
+    -------
+    FeatureMap
+        Not written yet: :func:`trackfg.maps.write_map` does that.
+
+    Raises
+    ------
+    BadInputError
+        For a run without track geometry, one that is there twice, has other conventions, or is not recognised.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.mapping import build_map
+    >>> build_map([trackfg.Result.read("out1")], name="line")
+    <FeatureMap line: not written, 0.296 km, 1 runs, 0 landmarks>
     """
     if not runs:
         raise BadInputError("a map needs at least one run")
@@ -89,7 +114,38 @@ def with_runs(
     progress: Progress | None = None,
     joining: Joining | None = None,
 ) -> FeatureMap:
-    """Return the map with more runs. Raises as :func:`build_map`."""
+    """Return a map with more runs.
+
+    Parameters
+    ----------
+    feature_map
+        The map as it is.
+    runs
+        Results of further runs over the line.
+    progress
+        Called as ``progress(run, fraction)`` before each run.
+    joining
+        How runs are joined: processes or a cluster; one after the other if None.
+
+    Returns
+    -------
+    FeatureMap
+        Not written yet: :func:`trackfg.maps.write_map` does that.
+
+    Raises
+    ------
+    BadInputError
+        As :func:`build_map` does.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.mapping import with_runs
+    >>> from trackfg.maps import read_map
+    >>> with_runs(read_map("line.gpkg"), [trackfg.Result.read("out1")])
+    Traceback (most recent call last):
+    trackfg.errors.BadInputError: run mainline-seed1-run0: is in the map already, as mainline-seed1-run0
+    """
     return _with_runs(reopened(feature_map), runs, joining or _joining(progress))
 
 

@@ -115,17 +115,46 @@ def recognise(
 ) -> Recognition:
     """Find a run on a reference.
 
-    ``run``, ``reference``: tables with ``chainage_m`` ascending on whole multiples of one step, which is a whole part
-    of 1 m (rows may be missing, values NaN), and any columns of :data:`~trackfg.mapping.recognition.profiles.KINDS`,
-    with ``_sd`` or without.
-    ``place_sd_m``: prior sigma of reference chainage minus run chainage at every row of the run, (n,); None: anywhere.
-    ``rate_sd``: prior sigma of the scale error of the run's chainage. ``direction``: +1 or -1, order of travel.
-    ``section_m``: a whole multiple of 20 m. Sections begin at whole multiples of it, from the first to the last that
-    the run measured at least half. Those between are kept however little of them was measured: the model moves on
-    through them. A run that is too short gives no sections and probability 0.
+    Sections begin at whole multiples of ``section_m``, from the first to the last that the run measured at least half.
+    Those between are kept however little of them was measured: the model moves on through them. A run that is too short
+    gives no sections and probability 0.
 
-    Raises :class:`~trackfg.errors.BadInputError` for tables on other grids or with no feature in common, for sigmas
-    that are negative, not finite or not one per row, and for any other direction or section.
+    Parameters
+    ----------
+    run
+        A table with ``chainage_m`` ascending on whole multiples of one step, which is a whole part of 1 m (rows may be
+        missing, values NaN), and any columns of :data:`~trackfg.mapping.recognition.profiles.KINDS`, with ``_sd`` or
+        without.
+    reference
+        Another such table, which the run is to be found on.
+    place_sd_m
+        Prior sigma, m, of reference chainage minus run chainage at every row of the run, (n,); None: anywhere.
+    rate_sd
+        Prior sigma of the scale error of the run's chainage.
+    direction
+        Order of travel, +1 or -1.
+    section_m
+        Length of a section, m: a whole multiple of 20.
+
+    Returns
+    -------
+    Recognition
+        Places of the sections, m with sigmas, and the probability that the run is on the reference.
+
+    Raises
+    ------
+    BadInputError
+        For tables on other grids or with no feature in common, for sigmas that are negative, not finite or not one per
+        row, and for any other direction or section.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.mapping import recognise
+    >>> track = trackfg.Result.read("out1").geometry
+    >>> found = recognise(track, track, place_sd_m=None, rate_sd=1e-3, direction=1)
+    >>> found.probability > 0.99
+    True
     """
     _check(run, place_sd_m, rate_sd, direction, section_m)
     features = common_features(run, reference)
