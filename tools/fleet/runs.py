@@ -31,9 +31,11 @@ def write_runs(folder: Path, runs: int, seconds: float) -> Path:
 
 
 def _write(place: Path, line: int, month: int, number: int, seconds: float) -> None:
-    grown = _GROWTH_M * (month if month < TAMPED_IN else month - TAMPED_IN)
-    defects = tuple(Defect("dip", at_m=at, size_m=grown, length_m=6.0) for at in _DEFECTS_AT_M if grown)
+    day = number % 28 + 1
+    months = month + day / 30.0
+    grown = _GROWTH_M * (months - TAMPED_IN if month >= TAMPED_IN else months - 1.0)
+    defects = tuple(Defect("dip", at_m=at, size_m=grown, length_m=6.0) for at in _DEFECTS_AT_M)
     plan = replace(scenario("measuring-car"), defects=defects)
     simulate(plan, seed=line + 1, run=number, duration_s=seconds).write(place)
     toml = place / "recording.toml"
-    toml.write_text(f"start = 2026-{month:02d}-{number % 28 + 1:02d}T03:12:00Z\n{toml.read_text()}")
+    toml.write_text(f"start = 2026-{month:02d}-{day:02d}T03:12:00Z\n{toml.read_text()}")

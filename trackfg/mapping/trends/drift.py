@@ -20,6 +20,7 @@ import numpy as np
 
 from trackfg.mapping.trends.offsets import different_times
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.numerics.robust import robust_sd
 
 MOST_SUDDEN = 4
@@ -31,6 +32,9 @@ FEWEST_RUNS = 3
 _LEAST_SHARE = 1e-5
 """Least sigma over the largest one at a place: the normal matrix holds the square, of which doubles keep 16 digits."""
 
+_BY_CHANCE = 1e-3
+"""Share of straight drifts whose scatter is taken for more than chance: it leaves the others' sigmas as they are."""
+
 _RUNS_BEFORE_STEP = 2
 """Runs before a step at least; a first run that does not fit the rest is an outlier."""
 
@@ -41,7 +45,8 @@ class Drift:
 
     ``covariance``: of rate and value, (m,). ``steps`` (n, m) has at each run how much the value jumped before it, zero
     where it did not, ``step_sd`` the sigma of that; ``outliers`` (n, m) is true for what was left out. ``scale``: by
-    which the sigmas were multiplied to agree with the scatter; it is in all of these. ``runs`` counts values, (m,).
+    which the sigmas were multiplied to agree with the scatter; it is in all of these, and at a place that scatters by
+    more than chance its own. ``runs`` counts values, (m,).
     """
 
     at: float
@@ -103,8 +108,8 @@ def drift(
         if not sudden.any():
             break
     solution, covariance = _solved(X, weight, y)
-    scale = _scale(X, weight, y, solution)
-    sd_of = scale * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    scale, of_place = _scales(X, weight, y, solution)
+    sd_of = of_place[:, None] * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     jump, jump_sd = np.zeros(y.shape), np.zeros(y.shape)
     for number in range(MOST_SUDDEN):
         places = np.flatnonzero(first[number] >= 0)
@@ -119,8 +124,8 @@ def drift(
         rate=solution[:, 1] + unknown,
         rate_sd=sd_of[:, 1] + unknown,
         value=np.einsum("mi,mi->m", mixed, solution) + unknown,
-        value_sd=scale * np.sqrt(np.maximum(np.einsum("mi,mi->m", of_value, mixed), 0.0)) + unknown,
-        covariance=scale**2 * of_value[:, 1] + unknown,
+        value_sd=of_place * np.sqrt(np.maximum(np.einsum("mi,mi->m", of_value, mixed), 0.0)) + unknown,
+        covariance=of_place**2 * of_value[:, 1] + unknown,
         steps=jump,
         step_sd=jump_sd,
         outliers=outliers,
@@ -172,15 +177,23 @@ def _solved(X: Array, weight: Array, y: Array) -> tuple[Array, Array]:
     return np.asarray(np.einsum("mij,nmj,nm,nm->mi", covariance, X, weight, y, optimize=True)), covariance
 
 
-def _scale(X: Array, weight: Array, y: Array, solution: Array) -> float:
-    """Return the robust spread of all whitened residuals: 1 where the sigmas are right."""
+def _scales(X: Array, weight: Array, y: Array, solution: Array) -> tuple[float, Array]:
+    """Return the robust spread of all whitened residuals, 1 where the sigmas are right, and that of each place (m,).
+
+    The latter is the former, but where a place scatters by more than chance: its drift is not straight.
+    """
     residual = np.sqrt(weight) * (y - np.einsum("nmi,mi->nm", X, solution))
     values = (weight > 0.0).sum(axis=0)
     free = values - np.count_nonzero(np.any(X != 0.0, axis=0), axis=1)
     used = (weight > 0.0) & (free > 0)
     if not used.any():
-        return 1.0
-    return robust_sd((residual / np.sqrt(np.maximum(free, 1) / np.maximum(values, 1)))[used])
+        return 1.0, np.ones(free.size)
+    free = np.maximum(free, 1)
+    scale = robust_sd((residual / np.sqrt(free / np.maximum(values, 1)))[used])
+    mean_square = np.sum(np.where(used, residual, 0.0) ** 2, axis=0) / free
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scatters = exceeds_chance(mean_square / scale**2, free, _BY_CHANCE)
+    return scale, np.where(scatters, np.sqrt(mean_square), scale)
 
 
 def _local_scale(t: Array, y: Array, weight: Array) -> float:

@@ -24,6 +24,16 @@ def test_rates_are_within_two_sigmas_as_often_as_they_should_whatever_sigmas_are
     assert 0.94 < np.mean(np.abs(d.value - truth) < 2.0 * d.value_sd) < 0.97
 
 
+def test_a_place_that_does_not_drift_straight_is_less_certain_and_no_other_is() -> None:
+    t = np.arange(12.0)
+    y = noise(12)
+    y[:, 0] += 10.0 * np.sin(t)
+    d = drift(t, y, np.full(y.shape, SD), threshold=1000.0)
+    assert d.rate_sd[0] > 10.0 * np.median(d.rate_sd)
+    assert d.value_sd[0] > 10.0 * np.median(d.value_sd)
+    assert np.mean(d.rate_sd > 1.01 * np.median(d.rate_sd)) < 0.003
+
+
 def test_tamping_is_a_step_and_the_rate_goes_on() -> None:
     t, rate = np.arange(12.0), RNG.choice([-1.5, 1.5], PLACES)
     y = t[:, None] * rate + noise(12)
