@@ -45,6 +45,8 @@ _WORKED_M = 100.0
 """Around a step, another of the same run is likely, m: the shortest length that a tamping machine is sent for."""
 _LIKELY_SIGMAS = 3.0
 """Sigmas from which a likely step is one."""
+_SURE_SIGMAS = 2.0
+"""A trend's row is of the cell whose rate is the largest so many sigmas below: nearly all rates are larger than that."""
 _FURTHEST = timedelta(days=50 * 365.25)
 """Dates further ahead are none: no track lies so long without work."""
 
@@ -161,7 +163,7 @@ def _place(places: Series, span: slice, at: int, name: str) -> dict[str, Any]:
 
 
 def _trend(places: Series, name: str, d: Drift, span: slice, rate: str) -> dict[str, Any]:
-    at = span.start + int(np.nanargmax(np.abs(d.rate[span]) / d.rate_sd[span]))
+    at = span.start + int(np.nanargmax(np.abs(d.rate[span]) - _SURE_SIGMAS * d.rate_sd[span]))
     stepped = np.flatnonzero(d.steps[:, at])
     return {
         **_place(places, span, at, name),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -52,7 +54,7 @@ def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path) 
     limits = 'standard = "ours"\nparameter = "level"\nchord_m = 10.0\nlevel = "alert"\nkind = "peak"\nvalue_mm = 20.0\n'
     (year / "limits.toml").write_text(f"[[limits]]\n{limits}")
     command = [sys.executable, "-m", "trackfg", "map", "trends", str(year / "line.gpkg")]
-    command += [*(str(year / f"out{month}") for month in range(4)), "--limits", str(year / "limits.toml")]
+    command += [*(str(year / f"out{month}") for month in range(4)), "--limits", str(year / "limits.toml"), "--layers"]
     done = subprocess.run([*command, "-o", str(year / "trends"), "--json"], capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     level = [row for row in found["trends"] if row["quantity"] == "versine_level_mm"]
@@ -64,6 +66,16 @@ def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path) 
     cells = pd.read_parquet(year / "trends" / "cells.parquet")
     assert cells["versine_level_mm_per_month"].min() == pytest.approx(-2.0, rel=0.1)
     assert pd.read_parquet(year / "trends" / "values.parquet")["run"].nunique() == 4
+    with closing(sqlite3.connect(year / "line.gpkg")) as database:
+        drawn = database.execute("SELECT rate_mm, per FROM trends WHERE quantity = 'versine_level_mm'").fetchall()
+    assert [rate for rate, _ in sorted(drawn)] == pytest.approx(rates, rel=1e-9)
+    assert {per for _, per in drawn} == {"month"}
+    (year / "passed.csv").write_text("date,mt\n2026-01-01,10\n2026-05-01,12\n")
+    by_load = [*command, "--tonnage", str(year / "passed.csv"), "--json"]
+    done = subprocess.run(by_load, capture_output=True, text=True, check=True)
+    mt_a_month = 2.0 / 120.0 * 365.25 / 12.0
+    level = [row for row in json.loads(done.stdout)["trends"] if row["quantity"] == "versine_level_mm"]
+    assert sorted(row["rate_mm_per_mt"] * mt_a_month for row in level) == pytest.approx(rates, rel=0.02)
 
 
 @pytest.mark.slow
