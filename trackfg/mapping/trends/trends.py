@@ -46,7 +46,7 @@ _WORKED_M = 100.0
 _LIKELY_SIGMAS = 3.0
 """Sigmas from which a likely step is one."""
 _SURE_SIGMAS = 2.0
-"""A trend's row is of the cell whose rate is the largest so many sigmas below: nearly all rates are larger than that."""
+"""A trend's row is that of the cell whose rate is the largest so many sigmas below: 97.5 % are larger than that."""
 _FURTHEST = timedelta(days=50 * 365.25)
 """Dates further ahead are none: no track lies so long without work."""
 
