@@ -25,21 +25,25 @@ cant begins before the curvature shows."""
 _STRAIGHT_1PM = 2e-4
 """Curvature below which track is straight: at R 5000 and 40 m/s the whole cant would be 33 mrad, and none is usual."""
 
-_SHORTEST_M = 200.0
+_REACH = round(_BASE_M / STEP_M)
+MARGIN = _REACH + _REACH // 2
+"""Cells to both sides of one that decide whether it is on a straight: half the chord, and the base beyond it."""
+
+SHORTEST_M = 200.0
 """Length of straight, all together, or else of the run, below which its mean says nothing: twists and irregularities
 are not averaged."""
 
 _EACH_WAY = 0.2
 """Share of the way in curves to the left, and to the right, below which the line is drawn beyond what is seen."""
 
-_NOTICED_RAD = np.radians(0.2)
+NOTICED_RAD = np.radians(0.2)
 """From here on a tilt is a finding: 5 mm between the rails, what track is relaid to."""
 
 
 def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
     """Return the run with the sigma of the mounting's roll that its straights show, and a finding where it is large."""
     roll, sd = _roll_on_straights(run)
-    unexplained = float(np.sqrt(max(roll**2 - sd**2, 0.0)))
+    unexplained = unexplained_roll(roll, sd**2)
     context = run.problem.run
     if unexplained <= context.mount_roll_sd:
         return run
@@ -52,12 +56,12 @@ def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
     0 where there is not way enough.
     """
     at = passage(run)
-    straight = _straight(at.heading)
-    if len(at.roll) * STEP_M < _SHORTEST_M:
+    on_straight = straight(at.heading)
+    if len(at.roll) * STEP_M < SHORTEST_M:
         return 0.0, 0.0
-    if np.sum(straight) * STEP_M < _SHORTEST_M:
+    if np.sum(on_straight) * STEP_M < SHORTEST_M:
         return _roll_at_no_curvature(at)
-    return float(np.mean(at.roll[straight])), float(np.sqrt(np.mean(at.roll_variance[straight])))
+    return float(np.mean(at.roll[on_straight])), float(np.sqrt(np.mean(at.roll_variance[on_straight])))
 
 
 def _roll_at_no_curvature(at: Passage) -> tuple[float, float]:
@@ -79,25 +83,33 @@ def _roll_at_no_curvature(at: Passage) -> tuple[float, float]:
     return float(roll.mean() - slope * curvature.mean()), float(np.sqrt(variance))
 
 
-def _straight(heading: Array) -> np.ndarray:
-    """Return which cells are on a straight, and as far from its ends as the base is long. (n,) to (n,)."""
-    reach = round(_BASE_M / STEP_M)
-    curved = np.ones(len(heading), dtype=np.int64)
-    half = reach // 2
+def straight(heading: Array) -> np.ndarray:
+    """Return which cells, :data:`STEP_M` apart, are on a straight, and as far from its ends as the base is long.
+
+    What is beyond the ends of ``heading`` (n,), rad, counts as curved. Returns (n,).
+    """
+    curved, half = np.ones(len(heading), dtype=np.int64), _REACH // 2
     curved[half : len(heading) - half] = np.abs(chord_curvature(heading, half)) > _STRAIGHT_1PM
-    total = np.concatenate([[0], np.cumsum(np.pad(curved, reach, constant_values=1))])
-    return np.asarray(total[2 * reach + 1 :] == total[: -2 * reach - 1])
+    total = np.concatenate([[0], np.cumsum(np.pad(curved, _REACH, constant_values=1))])
+    return np.asarray(total[2 * _REACH + 1 :] == total[: -2 * _REACH - 1])
+
+
+def unexplained_roll(roll: float, variance: float) -> float:
+    """Return what of a mean roll its variance, rad^2, does not explain, rad."""
+    return float(np.sqrt(max(roll**2 - variance, 0.0)))
+
+
+def in_words(roll: float) -> str:
+    """Say what a mean roll on straights, rad, is."""
+    degrees, way = np.degrees(roll), "left" if roll > 0 else "right"
+    seen = f"on straights the {way} side is {abs(degrees):.2f} deg up on average"
+    return f"{seen}: the sensor is mounted so, or the track is canted"
 
 
 def _findings(roll: float, unexplained: float) -> tuple[Finding, ...]:
-    if unexplained < _NOTICED_RAD:
+    if unexplained < NOTICED_RAD:
         return ()
-    degrees, way = np.degrees(roll), "left" if roll > 0 else "right"
-    message = (
-        f"on straights the {way} side is {abs(degrees):.2f} deg up on average: the sensor is mounted so, or the track "
-        "is canted; the sigmas of roll and cross-level hold it as a constant error"
-    )
-    hint = (
-        f"if it is the sensor, add {degrees:.2f} to the roll in mount_rpy_deg of [imu]; else declare mount_roll_sd_deg"
-    )
+    message = f"{in_words(roll)}; the sigmas of roll and cross-level hold it as a constant error"
+    added = f"add {np.degrees(roll):.2f} to the roll in mount_rpy_deg of [imu]"
+    hint = f"if it is the sensor, {added}; else declare mount_roll_sd_deg"
     return (Finding("warning", "roll-on-straights", message, hint=hint),)

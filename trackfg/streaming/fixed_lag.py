@@ -38,6 +38,7 @@ from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.locating.map_locator import MapLocator
+from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.sigma_test import SigmaTest
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
@@ -126,6 +127,7 @@ class FixedLagSmoother:
     """The end of the tables of a lost window, s."""
     _locator: MapLocator | None
     _sigma_test: SigmaTest
+    _roll_test: RollTest
 
     def __init__(
         self,
@@ -153,7 +155,7 @@ class FixedLagSmoother:
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
-        self._sigma_test = SigmaTest()
+        self._sigma_test, self._roll_test = SigmaTest(), RollTest()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -180,10 +182,13 @@ class FixedLagSmoother:
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
         last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
-        return last._replace(events=(*last.events, *self._sigma_test.events(self._buffer.until)))
+        until = self._buffer.until
+        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until))
+        return last._replace(events=(*last.events, *doubts))
 
     def _tested(self, estimates: Estimates) -> Estimates:
         self._sigma_test.put(estimates.filtered, estimates.smoothed)
+        self._roll_test.put(estimates.smoothed)
         return estimates
 
     def state(self) -> Snapshot:

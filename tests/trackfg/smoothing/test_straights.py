@@ -13,7 +13,7 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.smoothing.straights import _straight
+from trackfg.smoothing.straights import straight
 
 TOTAL_S = 200.0
 
@@ -32,11 +32,11 @@ def test_a_straight_ends_a_base_before_the_curve() -> None:
     is left on each side, and at both ends of the run the chord and the base.
     """
     s = np.arange(0.0, 1000.0, 10.0)
-    straight = s[_straight(np.clip(s - 400.0, 0.0, 200.0) / 500.0)]
-    assert straight.min() == 70.0
-    assert straight[straight < 500.0].max() == pytest.approx(330.0, abs=10.0)
-    assert straight[straight > 500.0].min() == pytest.approx(670.0, abs=10.0)
-    assert straight.max() == 920.0
+    found = s[straight(np.clip(s - 400.0, 0.0, 200.0) / 500.0)]
+    assert found.min() == 70.0
+    assert found[found < 500.0].max() == pytest.approx(330.0, abs=10.0)
+    assert found[found > 500.0].min() == pytest.approx(670.0, abs=10.0)
+    assert found.max() == 920.0
 
 
 @pytest.mark.parametrize("roll_deg", [2.0, -1.0])

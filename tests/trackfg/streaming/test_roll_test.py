@@ -1,0 +1,60 @@
+"""The mean roll on straights of a stream's smoothed rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.results.events import DOUBT
+from trackfg.smoothing.passage import STEP_M
+from trackfg.smoothing.straights import straight
+from trackfg.streaming.roll_test import RollTest
+
+SPEED_MPS, RATE_HZ, SD_RAD = 12.0, 10.0, 1e-3
+
+
+def rows(roll_deg: float, duration_s: float = 200.0) -> pd.DataFrame:
+    """Rows of a run with a curve of 300 m radius, from 1000 to 1300 m, that is canted by 0.1 rad."""
+    t = np.arange(0.0, duration_s, 1.0 / RATE_HZ)
+    into = np.clip(SPEED_MPS * t - 1000.0, 0.0, 300.0)
+    cant = 0.1 * ((into > 0.0) & (into < 300.0))
+    heading = np.angle(np.exp(1j * (np.pi - 0.01 + into / 300.0)))
+    roll = np.radians(roll_deg) + cant + 1e-4 * np.sin(t)
+    return pd.DataFrame({"t_s": t, "speed_mps": SPEED_MPS, "yaw_rad": heading, "roll_rad": roll, "roll_rad_sd": SD_RAD})
+
+
+def put_through(table: pd.DataFrame, *ends: int) -> RollTest:
+    test, first = RollTest(), 0
+    for end in (*ends, len(table)):
+        test.put(table[first:end])
+        first = end
+    return test
+
+
+@pytest.mark.parametrize("roll_deg", [1.0, -0.5])
+def test_a_tilt_is_said(roll_deg: float) -> None:
+    (event,) = put_through(rows(roll_deg)).events(200.0)
+    side = "left" if roll_deg > 0 else "right"
+    assert (event.kind, event.t_s) == (DOUBT, 200.0)
+    assert event.detail.startswith(f"roll, cross_level: on straights the {side} side is {abs(roll_deg):.2f} deg up")
+
+
+def test_an_upright_sensor_and_one_in_curves_alone_are_not_doubted() -> None:
+    assert put_through(rows(0.05)).events(200.0) == ()
+    assert put_through(rows(1.0, duration_s=20.0)).events(20.0) == ()
+    assert RollTest().events(0.0) == ()
+
+
+def test_pieces_of_any_size_make_the_same_sums() -> None:
+    table = rows(1.0)
+    whole = put_through(table)
+    way = SPEED_MPS * table["t_s"].to_numpy()
+    cells = np.arange(1, int(way[-1] / STEP_M) + 1) * STEP_M
+    on_straight = straight(np.interp(cells, way, np.unwrap(table["yaw_rad"])))
+    assert whole.sums[0] == np.count_nonzero(on_straight)
+    assert whole.sums[1] == pytest.approx(np.interp(cells, way, table["roll_rad"])[on_straight].sum())
+    for ends in ((0, 1, 2, 7), tuple(range(5, len(table), 5)), (1999,)):
+        test = put_through(table, *ends)
+        np.testing.assert_allclose(test.sums, whole.sums, rtol=1e-12)
+        assert test.way_m == pytest.approx(whole.way_m)

@@ -1,0 +1,60 @@
+"""A stream tests whether its mean roll on straights is zero, as :mod:`trackfg.smoothing.straights` does of a run.
+
+The smoothed rows are laid on a grid along the way. Only those cells are kept of which it is not known yet whether they
+are on a straight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.arrays import Array
+from trackfg.results.events import DOUBT, Event
+from trackfg.smoothing.passage import STEP_M
+from trackfg.smoothing.straights import MARGIN, NOTICED_RAD, SHORTEST_M, in_words, straight, unexplained_roll
+
+_COLUMNS = ["t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd"]
+
+
+@dataclass
+class RollTest:
+    """Sums over the cells on straights.
+
+    ``way_m``: how far the vehicle has gone, and ``newest`` (0 or 1, 5) the row there; ``cells`` (c, 3): heading, roll,
+    rad, and the variance of roll; ``sums`` (3,): the number of cells on straights, and the sums of roll and variance.
+    """
+
+    way_m: float = 0.0
+    newest: Array = field(default_factory=lambda: np.zeros((0, len(_COLUMNS))))
+    cells: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    sums: Array = field(default_factory=lambda: np.zeros(3))
+
+    def put(self, smoothed: pd.DataFrame) -> None:
+        """Take the next smoothed rows, whose columns are those of a trajectory."""
+        rows = np.concatenate([self.newest, smoothed[_COLUMNS].to_numpy(dtype=np.float64)])
+        if not len(rows):
+            return
+        rows[:, 2] = np.unwrap(rows[:, 2])
+        t, speed, heading, roll, sd = rows.T
+        steps = 0.5 * np.abs(speed[1:] + speed[:-1]) * np.diff(t)
+        way = self.way_m + np.concatenate([[0.0], np.cumsum(steps)])
+        grid = STEP_M * np.arange(np.floor(way[0] / STEP_M) + 1.0, np.floor(way[-1] / STEP_M) + 1.0)
+        new = np.column_stack([np.interp(grid, way, of) for of in (heading, roll, sd**2)])
+        self.way_m, self.newest = float(way[-1]), rows[-1:].copy()
+        self.cells = np.concatenate([self.cells, new])
+        if len(self.cells) > 2 * MARGIN:
+            known = slice(MARGIN, len(self.cells) - MARGIN)
+            found = self.cells[known][straight(self.cells[:, 0])[known]]
+            self.sums += [len(found), *found[:, 1:].sum(axis=0)]
+            self.cells = self.cells[-2 * MARGIN :].copy()
+
+    def events(self, until_s: float) -> tuple[Event, ...]:
+        """Return an event if the sigmas do not explain the mean roll on straights, known at the end of a stream."""
+        number, roll, variance = self.sums
+        if number * STEP_M < SHORTEST_M or unexplained_roll(roll / number, variance / number) < NOTICED_RAD:
+            return ()
+        advice = "declare mount_rpy_deg or mount_roll_sd_deg of [imu], or smooth the recording"
+        return (Event(DOUBT, t_s=until_s, detail=f"roll, cross_level: {in_words(roll / number)}: {advice}"),)
