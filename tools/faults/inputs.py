@@ -16,6 +16,7 @@ import pandas as pd
 from interchange import foreign_forms
 
 from faults.entries import ENTRIES
+from faults.runner import Conditions, run
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.io.reader import read_recording
 from trackfg.streaming.rows import raw_columns
@@ -110,11 +111,11 @@ places = "places.csv"
 
 def make_inputs(folder: Path) -> None:
     """Write the sound inputs of every entry, and check that what is made of others ends well."""
-    for number, run in enumerate(("run0", "run1", "run2")):
+    for number in range(3):
         made = simulate(scenario("mainline-gnss"), seed=0, run=number, duration_s=MAPPED_S)
-        made.write(folder / run)
-        _pass_balises(made, folder / run)
-        _begin_in_month(number + 1, folder / run / "recording.toml")
+        made.write(folder / f"run{number}")
+        _pass_balises(made, folder / f"run{number}")
+        _begin_in_month(number + 1, folder / f"run{number}" / "recording.toml")
     _recordings(folder)
     _logs(folder)
     texts = {
@@ -142,8 +143,8 @@ def make_inputs(folder: Path) -> None:
         "map trends line.gpkg result other third -o grown",
     ):
         run_sound(command, folder)
-    for run in range(3):
-        shutil.rmtree(folder / f"run{run}")
+    for number in range(3):
+        shutil.rmtree(folder / f"run{number}")
     _begin_stream(folder)
 
 
@@ -243,10 +244,9 @@ def _begin_stream(folder: Path) -> None:
 
 def run_sound(command: str, folder: Path) -> None:
     """Run a command that has to end well."""
-    arguments = [sys.executable, "-m", "trackfg", *command.split()]
-    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True)
-    if done.returncode not in (0, 3):
-        raise SystemExit(f"trackfg {command}: {done.stderr}")
+    end = run(command, folder, Conditions())
+    if end.status not in (0, 3):
+        raise SystemExit(f"trackfg {command}: {end.err}")
 
 
 def _as_csv(recording: Path, to: Path) -> None:
