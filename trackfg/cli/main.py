@@ -72,6 +72,10 @@ def main() -> None:
         _fail(_sentence(error), status=1)
     except MemoryError as error:
         _fail(f"out of memory ({first_line(error)}). Hint: {_LESS_MEMORY}", status=1)
+    except RuntimeError as error:
+        if str(error) != _NO_THREAD:
+            raise
+        _fail(f"out of memory or of processes ({_NO_THREAD}). Hint: {_LESS_MEMORY}", status=1)
     except ImportError as error:
         if isinstance(error, ModuleNotFoundError) and error.name not in sys.stdlib_module_names:
             raise
@@ -85,6 +89,8 @@ def _is_interrupted(error: BaseException) -> bool:
     return isinstance(error, KeyboardInterrupt) or (origin is not None and _is_interrupted(origin))
 
 
+_NO_THREAD = "can't start new thread"
+"""What Python says where the system gives a thread no stack."""
 _LESS_MEMORY = "free memory, or cut the recording into parts (docs/performance.md says what a run takes)"
 
 

@@ -33,6 +33,10 @@ def test_closed_streams_are_none_to_write_to(tmp_path: Path) -> None:
     [
         (MemoryError("Unable to allocate 30.5 MiB"), "trackfg: out of memory (Unable to allocate 30.5 MiB). Hint: "),
         (MemoryError(), "trackfg: out of memory (MemoryError). Hint: "),
+        (
+            RuntimeError("can't start new thread"),
+            "trackfg: out of memory or of processes (can't",
+        ),
         (FileNotFoundError(2, "No such file or directory", "a\x1b[31mb"), r"trackfg: a\x1b[31mb: No such file"),
     ],
 )
