@@ -4,15 +4,13 @@ The bias that an inertial factor sees is that of its interval: the sensor's own,
 axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
 force f. An accelerometer whose response is not quite linear turns vibration along an axis, of power P, into a bias.
 The gyro feels the Earth turn about the horizontal axes of n, by e (2,) more than is modelled, and in body axes that
-changes with the heading. With the shared calibration c made of A, W and G (3, 3), row by row, the rectification k (3,),
-and e,
+changes with the heading. With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, the
+rectification k (3,), and e,
 
-    accelerometer:  own + A (f - g) + k P, axis by axis
-    gyro:           own + W w + G (f - g) + R_nb' (e_x, e_y, 0).
+    accelerometer:  own + A (f_x, f_y) + k P, axis by axis
+    gyro:           own + W w + G (f_x, f_y) + R_nb' (e_x, e_y, 0).
 
-What the sensor feels of gravity g along z does not change, nor what it does of the Earth about the vertical: it is a
-bias. What else there is along z is small, v w in canted and in vertical curves; but were its scale taken for known, it
-would tell cant and speed as no sensor does whose other scales are off.
+What the sensor feels of gravity along z hardly changes, nor what it does of the Earth about the vertical: it is a bias.
 """
 
 from __future__ import annotations
@@ -24,18 +22,14 @@ from trackfg.factors.family import Family
 from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.units import STANDARD_GRAVITY
 
-OF_ACCELEROMETER, OF_GYRO = slice(0, 9), slice(9, 27)
+OF_ACCELEROMETER, OF_GYRO = slice(0, 6), slice(6, 21)
 """What the accelerometer adds (A) and what the gyro does (W and G), in the calibration."""
 
-SCALES = np.array([0, 4, 8, 9, 13, 17])
-"""The diagonals of A and W in the calibration, in the order of the bias."""
-
-RECTIFICATION = slice(27, 30)
+RECTIFICATION = slice(21, 24)
 """The coefficients k in the calibration."""
 
-EARTH = slice(30, 32)
+EARTH = slice(24, 26)
 """The Earth's rate e in the calibration."""
 
 
@@ -46,10 +40,10 @@ def response_terms(force: Array, rate: Array, power: Array, attitude: Array) -> 
     for attitudes ``R_nb`` (m, 3, 3).
     """
     out = np.zeros((len(rate), 6, Kind.IMU.dim))
-    felt = force - [0.0, 0.0, STANDARD_GRAVITY]
     for axis in range(3):
-        for row, block, by in ((axis, 0, felt), (3 + axis, 9, rate), (3 + axis, 18, felt)):
-            out[:, row, block + 3 * axis : block + 3 * axis + 3] = by
+        out[:, axis, 2 * axis : 2 * axis + 2] = force[:, :2]
+        out[:, 3 + axis, 6 + 3 * axis : 9 + 3 * axis] = rate
+        out[:, 3 + axis, 15 + 2 * axis : 17 + 2 * axis] = force[:, :2]
         out[:, axis, RECTIFICATION.start + axis] = power[:, axis]
     out[:, 3:, EARTH] = np.swapaxes(attitude, 1, 2)[:, :, :2]
     return out
@@ -60,8 +54,8 @@ def response_sigmas(
 ) -> Array:
     """Return prior sigmas: of A and W scales on the diagonal, else misalignment (rad); of G, k and e."""
     A, W = (np.where(np.eye(3) > 0, scale, misalignment) for scale in (accel_scale, gyro_scale))
-    rest = np.repeat([g_sensitivity, rectification, earth], [9, 3, 2])
-    return np.concatenate([A.ravel(), W.ravel(), rest])
+    rest = np.repeat([g_sensitivity, rectification, earth], [6, 3, 2])
+    return np.concatenate([A[:, :2].ravel(), W.ravel(), rest])
 
 
 def _walk(first: Array, second: Array, calibration: Array, change: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.factors.bias import EARTH, SCALES
+from trackfg.factors.bias import EARTH
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.motion import mount_matrix
@@ -48,9 +48,9 @@ _WIDENED = 1.2
 _LEAST_FREE = 1e-9
 """1 - h at least: beyond it rounding decides what the data alone say."""
 
-_PULLED_SIGMAS = 1.0
-"""Sigmas by which noise in what a scale factor is multiplied by pulls it, if residuals show all of the noise, from
-which on the response is renewed. What the rest of the graph sees of inertial noise is a tenth to a third of it."""
+_SAME_MOTION = 0.1
+"""Change of the motion, relative, from which the response to it is renewed: by the square of it a scale factor may then
+be off."""
 
 _SET_SD = 1e-5
 """Sigmas below this do not say what is known but what is so by convention."""
@@ -111,13 +111,13 @@ def _clocks() -> Iterator[_Scalar]:
 def _calibration() -> Iterator[_Scalar]:
     column = count()
     hint = "declare {} of [imu.noise] as large"
-    for name, key, felt in (("accelerometer", "accel", "force"), ("gyro", "gyro", "angular rate")):
-        for axis, other in product("xyz", repeat=2):
+    for name, key, felt, inputs in (("accelerometer", "accel", "force", "xy"), ("gyro", "gyro", "angular rate", "xyz")):
+        for axis, other in product("xyz", inputs):
             text, declared = f"the {name}'s {axis} axis feels {{}} % of the {felt} along {other}", "misalignment_sd_rad"
             if axis == other:
                 text, declared = f"the scale of the {name}'s {axis} axis is off by {{}} %", f"{key}_scale_sd"
             yield _Scalar(next(column), text, hint.format(declared), 100.0)
-    for axis, other in product("xyz", repeat=2):
+    for axis, other in product("xyz", "xy"):
         text = f"the gyro's {axis} axis feels {{}} rad/s per m/s^2 along {other}"
         yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
     column, text = count(EARTH.start), "the Earth turns about the axis {} by {{}} deg/h"
@@ -169,7 +169,7 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             columns = {scalar.column: scalar for scalar in scalars}
             known = first.sigma[0]
             far = [c for c, one in columns.items() if abs(judged.sigmas[c]) > one.limit and known[c] >= one.least_sd]
-            if kind is Kind.IMU and (without_noise := _of_motion(run, problem)) is not None:
+            if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
                 any_changed, problem = True, without_noise
                 continue
             findings += _contradictions(kind, judged, [columns[c] for c in far], known)
@@ -234,20 +234,17 @@ def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _J
 def _of_motion(run: SolvedRun, problem: Problem) -> Problem | None:
     """Return the problem whose inertial sensor responds to the motion of the solution; None where it already does.
 
-    Noise n beside a force or rate passes for a scale factor of 1: of an interval of dt whose white noise has the
-    density N it pretends the information ``n^2 dt / N^2``. The sum of these times s^2 pulls one of sigma s.
+    Noise beside the forces and rates by which a calibration is multiplied passes for a scale factor.
     """
     walk = problem.family(FactorType.BIAS_WALK)
     if walk is None or not problem.measured:
         return None
     nav = run.solution.states.nav
     response = response_of_motion(nav, problem.t, problem.measured[0].gravity, problem.response)
-    noise = (problem.response - response)[:-1, np.arange(len(SCALES)), SCALES]
-    density = np.roll(problem.run.noise.variance, 3, axis=1)
-    pretended = np.sum(noise**2 * np.diff(problem.t)[:, None] / density, axis=0)
-    if (np.sqrt(np.diagonal(run.covariance.of(Kind.IMU)[0])[SCALES]) * pretended <= _PULLED_SIGMAS).all():
-        return None
     change = np.diff(response, axis=0)
+    differs, size = (np.linalg.norm(terms, axis=(0, 1)) for terms in (walk.data["change"] - change, change))
+    if (differs <= _SAME_MOTION * size).all():
+        return None
 
     def of_motion(family: Family) -> Family:
         return family.with_data(change=change)
