@@ -17,15 +17,6 @@ A line of an engine's vibration that lies near a multiple of the sampling rate i
 in motion tells it from motion. But at rest all is noise: there the variance of means over half a second shows it, and
 what shakes a vehicle at rest shakes it in motion, too (:meth:`NoiseFloor.with_rests`).
 
-A sensor may be better than declared. In motion no spectrum tells, since one that falls towards the Nyquist frequency is
-a filter's; but rests show the noise below the keyframe rate itself. Where theirs is clearly less than declared, what is
-assumed is
-
-    density^2 = (n declared^2 + m shown^2) / (n + m),
-
-of m independent means at rest and n as many as what is declared is worth: the mean of an inverse gamma distribution,
-the conjugate prior of a variance (Gelman et al., Bayesian Data Analysis, ch. 2). In motion the floor counts on top.
-
 Two more things count as noise of an interval:
 
 - steps q of the numbers that the sensor puts out: q^2/12 for as long as a value stays, that is times dt of a signal
@@ -39,7 +30,7 @@ Two more things count as noise of an interval:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -85,13 +76,7 @@ _EFFICIENCY = 0.37
 (Rousseeuw & Croux, J. American Statistical Association 88 (1993))."""
 
 _SIGMAS = 3.0
-"""Means at rest scatter by more than the floor, or less than declared, where their variance is so many of its sigmas
-beyond."""
-
-AGREEING = 10.0
-"""Independent values that agree with what is declared, as many as its prior is worth. The log of a level has the sigma
-1 / sqrt(2 AGREEING), 0.22: a factor of 1.5 either way is 2 sigmas, as far apart as what data sheets call typical and
-what they call the limit."""
+"""Means at rest scatter by more than the floor where their variance is so many of its sigmas beyond."""
 
 _MOTION_S = 0.25
 """Means over this, s, are motion: what is faster than 2-4 Hz is vibration, a body on its springs sways at 1-2 Hz."""
@@ -172,8 +157,6 @@ class NoiseFloor:
     lost: Array
     shock_t: Array
     shock: Array
-    rest: Array = field(default_factory=lambda: np.zeros(6))
-    rest_means: float = 0.0
 
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
@@ -187,10 +170,7 @@ class NoiseFloor:
         return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden(), *blocks.shocks())
 
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
-        """Return the same with what means over half a second in ``rests`` (r, 2), s, show.
-
-        What is beyond the floor is added all the time; where it is less than declared, less is assumed.
-        """
+        """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
         middle = 0.5 * (self.knots[1:] + self.knots[:-1])
         long = rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]
         counts = ((long[:, 1] - long[:, 0]) / _REST_MEAN_S).astype(int)
@@ -199,29 +179,17 @@ class NoiseFloor:
         means = np.hstack([means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)])
         off = [rest - np.median(rest, axis=0) for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
         scatter, resting = np.concatenate([np.zeros((0, 6)), *off]), within(middle, rests)
-        if len(scatter) <= len(rests):
+        if len(scatter) <= len(rests) or not resting.any():
             return self
-        shown = _REST_MEAN_S * np.array([robust_sd(x) for x in scatter.T]) ** 2
-        worth = _EFFICIENCY * len(scatter)
-        rested = replace(self, rest=np.maximum(shown, _rounding_at(data, long)), rest_means=worth)
-        if not resting.any():
-            return rested
         floor = np.median(self.seen[resting], axis=0)
-        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / worth)) * floor
-        return replace(rested, seen=self.seen + np.where(clearly, shown - floor, 0.0))
-
-    def _assumed(self, declared: Array) -> Array:
-        """Return the density squared (6,) that is assumed where no floor is seen, of the ``declared`` one (6,)."""
-        if not self.rest_means:
-            return declared
-        less = self.rest < np.exp(-_SIGMAS * np.sqrt(2.0 / self.rest_means)) * declared
-        mean = (AGREEING * declared + self.rest_means * self.rest) / (AGREEING + self.rest_means)
-        return np.where(less, mean, declared)
+        shown = _REST_MEAN_S * np.array([robust_sd(x) for x in scatter.T]) ** 2
+        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / (_EFFICIENCY * len(scatter)))) * floor
+        return replace(self, seen=self.seen + np.where(clearly, shown - floor, 0.0))
 
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
-        """Return the white noise between times ``t`` (m + 1,), s: as seen, at least as declared or as rests show."""
-        assumed, span = self._assumed(np.repeat([gyro, accel], 3) ** 2), np.diff(t)[:, None]
-        white = np.where(self.seen > _CLEARLY * assumed, self.seen, assumed)
+        """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""
+        declared, span = np.repeat([gyro, accel], 3) ** 2, np.diff(t)[:, None]
+        white = np.where(self.seen > _CLEARLY * declared, self.seen, declared)
         total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
         lost, shocks = (_summed(t, *parts) for parts in ((self.lost_t, self.lost), (self.shock_t, self.shock)))
         return WhiteNoise.of_variance(
@@ -236,13 +204,6 @@ def _summed(edges: Array, t: Array, values: Array) -> Array:
     sums = np.zeros((len(edges) - 1, 6))
     np.add.at(sums, first[inside], values[inside])
     return sums
-
-
-def _rounding_at(data: Intervals, rests: Array) -> Array:
-    """Return the density squared (6,) of the rounding to steps in ``rests`` (r, 2), s: it lasts as long as a value."""
-    channels, resting = np.concatenate([data.gyro.T, data.accel.T]), within(data.edges[1:-1], rests)
-    changes = [np.count_nonzero(np.abs(np.diff(samples)[resting]) > _SAME) for samples in channels]
-    return np.asarray(_finest_step(channels) ** 2 / 12.0 * np.diff(rests).sum() / (np.array(changes) + 1.0))
 
 
 def _finest_step(channels: Array) -> Array:

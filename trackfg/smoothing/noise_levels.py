@@ -12,10 +12,9 @@ The inertial sensors' level is first that of the intervals nearby (shocks, a bri
 the intervals that are left, that of the run; other groups, and the walks of the biases, have one for the run. Biases
 that walk faster than declared are what a sensor that warms up shows, or one that rectifies vibration in its own way.
 
-No level is below 1, and what was raised comes down again once something else explains the residuals. Wheels and
-vehicles that are better than assumed show too little of it in one run: the sum of their small errors, which is what
-matters, is hardly seen in residuals. The noise of an inertial sensor is white, and rests show it
-(:mod:`trackfg.sensors.imu_noise`).
+No level is below 1, and what was raised comes down again once something else explains the residuals. Sensors that are
+better than declared, or wheels, show too little of it in one run: the sum of their small errors, which is what matters,
+is hardly seen in residuals.
 """
 
 from __future__ import annotations
@@ -32,9 +31,12 @@ from trackfg.factors.imu import PreintegrationNoise
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
-from trackfg.sensors.imu_noise import AGREEING, WhiteNoise
+from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, walk_residuals
+
+_AGREEING = 10.0
+"""Residuals that agree with what is assumed, as many as a group's prior is worth: n above."""
 
 _SIGNIFICANT = 3.0
 """Sigmas of a variance with so many residuals, ``sqrt(2 / (n + sum r))``, by which a level has to exceed 1."""
@@ -110,8 +112,8 @@ def _levels(squares: Array | float, redundancy: Array | float, tests: float = 1.
 
     Of so many independent ``tests`` the largest exceeds the limit as rarely as a single one (Bonferroni).
     """
-    worth = AGREEING + np.maximum(redundancy, 0.0)
-    variance, sigmas = (AGREEING + squares) / worth, -ndtri(ndtr(-_SIGNIFICANT) / tests)
+    worth = _AGREEING + np.maximum(redundancy, 0.0)
+    variance, sigmas = (_AGREEING + squares) / worth, -ndtri(ndtr(-_SIGNIFICANT) / tests)
     significant = variance > np.maximum(1.0 + sigmas * np.sqrt(2.0 / worth), _RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
@@ -182,7 +184,7 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
         Finding(
             level="info",
             code="noise-level-raised",
-            message=f"{_NAMES[name]}: residuals show {level:.1f} times what was assumed, and sigmas are of that",
+            message=f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that",
             hint="declare the noise that is there, or look for what causes it",
         )
         for name, level in levels(run.declared, run.problem).items()
