@@ -46,7 +46,7 @@ _WORKED_M = 100.0
 _LIKELY_SIGMAS = 3.0
 """Sigmas from which a likely step is one."""
 _SURE_SIGMAS = 2.0
-"""A trend's row is that of the cell whose rate is the largest so many sigmas below: 97.5 % are larger than that."""
+"""A row is that of the cell whose rate or step is the largest so many sigmas below: 97.5 % are larger than that."""
 _FURTHEST = timedelta(days=50 * 365.25)
 """Dates further ahead are none: no track lies so long without work."""
 
@@ -163,7 +163,7 @@ def _place(places: Series, span: slice, at: int, name: str) -> dict[str, Any]:
 
 
 def _trend(places: Series, name: str, d: Drift, span: slice, rate: str) -> dict[str, Any]:
-    at = span.start + int(np.nanargmax(np.abs(d.rate[span]) - _SURE_SIGMAS * d.rate_sd[span]))
+    at = span.start + _largest(d.rate[span], d.rate_sd[span])
     stepped = np.flatnonzero(d.steps[:, at])
     return {
         **_place(places, span, at, name),
@@ -176,13 +176,16 @@ def _trend(places: Series, name: str, d: Drift, span: slice, rate: str) -> dict[
     }
 
 
+def _largest(values: Array, sd: Array) -> int:
+    """Return where values are surely the largest in magnitude."""
+    return int(np.nanargmax(np.abs(values) - _SURE_SIGMAS * sd))
+
+
 def _steps(places: Series, name: str, d: Drift) -> list[dict[str, Any]]:
     rows = []
     for run, jump in enumerate(d.steps):
         for span in _spans(places, np.abs(jump) >= LEAST_STEP_MM):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                sigmas = np.nan_to_num(np.abs(jump[span]) / d.step_sd[run, span])
-            at = span.start + int(np.argmax(sigmas))
+            at = span.start + _largest(jump[span], d.step_sd[run, span])
             after = np.isfinite(places.value[name][run:, at]) & ~d.outliers[run:, at]
             rows.append(
                 {
