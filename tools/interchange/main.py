@@ -61,11 +61,12 @@ def _run(duration_s: float) -> tuple[Recording, Drive]:
     start = datetime(2026, 5, 1, 3, 12, tzinfo=UTC)
     gnss = recording.gnss
     assert gnss is not None
-    # A logger has one clock, and in a table with one row a sample a position is as late as that.
-    samples = recording.imu["t_s"].to_numpy()
+    # A logger has one clock of whole ns, and in a table with a row for each sample a position is as late as that.
+    samples = np.round(recording.imu["t_s"].to_numpy(), 9)
     at = np.minimum(np.searchsorted(samples, gnss["t_s"]), len(samples) - 1)
     gnss = gnss.assign(t_s=samples[at]).drop_duplicates("t_s", ignore_index=True)
-    recording = replace(recording, gnss=gnss, gnss_origin=np.array([46.9, 7.4, 500.0]))
+    imu = recording.imu.assign(t_s=samples)
+    recording = replace(recording, imu=imu, gnss=gnss, gnss_origin=np.array([46.9, 7.4, 500.0]))
     drive = Drive.of(recording)
     part = Tach(file="tach.parquet", column="distance_m", kind="distance", unit="m", integrated=True)
     description = recording.description.model_copy(update={"start": start, "tach": part})

@@ -104,7 +104,12 @@ def _of_geojson(path: Path) -> Iterator[Feature]:
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a GeoJSON file") from error
     except (ValueError, RecursionError) as error:
         raise BadInputError(f"{path}: not readable as GeoJSON: {first_line(error)}: expected JSON in UTF-8") from error
-    features = content.get("features") if isinstance(content, dict) else None
+    content = content if isinstance(content, dict) else {}
+    features = content.get("features")
+    if content.get("type") == "Feature":
+        features = [content]
+    elif "coordinates" in content:
+        features = [{"geometry": content}]
     if not isinstance(features, list):
         raise BadInputError(f"{path}: has no list of features: expected a FeatureCollection of GeoJSON")
     crs = content.get("crs")

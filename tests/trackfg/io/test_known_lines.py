@@ -55,6 +55,14 @@ def test_ids_and_parts(tmp_path: Path) -> None:
     assert line.relations is None
 
 
+@pytest.mark.parametrize("content", [feature("1", TRACKS["B"]), feature("", TRACKS["B"])["geometry"]])
+def test_a_feature_and_a_geometry_are_geojson_by_themselves(content: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "line.geojson").write_text(json.dumps(content))
+    line = read_known_line(tmp_path / "line.geojson")
+    assert line.ids == ("1",)
+    np.testing.assert_array_equal(line.vertices[0][:, ::-1], TRACKS["B"])
+
+
 def test_other_reference_systems(tmp_path: Path) -> None:
     pyproj = pytest.importorskip("pyproj")
     to_plane = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:6677", always_xy=True)

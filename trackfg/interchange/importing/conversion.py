@@ -70,6 +70,8 @@ _FASTEST_S = 0.04
 _HELD_S = 1.5
 """A position that is the same for longer is one of a vehicle at rest, s: the slowest receivers have 1 Hz."""
 
+_TIME_DIGITS = 9
+"""Decimals of times, s: dates are whole nanoseconds."""
 _PLACES_FILE = "balise_places.parquet"
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
@@ -337,7 +339,8 @@ def _described(
         file = f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
         time = "t" if "t" not in part.columns else "t_s"
         columns = {name: np.asarray(values) for name, values in part.columns.items()}
-        files[file] = pd.DataFrame({time: part.times.since(start_ns), **columns})
+        # No clock is finer than 1 ns, so that a time is the same however its source has written it.
+        files[file] = pd.DataFrame({time: np.round(part.times.since(start_ns), _TIME_DIGITS), **columns})
         if part.places is not None:
             files[_PLACES_FILE] = part.places
         section = {"file": file, "time": time, **part.keys}
