@@ -7,8 +7,9 @@ changes, and the sigma of a distance between two positions is that of a scale th
 
 How fast it walks the data decide, by their likelihood with the states integrated out
 (:mod:`trackfg.solver.scale_evidence`). A scale that may walk everywhere makes every distance unsure, though creep
-begins and ends at a few places. So where a run has been solved with one, spans in which a constant scale is as likely
-are sought by halving, and the scale walks in the others alone.
+begins and ends at a few places. So where a run has been solved with one, spans in which a constant scale is clearly
+likelier are sought by halving, and the scale walks in the others alone: also where the data do not tell, so that
+sigmas allow for either.
 
 Fixes that were withheld while the scale was a constant, and are off by no more than a wheel creeps, are used again.
 """
@@ -91,7 +92,7 @@ def _walking(chain: Family, factor: float) -> Family:
 
 
 def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: Family, t: Array) -> Family:
-    """Return the chain with a scale that walks in those spans alone in which it is likelier than a constant one.
+    """Return the chain with a scale that walks in all spans but those in which a constant one is clearly likelier.
 
     ``t`` (n,): times of the keyframes, s.
     """
@@ -104,7 +105,7 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
         sigma[begin:end] = declared.sigma[begin:end]
         trial = replace(chain, sigma=sigma)
         likelihood = evidence.log_likelihood(trial)
-        if likelihood >= most:
+        if likelihood > most + CLEARLY:
             chain, most = trial, likelihood
         elif begins[end - 1] - begins[begin] > 2.0 * _SHORTEST_S:
             half = int(np.searchsorted(begins, 0.5 * (begins[begin] + begins[end - 1])))

@@ -37,6 +37,7 @@ from trackfg.results.events import Event
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
+from trackfg.streaming.late_clocks import clock_doubts
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
@@ -182,8 +183,9 @@ class FixedLagSmoother:
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
         last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
-        until = self._buffer.until
-        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until))
+        until, running = self._buffer.until, self._moving.running
+        late = () if running is None else clock_doubts(running.newest.states.clock[0], self.config, until)
+        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until), *late)
         return last._replace(events=(*last.events, *doubts))
 
     def _tested(self, estimates: Estimates) -> Estimates:
