@@ -16,6 +16,9 @@ from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import MARGIN, NOTICED_RAD, SHORTEST_M, in_words, straight, unexplained_roll
 
+_SIGMAS = 3.3
+"""Of the mean roll, within which it is chance, at the probability of 1e-3 as of other doubts of a stream."""
+
 _COLUMNS = ["t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd"]
 
 
@@ -54,7 +57,10 @@ class RollTest:
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event if the sigmas do not explain the mean roll on straights, known at the end of a stream."""
         number, roll, variance = self.sums
-        if number * STEP_M < SHORTEST_M or unexplained_roll(roll / number, variance / number) < NOTICED_RAD:
+        if number * STEP_M < SHORTEST_M:
+            return ()
+        mean, square = roll / number, variance / number
+        if mean**2 < _SIGMAS**2 * square or unexplained_roll(mean, square) < NOTICED_RAD:
             return ()
         advice = "declare mount_rpy_deg or mount_roll_sd_deg of [imu], or smooth the recording"
-        return (Event(DOUBT, t_s=until_s, detail=f"roll, cross_level: {in_words(roll / number)}: {advice}"),)
+        return (Event(DOUBT, t_s=until_s, detail=f"roll, cross_level: {in_words(mean)}: {advice}"),)

@@ -46,6 +46,12 @@ def test_an_upright_sensor_and_one_in_curves_alone_are_not_doubted() -> None:
     assert RollTest().events(0.0) == ()
 
 
+def test_a_mean_that_its_sigma_explains_is_not_doubted() -> None:
+    """1 deg is 2.9 sigmas of 6 mrad."""
+    assert put_through(rows(1.0).assign(roll_rad_sd=6e-3)).events(200.0) == ()
+    assert len(put_through(rows(1.0).assign(roll_rad_sd=5e-3)).events(200.0)) == 1
+
+
 def test_pieces_of_any_size_make_the_same_sums() -> None:
     table = rows(1.0)
     whole = put_through(table)
