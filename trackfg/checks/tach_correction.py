@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset, tach_acceleration
-from trackfg.numerics.units import KMH
+from trackfg.numerics.units import KMH, MPH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged, band_passed
@@ -46,7 +46,7 @@ _MISTAKES = {
     1.0: "",
     KMH: "its values look like km/h, and are taken for m/s",
     1.0 / KMH: "its values look like m/s, and are taken for km/h",
-    0.44704: "its values look like mph, and are taken for m/s",
+    MPH: "its values look like mph, and are taken for m/s",
     1e-3: "its values look like mm, and are taken for m",
     1e3: "its values look like m, and are taken for mm",
 }

@@ -13,6 +13,9 @@ STANDARD_GRAVITY = 9.80665
 KMH = 1.0 / 3.6
 """m/s per km/h."""
 
+MPH = 0.44704
+"""m/s per mph: the international mile is 1609.344 m (NIST Special Publication 811, appendix B)."""
+
 DEG_PER_H = math.radians(1.0) / 3600.0
 """rad/s per deg/h."""
 

@@ -6,18 +6,18 @@ import re
 from typing import Literal
 
 from trackfg.numerics.km_notation import METRES_PER
+from trackfg.numerics.units import MPH
 
 _FOOT_M = 0.3048
 _KNOT_MPS = 1852.0 / 3600.0
-_MPH_MPS = METRES_PER["mi"] / 3600.0
-"""International foot, knot and mile (NIST Special Publication 811, appendix B)."""
+"""International foot and knot (NIST Special Publication 811, appendix B)."""
 
 _CONVERSIONS = {
     "mrad/s": ("rad/s", 1e-3),
     "deg/h": ("deg/s", 1.0 / 3600.0),
     "mg": ("g", 1e-3),
     "gal": ("m/s^2", 1e-2),
-    "mph": ("m/s", _MPH_MPS),
+    "mph": ("m/s", MPH),
     "kn": ("m/s", _KNOT_MPS),
     "ft/s": ("m/s", _FOOT_M),
     "cm": ("m", 1e-2),

@@ -11,9 +11,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from trackfg.interchange.importing.foreign_units import recorded_unit
 from trackfg.interchange.importing.geometry_reading import KNOWN_COLUMNS
-from trackfg.numerics.units import KMH
+from trackfg.numerics.units import KMH, MPH
 
 _STATISTIC = r"keskihajonta|standard.?dev|\bstd\b|\brms\b|\bsd\b|muutos|change|limit|class|grade|event|flag|标准差"
 _SIGMA = r"\bsigma\b|uncertainty"
@@ -37,11 +36,10 @@ _QUANTITIES = {
 
 _LENGTHS = {"": 1.0, "mm": 1.0, "毫米": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Millimetres in a unit of length; what states none is in millimetres."""
-_, _MPH = recorded_unit("mph")
 _UNITS = {
     "curvature": {"": 1.0, "1/m": 1.0, "1pm": 1.0, "m^-1": 1.0, "1/km": 1e-3, "rad/km": 1e-3, "10000/m": 1e-4},
     "gradient": {"": 1.0, "permille": 1.0, "‰": 1.0, "mm/m": 1.0, "%": 10.0, "m/m": 1000.0, "1": 1000.0},
-    "speed": {"": KMH, "km/h": KMH, "kmh": KMH, "kph": KMH, "m/s": 1.0, "mps": 1.0, "mph": _MPH},
+    "speed": {"": KMH, "km/h": KMH, "kmh": KMH, "kph": KMH, "m/s": 1.0, "mps": 1.0, "mph": MPH},
 }
 """Of what is no length: the columns' unit in a unit. ``10000/m`` is 10000 over the radius."""
 
