@@ -31,7 +31,7 @@ from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
 from trackfg.numerics.key_figures import KeyFigures
-from trackfg.results.soundness import refuse_other_than_numbers
+from trackfg.results.soundness import refuse_empty, refuse_other_than_numbers
 from trackfg.results.summary import versions
 
 TRUTH = "truth"
@@ -239,8 +239,7 @@ def _refuse_other_than_curves(what: str, table: pd.DataFrame, place: str) -> Non
         return
     sigmas = [f"{name}_sd" for name in QUANTITIES if name in table or f"{name}_error" in table]
     refuse_other_than_numbers(what, table, ("case", "estimator", place, *sigmas), _TEXT)
-    if table[place].isna().any():
-        raise ValueError(f"{what}: column {place!r} is empty in some rows; expected a number in each")
+    refuse_empty(what, table, place)
 
 
 def rows_of(scores: pd.DataFrame) -> tuple[Row, ...]:

@@ -50,6 +50,12 @@ def refuse_other_than_numbers(what: str, table: pd.DataFrame, columns: Sequence[
             raise ValueError(f"{what}: column {name!r} holds an infinite number")
 
 
+def refuse_empty(what: str, table: pd.DataFrame, column: str) -> None:
+    """Raise ``ValueError``, naming table and column, unless a column has a number in each row."""
+    if table[column].isna().any():
+        raise ValueError(f"{what}: column {column!r} is empty in some rows; expected a number in each")
+
+
 def _refuse(what: str, name: str, values: np.ndarray, wrong: np.ndarray, expected: str) -> None:
     if wrong.any():
         row = int(np.argmax(wrong))

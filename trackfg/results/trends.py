@@ -28,7 +28,7 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
-from trackfg.results.soundness import refuse_other_than_numbers
+from trackfg.results.soundness import refuse_empty, refuse_other_than_numbers
 
 FORMAT = "trackfg-trends/1"
 _HEAD = "trends.json"
@@ -139,10 +139,7 @@ class Trends:
             quantities = [str(column).removesuffix("_runs") for column in table if str(column).endswith("_runs")]
             columns = ("chainage_m", *(f"{quantity}{end}" for quantity in quantities for end in ends))
             refuse_other_than_numbers(f"{name}.parquet", table, columns, ())
-            if table["chainage_m"].isna().any():
-                raise ValueError(
-                    f"{name}.parquet: column 'chainage_m' is empty in some rows; expected a number in each"
-                )
+            refuse_empty(f"{name}.parquet", table, "chainage_m")
         if self.cells.empty:
             raise ValueError("cells.parquet: has no row; expected one for each cell")
         for name in ("values", "section_values"):
