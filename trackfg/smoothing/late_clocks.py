@@ -155,11 +155,15 @@ def _with_tach_set(recording: Recording) -> Recording:
     return replace(recording, tach=recording.tach.assign(t_s=recording.tach["t_s"] + offset.offset_s))
 
 
+def in_words(table: str, offset_s: float) -> str:
+    """Say how late or early the stamps of a table are, of the seconds to add to them."""
+    return f"the stamps of {table} are {abs(offset_s):.2f} s {'late' if offset_s < 0.0 else 'early'}"
+
+
 def _set(table: str, offset_s: float, sd_s: float) -> Finding:
-    way = "late" if offset_s < 0.0 else "early"
     return Finding(
         "warning",
         f"{table.replace('/', '-')}-clock",
-        f"the stamps of {table} are {abs(offset_s):.2f} s {way} (sigma {sd_s:.2f} s); they were moved",
+        f"{in_words(table, offset_s)} (sigma {sd_s:.2f} s); they were moved",
         hint=f"add {offset_s:.2f} to its time_offset_s",
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 from trackfg.config import SmoothConfig
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
+from trackfg.smoothing.late_clocks import in_words
 
 _FAR_SIGMAS = 4.0
 """Declared sigmas beyond which an offset is doubted, as priors of the batch are: GNSS that is 1 s late (3.3) has errors
@@ -26,7 +27,5 @@ def clock_doubts(clock: Array, config: SmoothConfig, until_s: float) -> tuple[Ev
 
 
 def _doubt(table: str, offset_s: float, until_s: float) -> Event:
-    way = "late" if offset_s < 0.0 else "early"
-    doubt = f"chainage, position, speed: the stamps of {table} are {abs(offset_s):.2f} s {way}"
     advice = f"add {offset_s:.2f} to {table}.time_offset_s, or smooth the recording"
-    return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {advice}")
+    return Event(DOUBT, t_s=until_s, detail=f"chainage, position, speed: {in_words(table, offset_s)}: {advice}")
