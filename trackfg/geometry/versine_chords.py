@@ -6,7 +6,7 @@ the shortest of the band on. With their responses ``G`` (:func:`trackfg.geometry
 
     v_c = K_G * band + K_H * versine,    (K_G, K_H) = A H_c (G, H) / (G^2 + H^2 + (1 - A)^2),    H_c = 1 - cos(W c / 2),
 
-where ``A = 1 / (1 + (W / W2)^8)`` leaves out the waves that neither tells, shorter than the band's shortest
+where ``A = 1 / (1 + (W / W2)^8)`` leaves out the waves that neither contains, shorter than the band's shortest
 ``2 pi / W2``; ``(1 - A)^2`` keeps the kernels short, since there ``G`` and the zeros of ``H`` meet. Errors of long
 waves grow by ``(c / L)^2``, the ratio of the two versines of a circle.
 """
@@ -39,11 +39,11 @@ def versine_over(
     of an end or a hole.
 
     ``band_part`` and ``versine``, both (n,), are the part of the profile in ``band`` and its versine over the first of
-    ``chords_m``; the second is the chord asked for. Raises ``BadInputError`` where these two do not tell every wave
+    ``chords_m``; the second is the chord asked for. Raises ``BadInputError`` where these two together lack any wave
     from the shortest of the band on, or the chord is more than four times that of the versine.
     """
     from_m, chord_m = chords_m
-    if reason := _untold(band, from_m, chord_m):
+    if reason := _undetermined(band, from_m, chord_m):
         raise BadInputError(reason)
     of_band, of_versine = _kernels(step_m, band, from_m, chord_m)
     parts = (np.asarray(band_part, dtype=np.float64), of_band), (np.asarray(versine, dtype=np.float64), of_versine)
@@ -58,12 +58,12 @@ def further_chord_column(parameter: str, side: str, chord_m: float) -> str:
 def with_further_chords(
     geometry: pd.DataFrame, step_m: float, band: Band, from_m: float, chords_m: Iterable[float]
 ) -> pd.DataFrame:
-    """Return a geometry with versines of level and alignment over further chords, as far as its columns tell them.
+    """Return a geometry with versines of level and alignment over further chords, as far as its columns determine them.
 
     ``band`` and ``from_m`` are the band and the chord of its columns. It has a row at every step.
     """
     further: dict[str, Array] = {}
-    for chord in (each for each in chords_m if not _untold(band, from_m, each)):
+    for chord in (each for each in chords_m if not _undetermined(band, from_m, each)):
         for parameter in ("level", "alignment"):
             for side in ("", "_left", "_right"):
                 names = f"{parameter}{side}_mm", f"versine_{parameter}{side}_mm"
@@ -74,8 +74,8 @@ def with_further_chords(
     return geometry.assign(**further)
 
 
-def _untold(band: Band, from_m: float, chord_m: float) -> str:
-    """Return why a band and versines over ``from_m`` do not tell those over ``chord_m``; empty where they do."""
+def _undetermined(band: Band, from_m: float, chord_m: float) -> str:
+    """Return why a band and versines over ``from_m`` do not determine those over ``chord_m``; empty where they do."""
     if not band.shortest_m <= from_m / 2.0 <= band.longest_m:
         waves = f"has no waves of {from_m / 2.0:g} m, which a versine over {from_m:g} m lacks"
         return f"band from {band.shortest_m:g} to {band.longest_m:g} m {waves}"

@@ -17,7 +17,7 @@ FEET_31, FEET_124 = 9.4488, 37.7952
 
 
 def over(profile: np.ndarray, chord_m: float) -> np.ndarray:
-    """Return the versines over a chord of a profile that is told by D1 and the 10 m chord alone."""
+    """Return the versines over a chord of a profile, estimated from its part in D1 and its versines over 10 m."""
     return versine_over(band_pass(profile, STEP, D1), versine(profile, STEP), STEP, D1, (10.0, chord_m))
 
 
