@@ -42,7 +42,7 @@ class Call(NamedTuple):
 
 
 def _delta() -> Array:
-    delta = np.empty(compiled.DELTA_SIZE)
+    delta = np.zeros(compiled.DELTA_SIZE)
     compiled.preintegrate(*_INCREMENTS, delta)
     return delta
 
@@ -77,7 +77,7 @@ R, p, v, bias = _states(2)
 _CALLS = (
     Call(compiled.eliminate, _ELIMINATED, frozenset({(_ALONE, 1)})),  # which says how many variables are shared
     Call(compiled.preintegrate, (*_INCREMENTS, np.zeros(compiled.DELTA_SIZE))),
-    Call(compiled.inertial_factors, (_delta()[None], R, p, v, bias, np.empty((1, 9, 25)))),
+    Call(compiled.inertial_factors, (_delta()[None], R, p, v, bias, np.zeros((1, 9, 25)))),
     Call(compiled.predict, (_delta(), R[0], p[0], v[0], bias[0], np.zeros(15))),
 )
 calls = pytest.mark.parametrize("call", _CALLS, ids=[call.kernel.__name__ for call in _CALLS])
