@@ -23,13 +23,13 @@ import errno
 import os
 import shutil
 import stat
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from trackfg.errors import OutputError
 from trackfg.files.locks import CANNOT_LOCK, lock_file
+from trackfg.files.temporary_folder import temporary_folder
 
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
 _CONTENT = {_LOCK, _NEW, _OLD, _DISCARDED}
@@ -58,22 +58,20 @@ def replaced_folder(target: Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     recover(target)
     _remove_leftovers(target)
-    workspace, lock = _new_workspace(target)
-    try:
-        new = workspace / _NEW
-        new.mkdir()
-        yield new
-        _flush(new)
-        _publish(new, target, aside=workspace / _OLD)
-        sync(target.parent)
-    except OSError as error:
-        if error.errno not in _NO_SPACE:
-            raise
-        raise OutputError(f"{target}: cannot be written ({os.strerror(error.errno)})") from error
-    finally:
-        _settle(target, aside=workspace / _OLD)
-        shutil.rmtree(workspace, ignore_errors=True)
-        os.close(lock)
+    with _workspace(target) as workspace:
+        try:
+            new = workspace / _NEW
+            new.mkdir()
+            yield new
+            _flush(new)
+            _publish(new, target, aside=workspace / _OLD)
+            sync(target.parent)
+        except OSError as error:
+            if error.errno not in _NO_SPACE:
+                raise
+            raise OutputError(f"{target}: cannot be written ({os.strerror(error.errno)})") from error
+        finally:
+            _settle(target, aside=workspace / _OLD)
 
 
 def real_path(path: Path) -> Path:
@@ -173,12 +171,16 @@ def _prefix(target: Path) -> str:
     return f".{target.name}.trackfg-"
 
 
-def _new_workspace(target: Path) -> tuple[Path, int]:
+@contextmanager
+def _workspace(target: Path) -> Iterator[Path]:
+    """Yield a workspace, which holds its lock until it is removed."""
     while True:
-        workspace = Path(tempfile.mkdtemp(prefix=_prefix(target), dir=target.parent))
-        lock = _lock(workspace, wait=True)
-        if lock is not None:
-            return workspace, lock
+        with ExitStack() as held, temporary_folder(_prefix(target), target.parent) as workspace:
+            lock = _lock(workspace, wait=True)
+            if lock is not None:
+                held.callback(os.close, lock)
+                yield workspace
+                return
 
 
 def _lock_if_abandoned(workspace: Path) -> int | None:

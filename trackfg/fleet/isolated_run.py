@@ -15,10 +15,10 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from trackfg.errors import OutputError, first_line
+from trackfg.files.temporary_folder import temporary_folder
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.key_figures import done_row
 from trackfg.fleet.known_content import Sight, sight
@@ -116,8 +116,8 @@ def _attempt(job: Job, recording: Path, stop: threading.Event) -> Outcome:
 
 def _published(job: Job, recording: Path, stop: threading.Event) -> Outcome:
     """Put the result in its place as a whole. Raises :class:`_FailedError` where there is none; all stays then."""
-    with new_folder(job.result, RESULT_FOLDER.head) as new, TemporaryDirectory(prefix="trackfg-") as scratch:
-        outcome = _smoothed(job, recording, new, Path(scratch), stop)
+    with new_folder(job.result, RESULT_FOLDER.head) as new, temporary_folder() as scratch:
+        outcome = _smoothed(job, recording, new, scratch, stop)
         if outcome.reason is not None:
             raise _FailedError(outcome)
         try:

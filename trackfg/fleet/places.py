@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from trackfg.errors import TrackfgError, first_line
 from trackfg.files.atomic_file import write_whole
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.small_file import read_small
+from trackfg.files.temporary_folder import temporary_folder
 from trackfg.io.content import content_files, named_files
 from trackfg.io.description_reader import FILE_NAME, describes_recording
 
@@ -161,8 +161,7 @@ def new_folder(place: str, head: str) -> Iterator[Path]:
         with replaced_folder(Path(place)) as new:
             yield new
         return
-    with tempfile.TemporaryDirectory(prefix="trackfg-") as scratch:
-        new = Path(scratch)
+    with temporary_folder() as new:
         yield new
         remove(joined(place, head))
         for path in sorted(new.iterdir(), key=lambda path: path.name == head):
@@ -175,10 +174,10 @@ def local_files(folder: str, names: Sequence[str]) -> Iterator[Path]:
     if not is_url(folder):
         yield Path(folder)
         return
-    with tempfile.TemporaryDirectory(prefix="trackfg-") as scratch:
+    with temporary_folder() as scratch:
         for name in names:
-            (Path(scratch) / name).write_bytes(read(joined(folder, name)))
-        yield Path(scratch)
+            (scratch / name).write_bytes(read(joined(folder, name)))
+        yield scratch
 
 
 @contextmanager
@@ -190,10 +189,10 @@ def local_recording(place: str) -> Iterator[Path]:
     if not is_remote(place):
         yield Path(place)
         return
-    with tempfile.TemporaryDirectory(prefix="trackfg-") as scratch:
-        folder = Path(scratch) / "recording"
+    with temporary_folder() as scratch:
+        folder = scratch / "recording"
         if place.lower().endswith(_ARCHIVE):
-            yield _unpacked(place, Path(scratch), folder)
+            yield _unpacked(place, scratch, folder)
         else:
             yield _fetched(place, folder)
 
@@ -238,6 +237,6 @@ def content_of(recording: str) -> tuple[str, tuple[str, ...]]:
     if not is_url(recording):
         folder, names = content_files(recording)
         return str(folder), names
-    with tempfile.TemporaryDirectory(prefix="trackfg-") as scratch:
-        (Path(scratch) / FILE_NAME).write_bytes(read(joined(recording, FILE_NAME)))
+    with temporary_folder() as scratch:
+        (scratch / FILE_NAME).write_bytes(read(joined(recording, FILE_NAME)))
         return recording, content_files(scratch)[1]

@@ -7,10 +7,8 @@ the proposal makes is examined as ``trackfg check`` does, which finds the axes.
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +18,7 @@ from trackfg.checks.diagnosis import estimates_of
 from trackfg.checks.diagnosis_axes import AXES
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
+from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.column_meaning import (
     Triple,
     first_of,
@@ -286,8 +285,8 @@ def _axes(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     imu = proposal.sections["imu"]
     if "axes" in imu:
         return
-    with tempfile.TemporaryDirectory() as folder:
-        made = write_imported(tables, mapping_of(proposal.sections, "proposal"), Path(folder) / "r", run_id="proposal")
+    with temporary_folder() as folder:
+        made = write_imported(tables, mapping_of(proposal.sections, "proposal"), folder / "r", run_id="proposal")
         recording = made.loaded.recording
         assert recording is not None  # write_imported raises where it is not readable
         axes = estimates_of(recording).axes

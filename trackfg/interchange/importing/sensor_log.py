@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from trackfg.errors import BadInputError, did_you_mean
+from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposal import Ask, propose
@@ -48,9 +48,9 @@ def read_sensor_log(path: Path, ask: Ask, temperature: str | None = None) -> tup
     tables = form.tables(path, lambda _: None)
     proposal = propose(tables, ask, form.mapping(tables))
     proposal.sections["source"] = form.key
-    with tempfile.TemporaryDirectory() as folder_name:
+    with temporary_folder() as folder:
         made = write_imported(
-            tables, mapping_of(proposal.sections, "proposed mapping"), Path(folder_name) / "log", run_id=path.stem
+            tables, mapping_of(proposal.sections, "proposed mapping"), folder / "log", run_id=path.stem
         )
         recording = read_recording(made.folder)
     used = proposal.sections["imu"]["file"]

@@ -6,7 +6,6 @@ from gravity, so that only the latter is of use.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -16,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
+from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.text import names_in, unpacked
@@ -136,8 +136,8 @@ def _names(path: Path) -> set[str]:
 
 def _read(path: Path, wanted: Sequence[str], dialect_for: DialectFor) -> dict[str, SourceTable]:
     """Read the CSV files of these names that are there and have rows."""
-    with tempfile.TemporaryDirectory() as folder:
-        files = sorted(path.rglob("*.csv")) if path.is_dir() else unpacked(path, Path(folder))
+    with temporary_folder() as folder:
+        files = sorted(path.rglob("*.csv")) if path.is_dir() else unpacked(path, folder)
         return {file.stem: read_text(file, dialect_for(file.name)) for file in files if file.stem in wanted}
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from trackfg.errors import BadInputError
+from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.calendar_columns import with_whole_dates
 from trackfg.interchange.importing.column_meaning import time_columns
 from trackfg.interchange.importing.continued_files import with_joined_files
@@ -48,8 +48,8 @@ class TextFormat(SourceFormat):
             files = sorted(file for file in path.iterdir() if file.is_file())
             return refuse_empty(_all(files, dialect_for), path, "delimited text")
         if path.suffix.casefold() == ".zip" and starts_with(path, b"PK"):
-            with tempfile.TemporaryDirectory() as folder:
-                return refuse_empty(_all(unpacked(path, Path(folder)), dialect_for), path, "delimited text")
+            with temporary_folder() as folder:
+                return refuse_empty(_all(unpacked(path, folder), dialect_for), path, "delimited text")
         return _all([path], dialect_for, single=True)
 
 
