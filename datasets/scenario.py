@@ -22,6 +22,7 @@ from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Driver
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
+from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.model import Recording
 
 TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "further"]
@@ -55,8 +56,8 @@ class Effect:
         return recording
 
 
-@dataclass(frozen=True)
-class Scenario:
+@dataclass(frozen=True, repr=False)
+class Scenario(Outlined):
     """A line, its condition, a vehicle with its driver, and sensors.
 
     ``line`` is drawn within the ranges of a design, ``length_m`` long or as long as the duration needs, or is given.

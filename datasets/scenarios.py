@@ -29,6 +29,7 @@ from trackfg.datasets.vehicle.ride import Ride
 from trackfg.errors import BadInputError
 from trackfg.io.reader import write_recording
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.description import Vector3
 from trackfg.recording.model import Recording
 
@@ -44,8 +45,8 @@ _BEGINS = {"track": 0.0, "vehicle": 0.2, "sensors": 0.35, "truth": 0.85, "writin
 """Share of the time after which a stage begins, of 20 minutes of measuring-car and mainline with their writing."""
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(Outlined):
     """A simulated run.
 
     ``truth`` has one row per ``1/truth_rate_hz`` from t = 0, the start of the IMU's first sample: ``t_s, chainage_m,

@@ -22,13 +22,14 @@ from trackfg.factors.loss import Loss, SwitchChain
 from trackfg.factors.states import States, Value
 from trackfg.factors.switching import OUTLIER_SIGMAS
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
 """``evaluate(*values, **data) -> (residual (m, d), one Jacobian (m, d, dim) per slot)``."""
 
 
-@dataclass(frozen=True)
-class Family:
+@dataclass(frozen=True, repr=False)
+class Family(Outlined):
     """A family is m factors of one type.
 
     ``data`` holds the measurements by name, arrays with leading dimension m; ``sigma`` the 1-sigma of each residual

@@ -18,6 +18,7 @@ from trackfg.factors.linear import LinearFactors, Slot
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
+from trackfg.numerics.key_figures import Outlined
 
 if TYPE_CHECKING:
     import gtsam
@@ -73,8 +74,8 @@ def preintegrate(
     return preintegrated
 
 
-@dataclass(frozen=True)
-class Preintegration:
+@dataclass(frozen=True, repr=False)
+class Preintegration(Outlined):
     """The inertial sensor measured these increments over an interval, as :func:`preintegrate` takes them.
 
     With them are their white noise, and the ``gravity`` (m/s^2) and turning (``frame_rate`` (3,), rad/s) of the frame.
@@ -125,8 +126,8 @@ class Preintegration:
         return Nav(end.attitude().matrix()[None], end.position()[None], end.velocity()[None])
 
 
-@dataclass(frozen=True)
-class InertialFactors:
+@dataclass(frozen=True, repr=False)
+class InertialFactors(Outlined):
     """Factor k ties the states of keyframes k and k + 1 and the bias of keyframe k.
 
     Compiled kernels compute them where these are in use, GTSAM elsewhere, with the same result.

@@ -37,6 +37,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.rotations import so3_exp, so3_log
 
 if TYPE_CHECKING:
@@ -91,8 +92,8 @@ def offset_in_keyframe(kind: Kind) -> int:
     return sum(k.dim for k in before)
 
 
-@dataclass(frozen=True)
-class Nav:
+@dataclass(frozen=True, repr=False)
+class Nav(Outlined):
     """A navigation state has attitudes (m, 3, 3), positions (m, 3) and velocities (m, 3)."""
 
     R: Array
@@ -111,8 +112,8 @@ class Nav:
         return np.asarray(np.einsum("mji,mj->mi", self.R, self.v))
 
 
-@dataclass(frozen=True)
-class Odo:
+@dataclass(frozen=True, repr=False)
+class Odo(Outlined):
     """The odometer's states are an ``array`` (m, 4), its columns have names."""
 
     array: Array
@@ -178,8 +179,8 @@ def vectors(value: Value) -> Array:
     return value.array if isinstance(value, Odo) else value
 
 
-@dataclass(frozen=True)
-class States:
+@dataclass(frozen=True, repr=False)
+class States(Outlined):
     """The states are the values of all variables of a run.
 
     There are n of nav, bias and odo, one per keyframe; one of each shared kind, (1, dim); one for each further sensor,
@@ -246,8 +247,8 @@ class States:
         return States(nav, vectors(parts[Kind.BIAS]), odo, *shared)
 
 
-@dataclass(frozen=True)
-class Step:
+@dataclass(frozen=True, repr=False)
+class Step(Outlined):
     """A step has the tangents of all variables, stacked: keyframes (n, KEYFRAME_DIM), shared variables (SHARED_DIM,).
 
     Those of further sensors follow the other shared ones.

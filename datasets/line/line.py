@@ -28,6 +28,7 @@ from scipy.interpolate import PPoly
 
 from trackfg.datasets.line.polynomials import mirrored
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 _CELL_M = 10.0
 """Longest cell that the position is integrated over at once, m."""
@@ -35,8 +36,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 """Gauss-Legendre rule of 6 points, exact up to degree 11."""
 
 
-@dataclass(frozen=True)
-class Line:
+@dataclass(frozen=True, repr=False)
+class Line(Outlined):
     """A line from ``s = 0`` to ``length_m``; every function accepts any array of ``s`` and is vectorised.
 
     ``limit_from_m`` (m,) and ``limit_mps`` (m,) are the speed limits, each from its place to the next one's;

@@ -29,14 +29,15 @@ import numpy as np
 from trackfg.datasets.line.irregularities import Irregularities
 from trackfg.datasets.line.line import Line
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 Side = Literal["left", "right"]
 _SIGN: dict[Side, float] = {"left": 1.0, "right": -1.0}
 """Side of the rail: left positive."""
 
 
-@dataclass(frozen=True)
-class SimulatedTrack:
+@dataclass(frozen=True, repr=False)
+class SimulatedTrack(Outlined):
     """``line`` with its ``irregularities``; ``gauge_m`` is the nominal gauge. Functions take any array of ``s``."""
 
     line: Line

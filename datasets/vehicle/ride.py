@@ -31,6 +31,7 @@ from trackfg.datasets.vehicle.body_motion import BodyMotion
 from trackfg.datasets.vehicle.motion import DrivenMotion
 from trackfg.numerics import rotations
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 _SMOOTH_1PM = 1e-12
 """Curvature that jumps by less is continuous but for rounding."""
@@ -68,8 +69,8 @@ class Kinematics:
         return _body_rate(self.rpy, self.rpy_rates)
 
 
-@dataclass(frozen=True)
-class Ride:
+@dataclass(frozen=True, repr=False)
+class Ride(Outlined):
     """``motion`` along ``line``, the body deviating from it by ``body``. Times may have any shape (...).
 
     Chainage is ``chainage_origin_m + direction s``. The origin of ENU is where the vehicle is at t = 0.

@@ -12,6 +12,7 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -43,6 +44,7 @@ from trackfg.graph.priors import SET_SD_M, imu_grade, priors
 from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import KeyFigures
 from trackfg.numerics.spans import within
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
@@ -57,8 +59,8 @@ if TYPE_CHECKING:
     import gtsam
 
 
-@dataclass(frozen=True)
-class Problem:
+@dataclass(frozen=True, repr=False)
+class Problem(KeyFigures):
     """A problem is a graph to be solved, and what is needed to interpret the solution.
 
     docs/graph.md shows how to look into it, add to it, and take it to GTSAM.
@@ -85,6 +87,14 @@ class Problem:
     """Measurements that are taken for wrong: no part of the graph, but their residuals are reported."""
     gnss_level: Array | None = None
     """Level of the errors of GNSS that its sigmas were widened for, over the declared ones, shape (m, 3)."""
+
+    def key_figures(self) -> dict[str, str]:
+        """Return the number of keyframes, the time that they span, and the number of factors of each type."""
+        counts = Counter({"inertial": len(self.measured)})
+        for family in self.families:
+            counts[family.name] += len(family)
+        figures = {"problem": f"{len(self.t)} keyframes", "length": f"{np.ptp(self.t):.1f} s"}
+        return figures | {name: f"{count} {name}" for name, count in counts.items()}
 
     @property
     def t(self) -> Array:

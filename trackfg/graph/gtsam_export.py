@@ -17,6 +17,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.gtsam_bridge import chain_ordering, custom_factors, states_at, with_frozen_chain
 from trackfg.factors.states import Kind, States
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 if TYPE_CHECKING:
     import gtsam
@@ -34,8 +35,8 @@ class Variable(NamedTuple):
     t_s: float | None
 
 
-@dataclass(frozen=True)
-class GtsamProblem:
+@dataclass(frozen=True, repr=False)
+class GtsamProblem(Outlined):
     """The exported graph can be used with GTSAM's optimisers and factors.
 
     Attributes

@@ -14,6 +14,7 @@ from trackfg.factors.states import SHARED, Nav, Odo, States
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import earth_rate_enu, normal_gravity
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.spans import within
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import RecordingDescription
@@ -29,8 +30,8 @@ wrong by 0.1 deg makes as much. A recording without a latitude may be of a world
 are: the data contradict it where it does (:mod:`trackfg.smoothing.wide_priors`)."""
 
 
-@dataclass(frozen=True)
-class World:
+@dataclass(frozen=True, repr=False)
+class World(Outlined):
     """The world has a gravity (m/s^2) and turns in n (rad/s, (3,)): not at all where latitude is not known.
 
     ``unknown_rate_sd``, rad/s, is the 1-sigma of what its rate about each horizontal axis may be besides.
@@ -72,8 +73,8 @@ def still_between(t: Array, rests: Array) -> np.ndarray:
     return still
 
 
-@dataclass(frozen=True)
-class GraphInputs:
+@dataclass(frozen=True, repr=False)
+class GraphInputs(Outlined):
     """Factors are made from these inputs.
 
     The keyframes are at times ``t`` (n,), s, which are ``edges`` (n,) of the inertial ``data``; ``rests`` (r, 2), s."""

@@ -13,14 +13,15 @@ import numpy as np
 from trackfg.config import GeometryConfig
 from trackfg.graph.inputs import World
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.description import Track
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise
 
 
-@dataclass(frozen=True)
-class RunContext:
+@dataclass(frozen=True, repr=False)
+class RunContext(Outlined):
     """The keyframes of a run or of a stretch of it, its inertial record, and what the columns of its tables mean."""
 
     t: Array

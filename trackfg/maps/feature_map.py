@@ -37,7 +37,7 @@ import pandas as pd
 from pydantic import JsonValue
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.key_figures import KeyFigures
+from trackfg.numerics.key_figures import KeyFigures, Outlined
 
 CURVE_POINTS = ("BTC", "BCC", "ECC", "ETC")
 """Kinds of landmarks of a curve, in order of chainage."""
@@ -117,8 +117,8 @@ class MapConventions:
                 raise ValueError(f"{name} is {length!r}: expected a length in m")
 
 
-@dataclass(frozen=True)
-class RunInformation:
+@dataclass(frozen=True, repr=False)
+class RunInformation(Outlined):
     """The information of a run on the map's variables x: ``R x = d + e``, ``e ~ N(0, I)``; R (m, n), d (m,).
 
     ``variables`` names the n columns, each in the unit that its name ends in: ``mark/ID/chainage_m``,

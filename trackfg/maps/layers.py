@@ -13,6 +13,7 @@ from trackfg.maps.schema import KEY
 from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.numerics.key_figures import Outlined
 
 LAYERS = ("landmarks", "reference_line")
 """Tables that a GIS draws."""
@@ -23,8 +24,8 @@ _PIECE_M = 1000.0
 _LINE_COLUMNS = ("from_m", "to_m")
 
 
-@dataclass(frozen=True)
-class Layer:
+@dataclass(frozen=True, repr=False)
+class Layer(Outlined):
     """A layer of a map: ``attributes``, one row per feature, and the ``coordinates`` of each.
 
     These are (3,) or (n, 4), None where the feature has no place.

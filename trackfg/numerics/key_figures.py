@@ -1,9 +1,12 @@
-"""What holds large tables shows its key figures: one line in Python, a small table in a notebook."""
+"""What holds large tables and arrays shows key figures or shapes: one line in Python, a small table in a notebook."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sized
+from dataclasses import fields
+from enum import Enum
 from html import escape
+from typing import Any
 
 
 class KeyFigures:
@@ -25,3 +28,29 @@ class KeyFigures:
             for name, text in self.key_figures().items()
         )
         return f"<table><caption>{type(self).__name__}</caption><tbody>{rows}</tbody></table>"
+
+
+_LONGEST_TEXT = 100
+"""Characters of a text that an outline shows whole."""
+
+
+def outline(owner: Any, names: Iterable[str]) -> str:
+    """Return one line: the owner's class, its scalars, and the shapes or lengths of all else."""
+    return f"{type(owner).__name__}({', '.join(f'{name}={_brief(getattr(owner, name))}' for name in names)})"
+
+
+def _brief(value: object) -> str:
+    if value is None or isinstance(value, (bool, int, float, str, Enum)):
+        text = str(value) if isinstance(value, Enum) else repr(value)
+        return text if len(text) <= _LONGEST_TEXT else f"str of {len(text)}"
+    name = type(value).__name__
+    if shape := getattr(value, "shape", None):
+        return f"{name} {shape}"
+    return f"{name} of {len(value)}" if isinstance(value, Sized) else name
+
+
+class Outlined:
+    """A base of dataclasses that hold arrays, which show shapes in place of numbers; made with ``repr=False``."""
+
+    def __repr__(self) -> str:
+        return outline(self, (field.name for field in fields(self)))  # type: ignore[arg-type]

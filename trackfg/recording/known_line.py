@@ -11,6 +11,7 @@ import numpy as np
 from trackfg.errors import BadInputError, did_you_mean
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import geodetic_to_enu
+from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.track_joints import Relation, joined
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ _REPEATED_M = 1e-3
 """A vertex that is nearer to the one before repeats it, m: nine decimals of a degree are 0.1 mm."""
 
 
-@dataclass(frozen=True)
-class KnownLine:
+@dataclass(frozen=True, repr=False)
+class KnownLine(Outlined):
     """Tracks of a file: ``ids`` and ``vertices``, each (m, 2): latitude and longitude (WGS 84, deg), or east and north
     (m) in the local frame of the recording where ``is_local``. Without ``relations`` tracks join where they touch.
     """

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 _VERTEX_M = 10.0
 """Vertices are at most so far apart where they are searched, m: less than the distances that are searched."""
@@ -37,8 +38,8 @@ class Feet(NamedTuple):
         return Feet(*(column[rows] for column in self))
 
 
-@dataclass(frozen=True)
-class TrackNetwork:
+@dataclass(frozen=True, repr=False)
+class TrackNetwork(Outlined):
     """Pieces of tracks in plan, and the ways from one to another.
 
     ``track`` (p,) is the id of each piece; ``lines`` its vertices, (m, 2) east and north, m. ``ways`` leads from

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from trackfg.numerics.key_figures import Outlined
+
 if TYPE_CHECKING:
     from trackfg.numerics.arrays import Array
 
@@ -24,8 +26,8 @@ _ROUNDING = 1e-9
 beside a distance that is known to 100 m."""
 
 
-@dataclass(frozen=True)
-class BalisePassages:
+@dataclass(frozen=True, repr=False)
+class BalisePassages(Outlined):
     """The passages of a run in order of time, and the joint covariance (m, m), m^2, of their chainages.
 
     ``table`` has the columns :data:`PASSAGE_COLUMNS`: the time; the id, empty for a fix without one; the chainage up to

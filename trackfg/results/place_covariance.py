@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from trackfg.numerics.key_figures import Outlined
+
 if TYPE_CHECKING:
     from trackfg.numerics.arrays import Array
 
@@ -27,8 +29,8 @@ _TESTED = 500
 _OF = ("chainage_m", "cross_level_mm")
 
 
-@dataclass(frozen=True)
-class PlaceCovariance:
+@dataclass(frozen=True, repr=False)
+class PlaceCovariance(Outlined):
     """Joint covariance of the errors at places ``chainage_m`` (p,), ascending.
 
     ``matrix`` (2 p, 2 p): of the chainage of all places (m), then of the cross-level of all places (mm), both facing

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
 from trackfg.numerics.kernels import kernels_in_use
+from trackfg.numerics.key_figures import outline
 from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.results.verdict import Verdict
@@ -199,6 +200,11 @@ class Summary(_ResultModel):
     geometry: GeometryConventions
     findings: tuple[Finding, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
+
+    def __repr__(self) -> str:
+        return outline(self, type(self).model_fields)
+
+    __str__ = __repr__
 
     @property
     def converged(self) -> bool:

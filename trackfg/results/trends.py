@@ -28,6 +28,7 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
+from trackfg.numerics.key_figures import Outlined
 from trackfg.results.soundness import refuse_empty, refuse_other_than_numbers
 
 FORMAT = "trackfg-trends/1"
@@ -59,8 +60,8 @@ def columns_of(per: str) -> dict[str, tuple[str, ...]]:
     }
 
 
-@dataclass(frozen=True)
-class Trends:
+@dataclass(frozen=True, repr=False)
+class Trends(Outlined):
     """The tables of the module's docstring; docs/trends.md has their columns.
 
     ``per``: what rates are per, ``month`` or ``mt``, a million tonnes. ``cells`` and ``sections`` have every quantity's

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.rotations import cross, matrix_from_quaternion, quaternion_exp, quaternion_log
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
@@ -26,8 +27,8 @@ from trackfg.recording.model import Recording
 _NO_BIAS = np.zeros(3)
 
 
-@dataclass(frozen=True)
-class Intervals:
+@dataclass(frozen=True, repr=False)
+class Intervals(Outlined):
     """n intervals: ``edges`` (n + 1,) s; mean ``gyro`` and ``accel`` (n, 3) in body axes; ``bridged`` (n,) of bool."""
 
     edges: Array

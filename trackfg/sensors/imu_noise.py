@@ -38,6 +38,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.robust import SD_PER_MAD, robust_sd
 from trackfg.numerics.spans import true_stretches, within
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
@@ -113,8 +114,8 @@ _SHOCK_LIMIT = 3.0
 """Of the rms of what the shocks of a run sum up to along the vehicle: beyond it, across and upwards, it is motion."""
 
 
-@dataclass(frozen=True)
-class WhiteNoise:
+@dataclass(frozen=True, repr=False)
+class WhiteNoise(Outlined):
     """White noise of m intervals has densities ``gyro`` (m, 3), rad/s/sqrt(Hz), and ``accel`` (m, 3), m/s^2/sqrt(Hz).
 
     They are along the body's axes.

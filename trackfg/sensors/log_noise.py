@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.stats import chi2
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.model import Recording
 from trackfg.sensors.allan import averaging_factors, degrees_of_freedom, overlapping_allan
 from trackfg.sensors.noise_fit import FLICKER_FLOOR, KINDS, NoiseFit, fit_noise, pooled
@@ -30,8 +31,8 @@ _LIMITS = (0.025, 0.975)
 """Probabilities of the limits of an Allan deviation."""
 
 
-@dataclass(frozen=True)
-class LogNoise:
+@dataclass(frozen=True, repr=False)
+class LogNoise(Outlined):
     """Noise of a sensor as a log at rest shows it, in SI units.
 
     ``allan`` has a row per sensor, axis and averaging time: ``sensor, axis, tau_s, deviation, deviation_sd, low, high``

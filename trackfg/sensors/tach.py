@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.spans import median_interval, true_runs, within
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
@@ -45,8 +46,8 @@ _EDGE_STAMPED_FRACTION = 0.1
 """Rounding error, in pulses, of a count whose rows are the pulses' own times."""
 
 
-@dataclass(frozen=True)
-class Wheel:
+@dataclass(frozen=True, repr=False)
+class Wheel(Outlined):
     """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s. What
     was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance.
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.solver.square_root import SquareRoot
 
 _PLACES_AT_A_TIME = 8
@@ -25,8 +26,8 @@ _AT_A_TIME = 256
 """Keyframes whose regressions are computed together: what is needed on the way stays small."""
 
 
-@dataclass(frozen=True)
-class Covariance:
+@dataclass(frozen=True, repr=False)
+class Covariance(Outlined):
     """The covariance of a chain consists of marginals and of regressions of each keyframe on the next one.
 
     ``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, KEYFRAME_DIM, d): regression of x_k on
@@ -145,8 +146,8 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
     return samples, shared
 
 
-@dataclass(frozen=True)
-class Functions:
+@dataclass(frozen=True, repr=False)
+class Functions(Outlined):
     """These are m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
 
     ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, KEYFRAME_DIM), ``by_shared`` (m, SHARED_DIM).

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
+from trackfg.numerics.key_figures import KeyFigures
 from trackfg.solver.elimination import eliminate
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ class Graph(Protocol):
         """The values to begin with."""
 
 
-@dataclass(frozen=True)
-class Solution:
+@dataclass(frozen=True, repr=False)
+class Solution(KeyFigures):
     """A solution is the minimum, the square root of the information at the last step, and how it was reached."""
 
     states: States
@@ -67,6 +68,16 @@ class Solution:
     cost: float
     initial_cost: float
     degrees_of_freedom: int
+
+    def key_figures(self) -> dict[str, str]:
+        """Return whether the solver converged and why it stopped, iterations, costs and degrees of freedom."""
+        return {
+            "solution": "converged" if self.converged else "not converged",
+            "reason": self.reason,
+            "iterations": f"{self.iterations} iterations",
+            "cost": f"cost {self.cost:.6g} after {self.initial_cost:.6g}",
+            "degrees of freedom": f"{self.degrees_of_freedom} degrees of freedom",
+        }
 
     @property
     def values(self) -> gtsam.Values:

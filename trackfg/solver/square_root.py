@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dtrtri
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 
 SIZE = KEYFRAME_DIM + SHARED_DIM
 """Of (x_k, s) without further sensors."""
@@ -27,8 +28,8 @@ NAV = slice(offset_in_keyframe(Kind.NAV), offset_in_keyframe(Kind.NAV) + NAV_DIM
 """Where the navigation state is in x_k."""
 
 
-@dataclass(frozen=True)
-class SquareRoot:
+@dataclass(frozen=True, repr=False)
+class SquareRoot(Outlined):
     """The square root consists of the conditionals of all keyframes, and of s.
 
     With K = KEYFRAME_DIM: ``R`` (n, K, K), ``S`` (n, K, SIZE + NAV_DIM (w - 1)), ``d`` (n, K). Columns

@@ -31,6 +31,7 @@ from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise,
 from trackfg.mapping.changes.overlay import QUANTITIES, SUMMARY_M, Overlay, overlay
 from trackfg.mapping.changes.residual_shift import residual_shift
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.spans import true_stretches
 from trackfg.results.summary import GeometryConventions
 
@@ -46,8 +47,8 @@ _LONG_M = 30.0
 """Length, m, above which a lateral change is one of the curve and not of a place in it: three bases."""
 
 
-@dataclass(frozen=True)
-class Changes:
+@dataclass(frozen=True, repr=False)
+class Changes(Outlined):
     """Changes of the track, and what would have been found.
 
     ``table``: one row per change, columns :data:`CHANGE_COLUMNS`: where, the quantity that changed most in mm (or,

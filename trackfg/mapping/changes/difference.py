@@ -40,6 +40,7 @@ from trackfg.mapping.recognition.warp import warped
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.key_figures import Outlined
 
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]
 
@@ -53,8 +54,8 @@ _ROUNDING = 1e-9
 """Of a variance, relative: less than this is what is left of equal numbers."""
 
 
-@dataclass(frozen=True)
-class Difference:
+@dataclass(frozen=True, repr=False)
+class Difference(Outlined):
     """The difference of two maps, b less a.
 
     ``moved``: one row per landmark in both maps and quantity that both know: ``landmark_id, kind, name, quantity`` (its

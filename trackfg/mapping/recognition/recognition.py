@@ -32,6 +32,7 @@ from trackfg.mapping.recognition.profiles import (
 from trackfg.mapping.recognition.warp import Warp
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.key_figures import Outlined
 
 COLUMNS = (
     "run_m",
@@ -64,8 +65,8 @@ _LEAST_MEASURED = 0.5
 """Least share of the first and of the last section that the run measured."""
 
 
-@dataclass(frozen=True)
-class Recognition:
+@dataclass(frozen=True, repr=False)
+class Recognition(Outlined):
     """The places of a run's sections on a reference.
 
     ``sections`` has one row each, ascending ``run_m``, with the columns :data:`COLUMNS`:

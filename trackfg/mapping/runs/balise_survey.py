@@ -32,6 +32,7 @@ from scipy.sparse.csgraph import connected_components
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.columns import BALISE_COLUMNS
 from trackfg.results.result import Result
@@ -62,8 +63,8 @@ MISREAD_COLUMNS = ("run", "t_s", "id", "off_m", "off_m_sd")
 SLIP_COLUMNS = ("run", "from_s", "to_s", "off_m", "off_m_sd")
 
 
-@dataclass(frozen=True)
-class BaliseSurvey:
+@dataclass(frozen=True, repr=False)
+class BaliseSurvey(Outlined):
     """A survey's ``table`` has the columns :data:`~trackfg.results.columns.BALISE_COLUMNS`, in order of the places.
 
     ``misread``: passages that contradict the others and were left out, columns :data:`MISREAD_COLUMNS`. ``slips``:

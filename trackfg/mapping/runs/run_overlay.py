@@ -18,6 +18,7 @@ from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
 from trackfg.mapping.runs.run_alignment import RunAlignment, aligned
 from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.key_figures import Outlined
 from trackfg.results.columns import BAND_COLUMNS, CHANNELS
 from trackfg.results.result import Result
 
@@ -27,8 +28,8 @@ DIFFERENCE_COLUMNS = ("run", "channel", "from_m", "to_m", "sd", "mean")
 REPEATABILITY_COLUMNS = ("run", "channel", "sections", "sd_median", "sd_95", "sd_max", "mean")
 
 
-@dataclass(frozen=True)
-class RunOverlay:
+@dataclass(frozen=True, repr=False)
+class RunOverlay(Outlined):
     """Runs over the first of them, the reference.
 
     ``alignments``: one of each further run. ``geometries``: of each run by the reference's chainage, the reference

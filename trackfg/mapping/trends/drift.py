@@ -21,6 +21,7 @@ import numpy as np
 from trackfg.mapping.trends.offsets import different_times
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance
+from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.robust import robust_sd
 
 MOST_SUDDEN = 4
@@ -39,8 +40,8 @@ _RUNS_BEFORE_STEP = 2
 """Runs before a step at least; a first run that does not fit the rest is an outlier."""
 
 
-@dataclass(frozen=True)
-class Drift:
+@dataclass(frozen=True, repr=False)
+class Drift(Outlined):
     """The drift at m places: ``rate`` and its sigma, the ``value`` at the time ``at`` and its sigma, all (m,).
 
     ``covariance``: of rate and value, (m,). ``steps`` (n, m) has at each run how much the value jumped before it, zero

@@ -24,6 +24,7 @@ from trackfg.mapping.trends.drift import FEWEST_RUNS
 from trackfg.mapping.trends.wear import DAY_S
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.key_figures import Outlined
 from trackfg.results.result import Result
 from trackfg.results.summary import Summary
 
@@ -34,8 +35,8 @@ _LEAST_COVERED = 0.8
 """Share of a section that a run covers at least, for its standard deviation there to be compared with others'."""
 
 
-@dataclass(frozen=True)
-class Series:
+@dataclass(frozen=True, repr=False)
+class Series(Outlined):
     """Values and sigmas by quantity, (n, m), of n runs in the order of their dates at m places.
 
     ``chainage_m`` (m,): of cells, or where sections begin. ``t_days`` (n,) from the first date; ``runs`` their names.
