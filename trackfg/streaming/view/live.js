@@ -5,12 +5,12 @@ const NS = "http://www.w3.org/2000/svg";
 const KEPT = { time: 1200, place: 2000 };
 const SHOWN_EVENTS = 100;
 const LEFT = 58, RIGHT = 6, TOP = 6, BOTTOM = 18, HEIGHT = 92;
-// Column, label, factor; for a logarithmic axis its range: less is drawn at its end, and more, such as the 100 km of a
-// chainage before the first fix, is not known and not drawn.
+const NO_PLACE = 1e4; // m: before the first fix the chainage counts from the start, and its sigma is 100 km
+// Column, label, factor; for a logarithmic axis its range: less is drawn at its end, and more is not known and not drawn.
 const STRIPS = {
   time: [
     ["speed_mps", "Speed, km/h", 3.6],
-    ["chainage_m_sd", "1-sigma of the chainage, m (logarithmic)", 1, [0.01, 1e4]],
+    ["chainage_m_sd", "1-sigma of the chainage, m (logarithmic)", 1, [0.01, NO_PLACE]],
     ["roll_rad", "Roll, deg", 180 / Math.PI],
     ["delay_s", "Delay from the newest row to its estimate, s", 1],
   ],
@@ -147,10 +147,11 @@ function now() {
   const value = (name) => row[columns.indexOf(name)];
   const sd = (name, scale, digits) => { const s = value(name + "_sd"); return s === null ? null : `± ${(scale * s).toFixed(digits)}`; };
   const degrees = 180 / Math.PI, speed = value("speed_mps");
+  const placed = value("chainage_m_sd") < NO_PLACE;
   const events = Object.values(data.kinds).reduce((a, b) => a + b, 0);
   const cells = [
     ["Time of the newest estimate", `${format(row[0], 1)} s`],
-    ["Chainage", `${format(value("chainage_m"), 2)} m`, sd("chainage_m", 1, 2)],
+    [placed ? "Chainage" : "Distance from the start", `${format(value("chainage_m"), 2)} m`, placed ? sd("chainage_m", 1, 2) : "no fix yet"],
     ["Speed", `${format(speed === null ? null : 3.6 * speed, 1)} km/h`, sd("speed_mps", 3.6, 2)],
     ["Roll", `${format(value("roll_rad") === null ? null : degrees * value("roll_rad"), 2)}°`, sd("roll_rad", degrees, 3)],
     ["Delay", `${format(value("delay_s"), 2)} s`],

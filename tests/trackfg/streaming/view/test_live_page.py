@@ -124,18 +124,26 @@ def test_a_browser_shows_the_stream_and_finds_it_again(browser: Any, steps: list
     assert faults == []
 
 
-def test_what_is_not_known_before_a_fix_does_not_flatten_the_sigma_of_the_chainage(
+def test_what_is_not_known_before_a_fix_is_neither_drawn_nor_given_a_sigma(
     browser: Any, steps: list[StreamStep]
 ) -> None:
+    expect = pytest.importorskip("playwright.sync_api").expect
     with_rows = [step for step in steps if len(step.estimates.filtered)]
     state = LiveState("run", 5.0)
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
     for i, step in enumerate(with_rows):
         sigma_m = 1e5 if i < len(with_rows) // 2 else 0.5 + i / len(with_rows)
         filtered = step.estimates.filtered.assign(chainage_m_sd=sigma_m)
         state.watch(replace(step, estimates=step.estimates._replace(filtered=filtered)))
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
+        if i == 0:
+            with serving(state, port=0) as address:
+                page.goto(address)
+                cell = page.locator("#now div", has_text="Distance from the start")
+                expect(cell).to_contain_text(re.compile(r"\d m no fix yet"))
     with serving(state, port=0) as address:
         page.goto(address)
+        expect(page.locator("#now div", has_text="Chainage")).to_contain_text("± 1.49")
+        expect(page.locator("#now")).not_to_contain_text("no fix yet")
         label = page.wait_for_selector("#strip-time-chainage_m_sd svg").get_attribute("aria-label")
     found = re.search(r"\(logarithmic\): (\S+); from (\S+) to (\S+) between", label)
     assert found is not None
