@@ -62,7 +62,7 @@ def _without_places(problem: Problem, states: States, t: Array) -> tuple[Array, 
     factors = [family.linearize(states) for family in held.families]
     root = eliminate([held.inertial.linearize(states), *factors], len(problem.t))
     moved = states.odo.distance + root.solution().of(Kind.ODO)[:, Odo.DISTANCE]
-    covariance = joint_covariance(root, _distances(problem.t, t), posterior_covariance(root))
+    covariance = joint_covariance(root, _distances(problem.t, t), posterior_covariance(root)).matrix
     offset = np.mean(np.interp(t, problem.t, states.odo.distance - moved))
     return np.interp(t, problem.t, moved) + offset, 0.5 * (covariance + covariance.T)
 

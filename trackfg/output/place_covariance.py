@@ -38,10 +38,8 @@ def place_covariance(
     order = np.argsort(keyframe, kind="stable")
     facing = run.direction * np.array([1.0, 1e3 * run.conventions.cross_level_base_m])
     rows = keyframe_jacobian(states, run.lever_arm)[:, _ROWS] * facing[:, None]
-    matrix = joint_covariance(root, place_functions(rows, keyframe[order], fraction[order]), covariance)
-    by_place = np.argsort(cell[order], kind="stable")
-    wanted = np.concatenate([2 * by_place, 2 * by_place + 1])
-    return PlaceCovariance(cell[order][by_place] * step_m, matrix[np.ix_(wanted, wanted)])
+    errors = joint_covariance(root, place_functions(rows, keyframe[order], fraction[order]), covariance)
+    return PlaceCovariance.in_order_of_time(cell[order] * step_m, errors)
 
 
 def place_functions(rows: Array, keyframe: np.ndarray, fraction: Array) -> Functions:

@@ -2,17 +2,20 @@
 
 The per-row sigmas of the tables do not contain the correlation between rows, which dominates: the wheel's scale and the
 accelerometer's bias are common to the whole run. The covariance is given at places :data:`APART_M` apart; errors in
-between are their linear interpolation, to a few mm. A map needs it beside the run's profile.
+between are their linear interpolation, to a few mm. A map needs it beside the run's profile. That of a long run is kept
+by blocks of places (:mod:`trackfg.numerics.chained_covariance`), so that it grows in proportion to the run.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from trackfg.numerics.chained_covariance import Block, ChainedCovariance
 from trackfg.numerics.key_figures import Outlined
 
 if TYPE_CHECKING:
@@ -24,26 +27,45 @@ APART_M = 250.0
 
 _ROUNDING = 1e-6
 """Asymmetry and negative eigenvalues of a matrix of correlations that are rounding of the smoother's elimination."""
-_TESTED = 500
-"""Places that are tested together, 125 km, each stretch and the next having half of them in common."""
+_STRETCH = 500
+"""Places, 125 km: so many are one matrix (8 MB) that every program reads, and of more so many are tested together, each
+stretch and the next having half of them in common."""
 _OF = ("chainage_m", "cross_level_mm")
+_PARTS = Block._fields[1:]
 
 
 @dataclass(frozen=True, repr=False)
 class PlaceCovariance(Outlined):
     """Joint covariance of the errors at places ``chainage_m`` (p,), ascending.
 
-    ``matrix`` (2 p, 2 p): of the chainage of all places (m), then of the cross-level of all places (mm), both facing
-    increasing chainage. The uncertainty of the mounting's roll is not in it. Raises ``ValueError`` for other shapes.
+    ``errors``: of the chainage of all places (m), then of the cross-level of all places (mm), both facing increasing
+    chainage. The uncertainty of the mounting's roll is not in it. Raises ``ValueError`` for other numbers of them.
     """
 
     chainage_m: Array
-    matrix: Array
+    errors: ChainedCovariance
 
     def __post_init__(self) -> None:
-        p = len(self.chainage_m)
-        if self.matrix.shape != (2 * p, 2 * p) or np.any(np.diff(self.chainage_m) <= 0.0):
-            raise ValueError(f"covariance {self.matrix.shape} of {p} places: expected ascending places, {2 * p} rows")
+        p, size = len(self.chainage_m), self.errors.size
+        if size != 2 * p or np.any(np.diff(self.chainage_m) <= 0.0):
+            raise ValueError(f"covariance of {size} errors at {p} places: expected ascending places, {2 * p} rows")
+
+    @classmethod
+    def of(cls, chainage: Array, matrix: Array) -> PlaceCovariance:
+        """Return the covariance that is given as a matrix (2 p, 2 p) of ascending places (p,)."""
+        return cls(chainage, ChainedCovariance.of(matrix))
+
+    @classmethod
+    def in_order_of_time(cls, chainage: Array, errors: ChainedCovariance) -> PlaceCovariance:
+        """Return the covariance of chainage and cross-level at the first place (p,) that was passed, then the next."""
+        rank = np.argsort(np.argsort(chainage, kind="stable"), kind="stable")
+        errors = errors.renumbered(np.stack([rank, rank + len(rank)], axis=1).ravel())
+        return cls(np.sort(chainage), ChainedCovariance.of(errors.matrix) if len(rank) <= _STRETCH else errors)
+
+    @property
+    def matrix(self) -> Array:
+        """The whole covariance (2 p, 2 p)."""
+        return self.errors.matrix
 
     def refuse_unsound(self) -> None:
         """Raise ``ValueError`` unless this is a covariance: finite, symmetric, without a negative variance.
@@ -51,39 +73,54 @@ class PlaceCovariance(Outlined):
         The last is tested of all functions of places within 125 km, stretch by stretch: of a day's places all together
         the test would take longer than the smoother.
         """
-        rows = [slice(begin, begin + _TESTED) for begin in range(0, len(self.matrix), _TESTED)]
-        if not (np.isfinite(self.chainage_m).all() and all(np.isfinite(self.matrix[own]).all() for own in rows)):
+        numbers = [block[1:] for block in self.errors.blocks]
+        if not all(np.isfinite(part).all() for part in (self.chainage_m, *itertools.chain.from_iterable(numbers))):
             raise ValueError("covariance: expected finite numbers")
-        if not all(np.allclose(self.matrix[own], self.matrix[:, own].T, rtol=_ROUNDING, atol=0.0) for own in rows):
+        if not all(np.allclose(own, own.T, rtol=_ROUNDING, atol=0.0) for own, *_ in numbers):
             raise ValueError("covariance: expected a symmetric matrix")
-        if np.any(np.diag(self.matrix) <= 0.0):
-            raise ValueError("covariance: expected variances above 0")
         places = len(self.chainage_m)
-        for begin in range(0, max(places - _TESTED // 2, 1), _TESTED // 2):
-            some = np.arange(begin, min(begin + _TESTED, places))
-            own = np.concatenate([some, places + some])
-            part = self.matrix[np.ix_(own, own)]
+        for begin in range(0, max(places - _STRETCH // 2, 1), _STRETCH // 2):
+            part = self._between(np.arange(begin, min(begin + _STRETCH, places)))
+            if np.any(np.diag(part) <= 0.0):
+                raise ValueError("covariance: expected variances above 0")
             sd = np.sqrt(np.diag(part))
             try:
-                np.linalg.cholesky(part / np.outer(sd, sd) + _ROUNDING * np.eye(len(own)))
+                np.linalg.cholesky(part / np.outer(sd, sd) + _ROUNDING * np.eye(len(part)))
             except np.linalg.LinAlgError:
                 raise ValueError("covariance: expected a positive definite matrix") from None
 
     @classmethod
     def none(cls) -> PlaceCovariance:
         """Return the covariance of a run that tells nothing of the track."""
-        return cls(np.zeros(0), np.zeros((0, 0)))
+        return cls.of(np.zeros(0), np.zeros((0, 0)))
 
     def at(self, chainage: Array) -> Array:
         """Return the joint covariance at other places (m,), shape (2 m, 2 m); beyond the ends that of the ends."""
-        weights = interpolation_weights(self.chainage_m, chainage)
-        both = np.kron(np.eye(2), weights)
-        return np.asarray(both @ self.matrix @ both.T)
+        left, f = _bracketed(self.chainage_m, chainage)
+        right = left + (f > 0.0)
+        places = np.unique([left, right])
+        count, share = len(places), np.tile(f, 2)[:, None]
+        first, second = ([k, k + count] for k in (np.searchsorted(places, left), np.searchsorted(places, right)))
+
+        def interpolated(rows: Array) -> Array:
+            return np.asarray((1.0 - share) * rows[np.concatenate(first)] + share * rows[np.concatenate(second)])
+
+        return interpolated(interpolated(self._between(places)).T).T
+
+    def _between(self, places: np.ndarray) -> Array:
+        """Return the covariance of some places (m,) alone: (2 m, 2 m)."""
+        return self.errors.part(np.concatenate([places, len(self.chainage_m) + places]))
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row per quantity and place: ``quantity, chainage_m``, then its covariances with each
-        ``quantity@m``.
+        ``quantity@m``; or, of a long run, one row per block: the places in it, and its numbers row by row.
         """
+        if len(self.errors.blocks) > 1:
+            rows = [
+                [self.chainage_m[block.rows[::2]], *(part.ravel() for part in block[1:])]
+                for block in self.errors.blocks
+            ]
+            return pd.DataFrame(rows, columns=["chainage_m", *_PARTS])
         names = [f"{name}@{place:.10g}" for name in _OF for place in self.chainage_m]
         table = pd.DataFrame(self.matrix.T, columns=names)  # each column is one piece of memory, which Arrow writes
         table.insert(0, "quantity", np.repeat(_OF, len(self.chainage_m)))
@@ -93,13 +130,36 @@ class PlaceCovariance(Outlined):
     @classmethod
     def from_frame(cls, table: pd.DataFrame) -> PlaceCovariance:
         """Read what :meth:`to_frame` gave. Raises ``ValueError`` for any other table."""
+        if tuple(table.columns) == ("chainage_m", *_PARTS):
+            return _of_blocks(table)
         places = len(table) // 2
         if list(table.columns[:2]) != ["quantity", "chainage_m"] or list(table["quantity"]) != list(
             np.repeat(_OF, places)
         ):
             raise ValueError("expected the columns quantity, chainage_m and covariances")
         chainage = table["chainage_m"].to_numpy(dtype=np.float64)[:places]
-        return cls(chainage, table.iloc[:, 2:].to_numpy(dtype=np.float64))
+        return cls.of(chainage, table.iloc[:, 2:].to_numpy(dtype=np.float64))
+
+
+def _of_blocks(table: pd.DataFrame) -> PlaceCovariance:
+    """Read the covariance of a long run, a row per block in order of time."""
+    blocks, count = [], 0
+    for places, own, by_end, start_by_end, with_start in table.itertuples(index=False):
+        m = 2 * len(places)
+        start, end = len(with_start) // m, len(by_end) // m
+        blocks.append(
+            Block(
+                count + np.arange(m),
+                np.reshape(own, (m, m)),
+                np.reshape(by_end, (m, end)),
+                np.reshape(start_by_end, (start, end)),
+                np.reshape(with_start, (start, m)),
+            )
+        )
+        count += m
+    return PlaceCovariance.in_order_of_time(
+        np.concatenate(table["chainage_m"].to_list()), ChainedCovariance(tuple(blocks))
+    )
 
 
 def interpolation_weights(places: Array, at: Array) -> Array:

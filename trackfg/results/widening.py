@@ -84,8 +84,7 @@ def widened_places(places: PlaceCovariance, verdicts: Sequence[Verdict]) -> Plac
         return PlaceCovariance.none()
     if (factors == 1.0).all():
         return places
-    scale = np.repeat(factors, len(places.chainage_m))
-    return replace(places, matrix=scale[:, None] * places.matrix * scale)
+    return replace(places, errors=places.errors.scaled(np.repeat(factors, len(places.chainage_m))))
 
 
 def widened_passages(passages: BalisePassages, verdicts: Sequence[Verdict]) -> BalisePassages:

@@ -16,10 +16,11 @@ import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chained_covariance import Block, ChainedCovariance
 from trackfg.numerics.key_figures import Outlined
 from trackfg.solver.square_root import SquareRoot
 
-_PLACES_AT_A_TIME = 8
+_PLACES_IN_A_BLOCK = 8
 """Places whose functions are carried together: two each are as many rows as a fifth of those of y, beside them."""
 
 _AT_A_TIME = 256
@@ -159,42 +160,37 @@ class Functions(Outlined):
     by_shared: Array
 
 
-def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covariance) -> Array:
-    """Return the covariance of functions with each other, however far apart they are. Shape (m, m).
+def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covariance) -> ChainedCovariance:
+    """Return the covariance of functions with each other, however far apart they are.
 
     ``covariance`` is that of the root. With the functions of one keyframe ``f = F_x x_k + F_y y_k`` and
     ``x_k = A_k y_k + e_k``, ``f = D y_k + F_x e_k`` with ``D = F_x A_k + F_y``. Functions of earlier keyframes are
-    ``B y_{k-1}`` and what is independent of it, B multiplied by the gains of y_{k-1} on y_k from place to place: of
-    some places at a time, and for what is before these y at their start stands in. So the cost is linear in the number
-    of keyframes, but for one product of matrices that has the size of the result.
+    ``B y_{k-1}`` and what is independent of it, B multiplied by the gains of y_{k-1} on y_k from place to place: within
+    a block of some places, at whose start stands y for all before. So the cost is linear in the number of keyframes.
     """
-    total = np.empty((len(functions.keyframe), len(functions.keyframe)))
     places, starts = np.unique(functions.keyframe, return_index=True)
-    ends = np.append(starts[1:], len(functions.keyframe)).tolist()
+    ends = np.append(starts[1:], len(functions.keyframe))
     ahead = _ahead(root, covariance, places)
-    B, last = np.zeros((0, 0)), int(places[0]) - 1 if places.size else 0
-    for begin in range(0, len(places), _PLACES_AT_A_TIME):
-        some = slice(begin, begin + _PLACES_AT_A_TIME)
-        earlier, own = slice(0, starts[begin]), slice(starts[begin], ends[some][-1])
+    blocks, last = [], int(places[0]) - 1 if places.size else 0
+    for begin in range(0, len(places), _PLACES_IN_A_BLOCK):
+        some = slice(begin, begin + _PLACES_IN_A_BLOCK)
+        own = np.arange(starts[begin], ends[some][-1])
         width = root.parents(last)
         carried = np.eye(width)
-        cross = np.zeros((width + own.stop - own.start, own.stop - own.start))
+        cross = np.zeros((width + len(own), len(own)))
         for k, start, stop in zip(places[some].tolist(), starts[some], ends[some], strict=True):
             D, noise = _given_parents(root, functions, k, slice(start, stop))
             for between in range(last + 1, k):
                 carried = _carried(root, carried, between)
             before = carried[:, :KEYFRAME_DIM] @ root.inverse[k]
             carried = np.concatenate([_carried(root, carried, k), D])
-            part = cross[: len(carried), start - own.start : stop - own.start]
+            part = cross[: len(carried), start - own[0] : stop - own[0]]
             part[:] = carried @ (ahead[k] @ D.T) + np.concatenate([before, noise]) @ noise.T
             last = k
         between_own = np.triu(cross[width:])
-        total[own, own] = between_own + np.triu(between_own, 1).T
-        if begin:
-            total[earlier, own] = B @ cross[:width]
-            total[own, earlier] = total[earlier, own].T
-        B = np.concatenate([B @ carried[:width], carried[width:]]) if begin else carried[width:]
-    return total
+        symmetric = between_own + np.triu(between_own, 1).T
+        blocks.append(Block(own, symmetric, carried[width:], carried[:width], cross[:width]))
+    return ChainedCovariance(tuple(blocks))
 
 
 def _given_parents(root: SquareRoot, functions: Functions, k: int, own: slice) -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ def test_what_is_written_is_read(make_result: Make, tmp_path: Path) -> None:
 def test_the_joint_covariance_is_read_as_written(make_result: Make, tmp_path: Path) -> None:
     places = np.array([12.25, 250.0, 1e5])
     matrix = np.diag(np.arange(1.0, 7.0)) + 0.5
-    result = replace(make_result(), covariance=PlaceCovariance(places, matrix))
+    result = replace(make_result(), covariance=PlaceCovariance.of(places, matrix))
     result.write(tmp_path / "out")
     back = Result.read(tmp_path / "out").covariance
     np.testing.assert_array_equal(back.chainage_m, places)

@@ -32,7 +32,7 @@ def put(table: str, column: str, value: Any, row: int = 3) -> Spoil:
 
 
 def with_matrix(matrix: np.ndarray) -> Spoil:
-    return lambda result: replace(result, covariance=PlaceCovariance(PLACES, matrix))
+    return lambda result: replace(result, covariance=PlaceCovariance.of(PLACES, matrix))
 
 
 def reversed_rows(table: str) -> Spoil:
@@ -100,5 +100,5 @@ def test_what_is_not_known_is_empty_with_its_sigma(make_result: Callable[..., Re
     result = make_result()
     geometry = result.geometry.copy()
     geometry.loc[:5, ["twist_mm", "twist_mm_sd"]] = np.nan
-    sound = replace(result, geometry=geometry, covariance=PlaceCovariance(PLACES, np.eye(4) + 1.0))
+    sound = replace(result, geometry=geometry, covariance=PlaceCovariance.of(PLACES, np.eye(4) + 1.0))
     pd.testing.assert_frame_equal(Result.read(sound.write(tmp_path / "out")).geometry, geometry)

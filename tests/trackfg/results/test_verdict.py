@@ -111,7 +111,7 @@ def test_a_height_in_doubt_leaves_the_position_in_plan_as_it_is(make_result: Cal
 
 
 def test_the_joint_covariance_is_widened_on_both_sides() -> None:
-    places = PlaceCovariance(np.array([0.0, 250.0]), np.ones((4, 4)))
+    places = PlaceCovariance.of(np.array([0.0, 250.0]), np.ones((4, 4)))
     wide = widened_places(places, verdicts([doubt(2.0, "chainage"), doubt(3.0, "cross_level")]))
     assert wide.matrix[:, 0].tolist() == [4.0, 4.0, 6.0, 6.0]
     assert wide.matrix[3].tolist() == [6.0, 6.0, 9.0, 9.0]

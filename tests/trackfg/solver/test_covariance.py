@@ -307,7 +307,7 @@ def test_functions_far_apart_covary_as_in_the_dense_inverse(solved: Solved) -> N
         row[k * KEYFRAME_DIM : (k + 2) * KEYFRAME_DIM] = np.concatenate([one, two])
         row[-SHARED_DIM:] = three
     expected = rows @ solved.dense @ rows.T
-    ours = joint_covariance(solved.root, Functions(keyframe, first, second, shared), solved.ours)
+    ours = joint_covariance(solved.root, Functions(keyframe, first, second, shared), solved.ours).matrix
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((ours - expected) / scale).max() < 1e-6
 
@@ -325,7 +325,7 @@ def test_functions_given_the_next_keyframe_covary_as_without_it(
     functions = Functions(keyframe, first, second, rng.standard_normal((40, SHARED_DIM)))
     before = replace(root, R=root.R[:-1], S=root.S[:-1], d=root.d[:-1], ahead=root.ahead[:-1])
     between, G = covariance_given_next(before, functions)
-    expected = joint_covariance(root, functions, solved.ours)
+    expected = joint_covariance(root, functions, solved.ours).matrix
     ours = between + G.T @ solved.ours.marginal[-1] @ G
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((ours - expected) / scale).max() < 1e-6
@@ -339,5 +339,5 @@ def test_functions_of_late_keyframes_alone(solved: Solved) -> None:
     functions = Functions(np.array([k]), by_first, np.zeros((1, KEYFRAME_DIM)), np.zeros((1, SHARED_DIM)))
     distance = k * KEYFRAME_DIM + odo
     np.testing.assert_allclose(
-        joint_covariance(solved.root, functions, solved.ours), solved.dense[distance, distance], rtol=1e-4
+        joint_covariance(solved.root, functions, solved.ours).matrix, solved.dense[distance, distance], rtol=1e-4
     )

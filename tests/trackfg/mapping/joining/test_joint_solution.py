@@ -89,7 +89,7 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
         sensor = Sensor("one", mount_sd if number == 0 else None, direction * BASE_M)
         said.append(
             information_on_anchors(
-                f"run{number}", seen, PlaceCovariance(seen.chainage_m, covariance), sensor, anchored=anchored
+                f"run{number}", seen, PlaceCovariance.of(seen.chainage_m, covariance), sensor, anchored=anchored
             )
         )
         # The joint graph: this run's states about their estimates, as u = R x lest rows of all sizes lose digits, then
@@ -128,7 +128,7 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
 def test_both_directions_tell_the_sensors_roll_from_the_tracks_cross_level() -> None:
     places, roll_mrad = np.arange(0.0, 1001.0, 250.0), 1.3
     true = np.array([0.0, 2.0, -1.0, 50.0, 3.0])
-    errors = PlaceCovariance(places, np.diag(np.r_[np.full(5, 0.1**2), np.full(5, 0.05**2)]))
+    errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(5, 0.1**2), np.full(5, 0.05**2)]))
     said = []
     for number, direction in enumerate((1, -1, 1, -1)):
         seen = Sightings(tuple("abcde"), places, np.full(5, 0.01), true + direction * BASE_M * roll_mrad)
@@ -146,7 +146,7 @@ def test_both_directions_tell_the_sensors_roll_from_the_tracks_cross_level() -> 
 
 def test_a_run_without_any_fix_is_placed_by_the_others() -> None:
     places = np.array([0.0, 250.0, 500.0])
-    errors = PlaceCovariance(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
+    errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
     sensor = Sensor("one", 1e-3, BASE_M)
     level = np.full(3, np.nan)
     anchored = information_on_anchors(
@@ -165,7 +165,7 @@ def test_a_run_without_any_fix_is_placed_by_the_others() -> None:
 def test_what_a_run_said_is_read_back() -> None:
     places = np.array([0.0, 250.0, 500.0])
     level = np.array([1.0, np.nan, 3.0])
-    errors = PlaceCovariance(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
+    errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
     sensor = Sensor("s", 1e-3, BASE_M)
     said = information_on_anchors(
         "a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=False

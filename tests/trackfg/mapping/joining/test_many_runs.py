@@ -117,7 +117,7 @@ def test_runs_that_cannot_be_joined_are_left_out(many: list[Result], ride: Ride)
 
 def test_runs_pooled_say_what_all_their_rows_do() -> None:
     rng, places = np.random.default_rng(5), np.arange(0.0, 1001.0, 250.0)
-    errors = PlaceCovariance(places, np.diag(np.r_[np.full(5, 0.1**2), np.full(5, 0.05**2)]))
+    errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(5, 0.1**2), np.full(5, 0.05**2)]))
     rows = {}
     for number in range(6):
         run, anchored = f"run{number}", number != 2

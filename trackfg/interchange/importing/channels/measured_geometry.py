@@ -217,7 +217,7 @@ def _covariance(chainage: Array, chainage_sd_m: float) -> PlaceCovariance:
     count = max(2, round((chainage[-1] - chainage[0]) / APART_M) + 1)
     places = np.linspace(chainage[0], chainage[-1], count)
     alike = np.exp(-np.abs(places[:, None] - places) / _SAME_ERROR_M)
-    return PlaceCovariance(places, np.kron(np.diag([chainage_sd_m**2, _CROSS_LEVEL_SD_MM**2]), alike))
+    return PlaceCovariance.of(places, np.kron(np.diag([chainage_sd_m**2, _CROSS_LEVEL_SD_MM**2]), alike))
 
 
 def _assumed(names: Sequence[str]) -> Finding:
