@@ -86,6 +86,14 @@ def test_damage_changes_the_file_and_is_the_same_again(suffix: str, tools: Simpl
     assert changed >= 15
 
 
+def test_what_a_killed_command_left_goes_with_the_next(tools: SimpleNamespace, tmp_path: Path) -> None:
+    done, refused = (tools.runner.End(status, False, 1.0, "", "") for status in (0, 2))
+    assert tools.cases._remains(tmp_path, done) is None
+    (tmp_path / "out" / ".a.trackfg-x").mkdir(parents=True)
+    assert "out/.a.trackfg-x" in tools.cases._remains(tmp_path, done)
+    assert tools.cases._remains(tmp_path, refused) is None
+
+
 def test_ends_that_are_not_documented_are_failures(tools: SimpleNamespace) -> None:
     def wrong(status: int, err: str, out: str = "", *, hung: bool = False) -> str | None:
         end = tools.runner.End(status, hung, 1.0, out, err)
@@ -96,6 +104,10 @@ def test_ends_that_are_not_documented_are_failures(tools: SimpleNamespace) -> No
     assert wrong(2, "trackfg: imu.csv: is wrong\n") is None
     assert "traceback" in str(wrong(1, "Traceback (most recent call last):\nValueError: x"))
     assert "lines" in str(wrong(2, "one\ntwo\n"))
+    failed = tools.runner.End(
+        1, False, 1.0, "", "trackfg: warning: run a failed: x\ntrackfg: warning: run b failed: y\n"
+    )
+    assert tools.cases._wrong("batch runs.csv -o store", failed, tools.runner.Conditions()) is None
     assert "status -11" in str(wrong(-11, ""))
     assert "control characters" in str(wrong(0, "", "\x1b[31m"))
     assert "no end" in str(wrong(0, "", hung=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import signal
 import sqlite3
@@ -37,6 +38,8 @@ _STARTED = 0.25
 """Share of the cases about streams and open files in which an interpreter is started: others are forks of this one."""
 _PYTHONS_OWN = 4
 """Open files without which Python itself does not start: 3.11 needs 2 besides the standard streams."""
+_UNFINISHED = re.compile(r"\.trackfg-|^\.unfinished-")
+"""In the names of what trackfg has not finished."""
 _IN_NEW = ", in a new interpreter"
 _UNREADABLE = (
     ArithmeticError,
@@ -182,7 +185,7 @@ def _outcome(
     failure = failure or _left(folder, kept, command, end, conditions, old_result)
     if failure is None and case.fault in ("kill", "disk"):
         again = run(_again(command), folder, Conditions(), entry.stdin)
-        failure = _wrong_again(command, again) or _differs(folder, command, usual().digests)
+        failure = _wrong_again(command, again) or _differs(folder, command, usual().digests) or _remains(folder, again)
         end = End(end.status, end.hung, end.seconds, end.out, end.err, end.cpu_s + again.cpu_s)
     detail = "" if failure is None else (end.err or end.out)[-3000:]
     return Outcome(case, command, tuple(done), end.status, end.seconds, failure, detail, edits, end.cpu_s)
@@ -341,12 +344,18 @@ def _wrong_again(command: str, end: End) -> str | None:
     return f"afterwards the same command ends with {end.status}: {end.err[-300:]}"
 
 
+def _remains(folder: Path, end: End) -> str | None:
+    """Return what a command that was cut short has left, and the one that did its work afterwards has not removed."""
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob(".*") if _UNFINISHED.search(path.name))
+    return f"remains: {', '.join(names)[:200]}" if names and end.status in (0, 3) else None
+
+
 def _gives_reason(command: str, end: End) -> bool:
     """Return whether one line on standard error says why the command ended."""
     about = ("trackfg: note", "trackfg: warning", "view: ", "trackfg: info")
     lines = [line for line in end.err.splitlines() if not line.startswith(about)]
-    if command.startswith("batch"):  # one line for each run
-        return bool(lines) and all(line.startswith("trackfg: ") for line in lines)
+    if command.startswith("batch"):  # one line for each run that failed, a warning
+        return bool(end.err) and all(line.startswith("trackfg: ") for line in end.err.splitlines())
     if command.startswith(("check", "init", "import")):
         return bool(lines) or "error" in end.out
     if "--resume" in command:  # it says first where it goes on

@@ -42,7 +42,7 @@ _FOR_COMMANDS = (
     "trackfg.comparison.run",
     "trackfg.datasets.scenarios",
     "trackfg.fleet.batch",
-    "trackfg.interchange.exporting",
+    "trackfg.interchange.exporting.registry",
     "trackfg.interchange.importing",
     "trackfg.io.check",
     "trackfg.mapping.changes.changes",

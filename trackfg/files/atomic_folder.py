@@ -33,6 +33,8 @@ from trackfg.files.temporary_folder import temporary_folder
 
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
 _CONTENT = {_LOCK, _NEW, _OLD, _DISCARDED}
+_NESTED = f".{_NEW}.trackfg-"
+"""Begins the name of the workspace of a command that writes into a workspace, as those of ``batch`` do."""
 LONGER_BY = len(".") + len(".trackfg-") + 8
 """Letters by which the name of a workspace is longer than that of its target."""
 _AT_FDCWD = -100
@@ -159,7 +161,7 @@ def _is_workspace(path: Path) -> bool:
         status = path.lstat()
         if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
             return False
-        names = {entry.name for entry in path.iterdir()}
+        names = {entry.name for entry in path.iterdir() if not entry.name.startswith(_NESTED)}
         if _LOCK not in names:  # killed before it was locked, or while it was taken apart
             return names <= {_NEW, _DISCARDED}
         return names <= _CONTENT and stat.S_ISREG((path / _LOCK).lstat().st_mode)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,7 +11,7 @@ from pathlib import Path
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.atomic_folder import LONGER_BY, real_path, recover
 from trackfg.files.locks import CANNOT_LOCK, lock_file
-from trackfg.files.small_file import read_small
+from trackfg.files.small_file import json_of, read_small
 
 _MOST_BYTES = 8 * 2**30
 """Size of a table: geometry takes 150 bytes a row in the file, so this is a run of 14,000 km."""
@@ -35,8 +34,8 @@ class FolderKind:
     def holds(self, folder: Path) -> bool:
         """Return whether any version of trackfg wrote it: the format's name decides, not the fields of this version."""
         try:
-            content = json.loads(read_small(folder / self.head, _MOST_HEAD_BYTES))
-        except (OSError, ValueError, RecursionError):
+            content = json_of(read_small(folder / self.head, _MOST_HEAD_BYTES))
+        except (OSError, ValueError):
             return False
         return isinstance(content, dict) and str(content.get("format", "")).startswith(self.format)
 

@@ -1,8 +1,9 @@
-"""Small files are read whole: regular files only, up to a size, and TOML of no absurd depth."""
+"""Small files are read whole: regular files only, up to a size, and TOML and JSON of no absurd depth."""
 
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
 import stat
@@ -51,6 +52,14 @@ def toml_of(content: bytes) -> dict[str, Any]:
         raise ValueError(f"a key with more than {_MOST_DOTS} dots")
     try:
         return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def json_of(content: bytes | str) -> Any:
+    """Return the content of a text of JSON. Raises ``ValueError`` for others."""
+    try:
+        return json.loads(content)
     except RecursionError:
         raise ValueError("nested too deeply") from None
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
+
+from trackfg.files.open_files import files_in_reserve
 
 _TO_REMOVE = 4
 """Open files that removing takes: one to list the deepest folder and one for each level, of which a result that was
@@ -22,9 +23,7 @@ def temporary_folder(prefix: str = "trackfg-", parent: Path | None = None) -> It
     are held from the start. Raises ``OSError`` before there is a folder where they are too few, or where ``parent``
     cannot be written.
     """
-    with ExitStack() as reserve:
-        for _ in range(_TO_REMOVE):
-            reserve.callback(os.close, os.open(os.devnull, os.O_RDONLY))
+    with files_in_reserve(_TO_REMOVE) as reserve:
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
             yield folder

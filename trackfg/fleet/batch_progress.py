@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 
 from trackfg.errors import TrackfgError
+from trackfg.files.small_file import json_of
 from trackfg.fleet.places import joined, matching, read, remove, write
 
 _FOLDER = "progress"
@@ -93,5 +94,5 @@ def batch_states(store: str) -> list[BatchState]:
     with suppress(*_FAULTS):
         for path in matching(joined(store, _FOLDER), "*.json"):
             with suppress(*_FAULTS, ValueError, TypeError):
-                states.append(BatchState(**json.loads(read(joined(store, _FOLDER, path)))))
+                states.append(BatchState(**json_of(read(joined(store, _FOLDER, path)))))
     return states

@@ -12,6 +12,7 @@ from typing import Any
 
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
+from trackfg.files.small_file import json_of
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.freshness import (
     Inputs,
@@ -110,7 +111,7 @@ def _is_listed(row: Mapping[str, Any], run: Run, inputs: Inputs) -> bool:
 def _page(result: str) -> dict[str, Any] | None:
     """Return the summary of a result as JSON; None where there is none."""
     try:
-        page = json.loads(read(joined(result, RESULT_FOLDER.head)))
+        page = json_of(read(joined(result, RESULT_FOLDER.head)))
     except (OSError, ValueError, PlaceError):
         return None
     return page if isinstance(page, dict) else None

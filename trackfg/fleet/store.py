@@ -32,6 +32,7 @@ import pyarrow.compute as pc
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.owned_folder import sole_writer
 from trackfg.files.parquet import read_parquet, write_parquet
+from trackfg.files.small_file import json_of
 from trackfg.fleet.key_figures import NEVER_EMPTY, PARTITIONS, RESULTS, SCHEMA
 from trackfg.fleet.places import exists, is_url, joined, matching, read, remove, write
 from trackfg.results.result import RESULT_FOLDER
@@ -141,7 +142,7 @@ def is_store(place: str) -> bool:
 
 def _is_store(head: str) -> bool:
     try:
-        content = json.loads(read(head))
+        content = json_of(read(head))
     except (OSError, ValueError):
         return False
     return isinstance(content, dict) and content.get("format") == FORMAT

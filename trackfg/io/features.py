@@ -6,7 +6,6 @@ A GeoPackage is SQLite; the reference system of each of its layers is in it (OGC
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -19,7 +18,7 @@ import numpy as np
 
 from trackfg.errors import BadInputError, first_line, printable
 from trackfg.files.libraries import library
-from trackfg.files.small_file import read_small
+from trackfg.files.small_file import json_of, read_small
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geometry_blob import geopackage_geometry
 
@@ -99,10 +98,10 @@ def _to_wgs_84(system: str) -> Callable[[Array, Array], tuple[Array, Array]]:
 
 def _of_geojson(path: Path) -> Iterator[Feature]:
     try:
-        content = json.loads(read_small(path, _MOST_BYTES).decode("utf-8-sig"))
+        content = json_of(read_small(path, _MOST_BYTES).decode("utf-8-sig"))
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a GeoJSON file") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise BadInputError(f"{path}: not readable as GeoJSON: {first_line(error)}: expected JSON in UTF-8") from error
     content = content if isinstance(content, dict) else {}
     features = content.get("features")

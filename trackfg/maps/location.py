@@ -62,6 +62,8 @@ class Location:
                 yield connection
         except sa.exc.DBAPIError as error:
             raise self._explained(error) from error
+        except sa.exc.InvalidRequestError as error:
+            raise BadInputError(f"{self.shown}: {printable(str(error))}; expected a feature map") from error
         except UnicodeError as error:
             raise BadInputError(f"{self.shown}: a name in it is no text; expected a feature map") from error
         finally:

@@ -28,6 +28,7 @@ from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
+from trackfg.files.small_file import json_of
 from trackfg.numerics.key_figures import Outlined
 from trackfg.results.soundness import refuse_empty, refuse_other_than_numbers
 
@@ -113,7 +114,7 @@ class Trends(Outlined):
         """
         content = TRENDS_FOLDER.read(Path(folder))
         try:
-            head = json.loads(content[_HEAD])
+            head = json_of(content[_HEAD])
             small = {name: _table_of(content[f"{name}.csv"]) for name in _FOR_PEOPLE}
             places = small["trends"]["at_m"].to_numpy(dtype=np.float64)
             large = {
@@ -122,7 +123,7 @@ class Trends(Outlined):
             values = _rows_at(content["values.parquet"], places)
             trends = cls(**small, **large, values=values, per=head.get("per", "month"), left_out=head["left_out"])
             trends.refuse_unsound()
-        except (ValueError, TypeError, KeyError, RecursionError, OSError) as error:
+        except (ValueError, TypeError, KeyError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg folder of trends: {error}") from error
         return trends
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import subprocess
 import sys
 import textwrap
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from trackfg.datasets.scenarios import simulate
+from trackfg.files.atomic_folder import replaced_folder
 from trackfg.results.result import Result
 
 Make = Callable[..., Result]
@@ -98,6 +100,27 @@ def test_killed_within_a_write(make_result: Make, tmp_path: Path, can_exchange: 
     moments, *found = done.stdout.split()
     assert found == ["new", "old" if there_before else "none"]
     assert int(moments) > 15
+
+
+KILLED_WITHIN_ANOTHER = """
+    import os, signal, sys
+    from pathlib import Path
+    from trackfg.files.atomic_folder import replaced_folder
+
+    with replaced_folder(Path(sys.argv[1])) as new, replaced_folder(new) as nested:
+        (nested / "half").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_was_killed_while_it_wrote_into_another_write_goes_with_the_next(tmp_path: Path) -> None:
+    """A batch's commands write into the folder that the batch replaces."""
+    program = [sys.executable, "-c", textwrap.dedent(KILLED_WITHIN_ANOTHER), str(tmp_path / "out")]
+    assert subprocess.run(program, check=False).returncode == -signal.SIGKILL
+    assert any(path.name == "half" for path in tmp_path.rglob("*"))
+    with replaced_folder(tmp_path / "out") as new:
+        (new / "whole").touch()
+    assert sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")) == ["out", "out/whole"]
 
 
 @pytest.mark.slow

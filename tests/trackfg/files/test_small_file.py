@@ -12,7 +12,7 @@ from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import recover, replaced_folder
 from trackfg.files.owned_folder import refuse_unwritable
-from trackfg.files.small_file import MOST_TOML_BYTES, read_small, read_toml, toml_of
+from trackfg.files.small_file import MOST_TOML_BYTES, json_of, read_small, read_toml, toml_of
 from trackfg.io.description_reader import read_description
 
 
@@ -44,6 +44,13 @@ def test_absurd_depth_is_refused_at_once(text: str) -> None:
     with pytest.raises(ValueError, match=r"dots|deeply"):
         toml_of(text.encode())
     assert time.monotonic() - start < 2.0
+
+
+def test_json_of_absurd_depth_is_refused() -> None:
+    assert json_of(b'{"a": [1.5]}') == {"a": [1.5]}
+    for text in ("[" * 200_000, "{"):
+        with pytest.raises(ValueError, match=r"deeply|Expecting"):
+            json_of(text)
 
 
 def test_a_hundred_thousand_unknown_keys_are_told_in_short(tmp_path: Path) -> None:

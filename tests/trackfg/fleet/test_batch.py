@@ -20,7 +20,7 @@ from trackfg.fleet.catalogue import Run, read_catalogue
 from trackfg.fleet.isolated_run import Outcome
 from trackfg.fleet.known_content import KnownContent
 from trackfg.fleet.planning import PlannedRun, plan
-from trackfg.fleet.store import Store
+from trackfg.fleet.store import Store, is_store
 
 from .conftest import StandIn
 
@@ -141,6 +141,16 @@ def test_a_result_that_lost_a_file_is_computed_again(fleet: Fleet, stand_in: Sta
     assert fleet.why()["a"] != ""
     fleet.run()
     assert fleet.why()["a"] == ""
+
+
+def test_a_summary_of_absurd_depth_is_none(fleet: Fleet, stand_in: StandIn) -> None:
+    stand_in.recording("a")
+    fleet.write("recordings/a,7,,a")
+    fleet.run()
+    (fleet.folder / "store/results/a/summary.json").write_text("[" * 200_000)
+    assert fleet.why() == {"a": "no result yet"}
+    (fleet.folder / "store" / "store.json").write_text("[" * 200_000)
+    assert not is_store(str(fleet.folder / "store"))
 
 
 def test_what_a_killed_batch_did_not_list_is_listed_by_the_next(fleet: Fleet, stand_in: StandIn) -> None:

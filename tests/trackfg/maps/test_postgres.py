@@ -28,6 +28,14 @@ def layer_types(server: Any, database: str, schema: str) -> list[str]:
     return list(server.sql(database, query + relations).splitlines())
 
 
+def test_a_column_of_another_type_is_refused(make_map: MakeMap, server: Any) -> None:
+    url = server.url("plain", "retyped")
+    write_map(make_map(), url, parent=None)
+    server.sql("plain", "ALTER TABLE retyped.map_grid ALTER COLUMN chainage_m_sd TYPE text USING chainage_m_sd::text")
+    with pytest.raises(BadInputError, match=r"schema=retyped: Unknown PG numeric type: 25.*; expected a feature map"):
+        read_map(url)
+
+
 def test_postgis_knows_the_layers(make_map: MakeMap, spatial: Any) -> None:
     made = make_map(origin=ORIGIN, cells=10_001)
     write_map(made, spatial.url("spatial", "known"), parent=None)

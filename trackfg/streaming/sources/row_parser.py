@@ -7,13 +7,13 @@ batch, with the first place, how many there were, and what was expected.
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 import numpy as np
 
 from trackfg.errors import BadInputError, did_you_mean
+from trackfg.files.small_file import json_of
 from trackfg.io.description_reader import FORMAT, validated
 from trackfg.numerics import units
 from trackfg.recording.description import RecordingDescription, Table
@@ -116,8 +116,8 @@ def json_object(text: bytes) -> dict[str, Any]:
     if len(text) > LONGEST_BYTES:
         raise RowError(f"longer than {LONGEST_BYTES} bytes")
     try:
-        value = json.loads(text)
-    except (ValueError, RecursionError):
+        value = json_of(text)
+    except ValueError:
         raise RowError("not JSON; expected one object") from None
     if not isinstance(value, dict):
         raise RowError("is no object; expected one, like {...}")

@@ -6,6 +6,7 @@ another site that is open in the same browser cannot read it (DNS rebinding).
 
 from __future__ import annotations
 
+import errno
 import sys
 import threading
 from collections.abc import Iterator
@@ -15,10 +16,14 @@ from socketserver import TCPServer
 from typing import ClassVar
 
 from trackfg.errors import OutputError
+from trackfg.files.open_files import files_in_reserve
 
 ADDRESS = "127.0.0.1"
 _MOST_THREADS = 100
 """Threads of the process, one for each open connection, beyond which no further one is served; a browser opens six."""
+_FILES_OF_A_REQUEST = 4
+"""Open files without which nothing is served: the connection, and what is read for the answer, by trackfg, Python and
+Arrow at the same time."""
 
 
 class LocalHandler(BaseHTTPRequestHandler):
@@ -71,8 +76,13 @@ class _LocalServer(ThreadingHTTPServer):
     request_queue_size = _MOST_THREADS
 
     def server_bind(self) -> None:
-        """Listen, without asking a name server for this machine's name as ``HTTPServer`` does."""
+        """Listen, without asking a name server for this machine's name as ``HTTPServer`` does.
+
+        Raises ``OSError`` where no connection could be accepted: a browser would wait for ever.
+        """
         TCPServer.server_bind(self)
+        with files_in_reserve(_FILES_OF_A_REQUEST):
+            pass
         self.server_name, self.server_port = ADDRESS, int(self.server_address[1])
 
     def verify_request(self, request: object, client_address: object) -> bool:
@@ -89,14 +99,13 @@ class _LocalServer(ThreadingHTTPServer):
 def serving_locally(handler: type[LocalHandler], port: int) -> Iterator[str]:
     """Answer requests by a handler while the block runs, and yield the address. ``port`` 0: any that is free.
 
-    Raises :class:`OutputError` where the port is taken.
+    Raises :class:`OutputError` where the port is taken, and where too few files may be opened.
     """
     try:
         server = _LocalServer((ADDRESS, port), handler)
     except OSError as error:
-        raise OutputError(
-            f"{ADDRESS}:{port}: cannot be listened at ({error.strerror}). Hint: another port, by --port"
-        ) from error
+        hint = "allow more open files" if error.errno in (errno.EMFILE, errno.ENFILE) else "another port, by --port"
+        raise OutputError(f"{ADDRESS}:{port}: cannot be listened at ({error.strerror}). Hint: {hint}") from error
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
     thread.start()
     try:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
@@ -74,6 +77,23 @@ def test_another_name_of_the_host_gets_nothing(port: int) -> None:
     for name in (b"evil.example", b"127.0.0.1.evil.example", b"", b"localhost@evil.example"):
         assert b" 403 " in answer(port, b"GET / HTTP/1.1\r\nHost: " + name + b"\r\n\r\n").splitlines()[0]
     assert b" 501 " in answer(port, b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n").splitlines()[0]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits are POSIX")
+def test_nothing_is_served_where_no_connection_could_be_accepted() -> None:
+    script = (
+        "import os, resource\n"
+        "from trackfg.errors import OutputError\n"
+        "from trackfg.streaming.view.local_server import LocalHandler, serving_locally\n"
+        "resource.setrlimit(resource.RLIMIT_NOFILE, (os.dup(0) + 2,) * 2)\n"
+        "try:\n"
+        "    with serving_locally(LocalHandler, 0) as address:\n"
+        "        print(address)\n"
+        "except OutputError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "cannot be listened at (Too many open files). Hint: allow more open files" in done.stdout
 
 
 def test_more_connections_than_are_served_are_closed(port: int) -> None:
