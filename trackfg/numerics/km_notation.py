@@ -17,14 +17,18 @@ _KM = re.compile(r"^(?:km\s*(?P<a>-?\d+(?:\.\d+)?)|(?P<b>-?\d+(?:\.\d+)?)\s*km)$
 _M = re.compile(r"^(?P<m>-?\d+(?:\.\d+)?)\s*(?P<unit>m?)$", re.IGNORECASE)
 _MILES = re.compile(
     r"^(?:mp\s*)?(?P<mi>\d+(?:\.\d+)?)\s*(?:m|mi|miles?)\.?\s*"
-    r"(?:(?P<ch>\d+(?:\.\d+)?)\s*(?:c|ch|chains?)\.?|(?P<yd>\d+(?:\.\d+)?)\s*(?:y|yds?|yards?)\.?)$"
+    r"(?:(?P<ch>\d+(?:\.\d+)?)\s*(?:c|ch|chains?)\.?|(?P<yd>\d+(?:\.\d+)?)\s*(?:y|yds?|yards?)\.?|"
+    r"(?P<ft>\d+(?:\.\d+)?)\s*(?:ft|feet)\.?)$"
     r"|^mp\s*(?P<a>\d+(?:\.\d+)?)$|^(?P<b>\d+(?:\.\d+)?)\s*(?:mi|miles?)$",
     re.IGNORECASE,
 )
-METRES_PER = {"m": 1.0, "km": 1000.0, "mi": 1609.344}
+METRES_PER = {"m": 1.0, "ft": 0.3048, "km": 1000.0, "mi": 1609.344}
 """Units of a place that is a bare number."""
-_CHAINS_PER_MILE, _YARDS_PER_MILE = 80.0, 1760.0
-Bare = Literal["m", "km", "mi"]
+LENGTHS = ("m", "ft")
+"""Those in which it is a length along the track, and no official place."""
+METRES_FROM_POST = {"m": 1.0, "ft": 0.3048, "yd": 0.9144, "ch": 20.1168}
+"""Units of the length from a kilometre post or a milepost; a mile has 5280 ft, 1760 yd or 80 ch."""
+Bare = Literal["m", "ft", "km", "mi"]
 
 
 def metres_of(text: str, bare: Bare = "m") -> float | None:
@@ -39,15 +43,15 @@ def metres_of(text: str, bare: Bare = "m") -> float | None:
         return float(match["m"]) * METRES_PER["m" if match["unit"] else bare]
     if match := _MILES.match(cell):
         whole = float(match["mi"] or match["a"] or match["b"])
-        part = float(match["ch"] or 0.0) / _CHAINS_PER_MILE + float(match["yd"] or 0.0) / _YARDS_PER_MILE
-        return METRES_PER["mi"] * (whole + part)
+        rest = sum(METRES_FROM_POST[unit] * float(match[unit] or 0.0) for unit in ("ch", "yd", "ft"))
+        return METRES_PER["mi"] * whole + rest
     return None
 
 
 def is_metres(text: str, bare: Bare = "m") -> bool:
-    """Return whether a written place is a length in metres and no number of kilometres."""
+    """Return whether a written place is a length and no number of kilometres."""
     match = _M.match(_plain(text))
-    return match is not None and "m" in (match["unit"].lower(), bare)
+    return match is not None and (bool(match["unit"]) or bare in LENGTHS)
 
 
 def post_and_metres(text: str) -> tuple[int, float] | None:

@@ -39,7 +39,7 @@ _PATTERNS = {
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
     "balise": r"(balise|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
-    "station": r"chain|kilom|station|^km\b|^[pm][kp]$|post|position_km",
+    "station": r"chain|kilom|station|^km\b|^[pm][kp]$|^miles?$|post|position_km",
     "latitude": r"^lat|latitude|breite",
     "longitude": r"^lon|^lng|longitude|länge|laenge",
     "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh",

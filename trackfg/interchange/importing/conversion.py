@@ -73,6 +73,8 @@ _HELD_S = 1.5
 _TIME_DIGITS = 9
 """Decimals of times, s: dates are whole nanoseconds."""
 _PLACES_FILE = "balise_places.parquet"
+_PLACE = "chainage_m"
+"""The column of places that the source has in two."""
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
 
@@ -204,6 +206,10 @@ def _columns(
         value = keys.get(key, default)
         if value is None:
             raise BadInputError(f"[{sensor.section}]: no key {key!r}; expected the name of a column")
+        if key == "chainage" and isinstance(value, list):
+            columns[_PLACE] = read_stations(table, _two(value), sensor.reading.chainage_unit, kilometrage)
+            keys[key] = _PLACE
+            continue
         several = isinstance(value, list | tuple)
         names = []
         for part in value if several else [value]:
@@ -217,6 +223,13 @@ def _columns(
         if key in keys:
             keys[key] = names if several else names[0]
     return columns, keys
+
+
+def _two(names: list[Any]) -> tuple[str, str]:
+    """Return the columns of a post and of the length from it."""
+    if len(names) != 2 or not all(isinstance(name, str) for name in names):
+        raise BadInputError(f"chainage = {names!r}: expected a column, or those of the post and of the length from it")
+    return names[0], names[1]
 
 
 def _column(sensor: MappedSensor, table: SourceTable, part: Any) -> Array:

@@ -28,9 +28,9 @@ class ChannelReading(BaseModel):
 class GeometryReading(BaseModel):
     """Which columns of a table are which of the geometry's, and what these mean.
 
-    ``place`` is a column of places, or those of kilometres and metres. ``facing``: whether left and right are those of
-    increasing chainage or of the direction of travel, the order of the rows. Lengths that the file does not say are
-    assumed: the gauge and its base by the gauge channel, base and anchor of the twist by the cross-level.
+    ``place`` is a column of places, or those of posts and lengths from them. ``facing``: whether left and right are
+    those of increasing chainage or of the direction of travel, the order of the rows. Lengths that the file does not
+    say are assumed: the gauge and its base by the gauge channel, base and anchor of the twist by the cross-level.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

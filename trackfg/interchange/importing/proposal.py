@@ -32,7 +32,7 @@ from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.foreign_units import written_unit
 from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.numerics.km_notation import METRES_PER
+from trackfg.interchange.importing.stations import bare_unit, place_columns
 
 FIX_SD_M = 1.0
 """Proposed for balises and posts without a sigma: a post is read off to about a metre."""
@@ -247,11 +247,16 @@ def _places(proposal: Proposal, table: SourceTable, section: str) -> dict[str, A
     """Return the columns of places along the line and of their sigma, which is assumed where the table has none."""
     name = first_of(table, "station")
     assert name is not None
-    stated = None if _written_places(table, name) else written_unit(table.units.get(name) or name, "length")
     sd = next((column for column in table.columns if column.casefold().startswith("sd")), FIX_SD_M)
     if sd is FIX_SD_M:
         proposal.reasons[f"{section}.sd"] = "m, assumed, since the source has none"
-    return {"chainage": name, "sd": sd, "chainage_unit": stated if stated in METRES_PER else "m"}
+    if (pair := place_columns(table)) is not None and name in pair[0]:
+        return {"chainage": list(pair[0]), "sd": sd, "chainage_unit": pair[1]}
+    return {
+        "chainage": name,
+        "sd": sd,
+        "chainage_unit": "m" if _written_places(table, name) else bare_unit(table, name),
+    }
 
 
 def _clock_of_imu(proposal: Proposal, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:

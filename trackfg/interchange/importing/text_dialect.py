@@ -219,7 +219,7 @@ def header_of(
         names = rows[header_row - 1] if 0 < header_row <= len(rows) else []
         units_row = next((row for row in reversed(above) if row != names and _are_units(row)), None)
     else:
-        if above and _are_units(above[-1]):
+        if len(above) > 1 and _are_units(above[-1]):
             units_row, above = above[-1], above[:-1]
         names = above[-1] if above else []
         if len(above) > 1 and _repeat(names):

@@ -333,6 +333,25 @@ def test_rows_that_are_written_twice_count_once_and_other_repetitions_are_refuse
         read_geometry(_table(tmp_path, twice))
 
 
+@pytest.mark.parametrize("rising", [True, False])
+def test_miles_and_feet_run_on_where_a_mile_has_other_than_5280_feet(
+    tmp_path: Path, waves: dict[str, np.ndarray], rising: bool
+) -> None:
+    lengths = [5280, 5310, 4990]
+    rows = pd.concat([pd.DataFrame({"MP": 12 + i, "FEET": np.arange(0, n, 10)}) for i, n in enumerate(lengths)])
+    level = np.resize(waves["level_left"], len(rows))
+    table = rows.assign(left=level, right=-level)[:: 1 if rising else -1]
+
+    result = measured(written(tmp_path / "chart.csv", table))
+
+    # From the first row the track is as long as its miles are, in whichever direction they are counted.
+    first = 1609.344 * table["MP"].iloc[0] + 0.3048 * table["FEET"].iloc[0]
+    way = 0.3048 * 10.0 * (len(rows) - 1)
+    expected = (first, first + way) if rising else (first - way, first)
+    np.testing.assert_allclose(result.geometry["chainage_m"].iloc[[0, -1]], expected, atol=0.3)
+    assert result.geometry["level_left_mm"].notna().mean() > 0.99
+
+
 def test_french_names_and_kilometres_without_a_unit(tmp_path):
     x = 0.25 * np.arange(200)
     names = {"Nivellement G": "level_left_mm", "Dressage D": "alignment_right_mm", "Dévers": "cross_level_mm"}

@@ -74,17 +74,16 @@ class Places:
 
 def places_of(table: SourceTable, reading: GeometryReading) -> Places:
     """Read the places of a table. Raises :class:`BadInputError` with the row that has none, or that turns back."""
-    if isinstance(reading.place, tuple):
-        km, m = (table.numbers(name) for name in reading.place)
-        chainage, what = 1000.0 * km + m, " and ".join(map(repr, reading.place))
-    else:
-        chainage, what = read_stations(table, reading.place, reading.chainage_unit), repr(reading.place)
+    chainage = read_stations(table, reading.place, reading.chainage_unit)
+    what = repr(reading.place) if isinstance(reading.place, str) else " and ".join(map(repr, reading.place))
     missing = ~np.isfinite(chainage)
     if missing.any():
         row = table.first_row + int(np.argmax(missing))
         raise BadInputError(f"{table.name}: column {what}, row {row}: is empty; expected a place in every row")
     if len(chainage) < 2:
         raise BadInputError(f"{table.name}: {len(chainage)} rows; expected a profile")
+    if not isinstance(reading.place, str):
+        chainage = _along_the_track(chainage, *(table.numbers(name) for name in reading.place))
     rows = np.flatnonzero(~_repeated(table, chainage))
     chainage = chainage[rows]
     apart = np.diff(chainage)
@@ -103,6 +102,20 @@ def places_of(table: SourceTable, reading: GeometryReading) -> Places:
             "as most do. Hint: give each pass a file of its own; where the kilometrage jumps, cut there"
         )
     return Places(chainage, direction, rows)
+
+
+def _along_the_track(chainage: Array, post: Array, rest: Array) -> Array:
+    """Return chainages (n,) that run on past each post as the rows do: miles need not have 5280 ft.
+
+    The first row keeps its place. A length from a post that begins again within a row's usual step shows that no row is
+    missing there, so that this row is one step on.
+    """
+    apart = np.diff(chainage)
+    step = float(np.median(apart))
+    at_post = np.where(step > 0.0, rest[1:], rest[:-1])
+    usual = float(np.median(np.abs(np.diff(rest))))
+    passed = (np.abs(np.diff(post)) == 1.0) & (np.abs(at_post) < usual)
+    return np.asarray(chainage + np.append(0.0, np.cumsum(np.where(passed, step - apart, 0.0))))
 
 
 def _repeated(table: SourceTable, chainage: Array) -> np.ndarray:
