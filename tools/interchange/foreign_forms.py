@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -70,6 +71,22 @@ def write_sensor_logger(drive: Drive, folder: Path) -> Path:
         frame = pd.DataFrame({"time": drive.gnss_ns, **position, **accuracy})
         archive.writestr("Location.csv", frame.to_csv(index=False))
         archive.writestr("Metadata.csv", "version,device name\n3,phone\n")
+    return path
+
+
+def write_sensor_json(drive: Drive, folder: Path) -> Path:
+    """Write the JSON of Sensor Logger, whose numbers are text, and return its path."""
+    path = folder / "walk.json"
+    entries: list[dict[str, str]] = [{"sensor": "Metadata", "device name": "phone"}]
+    for name, values in (("TotalAcceleration", drive.accel), ("Gyroscope", drive.gyro)):
+        for ns, row in zip(drive.ns, values, strict=True):
+            x, y, z = (repr(float(value)) for value in row)
+            entries.append({"sensor": name, "time": str(ns), "z": z, "y": y, "x": x})
+    places = zip(drive.gnss_ns, drive.latitude, drive.longitude, drive.height, strict=True)
+    for ns, *place in places:
+        position = dict(zip(("latitude", "longitude", "altitude"), (repr(float(v)) for v in place), strict=True))
+        entries.append({"sensor": "Location", "time": str(ns), **position, "horizontalAccuracy": "4.5"})
+    path.write_text(json.dumps(entries))
     return path
 
 
@@ -143,6 +160,37 @@ def write_ros2(drive: Drive, folder: Path, *, plugin: str = "SQLITE3") -> Path:
 def write_mcap(drive: Drive, folder: Path) -> Path:
     """Write an MCAP file with CDR messages and return its path."""
     return next(write_ros2(drive, folder, plugin="MCAP").glob("*.mcap"))
+
+
+def write_mcap_json(drive: Drive, folder: Path) -> Path:
+    """Write an MCAP file with messages in JSON and return its path."""
+    from mcap.writer import Writer
+
+    path = folder / "log.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+
+        def channel(topic: str) -> int:
+            schema = writer.register_schema(name=topic, encoding="jsonschema", data=b'{"type": "object"}')
+            return writer.register_channel(topic=topic, message_encoding="json", schema_id=schema)
+
+        imu, wheel, gnss = channel("/imu"), channel("/wheel"), channel("/gnss")
+
+        def add(topic: int, ns: int, message: dict) -> None:
+            data = json.dumps(message).encode()
+            writer.add_message(topic, log_time=int(ns), publish_time=int(ns), data=data)
+
+        for i, ns in enumerate(drive.ns):
+            rates, forces = (dict(zip("xyz", values[i].tolist(), strict=True)) for values in (drive.gyro, drive.accel))
+            add(imu, ns, {"angular_velocity": rates, "linear_acceleration": forces})
+            add(wheel, ns, {"wheel_speed_mps": float(drive.speed[i])})
+        for i, ns in enumerate(drive.gnss_ns):
+            stamp = {"sec": int(ns // 10**9), "nsec": int(ns % 10**9)}
+            place = {"latitude": drive.latitude[i], "longitude": drive.longitude[i], "altitude": drive.height[i]}
+            add(gnss, ns + 70_000_000, {"timestamp": stamp, **place})  # received later than measured
+        writer.finish()
+    return path
 
 
 def write_rcm_dx(drive: Drive, folder: Path, *, prefix: str = "") -> Path:
@@ -272,9 +320,11 @@ WRITERS: dict[str, Callable[..., Path]] = {
     "text, a row a value": write_can_trace,
     "vbo": write_vbo,
     "sensor-logger": write_sensor_logger,
+    "sensor-logger, JSON": write_sensor_json,
     "phyphox": write_phyphox,
     "ros": write_ros2,
     "mcap": write_mcap,
+    "mcap, JSON": write_mcap_json,
     "rcm-dx": write_rcm_dx,
     "rcm-dx with prefixes": write_prefixed_rcm_dx,
     "hdf5": write_onboard_eu,
@@ -285,4 +335,6 @@ WRITERS: dict[str, Callable[..., Path]] = {
 
 def format_key(name: str) -> str:
     """Return the importer's name of a form in :data:`WRITERS`."""
-    return {"mcap": "ros", "text, a row a value": "text", "rcm-dx with prefixes": "rcm-dx"}.get(name, name)
+    if name == "mcap":
+        return "ros"
+    return "rcm-dx" if name == "rcm-dx with prefixes" else name.partition(",")[0]

@@ -108,7 +108,7 @@ def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path
     parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
     clocks = [part.times for part in parts]
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
-    start_ns = _start(parts, mapping)
+    start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)
     refuse_used(folder, "recordings are never overwritten")
     with replaced_folder(folder) as new:
@@ -321,8 +321,9 @@ def _in_known_units(
     return columns, keys
 
 
-def _start(parts: Sequence[_Part], mapping: Mapping) -> int | None:
-    """Return the date of t = 0, ns since 1970: the mapping's, else that of the IMU's first whole second.
+def _start(parts: Sequence[_Part], mapping: Mapping, stated_ns: int | None) -> int | None:
+    """Return the date of t = 0, ns since 1970: the mapping's, else that of the IMU's first whole second, else the
+    source's own.
 
     Raises :class:`BadInputError` where some clocks have dates and others have not, and no ``start`` says when.
     """
@@ -331,6 +332,8 @@ def _start(parts: Sequence[_Part], mapping: Mapping) -> int | None:
     undated = [part.sensor.section for part in parts if part.times.ns is None]
     if isinstance(given, datetime):
         return as_ns(given if given.tzinfo is not None else given.replace(tzinfo=UTC))
+    if stated_ns is not None and undated:
+        return stated_ns
     if dated and undated:
         raise BadInputError(
             f"{mapping.name}: [{dated[0]}] has dates and [{undated[0]}] counts from a zero of its own; expected one "

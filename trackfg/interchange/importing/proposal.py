@@ -41,6 +41,8 @@ GNSS_SD_M = (3.0, 3.0, 6.0)
 """Proposed for positions without a sigma: a single-frequency receiver in the open (GPS SPS Performance Standard 2020:
 about 3 m horizontally, twice as much in height)."""
 
+UNKNOWN_HEIGHT_SD_M = 1000.0
+"""Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
@@ -203,7 +205,7 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
             proposal.reasons["gnss.sd"] = "m, east, north, up: assumed, since the source has none"
         if height is None:
             proposal.reasons["gnss.position"] = "the source has no heights: 0, with a sigma of 1 km"
-            sd[2] = 1000.0
+            sd[2] = UNKNOWN_HEIGHT_SD_M
         stated = [f"sd_{axis}_m" for axis in ("east", "north", "up")]
         if set(stated) <= set(table.columns):
             sd = list(stated)

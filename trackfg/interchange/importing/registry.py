@@ -10,6 +10,7 @@ from trackfg.interchange.format_names import by_name
 from trackfg.interchange.importing.source_format import SourceFormat
 from trackfg.interchange.importing.sources.gnss_log import GnssLog
 from trackfg.interchange.importing.sources.hdf5 import RcmDx, TableHdf5
+from trackfg.interchange.importing.sources.mcap_json import McapJson
 from trackfg.interchange.importing.sources.mdf import Mdf
 from trackfg.interchange.importing.sources.phones import Phyphox, SensorLogger
 from trackfg.interchange.importing.sources.rosbag import RosBag
@@ -23,6 +24,7 @@ ENTRY_POINT = "trackfg.source_formats"
 _OWN: tuple[type[SourceFormat], ...] = (
     Phyphox,
     SensorLogger,
+    McapJson,
     RosBag,
     RcmDx,
     TableHdf5,

@@ -17,13 +17,15 @@ class SourceTable:
     """A table has a ``name`` within its source and a frame: numbers as float64 or integers, all else as text.
 
     ``units`` are those that the source states, by column; ``first_row`` is the number of the first data row in the
-    file, counted from 1, for messages.
+    file, counted from 1, for messages; ``start_ns`` is the date at which its times are 0, ns since 1970, where the
+    source states it.
     """
 
     name: str
     frame: pd.DataFrame
     units: Mapping[str, str] = field(default_factory=dict)
     first_row: int = 1
+    start_ns: int | None = None
 
     @property
     def columns(self) -> list[str]:

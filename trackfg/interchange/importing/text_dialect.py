@@ -249,11 +249,15 @@ def _repeat(names: list[str]) -> bool:
 
 
 def _below(upper: list[str], names: list[str]) -> list[str]:
-    """Return names after that of the group which the row above has for them: its last one that is not empty."""
+    """Return names after that of the group which the row above has for them: its last one that is not empty.
+
+    The group's unit, in brackets, is that of each name that has none.
+    """
     out, group = [], ""
     for cell, name in zip(upper, names, strict=True):
         group = cell or group
-        out.append(f"{group} {name}".strip())
+        match = _IN_BRACKETS.match(group) if name and not _IN_BRACKETS.match(name) else None
+        out.append(f"{match[1]} {name} [{match[2]}]" if match else f"{group} {name}".strip())
     return out
 
 

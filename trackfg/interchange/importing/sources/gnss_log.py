@@ -1,9 +1,9 @@
-"""Logs of GNSS receivers: UBX NAV-PVT and NMEA GGA, GST and ZDA or RMC, in any mixture."""
+"""Logs of GNSS receivers: UBX NAV-PVT and NMEA GGA, GST, RMC and ZDA, in any mixture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import as_ns
@@ -27,7 +28,7 @@ class GnssLog(SourceFormat):
     """All positions are one table ``gnss``: it goes beside the table of an IMU, since alone it is no recording."""
 
     key = "gnss"
-    title = "GNSS receiver: UBX (NAV-PVT) or NMEA (GGA with GST, ZDA or RMC)"
+    title = "GNSS receiver: UBX (NAV-PVT) or NMEA (RMC, or GGA with GST, ZDA or RMC)"
 
     def recognises(self, path: Path) -> bool:
         """Return whether the file begins with a UBX or NMEA message."""
@@ -36,6 +37,13 @@ class GnssLog(SourceFormat):
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the positions, with a date from the log."""
         return [read_gnss_log(path)]
+
+    def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any] | None:
+        """Raise :class:`BadInputError`, since nothing is beside the positions."""
+        raise BadInputError(
+            "a receiver's log is no recording, since inertial samples in it (ESF-RAW, ESF-MEAS) are not read; expected "
+            "the log in a folder with the table of an inertial sensor"
+        )
 
 
 def read_gnss_log(path: Path) -> SourceTable:
@@ -56,7 +64,9 @@ def read_gnss_log(path: Path) -> SourceTable:
         raise BadInputError(f"{path.name}: cannot be read ({error}); expected UBX or NMEA") from error
     rows = ubx or nmea.rows()
     if not rows:
-        raise BadInputError(f"{path.name}: no position found; expected UBX NAV-PVT, or NMEA GGA with ZDA or RMC")
+        raise BadInputError(
+            f"{path.name}: no position found; expected UBX NAV-PVT, or NMEA RMC, or GGA with ZDA or RMC"
+        )
     frame = pd.DataFrame(np.array([values for _, values in rows]), columns=list(_COLUMNS))
     frame.insert(0, "time_ns", np.array([ns for ns, _ in rows], dtype=np.int64))
     return SourceTable("gnss", _without_repetitions(frame))
@@ -78,36 +88,52 @@ def _pvt(message: Any) -> tuple[int, tuple[float, ...]]:
 
 
 class _Nmea:
-    """Sentences of one epoch are put together by their time of day; ZDA and RMC give the day."""
+    """Sentences of one epoch are put together by their time of day; RMC and ZDA give dates, GGA the position.
+
+    A time of day is on the day on which it is nearest to the date or position before it, so that a log may pass
+    midnight; positions before the first date are near that one. Without any GGA positions are those of RMC, without
+    heights.
+    """
 
     def __init__(self) -> None:
-        self._day: date | None = None
-        self._found: list[tuple[Any, Any, tuple[float, ...]]] = []
-        self._sigmas: dict[Any, tuple[float, float, float]] = {}
+        self._date: datetime | None = None
+        self._found: dict[str, list[tuple[datetime | None, time, tuple[float, ...]]]] = {"GGA": [], "RMC": []}
+        self._sigmas: dict[time, tuple[float, float, float]] = {}
 
     def take(self, kind: str, message: Any) -> None:
-        """Take up a sentence. A position before the first date gets that one."""
+        """Take up a sentence."""
+        at = getattr(message, "time", None)
+        if not isinstance(at, time):
+            return
         if kind == "RMC" and message.date:
-            self._day = message.date
+            self._date = datetime.combine(message.date, at, tzinfo=UTC)
         elif kind == "ZDA" and message.year:
-            self._day = date(int(message.year), int(message.month), int(message.day))
-        elif kind == "GST" and message.stdLat != "":
-            self._sigmas[message.time] = (message.stdLong, message.stdLat, message.stdAlt)
+            self._date = datetime(int(message.year), int(message.month), int(message.day), tzinfo=UTC)
+            self._date = datetime.combine(self._date, at, tzinfo=UTC)
+        if kind == "GST" and message.stdLat != "":
+            self._sigmas[at] = (message.stdLong, message.stdLat, message.stdAlt)
         elif kind == "GGA" and message.quality and message.lat != "":
-            dilution = float(message.HDOP or 1.0)
-            assumed = (dilution * _UERE_M, dilution * _UERE_M, 2.0 * dilution * _UERE_M)
+            sd = float(message.HDOP or 1.0) * _UERE_M
             height = float(message.alt or 0.0) + float(message.sep or 0.0)
-            self._found.append((self._day, message.time, (message.lat, message.lon, height, *assumed)))
+            self._found[kind].append((self._date, at, (message.lat, message.lon, height, sd, sd, 2.0 * sd)))
+        elif kind == "RMC" and message.status == "A" and message.lat != "":
+            values = (message.lat, message.lon, 0.0, _UERE_M, _UERE_M, UNKNOWN_HEIGHT_SD_M)
+            self._found[kind].append((self._date, at, values))
 
     def rows(self) -> list[tuple[int, tuple[float, ...]]]:
         """Return times, ns since 1970, and positions. Without any date there is none."""
-        first = next((day for day, *_ in self._found if day is not None), self._day)
+        found = self._found["GGA"] or self._found["RMC"]
+        last = next((date for date, *_ in found if date is not None), self._date)
         rows = []
-        for day, time, values in self._found:
-            known = day or first
-            if known is None or time == "":
-                continue
-            at = datetime.combine(known, time, tzinfo=UTC)
-            sigmas = self._sigmas.get(time)
-            rows.append((as_ns(at), (*values[:3], *(values[3:] if sigmas is None else sigmas))))
+        for date, at, values in found:
+            if last is None:
+                break
+            last = _nearest(at, last if date is None else max(last, date))
+            rows.append((as_ns(last), (*values[:3], *self._sigmas.get(at, values[3:]))))
         return rows
+
+
+def _nearest(at: time, reference: datetime) -> datetime:
+    """Return the date nearest to ``reference`` with this time of day."""
+    same_day = datetime.combine(reference, at, tzinfo=UTC)
+    return same_day - timedelta(days=round((same_day - reference) / timedelta(days=1)))

@@ -35,7 +35,7 @@ class RcmDx(SourceFormat):
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the data sources of every session, each with the run's place at its times."""
-        return _placed(refuse_empty(_read(path, _data_sources), path, "data source with a timestamp"))
+        return _placed(_in_one(refuse_empty(_read(path, _data_sources), path, "data source with a timestamp")))
 
 
 class TableHdf5(SourceFormat):
@@ -103,6 +103,18 @@ def _data_sources(h5py: Any, file: Any) -> Iterator[SourceTable]:
         if len(columns) > 1:
             parts = [_plain(part) for part in group.name.split("/")[1:]]
             yield SourceTable("/".join(parts[-2:]), pd.DataFrame(columns), units)
+
+
+def _in_one(tables: Sequence[SourceTable]) -> list[SourceTable]:
+    """Return the tables with the sessions of a data source, one after the other, in one."""
+    sessions: dict[tuple[str, ...], list[SourceTable]] = {}
+    for table in tables:
+        sessions.setdefault((table.name, *table.columns), []).append(table)
+    out = []
+    for parts in sessions.values():
+        parts.sort(key=lambda table: int(table.frame["timestamp"].iloc[0]))
+        out.append(replace(parts[0], frame=pd.concat([table.frame for table in parts], ignore_index=True)))
+    return out
 
 
 def _placed(tables: Sequence[SourceTable]) -> list[SourceTable]:

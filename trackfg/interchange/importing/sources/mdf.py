@@ -1,4 +1,7 @@
-"""ASAM MDF measurement files (.mf4, .mdf): each channel group is a table on its own times."""
+"""ASAM MDF measurement files (.mf4, .mdf): each channel group is a table on its own times.
+
+Channels that have a group each, on the same times, are one table.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import gc
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +20,10 @@ from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times import as_ns
+
+_FIRST_YEAR = 1990
+"""Earlier dates are those of loggers whose clock was not set; MDF is of 1991."""
 
 
 class Mdf(SourceFormat):
@@ -35,7 +43,7 @@ class Mdf(SourceFormat):
         with _without_messages_at_deletion():
             try:
                 with asammdf.MDF(path) as file:
-                    tables = list(_groups(file))
+                    tables = _joined([*_groups(file)])
             except Exception as error:  # the library raises errors of many kinds for damaged files
                 reason = first_line(error)
         if reason:
@@ -55,14 +63,36 @@ def _without_messages_at_deletion() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
+def _joined(tables: Sequence[SourceTable]) -> list[SourceTable]:
+    """Return the tables of a single channel that have the same times as one, where their names differ."""
+    out: list[SourceTable] = []
+    at = dict[bytes, int]()
+    for table in tables:
+        times = table.frame["time_s"].to_numpy().tobytes()
+        before = out[at[times]] if table.frame.shape[1] == 2 and times in at else None
+        if before is None or table.columns[1] in before.columns:
+            at.setdefault(times, len(out)) if table.frame.shape[1] == 2 else None
+            out.append(table)
+        else:
+            frame = before.frame.assign(**{table.columns[1]: table.frame.iloc[:, 1]})
+            out[at[times]] = replace(before, frame=frame, units={**before.units, **table.units})
+    return out
+
+
+def _start_ns(file: Any) -> int | None:
+    """Return the date at which times are 0; None where the file has none worth the name."""
+    start = file.header.start_time
+    return as_ns(start) if start.tzinfo is not None and start.year >= _FIRST_YEAR else None
+
+
 def _groups(file: Any) -> Iterator[SourceTable]:
-    taken = dict[str, int]()
+    taken, start_ns = dict[str, int](), _start_ns(file)
     for index, group in enumerate(file.groups):
         frame, units = _group(file, index)
         if not frame.empty:
-            name = group.channel_group.acq_name or f"group_{index + 1}"
+            name = getattr(group.channel_group, "acq_name", "") or f"group_{index + 1}"
             taken[name] = taken.get(name, 0) + 1
-            yield SourceTable(name if taken[name] == 1 else f"{name}.{taken[name]}", frame, units)
+            yield SourceTable(name if taken[name] == 1 else f"{name}.{taken[name]}", frame, units, start_ns=start_ns)
 
 
 def _group(file: Any, index: int) -> tuple[pd.DataFrame, dict[str, str]]:

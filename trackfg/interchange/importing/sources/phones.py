@@ -1,4 +1,4 @@
-"""Logs of phones: Sensor Logger and phyphox, as a folder or a zip of CSV files.
+"""Logs of phones: Sensor Logger and phyphox, as a folder or a zip of CSV files, and Sensor Logger's JSON.
 
 Both have a file for acceleration without gravity beside, or instead of, the one with it. Roll and pitch are estimated
 from gravity, so that only the latter is of use.
@@ -16,8 +16,10 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.temporary_folder import temporary_folder
+from trackfg.interchange.importing.column_meaning import axis_of
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.sensor_json import is_sensor_json, read_sensor_json
 from trackfg.interchange.importing.sources.text import names_in, unpacked
 from trackfg.interchange.importing.text_table import read_text
 
@@ -30,16 +32,21 @@ class SensorLogger(SourceFormat):
     """Sensor Logger (Android, iOS): ``TotalAcceleration.csv``, ``Gyroscope.csv``, ``Location.csv``, times in ns."""
 
     key = "sensor-logger"
-    title = "Sensor Logger (phones): a folder or zip with TotalAcceleration.csv and Gyroscope.csv"
+    title = "Sensor Logger (phones): a folder or zip with TotalAcceleration.csv and Gyroscope.csv, or its JSON"
 
     def recognises(self, path: Path) -> bool:
-        """Return whether it holds a gyroscope's file beside the app's own ones."""
+        """Return whether it holds a gyroscope's file beside the app's own ones, or entries of sensors in JSON."""
         names = _names(path)
-        return "Gyroscope.csv" in names and bool(names & {"TotalAcceleration.csv", "Accelerometer.csv", "Metadata.csv"})
+        own = {"TotalAcceleration.csv", "Accelerometer.csv", "Metadata.csv"}
+        return bool(names & {"Gyroscope.csv", "GyroscopeUncalibrated.csv"} and names & own) or is_sensor_json(path)
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read total acceleration, gyro and location; gravity is added to an acceleration without it."""
-        named = _read(path, ("TotalAcceleration", "Accelerometer", "Gravity", "Gyroscope", "Location"), dialect_for)
+        wanted = ("TotalAcceleration", "Accelerometer", "Gravity", "Gyroscope", "Location", *_UNCALIBRATED)
+        named = read_sensor_json(path, wanted) if is_sensor_json(path) else _read(path, wanted, dialect_for)
+        for raw, name in _UNCALIBRATED.items():
+            if raw in named and name not in named:
+                named[name] = replace(named[raw], name=name)
         if "TotalAcceleration" not in named and {"Accelerometer", "Gravity"} <= set(named):
             named["TotalAcceleration"] = _with_gravity(named["Accelerometer"], named["Gravity"])
         if "TotalAcceleration" not in named:
@@ -49,8 +56,11 @@ class SensorLogger(SourceFormat):
             )
         if "Gyroscope" not in named:
             raise BadInputError(f"{path.name}: no Gyroscope.csv; expected it. Hint: switch on the Gyroscope in the app")
-        wanted = ("TotalAcceleration", "Gyroscope", "Location")
-        return [_with_sigmas(named[name], "horizontalAccuracy", "verticalAccuracy") for name in wanted if name in named]
+        return [
+            _with_sigmas(named[name], "horizontalAccuracy", "verticalAccuracy")
+            for name in ("TotalAcceleration", "Gyroscope", "Location")
+            if name in named
+        ]
 
     def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any]:
         """Return which file is what; the axes are the phone's, and how it lay is asked."""
@@ -73,11 +83,16 @@ class SensorLogger(SourceFormat):
         return sections
 
 
+_UNCALIBRATED = {"AccelerometerUncalibrated": "TotalAcceleration", "GyroscopeUncalibrated": "Gyroscope"}
+"""Raw sensors, which hold gravity, in place of those whose biases the phone has taken off."""
 _POSITION = {"position": ["latitude", "longitude", "altitude"], "sd": ["sd_m", "sd_m", "sd_up_m"]}
 
 
 class Phyphox(SourceFormat):
-    """phyphox: a zip with one CSV file a sensor, and ``meta/time.csv``; times in s since the start."""
+    """phyphox: a zip with one CSV file a sensor, and ``meta/time.csv``.
+
+    Times are in s since the start without pauses; ``meta/time.csv`` of newer versions says when each part began.
+    """
 
     key = "phyphox"
     title = "phyphox (phones): a folder or zip of its CSV export"
@@ -90,7 +105,7 @@ class Phyphox(SourceFormat):
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read gyroscope, accelerometer and location."""
         named = _read(path, tuple(name.removesuffix(".csv") for name in _PHYPHOX_FILES), dialect_for)
-        if "Accelerometer" not in named and "Linear Accelerometer" in named:
+        if "Accelerometer" not in named and any(name.startswith("Linear") for name in _names(path)):
             raise BadInputError(
                 f"{path.name}: the acceleration is without gravity, which roll and pitch need; expected the "
                 "experiment 'Acceleration with g'"
@@ -100,32 +115,62 @@ class Phyphox(SourceFormat):
                 raise BadInputError(
                     f"{path.name}: no {name}.csv; expected it. Hint: record with the {name} switched on"
                 )
+        parts = _parts(_read(path, ("time",), dialect_for).get("time"))
         wanted = [named[name] for name in ("Gyroscope", "Accelerometer", "Location") if name in named]
-        return [_with_sigmas(table, "Horizontal Accuracy", "Vertical Accuracy") for table in wanted]
+        return [
+            _on_calendar(_with_sigmas(table, "Horizontal Accuracy", "Vertical Accuracy"), parts) for table in wanted
+        ]
 
     def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any]:
         """Return which column is what; the axes are the phone's, and how it lay is asked."""
         gyro, accel, *location = tables
+        stamp = "time_ns" if "time_ns" in gyro.columns else "Time"
+        time = {"time": stamp, "time_unit": "ns" if stamp == "time_ns" else "s"}
         sections: dict[str, Any] = {
             "imu": {
                 "file": [gyro.name, accel.name],
-                "time": "Time",
-                "time_unit": "s",
-                "gyro": [f"Gyroscope {axis}" for axis in "xyz"],
+                **time,
+                "gyro": _axes(gyro),
                 "gyro_unit": "rad/s",
-                "accel": [f"Acceleration {axis}" for axis in "xyz"],
+                "accel": _axes(accel),
                 "accel_unit": "m/s^2",
             }
         }
         if location:
             height = next((name for name in ("Height", "Altitude") if name in location[0].columns), 0.0)
             position = ["Latitude", "Longitude", height]
-            own = {"file": location[0].name, "time": "Time", "time_unit": "s"}
-            sections["gnss"] = {**own, "position": position, "sd": _POSITION["sd"]}
+            sections["gnss"] = {"file": location[0].name, **time, "position": position, "sd": _POSITION["sd"]}
         return sections
 
 
-_PHYPHOX_FILES = ("Gyroscope.csv", "Accelerometer.csv", "Linear Accelerometer.csv", "Location.csv")
+def _axes(table: SourceTable) -> list[str]:
+    """Return the columns x, y, z, which versions of the app name ``X`` or ``Gyroscope x``."""
+    names = {axis_of(name): name for name in table.columns}
+    if not set("xyz") <= set(names):
+        raise BadInputError(f"{table.name}: columns {', '.join(table.columns)}; expected one each for x, y and z")
+    return [names[axis] for axis in "xyz"]
+
+
+def _parts(times: SourceTable | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return when the parts of a recording began: by its own clock, s, and by the phone's, ns since 1970."""
+    if times is None or not {"event", "experiment time", "system time"} <= set(times.columns):
+        return None
+    begins = (times.column("event") == "START").to_numpy(dtype=bool)
+    own, system = times.numbers("experiment time")[begins], times.numbers("system time")[begins]
+    return (own, np.round(system * 1e3).astype(np.int64) * 1_000_000) if begins.any() else None
+
+
+def _on_calendar(table: SourceTable, parts: tuple[np.ndarray, np.ndarray] | None) -> SourceTable:
+    """Return a table with dates, ns since 1970, where its recording says when its parts began."""
+    if parts is None:
+        return table
+    t = table.numbers("Time")
+    part = np.clip(np.searchsorted(parts[0], t, side="right") - 1, 0, None)
+    ns = parts[1][part] + np.round((t - parts[0][part]) * 1e9).astype(np.int64)
+    return replace(table, frame=table.frame.drop(columns="Time").assign(time_ns=ns))
+
+
+_PHYPHOX_FILES = ("Gyroscope.csv", "Accelerometer.csv", "Location.csv")
 
 
 def _names(path: Path) -> set[str]:

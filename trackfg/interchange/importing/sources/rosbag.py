@@ -2,55 +2,73 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.proposal import GNSS_SD_M, UNKNOWN_HEIGHT_SD_M
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
-
-
-def _imu(message: Any) -> tuple[float, ...]:
-    w, f = message.angular_velocity, message.linear_acceleration
-    return (w.x, w.y, w.z, f.x, f.y, f.z)
-
-
-def _fix(message: Any) -> tuple[float, ...]:
-    covariance = message.position_covariance
-    sd = np.sqrt([covariance[0], covariance[4], covariance[8]])
-    good = message.status.status >= 0
-    return (message.latitude, message.longitude, message.altitude, *sd) if good else (np.nan,) * 6
-
-
-def _odometry(message: Any) -> tuple[float, ...]:
-    return (message.twist.twist.linear.x,)
-
-
-def _twist(message: Any) -> tuple[float, ...]:
-    twist = message.twist
-    return ((twist.twist if hasattr(twist, "twist") else twist).linear.x,)
-
+from trackfg.interchange.importing.sources.mcap_json import MCAP
+from trackfg.interchange.importing.sources.messages import (
+    SIGMAS,
+    STAMP,
+    MessageTables,
+    fields_of,
+    measured_ns,
+    numbers_of,
+    sigmas_of,
+)
 
 _IMU_COLUMNS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
-_FIX_COLUMNS = ("latitude", "longitude", "altitude", "sd_east_m", "sd_north_m", "sd_up_m")
+_FIX_COLUMNS = ("latitude", "longitude", "altitude", *SIGMAS)
+_TWIST_COLUMNS = ("speed_mps", "across_mps")
+_NO_FIX, _UNKNOWN = -1, 0
+"""Of ``NavSatFix``: the status without a position, and the type of a covariance that says nothing."""
+_ACROSS = 0.1
+"""A vehicle on a track moves across it by less than this share of its speed: a velocity with more is not along x."""
+_RECEIVER = re.compile(r"gps|gnss|navsat|ublox|novatel", re.IGNORECASE)
+"""In the names of topics and frames of receivers, whose velocity is east and north."""
+_PROBED_NUMBERS = 1000
+"""A message with longer arrays, an image or a point cloud, is none of a sensor of motion."""
 
-_MESSAGES: dict[str, tuple[tuple[str, ...], Callable[[Any], tuple[float, ...]]]] = {
-    "sensor_msgs/msg/Imu": (_IMU_COLUMNS, _imu),
-    "sensor_msgs/msg/NavSatFix": (_FIX_COLUMNS, _fix),
-    "nav_msgs/msg/Odometry": (("speed_mps",), _odometry),
-    "geometry_msgs/msg/TwistStamped": (("speed_mps",), _twist),
-    "geometry_msgs/msg/TwistWithCovarianceStamped": (("speed_mps",), _twist),
+
+def _imu(message: Any) -> dict[str, float]:
+    w, f = message.angular_velocity, message.linear_acceleration
+    return dict(zip(_IMU_COLUMNS, (w.x, w.y, w.z, f.x, f.y, f.z), strict=True))
+
+
+def _fix(message: Any) -> dict[str, float]:
+    known = message.position_covariance_type != _UNKNOWN
+    sd = sigmas_of(message.position_covariance if known else ())
+    place = (message.latitude, message.longitude) if message.status.status > _NO_FIX else (np.nan, np.nan)
+    return dict(zip(_FIX_COLUMNS, (*place, message.altitude, *sd), strict=True))
+
+
+def _twist(message: Any) -> dict[str, float]:
+    twist = message.twist
+    linear = (twist.twist if hasattr(twist, "twist") else twist).linear
+    return dict(zip(_TWIST_COLUMNS, (linear.x, linear.y), strict=True))
+
+
+_MESSAGES: dict[str, Callable[[Any], dict[str, float]]] = {
+    "sensor_msgs/msg/Imu": _imu,
+    "sensor_msgs/msg/NavSatFix": _fix,
+    "nav_msgs/msg/Odometry": _twist,
+    "geometry_msgs/msg/TwistStamped": _twist,
+    "geometry_msgs/msg/TwistWithCovarianceStamped": _twist,
 }
-"""Columns and values of each type of message that is read."""
+"""Columns and values of the types of messages whose meaning ROS defines."""
 
 
 class RosBag(SourceFormat):
-    """Each topic with ``Imu``, ``NavSatFix``, ``Odometry`` or ``Twist...Stamped`` messages is a table of its name."""
+    """Each topic is a table of its name; what messages of other types than ROS's own mean, their fields' names say."""
 
     key = "ros"
     title = "ROS 1 bag (.bag), ROS 2 bag (a folder with metadata.yaml) or MCAP with CDR messages"
@@ -59,47 +77,41 @@ class RosBag(SourceFormat):
         """Return whether it is a bag of either kind, or an MCAP file with ROS messages."""
         if path.is_dir():
             return (path / "metadata.yaml").is_file()
-        return starts_with(path, b"#ROSBAG V") or starts_with(path, b"\x89MCAP")
+        return starts_with(path, b"#ROSBAG V") or starts_with(path, MCAP)
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the topics, stamped by their headers."""
         if path.is_dir() and not all(file.is_file() or file.is_dir() for file in path.iterdir()):
             raise BadInputError(f"{path.name}: holds a pipe or a device; expected the files of a ROS bag")
         anyreader, typesys = library("rosbags.highlevel", "ros"), library("rosbags.typesys", "ros")
-        rows: dict[str, list[tuple[float, ...]]] = {}
-        stamps: dict[str, list[int]] = {}
-        columns: dict[str, tuple[str, ...]] = {}
+        topics = MessageTables()
+        receivers: set[str] = set()
         try:
             store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
             with anyreader.AnyReader([path], default_typestore=store) as reader:
-                wanted = [c for c in reader.connections if c.msgtype in _MESSAGES]
-                for connection, _, raw in reader.messages(connections=wanted):
-                    names, values_of = _MESSAGES[connection.msgtype]
+                wanted = [c for c in reader.connections if c.msgtype in _MESSAGES or _has_numbers(reader, c)]
+                for connection, received_ns, raw in reader.messages(connections=wanted) if wanted else ():
                     message = reader.deserialize(raw, connection.msgtype)
-                    stamp = message.header.stamp
-                    columns[connection.topic] = names
-                    stamps.setdefault(connection.topic, []).append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-                    rows.setdefault(connection.topic, []).append(values_of(message))
+                    numbers = _MESSAGES.get(connection.msgtype, numbers_of)(message)
+                    topics.take(connection.topic, measured_ns(message, received_ns), numbers)
+                    frame = getattr(getattr(message, "header", None), "frame_id", "")
+                    if _RECEIVER.search(f"{connection.topic} {frame}"):
+                        receivers.add(connection.topic)
         except Exception as error:  # the library raises errors of many kinds for damaged bags
             raise BadInputError(
                 f"{path.name}: cannot be read ({first_line(error)}); expected a ROS bag or MCAP file"
             ) from error
-        tables = []
-        for topic, values in rows.items():
-            frame = pd.DataFrame(np.array(values), columns=list(columns[topic]))
-            frame.insert(0, "stamp_ns", np.array(stamps[topic], dtype=np.int64))
-            tables.append(SourceTable(topic, frame.dropna(ignore_index=True)))
-        kinds = ", ".join(sorted(name.rpartition("/")[2] for name in _MESSAGES))
-        return refuse_empty(tables, path, f"messages of the types {kinds}")
+        return refuse_empty(
+            [_usable(table, table.name in receivers) for table in topics.tables()], path, "messages with numbers"
+        )
 
     def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any]:
         """Take the topic with the most messages of each kind; ROS has x forward, y left, z up (REP 103)."""
-        imu, fix, speed = (_longest(tables, column) for column in ("gyro_x", "latitude", "speed_mps"))
-        if imu is None:
-            raise BadInputError("no topic with sensor_msgs/Imu messages; expected one")
-        time = {"time": "stamp_ns", "time_unit": "ns"}
-        sections: dict[str, Any] = {
-            "imu": {
+        imu, fix, speed = (_longest(tables, columns) for columns in (_IMU_COLUMNS, _FIX_COLUMNS, _TWIST_COLUMNS[:1]))
+        time = {"time": STAMP, "time_unit": "ns"}
+        sections: dict[str, Any] = {}
+        if imu is not None:
+            sections["imu"] = {
                 "file": imu.name,
                 **time,
                 "gyro": list(_IMU_COLUMNS[:3]),
@@ -108,17 +120,44 @@ class RosBag(SourceFormat):
                 "accel_unit": "m/s^2",
                 "axes": "FLU",
             }
-        }
         if fix is not None:
             known = bool((fix.numbers("sd_east_m") > 0.0).all())
-            sd = list(_FIX_COLUMNS[3:]) if known else [3.0, 3.0, 6.0]
-            sections["gnss"] = {"file": fix.name, **time, "position": list(_FIX_COLUMNS[:3]), "sd": sd}
+            position: list[Any] = list(_FIX_COLUMNS[:3])
+            sd: list[Any] = list(SIGMAS if known else GNSS_SD_M)
+            if not np.isfinite(fix.numbers("altitude")).all():
+                position[2], sd[2] = 0.0, UNKNOWN_HEIGHT_SD_M
+            sections["gnss"] = {"file": fix.name, **time, "position": position, "sd": sd}
         if speed is not None:
             sections["tach"] = {"file": speed.name, **time, "column": "speed_mps", "kind": "speed"}
             sections["tach"] |= {"unit": "m/s", "signed": True}  # ROS has speeds negative backwards (REP 103)
         return sections
 
 
-def _longest(tables: Sequence[SourceTable], column: str) -> SourceTable | None:
-    found = [table for table in tables if column in table.columns]
+def _has_numbers(reader: Any, connection: Any) -> bool:
+    """Return whether the first message of a topic has numbers and no long arrays; False where its type is unknown."""
+    try:
+        _, _, raw = next(reader.messages(connections=[connection]))
+        message = reader.deserialize(raw, connection.msgtype)
+    except (StopIteration, KeyError, ValueError):
+        return False
+    sizes = [len(value) for value in fields_of(message).values() if hasattr(value, "__len__")]
+    return max(sizes, default=0) <= _PROBED_NUMBERS and bool(numbers_of(message))
+
+
+def _usable(table: SourceTable, of_receiver: bool) -> SourceTable:
+    """Return positions without the rows that have none, and a velocity that is not the vehicle's by other names."""
+    frame = table.frame
+    if "latitude" in frame:
+        frame = frame.dropna(subset=["latitude", "longitude"], ignore_index=True)
+    if set(_TWIST_COLUMNS) <= set(frame):
+        along, across = (np.sqrt(np.nanmean(np.square(frame[name]))) for name in _TWIST_COLUMNS)
+        if of_receiver or across > _ACROSS * along:
+            frame = frame.rename(columns=dict(zip(_TWIST_COLUMNS, ("x_mps", "y_mps"), strict=True)))
+        else:
+            frame = frame.drop(columns=_TWIST_COLUMNS[1])
+    return replace(table, frame=frame)
+
+
+def _longest(tables: Sequence[SourceTable], columns: Sequence[str]) -> SourceTable | None:
+    found = [table for table in tables if set(columns) <= set(table.columns)]
     return max(found, key=lambda table: len(table.frame), default=None)

@@ -1,21 +1,21 @@
-"""Spreadsheets (.xlsx): each sheet with a header and rows is a table."""
+"""Spreadsheets (.xlsx, and .xls of older programs): each sheet with a header and rows is a table."""
 
 from __future__ import annotations
 
 import datetime as dt
-import zipfile
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.text_dialect import first_data_row, header_of
 
-SPREADSHEETS = (".xlsx",)
+SPREADSHEETS = (".xlsx", ".xls")
 _HEAD_ROWS = 200
 """Rows of a sheet among which its first row of values is looked for."""
 
@@ -25,18 +25,39 @@ def read_spreadsheet(path: Path) -> list[SourceTable]:
 
     Raises :class:`BadInputError` where the file cannot be read or has no such sheet.
     """
-    openpyxl = library("openpyxl", "excel")
+    rows_of = _rows_of_xls if path.suffix.casefold() == ".xls" else _rows_of_xlsx
     try:
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        sheets = {sheet.title: [list(row) for row in sheet.iter_rows(values_only=True)] for sheet in book.worksheets}
-        book.close()
-    except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile, SyntaxError) as error:
-        # openpyxl lets through what its parsers raise: KeyError for a missing part, SyntaxError for damaged XML.
-        raise BadInputError(f"{path.name}: cannot be read ({error}); expected a spreadsheet (.xlsx)") from error
+        sheets = rows_of(path)
+    except BadInputError:
+        raise
+    except Exception as error:  # the libraries let through what their parsers raise of damaged files
+        raise BadInputError(
+            f"{path.name}: cannot be read ({first_line(error)}); expected a spreadsheet ({path.suffix})"
+        ) from error
     found = [table for title, rows in sheets.items() if (table := _table(rows, f"{path.name}/{title}")) is not None]
     if not found:
         raise BadInputError(f"{path.name}: no sheet has a header and rows below it; expected one")
     return [replace(found[0], name=path.name)] if len(found) == 1 else found
+
+
+def _rows_of_xlsx(path: Path) -> dict[str, list[list[Any]]]:
+    book = library("openpyxl", "excel").load_workbook(path, read_only=True, data_only=True)
+    sheets = {sheet.title: [list(row) for row in sheet.iter_rows(values_only=True)] for sheet in book.worksheets}
+    book.close()
+    return sheets
+
+
+def _rows_of_xls(path: Path) -> dict[str, list[list[Any]]]:
+    xlrd = library("xlrd", "excel")
+
+    def value(cell: Any) -> Any:
+        if cell.ctype == xlrd.XL_CELL_DATE:
+            date = xlrd.xldate_as_datetime(cell.value, book.datemode)
+            return date if cell.value >= 1.0 else date.time()
+        return None if cell.ctype in (xlrd.XL_CELL_EMPTY, xlrd.XL_CELL_BLANK, xlrd.XL_CELL_ERROR) else cell.value
+
+    with path.open("rb") as stream, xlrd.open_workbook(file_contents=stream.read(), logfile=io.StringIO()) as book:
+        return {sheet.name: [[value(cell) for cell in row] for row in sheet.get_rows()] for sheet in book.sheets()}
 
 
 def _table(rows: list[list[Any]], name: str) -> SourceTable | None:
@@ -57,6 +78,8 @@ def _column(cells: list[Any]) -> pd.Series:
     filled = [cell for cell in cells if cell is not None]
     if filled and all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in filled):
         return pd.Series([float("nan") if cell is None else cell for cell in cells])
+    if filled and all(isinstance(cell, dt.datetime) and cell.time() == dt.time() for cell in filled):
+        cells = [None if cell is None else cell.date() for cell in cells]  # a date beside a time of day
     return pd.Series([None if cell is None else _as_text(cell) for cell in cells], dtype="string")
 
 

@@ -14,7 +14,6 @@ from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.numerics.arrays import Array
 
 
 class Tdms(SourceFormat):
@@ -44,7 +43,7 @@ class Tdms(SourceFormat):
 def _group(group: Any) -> list[SourceTable]:
     by_length: dict[int, dict[str, np.ndarray]] = {}
     units: dict[str, str] = {}
-    times: dict[int, Array] = {}
+    times: dict[int, dict[str, np.ndarray]] = {}
     for channel in group.channels():
         values = channel[:]
         if not len(values) or values.dtype.kind not in "iufbM":
@@ -54,10 +53,20 @@ def _group(group: Any) -> list[SourceTable]:
         by_length.setdefault(len(values), {})[channel.name] = values
         units[channel.name] = str(channel.properties.get("unit_string", ""))
         if len(values) not in times and "wf_increment" in channel.properties:
-            times[len(values)] = np.asarray(channel.time_track(), dtype=np.float64)
+            times[len(values)] = _times(channel)
     tables = []
     for rows, columns in by_length.items():
         name = group.name if len(by_length) == 1 else f"{group.name}/{rows} rows"
-        own = {"time_s": times[rows]} if rows in times else {}
-        tables.append(SourceTable(name, pd.DataFrame({**own, **columns}), {"time_s": "s", **units}))
+        own = times.get(rows, {})
+        tables.append(SourceTable(name, pd.DataFrame({**own, **columns}), {"time_s": "s", "time_ns": "ns", **units}))
     return tables
+
+
+def _times(channel: Any) -> dict[str, np.ndarray]:
+    """Return the times of a waveform: on the calendar where it says when it began, since groups begin at their own."""
+    seconds = np.asarray(channel.time_track(), dtype=np.float64)
+    start = channel.properties.get("wf_start_time")
+    start_ns = 0 if start is None else int(np.datetime64(start, "ns").astype(np.int64))
+    if start_ns <= 0:  # LabVIEW writes 1904 where there is none
+        return {"time_s": seconds}
+    return {"time_ns": start_ns + np.round(seconds * 1e9).astype(np.int64)}
