@@ -2,7 +2,9 @@
 
 A candidate is a span in which the tach may be at rest (:mod:`trackfg.sensors.tach_rests`); where there is no tach, one
 in which the inertial sensor is about as quiet as it ever is, without a change of mean rate or force from one block of
-0.5 s to the next: each rest has a tilt of its own.
+0.5 s to those of the 2 s before: each rest has a tilt of its own. Of two such spans with nothing but a change of force
+between them one is the start or the stop of the other, since a tilt changes on the move only: the one that surely
+shakes more is not the rest.
 
 A candidate holds only as long as the inertial sensor confirms it. An idling engine shakes a vehicle at rest as much as
 a smooth line does one that moves, so that the level of its samples says little; but the means of blocks stay where they
@@ -39,6 +41,12 @@ _ALONE_S = 3.0
 
 _BLOCK_S = 0.5
 """Scatter and means are those of blocks at least this long, s: several periods of an idling engine's vibration."""
+
+_RAMP_S = 2.0
+"""Brakes and traction of a gentle driver take this long to build up, s: means are compared so far apart."""
+
+_LOUDER = 3.0
+"""Sigmas by which one span shakes more than another to be the motion beside its rest: 1 in 700 does by chance."""
 
 _PIECES = 5
 """Pieces of a block, whose scatter gives the error of its mean: 0.1 s, so that brakes do not pass for vibration."""
@@ -150,13 +158,14 @@ class _Samples:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Blocks between ``edges`` (b + 1,), s: ``mean`` (b, 6) of rate and force, its sigma ``error`` (6,), the
-    samples' ``scatter`` (b, 2), of rate and of force, and the mean force of the ``pieces`` (b, 5, 3).
+    """Blocks between ``edges`` (b + 1,), s: ``mean`` (b, 6) of rate and force, its variance by the pieces of the block
+    ``of_mean`` (b, 6), the samples' ``scatter`` (b, 2), of rate and of force, and the mean force of the ``pieces``
+    (b, 5, 3).
     """
 
     edges: Array
     mean: Array
-    error: Array
+    of_mean: Array
     scatter: Array
     pieces: Array
 
@@ -169,8 +178,11 @@ class _Blocks:
         of_block = pieces.reshape(count, _PIECES, -1)
         mean, within = of_block.mean(axis=1), of_block.var(axis=1)
         total = (variance.reshape(count, _PIECES, -1).mean(axis=1) + within)[:, :6].reshape(count, 2, 3).sum(axis=2)
-        error = np.sqrt(np.median(within, axis=0) / (_PIECES - 1))
-        return cls(times[::_PIECES], mean, error, np.sqrt(total), of_block[:, :, 3:6])
+        return cls(times[::_PIECES], mean, within / (_PIECES - 1), np.sqrt(total), of_block[:, :, 3:6])
+
+    def error(self, first: int = 0, end: int | None = None) -> Array:
+        """Return the sigma of the mean of a block, (6,), as most blocks from ``first`` to before ``end`` show it."""
+        return np.asarray(np.sqrt(np.median(self.of_mean[first:end], axis=0)))
 
     def at_rest(self, first: int, end: int) -> Span:
         """Return the span, s, of the blocks from ``first`` to before ``end`` without what begins to move at its ends.
@@ -182,7 +194,7 @@ class _Blocks:
         begin, stop = float(self.edges[first]), float(self.edges[end])
         if end - first < _FEWEST_BLOCKS:
             return begin, stop
-        centre, sigma = np.median(self.mean[first:end, 3:6], axis=0), self.error[3:6] * np.sqrt(_PIECES)
+        centre, sigma = np.median(self.mean[first:end, 3:6], axis=0), self.error()[3:6] * np.sqrt(_PIECES)
         ends = np.stack([self.pieces[first : first + 2][::-1, ::-1], self.pieces[end - 2 : end]]).reshape(2, -1, 3)
         count = np.arange(1, 2 * _PIECES + 1)[:, None]
         gained = np.abs(np.cumsum(ends - centre, axis=1)) > _SIGMAS * sigma * np.sqrt(count)
@@ -202,7 +214,7 @@ def _confirmed(samples: _Samples, candidates: Array, *, noise_hides_starts: bool
     for begin, end in candidates:
         blocks = _Blocks.between(samples, begin, end)
         calm = np.all(blocks.scatter <= _QUIET_RATIO * np.quantile(blocks.scatter, 0.2, axis=0) + 1e-6, axis=1)
-        steady = _near(blocks.mean, np.median(blocks.mean[calm], axis=0), blocks.error)
+        steady = _near(blocks.mean, np.median(blocks.mean[calm], axis=0), blocks.error())
         runs = true_runs(calm & steady).tolist()
         if noise_hides_starts:
             spans += [blocks.at_rest(i, j) for i, j in runs]
@@ -241,14 +253,37 @@ def _quiet_spans(samples: _Samples, duration_s: float) -> Array:
     width = min(max(1, round(duration_s / _BLOCK_S)), len(blocks.scatter))
     level = sliding_window_view(blocks.scatter, width, axis=0).max(axis=2).min(axis=0)
     calm = np.all(blocks.scatter <= np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS), axis=1)
-    error = np.column_stack([blocks.scatter[1:].repeat(3, axis=1) / np.sqrt(_PIECES), np.zeros(len(blocks.mean) - 1)])
-    changes = np.append(False, ~_near(blocks.mean[1:], blocks.mean[:-1], error))
-    runs = [[i, *(i + 1 + np.flatnonzero(changes[i + 1 : j])).tolist(), j] for i, j in true_runs(calm)]
-    steady = np.array([piece for run in runs for piece in pairwise(run)], dtype=np.int64).reshape(-1, 2)
-    spans = blocks.edges[steady]
-    spans[steady[:, 0] > 0, 0] += _MARGIN_S
-    spans[steady[:, 1] < len(blocks.scatter), 1] -= _MARGIN_S
+    steady = [piece for run in true_runs(calm).tolist() for piece in _steady(blocks, *run)]
+    quiet = [piece for k, piece in enumerate(steady) if not _is_start_or_stop(blocks, steady, k)]
+    pieces = np.array(quiet, dtype=np.int64).reshape(-1, 2)
+    spans = blocks.edges[pieces]
+    spans[pieces[:, 0] > 0, 0] += _MARGIN_S
+    spans[pieces[:, 1] < len(blocks.scatter), 1] -= _MARGIN_S
     return spans[spans[:, 1] - spans[:, 0] >= duration_s]
+
+
+def _steady(blocks: _Blocks, first: int, end: int) -> list[tuple[int, int]]:
+    """Return the parts, of two blocks and more, of those from ``first`` to before ``end`` without a change of mean."""
+    mean, error = blocks.mean[first:end], blocks.error(first, end) * np.sqrt(2.0)
+    same = np.ones(len(mean), dtype=bool)
+    for lag in range(1, min(round(_RAMP_S / _BLOCK_S), len(mean) - 1) + 1):
+        same[lag:] &= _near(mean[lag:], mean[:-lag], error)
+    cuts = [first, *(first + np.flatnonzero(~same)).tolist(), end]
+    return [(i, j) for i, j in pairwise(cuts) if j - i > 1]
+
+
+def _is_start_or_stop(blocks: _Blocks, steady: list[tuple[int, int]], k: int) -> bool:
+    """Return whether steady part ``k`` shakes more than one beside it, as far off as brakes take to build up."""
+    first, end = steady[k]
+    gap = 2 * round(_RAMP_S / _BLOCK_S)
+    beside = [(i, j) for i, j in steady[max(k - 1, 0) : k + 2] if i != first and max(i - end, first - j) <= gap]
+    return any(_shakes_more(blocks.scatter[first:end], blocks.scatter[i:j]) for i, j in beside)
+
+
+def _shakes_more(scatter: Array, than: Array) -> bool:
+    """Return whether rate or force surely scatters more in the blocks of one span (b, 2) than of another (c, 2)."""
+    error = np.sqrt(scatter.var(axis=0) / len(scatter) + than.var(axis=0) / len(than))
+    return bool(np.any(scatter.mean(axis=0) - than.mean(axis=0) > _LOUDER * error))
 
 
 def _of_one_rate(samples: _Samples, spans: list[Span]) -> list[Span]:

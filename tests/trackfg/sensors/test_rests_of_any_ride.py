@@ -219,3 +219,20 @@ def test_a_count_that_flickers_over_an_edge_is_still() -> None:
     assert described.tach is not None
     found = find_standstills(Recording(described, recording.imu, shaky))
     assert overlap(found, *rests[0]) > 0.9 * (rests[0, 1] - rests[0, 0])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("acceleration", [0.12, 0.2])
+def test_a_slow_start_without_a_tach_is_no_rest(seed: int, acceleration: float) -> None:
+    """A goods train pulls away so gently, and for so long, that its force hardly changes from one half second on."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.005, 60.0, 0.01)
+    pull = acceleration * np.clip((t - 15.0) / 2.0, 0.0, 1.0)
+    speed = np.cumsum(pull) * 0.01
+    signals = rng.normal(size=(len(t), 6)) * np.repeat([1e-3, 0.02], 3) * (1.0 + 2.0 * speed[:, None])
+    signals[:, 3:] += np.stack([pull, np.zeros(len(t)), np.full(len(t), G)], axis=1)
+    imu = pd.DataFrame(np.column_stack([t, signals]), columns=list(IMU_COLUMNS))
+    description = RecordingDescription(id="made", imu=Imu(file="i.csv", gyro=("a", "b", "c"), accel=("d", "e", "f")))
+    ((start, end),) = find_standstills(Recording(description, imu))
+    assert start < 1.0
+    assert 12.0 < end < 16.0
