@@ -22,7 +22,7 @@ from trackfg.datasets.line.alignment import piecewise
 from trackfg.datasets.line.landxml_cant import read_cant
 from trackfg.datasets.line.landxml_file import Node, Units, is_inframodel, open_landxml, read_units, version_remarks
 from trackfg.datasets.line.landxml_kilometrage import read_kilometrage
-from trackfg.datasets.line.landxml_plan import read_coord_geom
+from trackfg.datasets.line.landxml_plan import CoordGeom, read_coord_geom
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.plan_alignment import PlanAlignment
 from trackfg.datasets.line.vertical_profile import ProfilePiece, Vertex, profile
@@ -69,10 +69,7 @@ def read_landxml(
     root = open_landxml(path)
     units = read_units(root)
     node = _chosen(root, name)
-    geometry_node = node.child("CoordGeom")
-    if geometry_node is None:
-        raise node.error("has no CoordGeom: expected the elements of the plan")
-    geometry = read_coord_geom(geometry_node.named(f"{node.what}, CoordGeom"), units.length_m)
+    geometry = _plan_of(node, units)
     length = float(np.sum([element.length_m for element in geometry.elements]))
     remarks = [*version_remarks(root), *geometry.remarks]
     station = (node.optional_number("staStart") or 0.0) * units.length_m
@@ -103,8 +100,38 @@ def read_landxml(
     )
 
 
+def read_plans(path: Path | str, *, name: str | None = None, step_m: float) -> tuple[dict[str, Array], str | None]:
+    """Return the tracks of a LandXML file by name, and the EPSG code of its coordinates, None where it has none.
+
+    A track is an alignment with a plan, of all or of one ``name``: east and north (n, 2), m, of points that are at most
+    ``step_m`` apart. Raises :class:`BadInputError` with file, line, element and what was expected.
+    """
+    root = open_landxml(path)
+    units = read_units(root)
+    found = [_chosen(root, name)] if name is not None else [a for a in _alignments(root) if a.child("CoordGeom")]
+    tracks: dict[str, Array] = {}
+    for number, node in enumerate(found or [_chosen(root, None)], start=1):
+        its_name = node.text("name") or str(number)
+        if its_name in tracks:
+            raise node.error(f"another one is named {its_name!r}: expected different names")
+        tracks[its_name] = _plan_of(node.named(f"Alignment {its_name!r}"), units).points(step_m)
+    system = root.child("CoordinateSystem")
+    return tracks, None if system is None else system.text("epsgCode") or None
+
+
+def _plan_of(node: Node, units: Units) -> CoordGeom:
+    geometry = node.child("CoordGeom")
+    if geometry is None:
+        raise node.error("has no CoordGeom: expected the elements of the plan")
+    return read_coord_geom(geometry.named(f"{node.what}, CoordGeom"), units.length_m)
+
+
+def _alignments(root: Node) -> list[Node]:
+    return [node for group in root.children("Alignments") for node in group.children("Alignment")]
+
+
 def _chosen(root: Node, name: str | None) -> Node:
-    found = [node for group in root.children("Alignments") for node in group.children("Alignment")]
+    found = _alignments(root)
     names = [node.text("name") or "" for node in found]
     chosen = [node for node, its in zip(found, names, strict=True) if name is None or its == name.strip()]
     if len(chosen) != 1:

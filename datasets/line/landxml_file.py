@@ -65,6 +65,11 @@ class Node:
         """Return its first child of this name."""
         return next(self.children(tag), None)
 
+    def everywhere(self, tag: str) -> Iterator[Node]:
+        """Return all elements of the file with this name."""
+        for element in self.element.getroottree().iter(f"{{{self.namespace}}}{tag}"):
+            yield Node(element, self.file, tag)
+
     def named(self, what: str) -> Node:
         """Return the same element under another name in messages."""
         return Node(self.element, self.file, what)

@@ -46,6 +46,12 @@ class CoordGeom:
     start_yaw_rad: float
     remarks: tuple[str, ...]
 
+    def points(self, step_m: float) -> Array:
+        """Return east and north (n, 2), m, of points along the plan that are at most ``step_m`` apart."""
+        line = _flat(self.elements, self.start_yaw_rad)
+        steps = max(int(np.ceil(line.length_m / step_m)), 1)
+        return np.asarray(self.start_m[::-1] + line.position(np.linspace(0.0, line.length_m, steps + 1))[:, :2])
+
 
 @dataclass(frozen=True)
 class _Points:
@@ -64,11 +70,12 @@ def read_coord_geom(node: Node, scale: float) -> CoordGeom:
     names: list[str] = []
     remarks: list[str] = []
     near: dict[str, list[str]] = {}
+    named = _named_points(node)
     for number, child in enumerate(node.children(), start=1):
         if child.tag == "Feature":
             continue
         place = child.named(f"{node.what} element {number} ({child.tag})")
-        at = _Points(*(_point(place, tag, scale) for tag in ("Start", "End", "Center", "PI")))
+        at = _Points(*(_point(place, tag, scale, named) for tag in ("Start", "End", "Center", "PI")))
         if child.tag in _ELEMENTS and place.is_zero("length"):
             remarks.append(f"element {number} ({child.tag}): its length is 0: it is left out")
             continue
@@ -115,6 +122,9 @@ def _element(node: Node, at: _Points, scale: float) -> Element:
     if length is None and at.start is not None and at.centre is not None and at.end is not None:
         turn = side * np.angle((at.end - at.centre) / (at.start - at.centre))
         length = radius * float(turn % (2 * np.pi))
+    elif length is None and at.start is not None and at.end is not None:
+        # Of the two arcs over a chord the shorter one: no element of a railway turns by half a circle.
+        length = 2.0 * radius * float(np.arcsin(min(abs(at.end - at.start) / scale / (2.0 * radius), 1.0)))
     return _checked(node, "constant", length, side / radius / scale, side / radius / scale, scale)
 
 
@@ -129,9 +139,21 @@ def _checked(node: Node, law: Law, length: float | None, start: float, end: floa
         raise node.error(str(error)) from error
 
 
-def _point(node: Node, tag: str, scale: float) -> complex | None:
-    """LandXML writes northing before easting. None where the point is absent or only refers to another."""
+def _named_points(node: Node) -> dict[str, Node]:
+    """Return the points of the whole file by name, where elements refer to some."""
+    if not any("pntRef" in point.attrib for point in node.element.iter()):
+        return {}
+    return {point.text("name") or "": point for point in node.everywhere("CgPoint")}
+
+
+def _point(node: Node, tag: str, scale: float, named: dict[str, Node]) -> complex | None:
+    """LandXML writes northing before easting. None where the point is absent."""
     child = node.child(tag)
+    reference = None if child is None else child.text("pntRef")
+    if child is not None and reference is not None:
+        child = named.get(reference)
+        if child is None:
+            raise node.error(f"{tag} is the point {reference!r}, which is none of the file: expected a CgPoint")
     if child is None or not (child.element.text or "").strip():
         return None
     north, east = child.numbers(2)
@@ -152,11 +174,17 @@ def _direction(element: Element, at: _Points) -> complex | None:
     return complex((at.end - at.start) / chord)
 
 
+def _flat(elements: Sequence[Element], yaw: float) -> Line:
+    """Return a level line without cant of these elements."""
+    length = float(np.sum([element.length_m for element in elements]))
+    zero = piecewise_linear(np.array([0.0, length]), np.zeros(2))
+    return Line(piecewise(elements), zero, zero, length, 1.0, np.zeros(1), np.ones(1), np.zeros(0), yaw)
+
+
 def _walk(elements: Sequence[Element], yaw: float) -> tuple[Array, Array]:
     """Return complex places (n + 1,) and headings (n + 1,) of the ends of the elements."""
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in elements])])
-    flat = piecewise_linear(edges[[0, -1]], np.zeros(2))
-    line = Line(piecewise(elements), flat, flat, float(edges[-1]), 1.0, np.zeros(1), np.ones(1), np.zeros(0), yaw)
+    line = _flat(elements, yaw)
     return line.position(edges)[:, :2] @ np.array([1.0, 1j]), line.yaw(edges)
 
 

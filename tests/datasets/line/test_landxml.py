@@ -1,5 +1,6 @@
 """LandXML files written here are read back to their analytic coordinates; bad ones give one clear error each."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
-from trackfg.datasets.line.landxml import read_landxml
+from trackfg.datasets.line.landxml import read_landxml, read_plans
 from trackfg.errors import BadInputError
 
 SHAPES = {
@@ -312,6 +313,63 @@ def test_lengths_and_radius_may_come_from_coordinates(read):
         while (at := tail.find(f' {attribute}="')) >= 0:
             tail = tail[:at] + tail[tail.index('"', at + len(attribute) + 3) + 1 :]
     assert_follows(read(document(head + tail)), truth)
+
+
+@pytest.mark.parametrize("radius", [300.0, -300.0])
+def test_a_curve_may_be_given_by_its_chord_and_radius(read, radius):
+    parts = curve("clothoid", radius, 60.0, circle=250.0)
+    truth = Truth(parts, START, YAW)
+    text = document(alignment_of(parts, truth))
+    text = re.sub(r'(<Curve [^>]*) length="[^"]*"', r"\1", text)
+
+    result = read(re.sub(r"<Center>[^<]*</Center>", "", text))
+
+    assert_follows(result, truth)
+    assert remarks_without_profile(result) == []
+
+
+def test_points_may_be_those_of_the_file_by_name(read):
+    parts = curve("bloss", 400.0, 60.0)
+    truth = Truth(parts, START, YAW)
+    points = []
+
+    def named(match):
+        points.append(f'<CgPoint name="p{len(points)}">{match[2]}</CgPoint>')
+        return f'<{match[1]} pntRef="p{len(points) - 1}"/>'
+
+    text = re.sub(r"<(Start|End|Center|PI)>([^<]*)</\1>", named, document(alignment_of(parts, truth)))
+    with_points = text.replace("<Alignments>", f"<CgPoints>{''.join(points)}</CgPoints><Alignments>")
+
+    assert_follows(read(with_points), truth)
+    with pytest.raises(BadInputError, match="Start is the point 'p0', which is none of the file: expected a CgPoint"):
+        read(with_points.replace('name="p0"', 'name="other"'))
+
+
+def test_every_alignment_is_a_track_of_a_known_line(tmp_path):
+    written = []
+    for name, radius in (("down", 400.0), ("up", -900.0)):
+        parts = curve("clothoid", radius, 60.0)
+        truth = Truth(parts, START, YAW)
+        written.append((name, alignment_of(parts, truth).replace("down", name), truth.places[-1]))
+    path = tmp_path / "line.xml"
+    profile_alone = '<Alignment name="profile alone" length="1" staStart="0"/>'
+    text = document("".join(text for _, text, _ in written) + profile_alone)
+    path.write_text(text.replace("<Alignments>", '<CoordinateSystem epsgCode="3067"/><Alignments>'))
+
+    tracks, code = read_plans(path, step_m=5.0)
+
+    assert (list(tracks), code) == (["down", "up"], "3067")
+    for name, _, end in written:
+        np.testing.assert_allclose(tracks[name][[0, -1]] @ [1, 1j], [START, end], atol=1e-6)
+        assert np.linalg.norm(np.diff(tracks[name], axis=0), axis=1).max() < 5.0 + 1e-6
+    assert list(read_plans(path, name="up", step_m=5.0)[0]) == ["up"]
+    with pytest.raises(
+        BadInputError, match="has 3 alignments: 'down', 'up', 'profile alone': expected exactly one named"
+    ):
+        read_plans(path, name="x", step_m=5.0)
+    path.write_text(text.replace('"up"', '"down"'))
+    with pytest.raises(BadInputError, match="another one is named 'down': expected different names"):
+        read_plans(path, step_m=5.0)
 
 
 def test_the_first_element_may_be_a_curve_or_a_spiral(read):

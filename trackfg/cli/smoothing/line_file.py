@@ -1,4 +1,4 @@
-"""The file of a known line: tracks of GeoJSON or GeoPackage, or an alignment of LandXML."""
+"""The file of a known line: tracks of GeoJSON or GeoPackage, or alignments of LandXML."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from trackfg.datasets.line.landxml import read_landxml
-from trackfg.datasets.line.landxml_file import open_landxml
+from trackfg.datasets.line.landxml import read_plans
 from trackfg.errors import BadInputError
 from trackfg.io.content import file_sha256
 from trackfg.io.known_lines import known_line, read_known_line
@@ -22,7 +19,7 @@ _VERTEX_M = 5.0
 
 
 def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLine:
-    """Return the tracks of a file, or the ``alignment`` of LandXML as its only one, with the digest of the file."""
+    """Return the tracks of a file, or of LandXML the ``alignment`` alone, with the digest of the file."""
     if path.suffix.lower() == ".xml":
         line = _of_landxml(path, system, alignment)
     elif alignment is not None:
@@ -33,15 +30,10 @@ def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLin
 
 
 def _of_landxml(path: Path, system: str | None, alignment: str | None) -> KnownLine:
-    designed = read_landxml(path, name=alignment, speed_limit_mps=np.inf)
-    of_file = open_landxml(path).child("CoordinateSystem")
-    code = None if of_file is None else of_file.text("epsgCode")
-    if system is None and not code:
+    tracks, code = read_plans(path, name=alignment, step_m=_VERTEX_M)
+    if system is None and code is None:
         raise BadInputError(
             f"{path}: has no CoordinateSystem with an epsgCode: expected the reference system of its coordinates. "
             "Hint: give --line-crs EPSG:N, or --line-crs local where the recording has the same frame"
         )
-    line = designed.line
-    steps = max(int(np.ceil(line.length_m / _VERTEX_M)), 1)
-    east_north = designed.start_m[:2] + line.position(np.linspace(0.0, line.length_m, steps + 1))[:, :2]
-    return known_line(path.name, {designed.name or "1": east_north}, system or f"EPSG:{code}")
+    return known_line(path.name, tracks, system or f"EPSG:{code}")

@@ -55,7 +55,7 @@ class SmoothOptions:
         ),
     ] = None
     alignment: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The alignment, of several in LandXML.", show_default=False)
+        str | None, typer.Option(metavar="NAME", help="This one alone of several in LandXML.", show_default=False)
     ] = None
     memory: Annotated[
         float,
