@@ -19,7 +19,7 @@ class TrackfgError(Exception):
     ...     trackfg.read_recording("no-such-run")
     ... except trackfg.TrackfgError as error:
     ...     print(error)
-    no-such-run/recording.toml: no such folder; expected a folder with recording.toml
+    no-such-run: no such folder; expected a folder with recording.toml
     """
 
 

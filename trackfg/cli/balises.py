@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Json
+from trackfg.cli.options import Json, TableFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -34,9 +34,7 @@ def balises(
             show_default=False,
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
-    ] = None,
+    out: TableFile = None,
     json: Json = False,
 ) -> None:
     """Survey balises by all runs together: planned against measured places with sigmas, and which plans are wrong.

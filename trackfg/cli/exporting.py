@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Km, with_options
+from trackfg.cli.options import Km, out_file, with_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -22,9 +22,7 @@ class ExportChoices:
     to: Annotated[
         str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
     ] = "csv"
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="File to write; by default named after OUT.")
-    ] = None
+    out: Annotated[Path | None, out_file("File to write; by default named after OUT.")] = None
     table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory, events or balises, for csv.")] = (
         "geometry"
     )

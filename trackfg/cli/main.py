@@ -25,7 +25,19 @@ from trackfg.cli.exporting import export
 from trackfg.cli.freed_memory import keep_freed_memory, leave_the_rest, without_collection
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
-from trackfg.cli.options import LIMITS_HELP, Commands, Json, Km, Level, Limits, LineSpeed, Quiet, with_options
+from trackfg.cli.options import (
+    LIMITS_HELP,
+    Commands,
+    Json,
+    Km,
+    Level,
+    Limits,
+    LineSpeed,
+    Quiet,
+    TableFile,
+    out_file,
+    with_options,
+)
 from trackfg.cli.overlay import overlay
 from trackfg.cli.sensors.noise import noise
 from trackfg.cli.smoothing.options import SmoothOptions
@@ -388,9 +400,7 @@ def plot(
     result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--out", metavar="FILE", help="Picture: .png, .svg or .html. OUT.png if absent.", show_default=False
-        ),
+        out_file("Picture: .png, .svg or .html. OUT.png if absent."),
     ] = None,
     from_m: Annotated[
         float | None, typer.Option("--from", metavar="M", help="First chainage, m.", show_default=False)
@@ -433,9 +443,7 @@ def limits(
     source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP, show_default=False)],
     level: Level = None,
     line_speed: LineSpeed = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
-    ] = None,
+    out: TableFile = None,
     km: Km = False,
     json: Json = False,
 ) -> None:
@@ -469,7 +477,7 @@ class ReportOptions:
     ]
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="Page: .html. OUT.html if absent.", show_default=False),
+        out_file("Page: .html. OUT.html if absent."),
     ] = None
     recording: Annotated[
         Path | None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Commands, Json, Km, Level, Limits, with_options
+from trackfg.cli.options import Commands, Json, Km, Level, Limits, TableFile, with_options
 from trackfg.cli.terminal import progress_bar, show_or_tell, tell, working
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
@@ -79,9 +79,7 @@ def build(
 def changes(
     run: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.", show_default=False)],
     place: MapPlace,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
-    ] = None,
+    out: TableFile = None,
     version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
     floor: Annotated[
         float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")

@@ -6,11 +6,13 @@ import inspect
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import wraps
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
 from trackfg.cli.terminal import printed_as_json, set_quiet
+from trackfg.errors import BadInputError
 
 T = TypeVar("T")
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -30,6 +32,25 @@ LineSpeed = Annotated[
     float | None,
     typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
 ]
+
+
+def _place_for_file(path: Path | None) -> Path | None:
+    """Refuse a place where no file can be written, before anything is computed."""
+    if path is not None:
+        from trackfg.files.owned_folder import refuse_unwritable
+
+        refuse_unwritable(path)
+        if path.is_dir():
+            raise BadInputError(f"{path}: is a folder; expected a file")
+    return path
+
+
+def out_file(help_text: str, metavar: str = "FILE") -> Any:
+    """Return the option for the file that a command writes; folders that are missing above it are made."""
+    return typer.Option("-o", "--out", metavar=metavar, help=help_text, show_default=False, callback=_place_for_file)
+
+
+TableFile = Annotated[Path | None, out_file("Table to write: .csv.")]
 
 Km = Annotated[bool, typer.Option("--km", help="Show official places of the line, such as 12+345.60, too.")]
 """Official kilometrage on request: the same option of all commands that show places."""

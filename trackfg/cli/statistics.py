@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from trackfg.cli.options import Json, Limits, LineSpeed
+from trackfg.cli.options import Json, Limits, LineSpeed, TableFile
 
 _MOST_COLUMNS = 8
 """Columns that are shown in a terminal."""
@@ -22,9 +22,7 @@ def statistics(
     section: Annotated[float, typer.Option(metavar="M", min=1.0, help="Length of the sections, m.")] = 200.0,
     limits: Limits = None,
     line_speed: LineSpeed = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Table to write: .csv.", show_default=False)
-    ] = None,
+    out: TableFile = None,
     json: Json = False,
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""

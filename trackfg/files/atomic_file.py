@@ -17,10 +17,12 @@ UNFINISHED = ".unfinished-"
 def replaced_file(path: Path) -> Iterator[Path]:
     """Give the place of a new file beside ``path``, which takes the place of ``path`` when the block ends well.
 
-    Raises :class:`OutputError` where the file cannot be written; an earlier file then stays as it is.
+    Folders that are missing above it are made. Raises :class:`OutputError` where the file cannot be written; an earlier
+    file then stays as it is.
     """
     unfinished = path.with_name(f"{UNFINISHED}{path.name}")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield unfinished
         sync(unfinished)  # or a power cut could leave the name without its content
         unfinished.replace(path)

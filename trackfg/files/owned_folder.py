@@ -19,6 +19,21 @@ _MOST_HEAD_BYTES = 64 * 2**20
 """Size of the file that says what a folder is: a summary has some kB, and more with thousands of findings."""
 
 
+_HEADS = {
+    "recording.toml": "recording",
+    "summary.json": "result",
+    "comparison.json": "comparison",
+    "trends.json": "folder of trends",
+    "overlay.json": "overlay",
+}
+"""What trackfg calls the folders that hold these files."""
+
+
+def kind_of(folder: Path) -> str | None:
+    """Return what trackfg calls a folder, judged by its files' names alone; None where none of them is there."""
+    return next((kind for name, kind in _HEADS.items() if (folder / name).exists()), None)
+
+
 @dataclass(frozen=True)
 class FolderKind:
     """``what`` names it in messages; its file ``head`` is JSON with a ``format`` that begins with ``format``; ``files``
@@ -85,9 +100,11 @@ class FolderKind:
                 return {name: read_small(within / name, _MOST_BYTES, folder=descriptor) for name in wanted}
             except FileNotFoundError as error:
                 if descriptor is None or _still_there(folder, descriptor):
-                    raise BadInputError(
-                        f"{folder}: {error.filename} is missing; expected a trackfg {self.what}"
-                    ) from error
+                    kind = kind_of(folder)
+                    other = None if kind == self.what else kind
+                    wrong = f"is a {other}" if other else f"{error.filename} is missing"
+                    hint = ". Hint: trackfg smooth makes a result of a recording" if other == "recording" else ""
+                    raise BadInputError(f"{folder}: {wrong}; expected a trackfg {self.what}{hint}") from error
             except OSError as error:
                 raise BadInputError(
                     f"{folder}: {error.filename} cannot be read: {error.strerror}; expected a trackfg {self.what}"
@@ -106,18 +123,19 @@ def _opened(folder: Path) -> int | None:
 
 
 def refuse_unwritable(folder: Path) -> None:
-    """Raise :class:`BadInputError` where ``folder`` cannot be made or replaced: names, links, rights and parents."""
+    """Raise :class:`BadInputError` where no folder or file can be made or replaced: names, links, rights, parents."""
     try:
         target = real_path(folder)
+        loops = target.is_symlink()
         parent = target.parent
         while not parent.exists():
             parent = parent.parent
         name_max = os.pathconf(parent, "PC_NAME_MAX")
     except (OSError, ValueError) as error:  # a name too long, a null byte
         reason = (error.strerror if isinstance(error, OSError) else None) or first_line(error)
-        raise BadInputError(f"{folder}: {reason}; expected a place for a folder") from error
-    if target.is_symlink():
-        raise BadInputError(f"{folder}: is a link that leads in a circle; expected a place for a folder")
+        raise BadInputError(f"{folder}: {reason}; expected a place to write to") from error
+    if loops:
+        raise BadInputError(f"{folder}: is a link that leads in a circle; expected a place to write to")
     if not parent.is_dir():
         raise BadInputError(f"{folder}: {parent} is a file; expected a folder to write into")
     if len(os.fsencode(target.name)) + LONGER_BY > name_max:

@@ -106,7 +106,6 @@ def read(place: str) -> bytes:
 def write(place: str, content: bytes) -> None:
     """Write a file in one step. Raises :class:`~trackfg.errors.OutputError` or :class:`PlaceError`."""
     if not is_url(place):
-        Path(place).parent.mkdir(parents=True, exist_ok=True)
         write_whole(Path(place), content)
         return
     with _opened(place) as (files, path):

@@ -30,7 +30,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from trackfg.errors import BadInputError, first_line
-from trackfg.files.owned_folder import sole_writer
+from trackfg.files.owned_folder import refuse_unwritable, sole_writer
 from trackfg.files.parquet import read_parquet, write_parquet
 from trackfg.files.small_file import json_of
 from trackfg.fleet.key_figures import NEVER_EMPTY, PARTITIONS, RESULTS, SCHEMA
@@ -57,6 +57,8 @@ class Store:
             if matching(self.place, "*") or os.path.isfile(self.place):
                 raise BadInputError(f"{place}: exists and is not a trackfg store: choose another folder")
             if create:
+                if not is_url(self.place):
+                    refuse_unwritable(Path(self.place))
                 write(head, json.dumps({"format": FORMAT}).encode() + b"\n")
         elif not _is_store(head):
             raise BadInputError(f"{head}: expected the format {FORMAT!r}")

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackfg.errors import did_you_mean
+from trackfg.files.owned_folder import kind_of
 from trackfg.files.small_file import MOST_TOML_BYTES, keys_at, read_small, toml_of
 from trackfg.io.formats.registry import FORMATS
 from trackfg.recording.description import (
@@ -116,9 +117,9 @@ def _is_of_recordings(declared: object) -> bool:
 _IMPORTED = "trackfg init makes a recording from a file of another system"
 
 
-def _no_recording(file: Path, what: str, hint: str) -> ReadDescription:
+def _no_recording(file: Path, what: str, hint: str | None = None) -> ReadDescription:
     expected = "a folder with recording.toml"
-    return _only(Finding("error", "no-recording", what, file=str(file), expected=expected, hint=hint or None))
+    return _only(Finding("error", "no-recording", what, file=str(file), expected=expected, hint=hint))
 
 
 def read_description(path: Path | str) -> ReadDescription:
@@ -127,9 +128,12 @@ def read_description(path: Path | str) -> ReadDescription:
     try:
         data = toml_of(read_small(toml, MOST_TOML_BYTES))
     except FileNotFoundError:
-        missing = not folder.exists()
-        what = "no such folder" if missing else f"{folder} has no {toml.name}"
-        return _no_recording(toml, what, "" if missing else _IMPORTED)
+        if not folder.exists():
+            return _no_recording(folder, "no such folder")
+        kind = kind_of(folder)
+        if kind not in (None, "recording"):
+            return _no_recording(folder, f"is a {kind}", "give the recording that it was made from")
+        return _no_recording(folder, f"has no {toml.name}", _IMPORTED)
     except NotADirectoryError:
         return _no_recording(folder, "is a file", _IMPORTED)
     except OSError as error:

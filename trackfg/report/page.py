@@ -273,7 +273,6 @@ class Page:
 
     def write(self, path: Path) -> Path:
         """Write the page in one step: killed at any moment, it leaves the old file, whole, or none."""
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, self.html().encode("utf-8"))
         return path
 

@@ -12,7 +12,7 @@ from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
 from trackfg.files.libraries import library
-from trackfg.files.owned_folder import FolderKind
+from trackfg.files.owned_folder import FolderKind, kind_of
 from trackfg.geometry.limits import LimitChoice
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.plots.strip_limits import limit_lines
@@ -112,7 +112,7 @@ def write_report(
     if path.suffix != _SUFFIX:
         raise BadInputError(f"{path}: expected a file that ends in {_SUFFIX}")
     if path.is_dir():
-        raise BadInputError(f"{path}: is a folder; expected a file for the page")
+        raise BadInputError(f"{path}: is a folder; expected a file")
     source = _source_of(folder)
     if real_path(path).parent == real_path(folder):
         what = source.folder.what
@@ -140,7 +140,8 @@ def _source_of(folder: Path) -> _Source:
         if source.folder.holds(folder):
             return source
     kinds = " or ".join(f"a {source.folder.what} ({source.folder.head})" for source in _SOURCES)
-    raise BadInputError(f"{folder}: expected a folder that trackfg wrote: {kinds}")
+    is_a = "is a recording; " if kind_of(folder) == "recording" else ""
+    raise BadInputError(f"{folder}: {is_a}expected a folder that trackfg wrote: {kinds}")
 
 
 def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:

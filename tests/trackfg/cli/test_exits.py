@@ -53,3 +53,67 @@ def test_what_the_system_refuses_is_one_line(
     assert end.value.code == 1
     assert written.startswith(line)
     assert written.count("\n") == 1
+
+
+FILE_COMMANDS = {
+    "plot": ["nowhere"],
+    "limits": ["nowhere", "--limits", "cfr-213"],
+    "report": ["nowhere"],
+    "statistics": ["nowhere"],
+    "balises": ["nowhere"],
+    "noise": ["nowhere"],
+    "export": ["nowhere"],
+    "config": [],
+    "map changes": ["nowhere", "line.gpkg"],
+}
+
+
+@pytest.mark.parametrize("command", FILE_COMMANDS)
+def test_a_place_that_is_none_for_a_file_is_refused_before_anything_is_read(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("mine")
+    for place, what in (
+        ("folder", "is a folder; expected a file"),
+        ("file/table", f"{tmp_path / 'file'} is a file; expected a folder to write into"),
+        ("n" * 300, "too long; expected "),
+    ):
+        arguments = [*command.split(), *FILE_COMMANDS[command], "-o", str(tmp_path / place)]
+        monkeypatch.setattr(sys, "argv", ["trackfg", *arguments])
+        with pytest.raises(SystemExit) as end:
+            command_line.main()
+        written = capsys.readouterr().err
+        assert (end.value.code, written.count("\n")) == (2, 1)
+        assert what in written
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_folders_above_a_file_are_made(tmp_path: Path) -> None:
+    done = run("trackfg config -o new/folder/settings.toml", tmp_path)
+    assert done.returncode == 0
+    assert (tmp_path / "new" / "folder" / "settings.toml").read_text().startswith("#")
+
+
+def test_no_stream_is_begun_where_a_file_is(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for place, what in (("file", "file: exists; "), ("file/out", "is a file; expected a folder to write into")):
+        done = run(f"trackfg stream nowhere -o {place}", tmp_path)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert what in done.stderr
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
+    for name, head in (("run", "recording.toml"), ("out", "summary.json")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / head).write_text("{}")
+    for command, what in (
+        ("plot run", "run: is a recording; expected a trackfg result. Hint: trackfg smooth makes"),
+        ("report run", "run: is a recording; expected a folder that trackfg wrote: a result"),
+        ("statistics run", "run: is a trackfg recording; expected a source of one of"),
+        ("smooth out -o new", "out: is a result; expected a folder with recording.toml"),
+    ):
+        done = run(f"trackfg {command}", tmp_path)
+        assert done.returncode == 2
+        assert what in done.stderr

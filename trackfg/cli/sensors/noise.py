@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Json
+from trackfg.cli.options import Json, out_file
 from trackfg.cli.terminal import note, progress_bar, show_or_tell
 from trackfg.errors import BadInputError
 
@@ -26,9 +26,7 @@ def noise(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--out", metavar="FILE", help="Allan deviations: .csv, .png, .svg or .html.", show_default=False
-        ),
+        out_file("Allan deviations: .csv, .png, .svg or .html."),
     ] = None,
     temperature: Annotated[
         str | None,

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from trackfg.cli.options import Json
+from trackfg.cli.options import Json, out_file
 from trackfg.cli.terminal import tell
 from trackfg.errors import BadInputError
 
@@ -17,9 +17,7 @@ from trackfg.errors import BadInputError
 def config(
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--out", metavar="C.toml", help="File to write; standard output if absent.", show_default=False
-        ),
+        out_file("File to write; standard output if absent.", "C.toml"),
     ] = None,
     limits: Annotated[
         str | None,

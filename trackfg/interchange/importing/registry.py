@@ -6,6 +6,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from trackfg.errors import BadInputError
+from trackfg.files.owned_folder import kind_of
 from trackfg.interchange.format_names import by_name
 from trackfg.interchange.importing.source_format import SourceFormat
 from trackfg.interchange.importing.sources.gnss_log import GnssLog
@@ -59,4 +60,7 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
     for form in known.values():
         if form.recognises(path):
             return form
-    raise BadInputError(f"{path}: of no known format; expected one of {', '.join(known)}. Hint: name it with --from")
+    if kind := kind_of(path):
+        raise BadInputError(f"{path}: is a trackfg {kind}; expected a source of one of {', '.join(known)}")
+    hint = "Hint: trackfg import and init take its name with --from"
+    raise BadInputError(f"{path}: of no known format; expected one of {', '.join(known)}. {hint}")

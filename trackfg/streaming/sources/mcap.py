@@ -115,7 +115,9 @@ class McapSource:
             raise BadInputError(f"{place}: {fault}") from None
 
     def _unreadable(self, error: BaseException) -> BadInputError:
-        return BadInputError(f"{self._path}: cannot be read ({first_line(error)}); expected an MCAP file")
+        return BadInputError(
+            f"{self._path}: cannot be read ({first_line(error)}); expected MCAP, a folder, or - for JSON lines"
+        )
 
     def _messages(self) -> Iterator[tuple[str, str, bytes]]:
         """Yield topic, encoding and content of each message."""

@@ -118,8 +118,8 @@ def test_a_damaged_file_ends_in_an_event_or_one_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", "expected an MCAP file"),
-        (b"t,wx,wy\n0,1,2\n", "expected an MCAP file"),
+        (b"", "expected MCAP"),
+        (b"t,wx,wy\n0,1,2\n", "expected MCAP, a folder, or - for JSON lines"),
         (mcap([]), "no messages"),
         (mcap(RUN[1:]), "message 1: topic 'imu'; expected the topic 'description' first"),
         (mcap([("description", b"x")]), "message 1: not JSON"),
